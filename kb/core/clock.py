@@ -1,0 +1,57 @@
+"""The one place where time, sleep and randomness come from.
+
+`KB_NOW` sets the date (dates in data, quota days); waiting always uses the monotonic clock.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import random
+import time
+from datetime import UTC, datetime
+
+from kb.core import signals
+from kb.core.errors import SettingError
+
+
+def parse(text: str) -> datetime:
+    """An ISO 8601 time or date as an aware UTC datetime. Raises ValueError."""
+    moment = datetime.fromisoformat(text.replace("Z", "+00:00"))
+    return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+
+
+def now() -> datetime:
+    """The current time (UTC, whole seconds), or `KB_NOW`."""
+    fixed = os.environ.get("KB_NOW")
+    if not fixed:
+        return datetime.now(UTC).replace(microsecond=0)
+    try:
+        return parse(fixed)
+    except ValueError:
+        raise SettingError(
+            f"KB_NOW is {fixed!r}, not a time", hint="write it like 2026-11-20T12:00:00Z"
+        ) from None
+
+
+def stamp(moment: datetime | None = None) -> str:
+    """A time as text, "2026-11-20T12:00:00Z"; now when none is given."""
+    return (moment or now()).astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def monotonic() -> float:
+    """Seconds that only ever grow; for waiting and rates."""
+    return time.monotonic()
+
+
+def sleep(seconds: float) -> None:
+    """Wait, ending early with Interrupted when a signal asks us to stop."""
+    if seconds > 0:
+        signals.stop.wait(seconds)
+    signals.stop.check()
+
+
+def rng(*parts: object) -> random.Random:
+    """A random generator seeded by `parts` alone, the same on every machine and Python."""
+    text = "\x1f".join(str(part) for part in parts)
+    return random.Random(int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big"))

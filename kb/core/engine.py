@@ -1,0 +1,86 @@
+"""The one engine seam: concurrent.futures.Executor. No stage knows which engine runs it.
+
+A task is a small tuple of strings and numbers (paths, names); its result is paths and counts.
+Results come back in the order of the tasks, whatever order they were done in, so that output
+never depends on the number of workers or the engine.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from typing import Any
+
+from kb.core import signals
+from kb.core.errors import SettingError
+
+
+class Inline(Executor):
+    """Runs each task at once in this process: one worker, no pool to start."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """A finished future with the result or the exception of the call."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+@contextlib.contextmanager
+def make_executor(engine: str = "local", workers: int = 1, scheduler: str | None = None) -> Iterator[Executor]:
+    """The executor of `--engine`: "local" (this process or a pool) or "dask" (`--scheduler ADDRESS`)."""
+    if engine == "local":
+        if workers <= 1:
+            yield Inline()
+            return
+        # spawn: DuckDB, Arrow and torch keep threads that a forked child would inherit broken.
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(workers, mp_context=context, initializer=_ignore_interrupt) as pool:
+            try:
+                yield pool
+            except BaseException:
+                pool.shutdown(wait=True, cancel_futures=True)
+                raise
+        return
+    if engine == "dask":
+        from kb.core.dask_engine import dask_executor
+
+        with dask_executor(scheduler) as pool:
+            yield pool
+        return
+    raise SettingError(f"--engine is {engine!r}", hint="allowed: local, dask")
+
+
+def map_in_order(
+    executor: Executor, fn: Callable[..., Any], tasks: Iterable[tuple[Any, ...]], window: int = 4
+) -> Iterator[Any]:
+    """Results of `fn(*task)` in task order, with at most `window` tasks submitted at once.
+
+    Memory is bounded by the window. Stops with Interrupted between tasks when asked to.
+    """
+    waiting: deque[Future[Any]] = deque()
+    todo = iter(tasks)
+    try:
+        for task in todo:
+            signals.stop.check()
+            waiting.append(executor.submit(fn, *task))
+            if len(waiting) >= window:
+                yield waiting.popleft().result()
+        while waiting:
+            signals.stop.check()
+            yield waiting.popleft().result()
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def _ignore_interrupt() -> None:
+    """Ctrl-C reaches the whole process group; only the parent decides what it means."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,164 @@
+"""Every error that Lorebase raises on purpose, sorted by what follows from it.
+
+    KbError                                   exit  what follows
+    ├── UsageError                             2    nothing was sent or written
+    │   ├── SettingError                            a setting or option has a wrong value
+    │   ├── ProfileError                            a profile can't be read, or has a wrong key or value
+    │   ├── MissingCredential                       a key that the command needs is not set
+    │   ├── MissingExtra                            an optional package is not installed
+    │   ├── MissingModel                            a model file is absent, cut off or not the one it should be
+    │   └── OtherService                            the data root belongs to another host, subreddit or wiki
+    ├── FatalError                             1    the run ends; what is on disk stays good
+    │   ├── CredentialRefused                       the service does not accept the key
+    │   ├── WriterLocked                            another process writes to this source
+    │   ├── CountMismatch                           crawled ≠ kept + rejected + failed + pending
+    │   ├── SchemaMismatch                          a table differs from its declaration in schemas/
+    │   ├── DamagedData                             a file on disk can't be read
+    │   └── ReleaseRefused                          the gate found something that may not be published
+    ├── Stopped                                3    the same command goes on where it stopped
+    │   ├── QuotaSpent                              a quota is used up until `reset_at`
+    │   ├── Blocked                                 the service blocks us (429 without end, captcha, consent wall)
+    │   ├── Unreachable                             no connection to the service
+    │   ├── DiskFull                                no room to write
+    │   ├── LimitReached                            --limit items were done
+    │   └── Interrupted                             SIGINT or SIGTERM
+    └── ItemError                              -    about one item; never leaves a stage
+        ├── ItemFinal                               a fact about the item: recorded, not tried again
+        └── Retryable                               may go well next time: backoff, then `failed`
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+
+class KbError(Exception):
+    """Base of all. `str(error)` is one line for the user; `hint` says what to do."""
+
+    exit_code = 1
+
+    def __init__(self, message: str, *, hint: str = "") -> None:
+        super().__init__(message)
+        self.hint = hint
+
+
+class UsageError(KbError):
+    """Wrong usage, setting or missing part, found before anything was sent or written."""
+
+    exit_code = 2
+
+
+class SettingError(UsageError):
+    """A setting or option has a wrong value."""
+
+
+class ProfileError(UsageError):
+    """A profile can't be read, or a key or value in it is wrong."""
+
+
+class MissingCredential(UsageError):
+    """A credential that the command needs is not set."""
+
+
+class MissingExtra(UsageError):
+    """An optional package is not installed, or a program that it needs."""
+
+
+class MissingModel(UsageError):
+    """A model file is absent, cut off, or not the one it should be."""
+
+
+class OtherService(UsageError):
+    """The data root holds another host's data; mixing them would spoil both."""
+
+
+class FatalError(KbError):
+    """The run ends here; what is on disk stays good."""
+
+
+class CredentialRefused(FatalError):
+    """The service does not accept the credential."""
+
+
+class WriterLocked(FatalError):
+    """Another process writes to the same source of the same data root."""
+
+
+class CountMismatch(FatalError):
+    """Rows were lost or doubled: crawled differs from the sum of the verdicts."""
+
+
+class SchemaMismatch(FatalError):
+    """A table differs from its declaration in schemas/."""
+
+
+class DamagedData(FatalError):
+    """A file under the data root can't be read."""
+
+
+class ReleaseRefused(FatalError):
+    """The release gate found something that may not be published."""
+
+
+class Stopped(KbError):
+    """Stopped early and resumable: the same command goes on where it stopped."""
+
+    exit_code = 3
+
+
+class QuotaSpent(Stopped):
+    """A quota is used up. `reset_at` is when the service gives new units (UTC), if known."""
+
+    def __init__(self, message: str, *, hint: str = "", reset_at: datetime | None = None) -> None:
+        super().__init__(message, hint=hint)
+        self.reset_at = reset_at
+
+
+class Blocked(Stopped):
+    """The service blocks us. Never a fact about an item."""
+
+    def __init__(self, message: str, *, hint: str = "", after: float | None = None) -> None:
+        super().__init__(message, hint=hint)
+        self.after = after
+
+
+class Unreachable(Stopped):
+    """No connection to the service, or it answers with server errors only."""
+
+
+class DiskFull(Stopped):
+    """No room to write; nothing half-written was left behind."""
+
+
+class LimitReached(Stopped):
+    """The --limit of new items was reached."""
+
+
+class Interrupted(Stopped):
+    """SIGINT or SIGTERM: the item in hand was finished."""
+
+
+class ItemError(KbError):
+    """About one item. Caught by the stage, never by the command line."""
+
+
+class ItemFinal(ItemError):
+    """A fact about the item: recorded and not tried again.
+
+    `reason` is a short code such as "not_found", `value` what was seen.
+    """
+
+    def __init__(self, reason: str, value: str | None = None) -> None:
+        super().__init__(reason if value is None else f"{reason}: {value}")
+        self.reason = reason
+        self.value = value
+
+
+class Retryable(ItemError):
+    """May go well next time. `after` is the service's own wish in seconds (Retry-After)."""
+
+    def __init__(self, reason: str, *, after: float | None = None, unreachable: bool = False) -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.after = after
+        self.unreachable = unreachable

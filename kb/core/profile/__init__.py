@@ -1,0 +1,81 @@
+"""One domain in one TOML file: keywords, addresses, thresholds, rules. No code knows a domain.
+
+    load_profile("minecraft")       by name, from the package
+    load_profile("mine.toml")       by path, from anywhere
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+
+from kb.core.errors import ProfileError
+from kb.core.profile.base import Section, explain
+from kb.core.profile.pairs import Pairs
+from kb.core.profile.reddit import Reddit
+from kb.core.profile.release import Release
+from kb.core.profile.report import Report
+from kb.core.profile.toxicity import Toxicity
+from kb.core.profile.wiki import Wiki
+from kb.core.profile.youtube import YouTube
+from kb.core.resources import folder
+
+
+class Profile(Section):
+    """A whole profile. Sections that a domain has no use for may be left out."""
+
+    name: str = Field(pattern=r"^[a-z0-9][a-z0-9_-]*$", description="short name, used in file names and titles")
+    title: str = Field(description="the domain's name for people, e.g. Minecraft")
+    seed: int = Field(0, description="seed of every random choice")
+    youtube: YouTube | None = None
+    wiki: Wiki | None = None
+    reddit: Reddit | None = None
+    pairs: Pairs | None = None
+    toxicity: Toxicity = Toxicity()
+    release: Release = Release()
+    report: Report = Report()
+    path: Path = Field(Path(), exclude=True, description="the file it was read from; set when loading")
+
+    def section(self, source: str) -> Any:
+        """The section of a source. Raises ProfileError when the profile has none."""
+        value = getattr(self, source)
+        if value is None:
+            raise ProfileError(f"profile {self.name!r} has no section [{source}]", hint=f"add [{source}] to {self.path}")
+        return value
+
+    def beside(self, name: str) -> Path:
+        """A file that the profile names, relative to the profile's own folder."""
+        return self.path.parent / name
+
+
+def load_profile(name: str | Path) -> Profile:
+    """The profile of that name in the package, or in that file.
+
+    Raises ProfileError naming the key, the value and what is allowed.
+    """
+    path = _find(str(name))
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ProfileError(f"profile {path} can't be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ProfileError(f"profile {path} is not valid TOML: {error}") from None
+    if "path" in data:
+        raise ProfileError(f"profile {path}: unknown key 'path'")
+    try:
+        return Profile(**data, path=path.resolve())
+    except ValidationError as error:
+        raise ProfileError(f"profile {path}: {explain(error, Profile)}") from None
+
+
+def _find(name: str) -> Path:
+    profiles = folder("profiles")
+    if name.endswith(".toml") or "/" in name:
+        return Path(name)
+    known = sorted(path.parent.name for path in profiles.glob("*/profile.toml"))
+    if name in known:
+        return profiles / name / "profile.toml"
+    raise ProfileError(f"there is no profile {name!r}", hint=f"known: {', '.join(known)}; or give a path to a .toml file")

@@ -1,0 +1,20 @@
+"""Where the files that travel with the code are: in a wheel or beside kb/ in a checkout."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from kb.core.errors import DamagedData
+
+_CHECKOUT = {"schemas": "schemas", "pipelines": "pipelines", "profiles": "data/profiles"}
+
+
+@cache
+def folder(name: str) -> Path:
+    """The folder "schemas", "pipelines" or "profiles". Raises DamagedData when it is gone."""
+    package = Path(__file__).resolve().parent.parent
+    for candidate in (package / name, package.parent / _CHECKOUT[name]):
+        if candidate.is_dir():
+            return candidate
+    raise DamagedData(f"the folder {name!r} of Lorebase is missing", hint="install Lorebase again")

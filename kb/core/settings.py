@@ -1,0 +1,101 @@
+"""Settings from the environment or `.env` (the environment wins). Secrets never print.
+
+Names and meanings are the contract's; `.env.example` lists them.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from pydantic import Field, SecretStr, ValidationError, field_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from kb.core import clock
+from kb.core.errors import MissingCredential, SettingError
+
+
+class Settings(BaseSettings):
+    """Everything that is not about the domain. Field names are the variables' names in lower case."""
+
+    model_config = SettingsConfigDict(env_file=None, extra="ignore", frozen=True)
+
+    youtube_api_key: SecretStr | None = Field(None, description="YouTube Data API v3 key")
+    reddit_client_id: SecretStr | None = Field(None, description="id of the user's own Reddit app")
+    reddit_client_secret: SecretStr | None = Field(None, description="its secret; empty for an installed app")
+    zenodo_token: SecretStr | None = Field(None, description="token for `kb release publish`")
+    kb_contact: str | None = Field(None, description="e-mail or web address in the User-Agent")
+    kb_data: Path = Field(Path("data"), description="the data root")
+    kb_profile: str = Field("minecraft", description="the profile: a name or a path")
+    kb_youtube_endpoint: str | None = Field(None, description="root of the Data API instead of Google's")
+    kb_youtube_web: str | None = Field(None, description="root that stands for the YouTube web site")
+    kb_reddit_endpoint: str | None = Field(None, description="root for Reddit's web and OAuth hosts")
+    kb_wiki_url: str | None = Field(None, description="the wiki's root instead of the profile's")
+    kb_zenodo_endpoint: str | None = Field(None, description="root of the deposit API")
+    kb_models_endpoint: str | None = Field(None, description="root that stands for the hosts of model files")
+    kb_toxicity_model: str = Field("original", description="Detoxify model name, or a checkpoint file")
+    source_date_epoch: int | None = Field(None, ge=0, description="build date in releases, seconds since 1970")
+    kb_now: str | None = Field(None, description="the date for data and quota days, for tests")
+
+    @field_validator("kb_youtube_endpoint", "kb_youtube_web", "kb_reddit_endpoint", "kb_wiki_url",
+                     "kb_zenodo_endpoint", "kb_models_endpoint")
+    @classmethod
+    def _is_root(cls, value: str | None) -> str | None:
+        if not value:
+            return None
+        parts = urlsplit(value)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise ValueError("must be an address like http://127.0.0.1:8000")
+        if parts.username or parts.password:
+            raise ValueError("must not hold a user name or password")
+        return value.rstrip("/")
+
+    @field_validator("kb_now")
+    @classmethod
+    def _is_time(cls, value: str | None) -> str | None:
+        if not value:
+            return None
+        clock.parse(value)
+        return value
+
+    @field_validator("kb_contact", "source_date_epoch", mode="before")
+    @classmethod
+    def _empty_is_unset(cls, value: object) -> object:
+        return None if value == "" else value
+
+    def secret_values(self) -> list[str]:
+        """The literal secrets that must never leave, for redaction and the release gate."""
+        fields = (self.youtube_api_key, self.reddit_client_id, self.reddit_client_secret, self.zenodo_token)
+        return [field.get_secret_value() for field in fields if field and field.get_secret_value()]
+
+    def need(self, field: str) -> str:
+        """The secret or text of `field`. Raises MissingCredential when it is not set."""
+        value = getattr(self, field)
+        text = value.get_secret_value() if isinstance(value, SecretStr) else value
+        if text is None or (not text and field != "reddit_client_secret"):
+            description = type(self).model_fields[field].description
+            raise MissingCredential(
+                f"{field.upper()} is not set ({description})",
+                hint="set it in the environment or in .env; .env.example shows how",
+            )
+        return text
+
+
+def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
+    """Settings of this process; `values` (field names) win over everything.
+
+    Raises SettingError that names the variable and what is allowed, never the value of a secret.
+    """
+    given = {name: value for name, value in values.items() if value is not None}
+    try:
+        settings = Settings(_env_file=".env" if dotenv else None, **given)  # type: ignore[call-arg]
+    except ValidationError as error:
+        first = error.errors(include_input=False, include_url=False)[0]
+        name = str(first["loc"][0]).upper() if first["loc"] else "settings"
+        message = first["msg"].removeprefix("Value error, ")
+        raise SettingError(f"{name}: {message}", hint="see .env.example") from None
+    if settings.kb_now:
+        # The clock reads the environment, so that worker processes see the same date.
+        os.environ["KB_NOW"] = settings.kb_now
+    return settings

@@ -1,0 +1,65 @@
+"""SIGINT and SIGTERM: the item in hand is finished, then the run ends resumable (exit 3)."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
+
+from kb.core.errors import Interrupted
+
+
+class Stop:
+    """A flag that every loop and every wait looks at."""
+
+    def __init__(self) -> None:
+        self._event = threading.Event()
+        self.name = ""
+
+    def request(self, name: str = "stop") -> None:
+        """Ask the run to end after the item in hand."""
+        self.name = self.name or name
+        self._event.set()
+
+    def clear(self) -> None:
+        """Forget an earlier request (a new run in the same process)."""
+        self.name = ""
+        self._event.clear()
+
+    def requested(self) -> bool:
+        """Whether someone asked the run to end."""
+        return self._event.is_set()
+
+    def wait(self, seconds: float) -> bool:
+        """Wait up to `seconds`; True when the run was asked to end."""
+        return self._event.wait(seconds)
+
+    def check(self) -> None:
+        """Raise Interrupted when the run was asked to end."""
+        if self.requested():
+            raise Interrupted(f"stopped by {self.name}", hint="run the same command to go on")
+
+
+stop = Stop()
+
+
+@contextlib.contextmanager
+def stop_on_signals() -> Iterator[Stop]:
+    """Turn SIGINT and SIGTERM into a request to stop; a second SIGINT ends at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+
+    def handle(number: int, frame: object) -> None:
+        if stop.requested() and number == signal.SIGINT:
+            signal.default_int_handler(number, None)
+        stop.request(signal.Signals(number).name)
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        stop.clear()
