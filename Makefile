@@ -1,0 +1,56 @@
+# The front door. Each target calls the `kb` command of the same name; options go in ARGS="--limit 100".
+# .ci/kb takes exit code 3 (stopped early, resumable) for success, so that targets can be chained.
+ARGS ?=
+KB := .ci/kb
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
+	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct \
+	models annotate pairs release report status test bench lock
+
+help:               ## this list
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/\1|\2/p' Makefile | while IFS='|' read -r n d; do printf '  make %-20s %s\n' "$$n" "$$d"; done
+setup:              ## make .venv with the locked dependencies, and find a browser
+	@.ci/setup
+demo: setup         ## the whole job on invented loopback services: no key, no network, minutes
+	@$(KB) demo $(ARGS)
+youtube-crawl: setup      ## channels by keyword, uploads, metadata, transcripts, as raw JSON
+	@$(KB) youtube crawl $(ARGS)
+youtube-filter: setup     ## raw answers to clean/youtube, with a reason for every video left out
+	@$(KB) youtube filter $(ARGS)
+youtube-export: setup     ## clean/youtube to release/youtube
+	@$(KB) youtube export $(ARGS)
+wiki-crawl: setup         ## wiki pages as a browser shows them
+	@$(KB) wiki crawl $(ARGS)
+wiki-filter: setup        ## raw pages to clean/wiki
+	@$(KB) wiki filter $(ARGS)
+wiki-export: setup        ## clean/wiki to release/wiki
+	@$(KB) wiki export $(ARGS)
+reddit-crawl: setup       ## posts and comment trees through the API
+	@$(KB) reddit crawl $(ARGS)
+reddit-import: setup      ## monthly archive dumps to raw: make reddit-import DUMPS="a.zst b.zst"
+	@$(KB) reddit import $(DUMPS) $(ARGS)
+reddit-filter: setup      ## raw posts and comments to clean/reddit
+	@$(KB) reddit filter $(ARGS)
+reddit-export: setup      ## clean/reddit to release/reddit
+	@$(KB) reddit export $(ARGS)
+reddit-reconstruct: setup ## full posts and comments again from released ids, with your own key
+	@$(KB) reddit reconstruct $(ARGS)
+models: setup             ## the published toxicity checkpoint, verified
+	@$(KB) models fetch $(ARGS)
+annotate: setup           ## toxicity scores for text that has none: make annotate ARGS=youtube
+	@$(KB) annotate $(ARGS)
+pairs: setup              ## keyword-matched video-text pairs
+	@$(KB) pairs $(ARGS)
+release: setup            ## checks, metadata and checksums around release/
+	@$(KB) release $(ARGS)
+report: setup             ## figures and one HTML page of what was collected
+	@$(KB) report $(ARGS)
+status: setup             ## progress, quota, age of the data, what is left
+	@$(KB) status $(ARGS)
+test: setup               ## every test
+	@.ci/test $(ARGS)
+bench: setup              ## the benchmarks, as ratios side by side in one run
+	@.ci/bench $(ARGS)
+lock: setup               ## resolve .ci/requirements.lock again (for developers)
+	@.ci/lock
