@@ -1,0 +1,35 @@
+"""A data root remembers which services its data came from; mixing two would spoil both."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import msgspec
+
+from kb.core.errors import OtherService
+from kb.store.atomic import write_bytes
+
+
+def remember(root: Path, source: str, **facts: str) -> None:
+    """Note a source's hosts, subreddit or wiki, or compare with what was noted.
+
+    Addresses are compared by host and path, ports aside. Raises OtherService (exit 2) before
+    anything was sent or written.
+    """
+    path = root / "state" / f"{source}.identity.json"
+    new = {name: _host(value) for name, value in facts.items()}
+    old: dict[str, str] = msgspec.json.decode(path.read_bytes()) if path.exists() else {}
+    for name, value in new.items():
+        if old.get(name, value) != value:
+            raise OtherService(
+                f"{root} holds {source} data of {name} {old[name]}, not {value}",
+                hint="use another --data folder, or the settings it was made with",
+            )
+    if new.items() - old.items():
+        write_bytes(path, msgspec.json.encode({**old, **new}, order="sorted"))
+
+
+def _host(value: str) -> str:
+    parts = urlsplit(value)
+    return f"{parts.hostname}{parts.path.rstrip('/')}" if parts.scheme else value

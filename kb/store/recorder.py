@@ -1,0 +1,77 @@
+"""The order of writing that makes a crawl survive SIGKILL.
+
+    ledger row (committed) → request → one frame, synced → frontier and offset in one transaction
+
+At start the raw tail past the known offset is replayed into the frontier by the same function
+that a live answer goes through, so nothing that was answered is asked again.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from kb.core import clock
+from kb.store import rawlog
+from kb.store.frontier import Frontier
+from kb.store.rawlog import Envelope, Request, Segment
+
+Apply = Callable[[Frontier, str, Envelope], None]
+"""Takes (frontier, kind, envelope) into the frontier; must be idempotent."""
+
+
+class Recorder:
+    """Writes a source's answers. Make it under the source's writer lock; close it at the end."""
+
+    def __init__(self, root: Path, source: str, frontier: Frontier, apply: Apply) -> None:
+        self._root, self._source, self._frontier, self._apply = root, source, frontier, apply
+        self._segments: dict[str, Segment] = {}
+        self._lock = threading.Lock()
+        self.cut = rawlog.recover(root, source)
+        self.replayed = self._replay()
+
+    def record(self, kind: str, endpoint: str, params: dict[str, Any], status: int, response: Any,
+               fetched_at: str | None = None) -> Envelope:
+        """Keep one answer and its effect on the frontier. Raises DiskFull, with nothing half-kept."""
+        envelope = Envelope(fetched_at or clock.stamp(), Request(endpoint, params), status, response)
+        line = rawlog.encode(envelope)
+        with self._lock:
+            if kind not in self._segments:
+                self._segments[kind] = Segment(rawlog.folder(self._root, self._source, kind))
+            name, offset = self._segments[kind].append(line)
+            with self._frontier.transaction():
+                self._apply(self._frontier, kind, envelope)
+                self._frontier.set_offset(kind, name, offset)
+        return envelope
+
+    def close(self) -> None:
+        """Close the open segments."""
+        with self._lock:
+            for segment in self._segments.values():
+                segment.close()
+            self._segments.clear()
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _replay(self) -> int:
+        """Take in what the frontier has not seen: a tail after a crash, or copied segments."""
+        count = 0
+        for kind in rawlog.kinds(self._root, self._source):
+            for path in rawlog.segments(self._root, self._source, kind):
+                name = rawlog.base_name(path)
+                start = self._frontier.offset(kind, name)
+                if start >= path.stat().st_size:
+                    continue
+                with self._frontier.transaction():
+                    frames = rawlog.Frames(path, start)
+                    for _, line in frames:
+                        self._apply(self._frontier, kind, rawlog.decode(line))
+                        count += 1
+                    self._frontier.set_offset(kind, name, frames.good)
+        return count

@@ -1,0 +1,45 @@
+"""Keys that were purged: crawl, import and filter skip them for good."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from kb.core import clock
+from kb.store.atomic import writing
+
+
+def path(root: Path, source: str) -> Path:
+    """Where a source's tombstones are."""
+    return root / "raw" / source / "tombstones.parquet"
+
+
+def keys(root: Path, source: str) -> set[str]:
+    """The purged keys of a source."""
+    file = path(root, source)
+    if not file.exists():
+        return set()
+    import pyarrow.parquet as pq
+
+    return set(pq.read_table(file, columns=["key"])["key"].to_pylist())
+
+
+def add(root: Path, source: str, rows: Iterable[tuple[str, str]]) -> int:
+    """Add (key, reason) pairs; known keys keep their first row. How many were new."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    file = path(root, source)
+    old = pq.read_table(file).to_pylist() if file.exists() else []
+    known = {row["key"] for row in old}
+    at = clock.now()
+    new = {key: reason for key, reason in rows if key not in known}
+    if not new and file.exists():
+        return 0
+    merged = old + [{"key": key, "source": source, "removed_at": at, "reason": reason} for key, reason in new.items()]
+    merged.sort(key=lambda row: row["key"])
+    schema = pa.schema([pa.field("key", pa.string(), False), pa.field("source", pa.string(), False),
+                        pa.field("removed_at", pa.timestamp("us", "UTC"), False), pa.field("reason", pa.string(), False)])
+    with writing(file) as temporary:
+        pq.write_table(pa.Table.from_pylist(merged, schema), temporary, compression="zstd")
+    return len(new)
