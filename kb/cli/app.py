@@ -1,15 +1,85 @@
-"""The command tree."""
+"""The command tree. A group's file is imported when one of its commands is named, so `kb --help` stays quick."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from typing import Annotated, Any
 
 import typer
+import typer.core
+import typer.main
 
-app = typer.Typer(name="kb", rich_markup_mode=None, no_args_is_help=True)
+from kb import __version__
+
+# name -> (module, one line for `kb --help`). The module's `app` is a typer app, of one command or several.
+TREE = {
+    "youtube": ("kb.cli.youtube", "Channels, videos and transcripts: crawl, filter, export."),
+    "wiki": ("kb.cli.wiki", "Wiki pages as a browser shows them: crawl, filter, export."),
+    "reddit": ("kb.cli.reddit", "Posts and comments: crawl, import, filter, export, reconstruct."),
+    "models": ("kb.cli.models", "The toxicity model's files: fetch."),
+    "annotate": ("kb.cli.annotate", "Toxicity scores for text that has none yet."),
+    "pairs": ("kb.cli.pairs", "Keyword-matched video-text pairs."),
+    "release": ("kb.cli.release", "Checks, metadata and checksums around release/; publish."),
+    "report": ("kb.cli.report", "Figures and one HTML page of what was collected."),
+    "status": ("kb.cli.status", "Progress, quota, age of the data, what is left."),
+    "query": ("kb.cli.query", "SQL over the tables of the data root, by DuckDB."),
+    "refresh": ("kb.cli.refresh", "Read again what the services' terms ask to keep fresh."),
+    "purge": ("kb.cli.purge", "Remove for good what was deleted at its source, or named."),
+    "sandbox": ("kb.cli.sandbox", "Invented services on this machine, to try everything on."),
+    "demo": ("kb.cli.demo", "The whole job on the sandbox: no key, no network, minutes."),
+}
+
+
+class Tree(typer.core.TyperGroup):
+    """The root group: knows every group's name and line, loads the one that is asked for."""
+
+    def __init__(self, **attrs: Any) -> None:
+        super().__init__(**attrs)
+        self.commands = dict.fromkeys(TREE)  # type: ignore[arg-type]  # names only, for listing and guessing
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The group's own command object, or None for an unknown name."""
+        if cmd_name not in TREE:
+            return None
+        module = importlib.import_module(TREE[cmd_name][0])
+        command = typer.main.get_command(module.app)
+        command.name = cmd_name
+        return command
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """The list of `kb --help`, without importing what it lists."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in TREE.items()])
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Where to start."""
+        formatter.write("\nStart here:\n  kb demo                      the whole job on invented services\n"
+                        "  kb youtube crawl --plan      what a real crawl would cost\n"
+                        "  kb COMMAND --help            options and examples of a command\n")
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"kb {__version__}")
+        raise typer.Exit
+
+
+# Help is plain text: it is read in pipes and on small terminals, and needs no rich to be imported.
+app = typer.Typer(
+    name="kb", cls=Tree, no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
+)
 
 
 @app.callback()
-def root() -> None:
+def root(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False,
+) -> None:
     """Build an open knowledge base about a domain from YouTube, a wiki and Reddit."""
 
 
-def main() -> None:
-    """Entry point of the `kb` script."""
-    app(prog_name="kb")
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point of the `kb` script: parse, run, and leave with the contract's exit code."""
+    from kb.cli import outcome
+
+    sys.exit(outcome.guarded(lambda: app(args=arguments, prog_name="kb", standalone_mode=False)))

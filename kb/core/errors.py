@@ -30,12 +30,14 @@
 from __future__ import annotations
 
 from datetime import datetime
+from typing import Any
 
 
 class KbError(Exception):
     """Base of all. `str(error)` is one line for the user; `hint` says what to do."""
 
     exit_code = 1
+    summary: dict[str, Any] | None = None   # what was done until then; the command line prints it
 
     def __init__(self, message: str, *, hint: str = "") -> None:
         super().__init__(message)

@@ -1,0 +1,188 @@
+"""The one way to declare a command: common options, signals, log, progress, summary and exit code come with it.
+
+    app = group("Channels, videos and transcripts.")
+
+    @command(app, examples=["kb youtube crawl --limit 100"])
+    def crawl(run: Run, only: Annotated[Phase | None, typer.Option(help="…")] = None) -> Summary:
+        '''First line: the short help. The rest: the long one.'''
+        from kb.youtube.crawl import crawl      # heavy things inside
+        return crawl(run, only=only)
+
+The first parameter is the Run (or, with `raw=True`, the Options as given). What the function returns is
+printed as its summary; None prints nothing. A `KbError` may carry its summary so far as `.summary`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import typer
+import typer.core
+
+from kb.cli import outcome
+from kb.cli.options import COMMON, Options
+
+
+class Command(typer.core.TyperCommand):
+    """A command whose help shows its own options first, the common ones after, then examples."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Arguments, own options, common options."""
+        _write_options(self, ctx, formatter)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Examples, line by line as written."""
+        _write_examples(self.epilog, formatter)
+
+
+class Group(typer.core.TyperGroup):
+    """The same for a group that is a command as well (`kb pairs`, `kb release`)."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Commands of the group first: they are what a group is for."""
+        self.format_commands(ctx, formatter)
+        _write_options(self, ctx, formatter)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Examples, line by line as written."""
+        _write_examples(self.epilog, formatter)
+
+
+def group(about: str) -> typer.Typer:
+    """An app for a file of kb/cli: a group of commands, or the holder of a single one."""
+    return typer.Typer(
+        help=about, cls=Group, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False,
+    )
+
+
+def command(
+    app: typer.Typer,
+    name: str | None = None,
+    *,
+    examples: Sequence[str],
+    raw: bool = False,
+    resumable: bool = True,
+    main: bool = False,
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Declare a command of `app`.
+
+    `raw`: pass Options instead of a Run. `resumable`: a signal lets the item in hand be finished;
+    otherwise it ends the command at once (queries, servers). `main`: what the group itself does when
+    none of its commands is named.
+    """
+
+    def declare(function: Callable[..., Any]) -> Callable[..., Any]:
+        wrapped = _wrap(function, raw=raw, resumable=resumable, main=main)
+        epilog = "\n".join(examples)
+        if main:
+            app.callback(invoke_without_command=True, cls=Group, epilog=epilog)(wrapped)
+        else:
+            app.command(name, cls=Command, epilog=epilog)(wrapped)
+        return function
+
+    return declare
+
+
+def _wrap(function: Callable[..., Any], *, raw: bool, resumable: bool, main: bool) -> Callable[..., Any]:
+    signature = inspect.signature(function)
+    _, *own = signature.parameters.values()
+    parameters = [
+        parameter.replace(
+            kind=inspect.Parameter.KEYWORD_ONLY,
+            annotation=eval(parameter.annotation, function.__globals__)
+            if isinstance(parameter.annotation, str) else parameter.annotation,
+        )
+        for parameter in own
+    ]
+    parameters += [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        for name, (annotation, default) in COMMON.items()
+    ]
+    if main:
+        parameters.append(inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context))
+
+    def run(**values: Any) -> int:
+        context = values.pop("context", None)
+        if context is not None and context.invoked_subcommand is not None:
+            return 0
+        options = Options(**{name: values.pop(name) for name in COMMON})
+        return _call(function, options, values, raw=raw, resumable=resumable)
+
+    run.__doc__ = function.__doc__
+    run.__name__ = function.__name__
+    run.__signature__ = signature.replace(parameters=parameters, return_annotation=int)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return run
+
+
+def _call(function: Callable[..., Any], options: Options, values: dict[str, Any], *, raw: bool, resumable: bool) -> int:
+    from kb.cli import logs
+
+    try:
+        with _signals(resumable):
+            logs.configure(quiet=options.quiet, debug=options.debug)
+            first = options if raw else options.make_run()
+            try:
+                summary = function(first, **values)
+            finally:
+                _close(getattr(first, "progress", None))
+            if summary is not None:
+                outcome.show_summary(summary, options.json)
+    except typer.Exit as done:
+        return done.exit_code
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  the one place where everything ends
+        return outcome.ending(error, debug=options.debug, as_json=options.json)
+    return 0
+
+
+@contextlib.contextmanager
+def _signals(resumable: bool) -> Iterator[None]:
+    if resumable:
+        from kb.core.signals import stop_on_signals
+
+        with stop_on_signals():
+            yield
+        return
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _close(progress: Any) -> None:
+    """Give the terminal back before anything else is printed."""
+    close = getattr(progress, "close", None)
+    if close:
+        close()
+    sys.stderr.flush()
+
+
+def _write_options(self: Any, ctx: Any, formatter: Any) -> None:
+    sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": [], "Common options": []}
+    for parameter in self.get_params(ctx):
+        record = parameter.get_help_record(ctx)
+        if record is None:
+            continue
+        if parameter.param_type_name == "argument":
+            sections["Arguments"].append(record)
+        else:
+            sections["Common options" if parameter.name in COMMON else "Options"].append(record)
+    for title, records in sections.items():
+        if records:
+            with formatter.section(title):
+                formatter.write_dl(records)
+
+
+def _write_examples(epilog: str | None, formatter: Any) -> None:
+    if epilog:
+        formatter.write("\nExamples:\n" + "".join(f"  {line}\n" for line in epilog.splitlines()))

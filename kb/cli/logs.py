@@ -1,0 +1,64 @@
+"""Log lines on stderr, with every secret replaced, whoever writes them."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from typing import Any
+
+_secrets: list[str] = []
+
+
+def know_secrets(values: list[str]) -> None:
+    """Literal secrets of this run; from now on they pass no line."""
+    _secrets[:] = sorted({value for value in values if value}, key=len, reverse=True)
+
+
+def redact(text: str) -> str:
+    """`text` without secrets."""
+    for secret in _secrets:
+        text = text.replace(secret, "***")
+    return text
+
+
+class Stderr:
+    """Writes to whatever sys.stderr is now, so that lines go above a live progress display."""
+
+    def msg(self, text: str) -> None:
+        """One redacted line."""
+        print(redact(text), file=sys.stderr, flush=True)
+
+    log = debug = info = warn = warning = error = critical = exception = fatal = msg
+
+
+class Handler(logging.Handler):
+    """Lines of libraries (praw, urllib3, selenium …) take the same way."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """One redacted line; never raises."""
+        try:
+            print(redact(f"{record.levelname.lower()}: {record.name}: {self.format(record)}"), file=sys.stderr, flush=True)
+        except Exception:  # noqa: BLE001  a log line must not end a crawl
+            self.handleError(record)
+
+
+def configure(*, quiet: bool, debug: bool) -> None:
+    """Set the level: --quiet shows warnings, --debug everything, otherwise information."""
+    import structlog
+
+    level = logging.DEBUG if debug else logging.WARNING if quiet else logging.INFO
+    processors: list[Any] = [
+        structlog.contextvars.merge_contextvars,
+        structlog.processors.add_log_level,
+        structlog.processors.format_exc_info,
+        structlog.dev.ConsoleRenderer(colors=False, pad_event_to=0, pad_level=False),
+    ]
+    structlog.configure(
+        processors=processors,
+        wrapper_class=structlog.make_filtering_bound_logger(level),
+        logger_factory=lambda *_: Stderr(),
+        cache_logger_on_first_use=False,
+    )
+    root = logging.getLogger()
+    root.handlers[:] = [Handler()]
+    root.setLevel(logging.DEBUG if debug else logging.WARNING)

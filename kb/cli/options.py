@@ -1,0 +1,112 @@
+"""The options that every command has, in one place, and the Run that they make."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+
+
+class Engine(StrEnum):
+    """Where stages run."""
+
+    local = "local"
+    dask = "dask"
+
+
+# name -> (annotation, default); the names are the fields of Options.
+COMMON: dict[str, tuple[Any, Any]] = {
+    "data": (Annotated[Path | None, typer.Option(
+        "--data", metavar="DIR", help="The data root. [default: KB_DATA, or data]")], None),
+    "profile": (Annotated[str | None, typer.Option(
+        "--profile", metavar="NAME|FILE", help="The domain: a shipped profile or a .toml file. [default: KB_PROFILE, or minecraft]")], None),
+    "workers": (Annotated[int | None, typer.Option(
+        "--workers", min=1, metavar="N", help="Parallel workers. [default: one a core]")], None),
+    "limit": (Annotated[int | None, typer.Option(
+        "--limit", min=1, metavar="N", help="Stop after N new items with exit code 3; the next run goes on.")], None),
+    "wait": (Annotated[bool, typer.Option(
+        "--wait", help="Sleep until a spent quota or limit is reset instead of stopping.")], False),
+    "again": (Annotated[bool, typer.Option(
+        "--again", help="A new round that reads only what is new.")], False),
+    "engine": (Annotated[Engine, typer.Option(
+        "--engine", help="Where stages run: processes on this machine, or a Dask cluster.")], Engine.local),
+    "scheduler": (Annotated[str | None, typer.Option(
+        "--scheduler", metavar="ADDRESS", help="The Dask scheduler, e.g. tcp://10.0.0.1:8786.")], None),
+    "pipeline": (Annotated[Path | None, typer.Option(
+        "--pipeline", metavar="FILE", help="Your own pipeline file instead of the shipped one.")], None),
+    "quiet": (Annotated[bool, typer.Option("--quiet", help="No progress; warnings and errors only.")], False),
+    "json": (Annotated[bool, typer.Option("--json", help="The summary as JSON, the last line on stdout.")], False),
+    "debug": (Annotated[bool, typer.Option("--debug", help="More log lines, and tracebacks.")], False),
+}
+
+
+@dataclass(frozen=True)
+class Options:
+    """The common options as they were given."""
+
+    data: Path | None = None
+    profile: str | None = None
+    workers: int | None = None
+    limit: int | None = None
+    wait: bool = False
+    again: bool = False
+    engine: str = "local"
+    scheduler: str | None = None
+    pipeline: Path | None = None
+    quiet: bool = False
+    json: bool = False
+    debug: bool = False
+
+    def make_run(self, *, dotenv: bool = True, **settings: object) -> Run:
+        """The Run of these options; `settings` (field names) win over the environment.
+
+        Raises SettingError or ProfileError before anything is sent or written.
+        """
+        from kb.cli import logs, progress
+        from kb.core.context import Run, default_workers
+        from kb.core.errors import SettingError
+        from kb.core.profile import load_profile
+        from kb.core.settings import load_settings
+
+        given = {"kb_data": self.data, "kb_profile": self.profile, **settings}
+        loaded = load_settings(dotenv=dotenv, **given)
+        logs.know_secrets(loaded.secret_values())
+        if self.scheduler and self.engine != Engine.dask:
+            raise SettingError("--scheduler needs --engine dask")
+        root = loaded.kb_data.expanduser().absolute()
+        if root.exists() and not root.is_dir():
+            raise SettingError(f"the data root {root} is not a folder", hint="choose another with --data or KB_DATA")
+        return Run(
+            settings=loaded,
+            profile=load_profile(loaded.kb_profile),
+            root=root,
+            workers=self.workers or default_workers(),
+            limit=self.limit,
+            wait=self.wait,
+            again=self.again,
+            engine=str(self.engine),
+            scheduler=self.scheduler,
+            pipeline=str(self.pipeline) if self.pipeline else None,
+            progress=progress.choose(quiet=self.quiet),
+        )
+
+
+Part = Annotated[str | None, typer.Option("--part", metavar="I/N", help="The I-th of N parts of the ids, for N machines.")]
+
+
+def parse_part(text: str | None) -> tuple[int, int] | None:
+    """"2/4" as (2, 4), counted from 1. Raises SettingError."""
+    if text is None:
+        return None
+    from kb.core.errors import SettingError
+
+    number, _, count = text.partition("/")
+    if not (number.isdigit() and count.isdigit() and 1 <= int(number) <= int(count)):
+        raise SettingError(f"--part is {text!r}", hint="write it like 1/4, from 1/4 to 4/4")
+    return int(number), int(count)

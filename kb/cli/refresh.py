@@ -1,0 +1,35 @@
+"""`kb refresh youtube|reddit`: read again what the services' terms ask to keep fresh."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kb.cli.command import command, group
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.core.verdict import Summary
+
+app = group("Read again what the services' terms ask to keep fresh.")
+
+
+@command(app, examples=["kb refresh youtube --wait", "kb refresh youtube --limit 5000"])
+def youtube(run: Run) -> Summary:
+    """Read statistics older than the profile's max_age_days again and mark videos that vanished.
+
+    One unit for 50 videos. Run `kb youtube filter` and `export` afterwards.
+    """
+    from kb.youtube.refresh import refresh
+
+    return refresh(run)
+
+
+@command(app, examples=["kb refresh reddit --wait"])
+def reddit(run: Run) -> Summary:
+    """Read scores, removals and deletions again, 100 ids a request, with your own app's key.
+
+    Run `kb reddit filter` and `export` afterwards.
+    """
+    from kb.reddit.refresh import refresh
+
+    return refresh(run)

@@ -1,0 +1,79 @@
+"""`kb youtube`: the pattern for every group. A command is a name, its options, examples, and one call into its room."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kb.cli.command import command, group
+from kb.cli.options import Part, parse_part
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.core.verdict import Summary
+
+app = group("Channels, videos and transcripts of YouTube.")
+
+
+class Phase(StrEnum):
+    """Phases of a crawl, in order."""
+
+    channels = "channels"
+    uploads = "uploads"
+    metadata = "metadata"
+    transcripts = "transcripts"
+
+
+class Format(StrEnum):
+    """Layouts of an export."""
+
+    parquet = "parquet"
+    minedojo = "minedojo"
+
+
+@command(app, examples=[
+    "kb youtube crawl --plan                  what is left costs: units, calls, hours, GB, days",
+    "kb youtube crawl --limit 100             100 videos through every phase",
+    "kb youtube crawl --only metadata --wait  one phase, sleeping through quota resets",
+    "kb youtube crawl --ids videos.parquet    known videos, no discovery",
+    "kb youtube crawl --part 1/4              the first of four machines",
+])
+def crawl(
+    run: Run,
+    plan: Annotated[bool, typer.Option("--plan", help="Print what is left and what it costs; send nothing.")] = False,
+    only: Annotated[Phase | None, typer.Option("--only", help="Run one phase alone.")] = None,
+    part: Part = None,
+    ids: Annotated[Path | None, typer.Option(
+        "--ids", metavar="FILE", help="Video ids: lines, a released Parquet file or MineDojo's JSON; skips discovery.")] = None,
+) -> Summary:
+    """Crawl channels by keyword, their uploads, metadata and transcripts, as raw JSON.
+
+    Needs YOUTUBE_API_KEY. Stops with exit code 3 when a quota is spent; the same command goes on.
+    """
+    from kb.youtube import crawl as room
+
+    if plan:
+        return room.plan(run, ids=ids, part=parse_part(part))
+    return room.crawl(run, only=only.value if only else None, ids=ids, part=parse_part(part))
+
+
+@command(app, name="filter", examples=["kb youtube filter", "kb youtube filter --profile mine.toml"])
+def filter_(run: Run) -> Summary:
+    """Sort raw answers into clean/youtube: kept, rejected with the reason, failed and pending."""
+    from kb.youtube.clean import clean
+
+    return clean(run)
+
+
+@command(app, examples=["kb youtube export", "kb youtube export --format minedojo"])
+def export(
+    run: Run,
+    format: Annotated[Format, typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/.")] = Format.parquet,
+) -> Summary:
+    """Write clean/youtube as the released tables, or in another layout."""
+    from kb.youtube.export import export as write
+
+    return write(run, format.value)
