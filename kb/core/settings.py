@@ -35,6 +35,7 @@ class Settings(BaseSettings):
     kb_zenodo_endpoint: str | None = Field(None, description="root of the deposit API")
     kb_models_endpoint: str | None = Field(None, description="root that stands for the hosts of model files")
     kb_toxicity_model: str = Field("original", description="Detoxify model name, or a checkpoint file")
+    kb_toxicity_sha256: str | None = Field(None, description="sha256 of a checkpoint file of your own")
     source_date_epoch: int | None = Field(None, ge=0, description="build date in releases, seconds since 1970")
     kb_now: str | None = Field(None, description="the date for data and quota days, for tests")
 

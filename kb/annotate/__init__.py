@@ -1,0 +1,1 @@
+"""Columns added beside the rows: toxicity scores (cached by text) and word counts."""

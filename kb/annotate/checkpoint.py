@@ -1,0 +1,166 @@
+"""Which checkpoint scores texts, and the proof that it is the right one, before anything reads it.
+
+A checkpoint is a pickle: loading one runs what it says. Detoxify checks nothing, so the file's
+sha256 is compared first with every digest that is known: the published one, the prefix in the
+file's name, a `.sha256` file beside it, KB_TOXICITY_SHA256. Without any, the file is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from kb.annotate.published import PUBLISHED, Published
+from kb.core.errors import MissingExtra, MissingModel
+from kb.core.settings import Settings
+
+SANDBOX = "lorebase_tiny"  # the sandbox's model; what it scored is marked in releases
+EXTRA = ("torch", "transformers", "detoxify")
+_PREFIX = re.compile(r"-([0-9a-f]{8,64})\.[A-Za-z0-9]+$")
+_DIGEST = re.compile(r"\b[0-9a-fA-F]{64}\b")
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A verified checkpoint file with its configuration and vocabulary beside it.
+
+    `model` and `revision` (first 16 hex digits of the sha256) key the scores.
+    """
+
+    path: Path
+    model: str
+    sha256: str
+
+    @property
+    def revision(self) -> str:
+        return self.sha256[:16]
+
+    @property
+    def folder(self) -> Path:
+        return self.path.parent
+
+    @property
+    def is_sandbox(self) -> bool:
+        """Whether it is the sandbox's tiny model, whose scores mean nothing about real texts."""
+        return self.model == SANDBOX
+
+
+def cache_root() -> Path:
+    """Where models and what is made of them are kept for every data root of this user."""
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base).absolute() / "lorebase"
+
+
+def models_folder(name: str) -> Path:
+    """The folder of a fetched model."""
+    return cache_root() / "models" / name
+
+
+def need_extra() -> None:
+    """Raise MissingExtra unless the packages that load a checkpoint are installed."""
+    absent = [name for name in EXTRA if importlib.util.find_spec(name) is None]
+    if absent:
+        raise MissingExtra(
+            f"toxicity scores need {', '.join(absent)}",
+            hint='run `pip install "lorebase[toxicity]"`, or set toxicity = "off" in the profile',
+        )
+
+
+def find_checkpoint(settings: Settings) -> Checkpoint:
+    """The checkpoint of KB_TOXICITY_MODEL, verified. Loads nothing.
+
+    Raises MissingModel (absent, cut off, another file, no digest, no configuration beside it).
+    """
+    chosen = settings.kb_toxicity_model
+    if chosen in PUBLISHED:
+        return _fetched(PUBLISHED[chosen])
+    path = Path(chosen).expanduser().absolute()
+    if "/" not in chosen and "." not in chosen and not path.exists():
+        raise MissingModel(
+            f"KB_TOXICITY_MODEL is {chosen!r}", hint=f"known: {', '.join(PUBLISHED)}; or give a checkpoint file"
+        )
+    if not path.is_file():
+        raise MissingModel(f"there is no checkpoint {path}", hint="see KB_TOXICITY_MODEL, or run `kb models fetch`")
+    expected = _known_digests(path, settings.kb_toxicity_sha256)
+    if not expected:
+        raise MissingModel(
+            f"nothing says which file {path.name} should be",
+            hint=f"if you trust it, run `sha256sum {path.name} > {path.name}.sha256` in its folder",
+        )
+    digest = _verify(path, expected, "get the file again from where it came from")
+    _need_beside(path.parent, "put config.json and the tokenizer's files beside the checkpoint")
+    # Of the name only the part before the digest: the same model under another digest is a new revision.
+    return Checkpoint(path, _PREFIX.sub("", path.name).removesuffix(path.suffix) or path.stem, digest)
+
+
+def _fetched(model: Published) -> Checkpoint:
+    command = "kb models fetch" + ("" if model.name == "original" else f" {model.name}")
+    folder = models_folder(model.name)
+    path = folder / model.checkpoint
+    if not path.is_file():
+        raise MissingModel(
+            f"the toxicity model {model.name!r} is not on this machine",
+            hint=f'run `{command}`, or set toxicity = "off" in the profile',
+        )
+    digest = _verify(path, [("its published digest", model.sha256)], f"delete it and run `{command}` again")
+    for name, expected in model.files:
+        beside = folder / name
+        if not beside.is_file() or (expected and sha256_of(beside) != expected):
+            raise MissingModel(f"{beside} is missing or not the published file", hint=f"run `{command}` again")
+    return Checkpoint(path, model.name, digest)
+
+
+def _known_digests(path: Path, setting: str | None) -> list[tuple[str, str]]:
+    """(who says so, lower-case hex digest or prefix) for a local checkpoint."""
+    known = []
+    if setting:
+        known.append(("KB_TOXICITY_SHA256", setting.strip().lower()))
+    for beside in (path.with_name(path.name + ".sha256"), path.with_suffix(".sha256")):
+        if beside.is_file():
+            found = _DIGEST.search(beside.read_text(encoding="utf-8", errors="replace"))
+            if not found:
+                raise MissingModel(f"{beside} holds no sha256", hint=f"write it with `sha256sum {path.name} > {beside.name}`")
+            known.append((beside.name, found.group().lower()))
+    in_name = _PREFIX.search(path.name)
+    if in_name:
+        known.append(("the digest in its name", in_name.group(1)))
+    return known
+
+
+def _verify(path: Path, expected: list[tuple[str, str]], what_to_do: str) -> str:
+    digest = sha256_of(path)
+    for who, wanted in expected:
+        if not digest.startswith(wanted):
+            raise MissingModel(
+                f"{path} is not the file it should be (or was cut off): its sha256 begins {digest[:12]}, {who} says {wanted[:12]}",
+                hint=what_to_do,
+            )
+    return digest
+
+
+def _need_beside(folder: Path, what_to_do: str) -> None:
+    if not (folder / "config.json").is_file():
+        raise MissingModel(f"there is no config.json in {folder}", hint=what_to_do)
+    if not tokenizer_files(folder):
+        raise MissingModel(f"there is no tokenizer in {folder}", hint=what_to_do)
+
+
+def tokenizer_files(folder: Path) -> list[Path]:
+    """The files of a tokenizer in a model's folder."""
+    names = ("vocab.txt", "tokenizer.json", "vocab.json", "merges.txt", "spiece.model", "sentencepiece.bpe.model",
+             "tokenizer_config.json", "special_tokens_map.json", "added_tokens.json")
+    found = [folder / name for name in names if (folder / name).is_file()]
+    return found if any(path.name not in ("tokenizer_config.json", "special_tokens_map.json", "merges.txt") for path in found) else []
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file, hexadecimal. Raises MissingModel when it can't be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise MissingModel(f"{path} can't be read: {error.strerror}") from None

@@ -1,0 +1,120 @@
+"""A verified checkpoint through Detoxify's own code, without asking any host.
+
+Detoxify resolves the base model's name in the checkpoint ("bert-base-uncased") at the model hub
+even when it is given a local folder, and reads the number of classes from that folder's
+config.json, where a base model has none. Both are set here before Detoxify sees them.
+Source: https://github.com/unitaryai/detoxify/blob/v0.5.4/detoxify/detoxify.py
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+from kb.annotate.checkpoint import Checkpoint, need_extra, tokenizer_files
+from kb.core.errors import MissingModel
+
+WINDOW = 512  # tokens that every published model reads at once
+
+
+def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
+    """The `detoxify.Detoxify` object of a verified checkpoint, in evaluation mode.
+
+    Raises MissingExtra, and MissingModel when the file is no Detoxify checkpoint.
+    """
+    need_extra()
+    with _quiet():
+        import detoxify.detoxify as source
+        import torch
+
+        try:
+            loaded = torch.load(checkpoint.path, map_location=device, weights_only=False)
+            arguments = loaded["config"]["arch"]["args"]
+            classes = loaded["config"]["dataset"]["args"]["classes"]
+            loaded["state_dict"]
+        except Exception as error:  # whatever unpickling a foreign file may raise
+            raise MissingModel(
+                f"{checkpoint.path} is no Detoxify checkpoint ({type(error).__name__})",
+                hint="KB_TOXICITY_MODEL must be a Detoxify model name or checkpoint; `kb models fetch` gets the published one",
+            ) from error
+        with _local_folder(checkpoint.folder, len(classes)) as folder:
+            arguments["model_type"] = str(folder)
+            try:
+                # Detoxify reads the file itself; it gets what was verified and is read already.
+                with mock.patch.object(source.torch, "load", lambda *_, **__: loaded):
+                    model = source.Detoxify(
+                        checkpoint=str(checkpoint.path), device=device, huggingface_config_path=str(folder)
+                    )
+            except (OSError, ValueError, RuntimeError, KeyError, AttributeError) as error:
+                raise MissingModel(
+                    f"{checkpoint.path} doesn't fit the configuration beside it: {str(error).splitlines()[0]}",
+                    hint="put the config.json and tokenizer of its base model beside it",
+                ) from error
+        _same_weights(model, loaded["state_dict"], checkpoint)
+    model.model.eval()
+    return model
+
+
+def is_sandbox_checkpoint(loaded: dict[str, Any]) -> bool:
+    """Whether the sandbox trained it, whatever its file is called."""
+    return bool(loaded.get("config", {}).get("lorebase_sandbox"))
+
+
+@contextlib.contextmanager
+def _local_folder(beside: Path, classes: int) -> Iterator[Path]:
+    """A folder with the tokenizer's files and a config.json that knows the number of classes."""
+    config = json.loads((beside / "config.json").read_text(encoding="utf-8"))
+    config |= {
+        "num_labels": classes,
+        "id2label": {str(n): f"LABEL_{n}" for n in range(classes)},
+        "label2id": {f"LABEL_{n}": n for n in range(classes)},
+    }
+    with tempfile.TemporaryDirectory(prefix="kb-model-") as name:
+        folder = Path(name)
+        (folder / "config.json").write_text(json.dumps(config), encoding="utf-8")
+        for file in tokenizer_files(beside):
+            shutil.copyfile(file, folder / file.name)
+        path = folder / "tokenizer_config.json"
+        options = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        options["model_max_length"] = min(WINDOW, options.get("model_max_length") or WINDOW)
+        path.write_text(json.dumps(options), encoding="utf-8")
+        yield folder
+
+
+def _same_weights(model: Any, state: dict[str, Any], checkpoint: Checkpoint) -> None:
+    """transformers fills a missing weight with random numbers and only warns: that is no model."""
+    import torch
+
+    own = model.model.state_dict()
+    wrong = [name for name in own if name not in state and not name.endswith("position_ids")]
+    wrong += [name for name, value in state.items() if name in own and not torch.equal(own[name].cpu(), value.cpu())]
+    if wrong:
+        raise MissingModel(
+            f"{checkpoint.path} doesn't fit the configuration beside it: {wrong[0]} differs",
+            hint="put the config.json of its base model beside it",
+        )
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """No progress bars and no hub: everything is on this machine."""
+    before = {name: os.environ.get(name) for name in ("HF_HUB_OFFLINE", "TRANSFORMERS_VERBOSITY", "TOKENIZERS_PARALLELISM")}
+    os.environ |= {"HF_HUB_OFFLINE": "1", "TRANSFORMERS_VERBOSITY": "error", "TOKENIZERS_PARALLELISM": "true"}
+    try:
+        import transformers
+
+        transformers.utils.logging.set_verbosity_error()
+        transformers.utils.logging.disable_progress_bar()
+        logging.getLogger("transformers").setLevel(logging.ERROR)
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None) if value is None else os.environ.__setitem__(name, value)
