@@ -11,23 +11,21 @@ boundaries can't follow from how the rows arrived, and nothing in the file tells
 from __future__ import annotations
 
 import contextlib
-import shutil
-import uuid
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from kb.core.errors import DiskFull
 from kb.schema.conform import conform
 from kb.schema.tables import Table, table
 from kb.store.atomic import writing
+from kb.store.merge import Merge
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 ROW_GROUP = 131_072
 ZSTD_LEVEL = 3
-SORT_MEMORY = "512MB"  # what the external sort may hold before it spills
+PAGE = 128 << 10  # bytes: small pages keep a merge of many files small, and a look-up cheap
 
 
 class Shard(NamedTuple):
@@ -48,7 +46,7 @@ def write_table(path: Path, rows: pa.Table, declared: Table | str, *, released: 
     rows = conform(declared, rows, released=released)
     if sort and rows.num_rows > 1:
         rows = rows.sort_by([(name, "ascending") for name in order(declared)])
-    with ShardWriter(path, declared, released=released) as writer:
+    with ShardWriter(path, declared, released=released, in_order=sort) as writer:
         writer.write(rows)
     return Shard(path, rows.num_rows)
 
@@ -57,20 +55,22 @@ class ShardWriter:
     """Writes one Parquet file from tables of any size, in exact row groups.
 
     A context manager: the file appears at `path` when the block ends well, not at all otherwise.
-    At most one row group and one given table are held in memory.
+    At most one row group and one given table are held in memory. `in_order` is the caller's word
+    that rows come in the table's order, and is written into the file.
     """
 
-    def __init__(self, path: Path, declared: Table | str, *, released: bool = False) -> None:
+    def __init__(self, path: Path, declared: Table | str, *, released: bool = False, in_order: bool = False) -> None:
         self.declared = table(declared) if isinstance(declared, str) else declared
         self.path, self.released, self.rows = path, released, 0
         self._schema = self.declared.arrow(released)
         self._waiting: list[pa.Table] = []
         self._held = 0
+        self._in_order = in_order
 
     def __enter__(self) -> ShardWriter:
         self._stack = contextlib.ExitStack()
         temporary = self._stack.enter_context(writing(self.path))
-        self._file = self._stack.enter_context(open_writer(temporary, self.declared, self._schema))
+        self._file = self._stack.enter_context(_open(temporary, self.declared, self._schema, self._in_order))
         return self
 
     def write(self, rows: pa.Table) -> None:
@@ -103,103 +103,60 @@ class ShardWriter:
             self._file.write_table(group, row_group_size=ROW_GROUP)
 
 
-def open_writer(path: Path, declared: Table, schema: pa.Schema) -> Any:
+def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any:
     """A pyarrow ParquetWriter with the project's settings."""
     import pyarrow.parquet as pq
 
     low = [column.name for column in declared.columns if column.dictionary and column.name in schema.names]
-    known = [name for name in order(declared) if name in schema.names]
+    marks = pq.SortingColumn.from_ordering(schema, [(name, "ascending") for name in order(declared)], "at_end")
     return pq.ParquetWriter(
         path, schema, version="2.6", compression="zstd", compression_level=ZSTD_LEVEL,
-        use_dictionary=low or False, write_statistics=True, write_page_index=True,
-        sorting_columns=pq.SortingColumn.from_ordering(schema, [(name, "ascending") for name in known], "at_end"),
+        use_dictionary=low or False, data_page_size=PAGE, write_statistics=True, write_page_index=True,
+        sorting_columns=marks if in_order else None,
     )
 
 
 def sorted_shards(
     parts: Sequence[Path], folder: Path, declared: Table | str, *, rows_per_shard: int, released: bool = True,
-    columns: Mapping[str, str] | None = None, memory: str = SORT_MEMORY, threads: int | None = None,
+    reads: Sequence[str] = (), change: Callable[[pa.Table], pa.Table] | None = None,
 ) -> list[Shard]:
-    """Sort the rows of many part files into `<table>-00000-of-0000N.parquet` in `folder`.
+    """Merge many part files into globally sorted `<table>-00000-of-0000N.parquet` in `folder`.
 
-    `columns` gives SQL expressions for columns that differ from the parts' own. The sort spills to
-    a folder beside `folder` when it outgrows `memory`, so memory doesn't grow with the rows. The
-    same rows give the same bytes, whatever the parts, threads or memory. Without rows one empty
-    shard is written, so that readers find the table. Raises SchemaMismatch and DiskFull.
+    `change` derives columns of a piece of rows, from the declared ones and the clean columns in
+    `reads`. The same rows give the same bytes, whatever the parts. Memory is bounded by two row
+    groups and a page of each part's columns. Without rows one empty shard is written, so that
+    readers find the table. Raises SchemaMismatch and DiskFull.
     """
     import pyarrow.parquet as pq
 
     declared = table(declared) if isinstance(declared, str) else declared
     total = sum(pq.read_metadata(path).num_rows for path in parts)
     number = max(1, -(-total // rows_per_shard))
-    batches = _sorted_batches(parts, folder, declared, released, columns or {}, memory, threads) if total else iter(())
-    shards = []
-    with contextlib.closing(_Feed(batches)) as feed:
+    wanted = [*declared.names(released), *(name for name in reads if name not in declared.names(released))]
+    shards: list[Shard] = []
+    with contextlib.closing(Merge(parts, order(declared), wanted)) as merge:
+        pieces = _Pieces(change(rows).select(declared.names(released)) if change else rows for rows in merge)
         for index in range(number):
             path = folder / f"{declared.short}-{index:05d}-of-{number:05d}.parquet"
-            with ShardWriter(path, declared, released=released) as writer:
-                for rows in feed.take(rows_per_shard):
+            with ShardWriter(path, declared, released=released, in_order=True) as writer:
+                for rows in pieces.take(rows_per_shard):
                     writer.write(rows)
             shards.append(Shard(path, writer.rows))
     return shards
 
 
-class _Feed:
-    """Hands out a stream of tables in pieces of a wanted number of rows."""
+class _Pieces:
+    """Hands out a stream of tables in portions of a wanted number of rows."""
 
-    def __init__(self, batches: Iterator[pa.Table]) -> None:
-        self._batches, self._rest = batches, None
+    def __init__(self, tables: Iterator[pa.Table]) -> None:
+        self._tables, self._rest = tables, None
 
-    def take(self, rows: int) -> Iterable[pa.Table]:
+    def take(self, rows: int) -> Iterator[pa.Table]:
         while rows:
-            part = self._rest if self._rest is not None else next(self._batches, None)
+            part = self._rest if self._rest is not None else next(self._tables, None)
             if part is None:
                 return
             self._rest = part.slice(rows) if part.num_rows > rows else None
             part = part.slice(0, rows)
             rows -= part.num_rows
             yield part
-
-    def close(self) -> None:
-        if hasattr(self._batches, "close"):
-            self._batches.close()
-
-
-def _sorted_batches(
-    parts: Sequence[Path], folder: Path, declared: Table, released: bool, columns: Mapping[str, str],
-    memory: str, threads: int | None,
-) -> Iterator[pa.Table]:
-    import duckdb
-    import pyarrow as pa
-
-    spill = folder.parent / f".{folder.name.lstrip('.')}.{uuid.uuid4().hex[:8]}.sort"
-    wanted = ", ".join(f"{columns.get(name, quoted(name))} AS {quoted(name)}" for name in declared.names(released))
-    by = ", ".join(f"{quoted(name)} ASC NULLS LAST" for name in order(declared))
-    con = duckdb.connect()
-    try:
-        con.execute(f"SET memory_limit = '{memory}'")
-        con.execute(f"SET temp_directory = {literal(spill)}")
-        con.execute("SET TimeZone = 'UTC'")
-        if threads:
-            con.execute(f"SET threads = {int(threads)}")
-        files = ", ".join(literal(path) for path in parts)
-        query = f"SELECT {wanted} FROM read_parquet([{files}]) ORDER BY {by}"
-        for batch in con.execute(query).to_arrow_reader(ROW_GROUP):
-            yield pa.Table.from_batches([batch])
-    except duckdb.Error as error:
-        if "No space left on device" in str(error):  # DuckDB gives no code for it
-            raise DiskFull(f"no room to sort {declared.name} in {spill.parent}", hint="free some space and run the same command again") from error
-        raise
-    finally:
-        con.close()
-        shutil.rmtree(spill, ignore_errors=True)
-
-
-def quoted(name: str) -> str:
-    """`name` as a SQL identifier."""
-    return '"' + name.replace('"', '""') + '"'
-
-
-def literal(value: object) -> str:
-    """`value` as a SQL string."""
-    return "'" + str(value).replace("'", "''") + "'"
