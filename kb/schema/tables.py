@@ -2,7 +2,8 @@
 
 A file has the keys `name`, `doc`, `key`, `sort_by` (lists of columns), and optionally `raw` (the
 raw kind that rows come from), `partition_by` (a column) and `released`; then one `[[column]]`
-block a column:
+block a column (an `[[input]]` block has the same keys and stands for a value that parsing reads
+and a later rule uses up: it is in no table):
 
     name        lower case with underscores
     type        see kb.schema.types
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
-_TABLE_KEYS = {"name", "doc", "raw", "key", "sort_by", "partition_by", "released", "column"}
+_TABLE_KEYS = {"name", "doc", "raw", "key", "sort_by", "partition_by", "released", "column", "input"}
 _COLUMN_KEYS = {"name", "type", "unit", "null", "doc", "from", "released", "content", "dictionary", "each"}
 
 
@@ -78,6 +79,7 @@ class Table:
     raw: str = ""
     partition_by: str = ""
     released: bool = False
+    inputs: tuple[Column, ...] = ()
 
     @property
     def source(self) -> str:
@@ -156,14 +158,15 @@ def load_table(path: Path) -> Table:
     problems = check_table(data)
     if problems:
         raise SchemaMismatch(f"{path}: " + "; ".join(problems))
-    columns = tuple(_column(block) for block in _expanded(data))
+    columns = tuple(_column(block) for block in _expanded(data, "column"))
+    inputs = tuple(_column(block) for block in _expanded(data, "input"))
     plain = {key: data[key] for key in ("name", "doc", "raw", "partition_by", "released") if key in data}
-    return Table(columns=columns, key=tuple(data["key"]), sort_by=tuple(data["sort_by"]), **plain)
+    return Table(columns=columns, inputs=inputs, key=tuple(data["key"]), sort_by=tuple(data["sort_by"]), **plain)
 
 
-def _expanded(data: dict[str, Any]) -> list[dict[str, Any]]:
+def _expanded(data: dict[str, Any], what: str) -> list[dict[str, Any]]:
     blocks: list[dict[str, Any]] = []
-    for block in data.get("column", []):
+    for block in data.get(what, []):
         for word in block.get("each", [None]):
             fill = {k: v.replace("{}", word) if word and isinstance(v, str) else v for k, v in block.items()}
             fill.pop("each", None)
@@ -196,12 +199,17 @@ def check_table(data: dict[str, Any]) -> list[str]:
     if not data.get("column"):
         return [*problems, "no [[column]]"]
     names: list[str] = []
-    for number, block in enumerate(_expanded(data), start=1):
+    for number, block in enumerate(_expanded(data, "column"), start=1):
         name = block.get("name", "")
         problems += [f"column {name or number}: {text}" for text in _column_problems(block)]
         if name in names:
             problems.append(f"column {name}: declared twice")
         names.append(name)
+    for number, block in enumerate(_expanded(data, "input"), start=1):
+        name = block.get("name", "")
+        problems += [f"input {name or number}: {text}" for text in _column_problems(block)]
+        if name in names:
+            problems.append(f"input {name}: there is a column of this name")
     for key in ("key", "sort_by"):
         if not isinstance(data.get(key), list) or not data[key]:
             problems.append(f"`{key}` must list columns")

@@ -1,0 +1,144 @@
+"""JSON Schemas of raw answers: what a service sends, held against what `schemas/raw/` declares.
+
+Only a small part of JSON Schema 2020-12 is used (listed in schemas/README.md), so the walk below
+is all it needs, names the path of each finding, and tells new keys from wrong ones.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+from kb.core.errors import SchemaMismatch, UsageError
+from kb.core.resources import folder
+
+_TYPES: dict[str, tuple[type, ...]] = {
+    "string": (str,), "integer": (int,), "number": (int, float), "boolean": (bool,),
+    "object": (dict,), "array": (list, tuple), "null": (type(None),),
+}
+
+
+@dataclass
+class RawCheck:
+    """`unknown`: paths of undeclared keys and how often; `problems`: one line each."""
+
+    unknown: Counter[str] = field(default_factory=Counter)
+    problems: list[str] = field(default_factory=list)
+
+
+def kinds() -> list[str]:
+    """Every declared kind, "<source>/<kind>"."""
+    root = folder("schemas") / "raw"
+    return sorted(f"{path.parent.name}/{path.stem}" for path in root.glob("*/*.json"))
+
+
+@cache
+def raw(kind: str) -> dict[str, Any]:
+    """The JSON Schema of a kind. Raises UsageError that names the known ones."""
+    path = folder("schemas") / "raw" / f"{kind}.json"
+    if not path.is_file():
+        raise UsageError(f"no raw kind {kind!r} in schemas/", hint=f"known: {', '.join(kinds())}")
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise SchemaMismatch(f"{path}: not readable as JSON: {error}") from None
+
+
+def at(kind: str, path: str) -> dict[str, Any] | None:
+    """The sub-schema at a path such as "items[].snippet.title"; None when it is not declared."""
+    node: dict[str, Any] | None = raw(kind)
+    for step in re.findall(r"[^.\[\]]+|\[\d*\]", path):
+        if node is None:
+            return None
+        if step.startswith("["):
+            prefix, index = node.get("prefixItems", []), step[1:-1]
+            node = prefix[int(index)] if index and int(index) < len(prefix) else node.get("items")
+        else:
+            node = node.get("properties", {}).get(step)
+    return node
+
+
+def types(schema: dict[str, Any]) -> set[str]:
+    """The JSON types that a sub-schema allows; an empty set allows all."""
+    said = schema.get("type", [])
+    return {said} if isinstance(said, str) else set(said)
+
+
+def check(kind: str, response: Any) -> RawCheck:
+    """Holds an answer against its schema: counts unknown keys, lists missing and retyped fields."""
+    found = RawCheck()
+    _walk(raw(kind), response, "", found)
+    return found
+
+
+def _walk(schema: dict[str, Any], value: Any, path: str, found: RawCheck) -> None:
+    place = path or "the answer"
+    allowed = types(schema)
+    if allowed and not any(_is(value, name) for name in allowed):
+        found.problems.append(f"{place} is {_shown(value)}, not {' or '.join(sorted(allowed))}")
+        return
+    if "enum" in schema and value not in schema["enum"]:
+        found.problems.append(f"{place} is {_shown(value)}, none of {schema['enum']}")
+    if isinstance(value, str):
+        if "pattern" in schema and not re.search(schema["pattern"], value):
+            found.problems.append(f"{place} is {_shown(value)}, which does not match {schema['pattern']}")
+    elif isinstance(value, dict):
+        inner = schema.get("properties", {})
+        for name in schema.get("required", []):
+            if name not in value:
+                found.problems.append(f"{f'{path}.{name}' if path else name} is missing")
+        for name, item in value.items():
+            below = f"{path}.{name}" if path else name
+            if name in inner:
+                _walk(inner[name], item, below, found)
+            elif not schema.get("additionalProperties"):
+                found.unknown[re.sub(r"\[\d+\]", "[]", below)] += 1
+    elif isinstance(value, list | tuple):
+        if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
+            found.problems.append(f"{place} has {len(value)} items")
+        prefix, rest = schema.get("prefixItems", []), schema.get("items")
+        for index, item in enumerate(value):
+            below = prefix[index] if index < len(prefix) else rest
+            if below:
+                _walk(below, item, f"{path}[{index}]", found)
+
+
+def _is(value: Any, name: str) -> bool:
+    if isinstance(value, bool):
+        return name == "boolean"
+    return isinstance(value, _TYPES[name])
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False, default=repr)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def pick(kind: str, data: Any) -> Any:
+    """A copy of `data` with the declared keys only, for answers that hold more than may be kept.
+
+    Values of another type than declared are left out as well, so nothing can slip in under a
+    declared name.
+    """
+    return _pick(raw(kind), data)
+
+
+def _pick(schema: dict[str, Any], value: Any) -> Any:
+    if isinstance(value, dict):
+        if schema.get("additionalProperties"):
+            return value
+        inner = schema.get("properties", {})
+        return {name: _pick(inner[name], item) for name, item in value.items() if name in inner and _fits(inner[name], item)}
+    if isinstance(value, list | tuple):
+        below = schema.get("items") or {}
+        return [_pick(below, item) for item in value if _fits(below, item)]
+    return value
+
+
+def _fits(schema: dict[str, Any], value: Any) -> bool:
+    allowed = types(schema)
+    return not allowed or any(_is(value, name) for name in allowed)
