@@ -199,6 +199,15 @@ class Frontier:
         with self._lock:
             return dict(self._db.execute("SELECT status, count(*) FROM items WHERE kind = ? GROUP BY status", (kind,)).fetchall())
 
+    def kinds(self) -> dict[str, dict[str, int]]:
+        """Counts by status of every kind, by name."""
+        found: dict[str, dict[str, int]] = {}
+        with self._lock:
+            rows = self._db.execute("SELECT kind, status, count(*) FROM items GROUP BY 1, 2 ORDER BY 1, 2").fetchall()
+        for kind, status, n in rows:
+            found.setdefault(kind, {})[status] = n
+        return found
+
     # -- cursors, ledger, offsets ----------------------------------------------------------------
 
     def cursor(self, name: str, default: Any = None) -> Any:

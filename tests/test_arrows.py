@@ -1,0 +1,118 @@
+"""The import arrows of the design, read from the source text:
+
+    cli → pipelines → {youtube, wiki, reddit, annotate, filters, pairs, export, release, report} → {net, store, schema} → core
+"""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from kb.cli.app import TREE
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCES = {"youtube", "wiki", "reddit"}
+ROOMS = SOURCES | {"annotate", "filters", "pairs", "export", "release", "report"}
+GROUND = {"net", "store", "schema"}
+
+# room -> the rooms that it may import (itself always)
+ALLOWED: dict[str, set[str]] = {
+    "core": set(),
+    **{room: GROUND | {"core"} for room in GROUND | ROOMS},
+    "sandbox": ROOMS | GROUND | {"core"},
+    "cli": ROOMS | GROUND | {"core", "sandbox"},
+    "pipelines": ROOMS | GROUND | {"core", "sandbox"},
+}
+
+# Standard library and light packages only: what `kb --help` may load.
+HEAVY = {
+    "torch", "transformers", "detoxify", "onnxruntime", "openvino", "selenium", "dask", "distributed", "matplotlib", "wordcloud",
+    "mlcroissant", "cffconvert", "PIL", "datasets", "polars", "pandas", "scipy", "ahocorasick_rs", "instant_clip_tokenizer", "numpy",
+}
+
+
+def python_files() -> list[Path]:
+    return sorted([*(ROOT / "kb").rglob("*.py"), *(ROOT / "pipelines").glob("*.py")])
+
+
+def room_of(path: Path) -> str:
+    parts = path.relative_to(ROOT).parts
+    if parts[0] == "pipelines":
+        return "pipelines"
+    return parts[1] if len(parts) > 2 else ""
+
+
+def imported(tree: ast.AST, path: Path) -> list[tuple[int, str]]:
+    """(line, module) of every import anywhere in the file, relative ones made absolute."""
+    package = [*path.relative_to(ROOT).with_suffix("").parts][:-1]
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found += [(node.lineno, alias.name) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            if node.level:
+                base = package[: len(package) - node.level + 1]
+                module = ".".join([*base, *([node.module] if node.module else [])])
+            else:
+                module = node.module or ""
+            found += [(node.lineno, f"{module}.{alias.name}") for alias in node.names]
+    return found
+
+
+def test_rooms_import_along_the_arrows() -> None:
+    wrong = []
+    for path in python_files():
+        room = room_of(path)
+        for line, module in imported(ast.parse(path.read_text()), path):
+            parts = module.split(".")
+            if parts[0] == "pipelines":
+                wrong.append(f"{path.relative_to(ROOT)}:{line} imports {module}: pipelines are loaded by path")
+            if parts[0] != "kb" or len(parts) < 2 or not (ROOT / "kb" / parts[1]).is_dir():
+                continue
+            if room and parts[1] != room and parts[1] not in ALLOWED[room]:
+                wrong.append(f"{path.relative_to(ROOT)}:{line} imports {module}: {room} may not import {parts[1]}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_every_room_has_its_arrows() -> None:
+    rooms = {path.name for path in (ROOT / "kb").iterdir() if path.is_dir() and any(path.glob("*.py"))}
+    assert rooms <= set(ALLOWED), f"say in this test what these may import: {rooms - set(ALLOWED)}"
+
+
+def test_heavy_packages_are_imported_inside_functions_only() -> None:
+    """Module level imports of optional packages would make a base install unusable."""
+    wrong = []
+    for path in python_files():
+        for node in _module_level(ast.parse(path.read_text()).body):
+            for line, module in imported(node, path):
+                if module.split(".")[0] in HEAVY:
+                    wrong.append(f"{path.relative_to(ROOT)}:{line} imports {module} at module level")
+    assert not wrong, "\n".join(wrong)
+
+
+def _module_level(body: list[ast.stmt]) -> list[ast.stmt]:
+    """Imports that run when the module is imported: not those in functions or under TYPE_CHECKING."""
+    found: list[ast.stmt] = []
+    for node in body:
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            found.append(node)
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.unparse(node.test):
+            found += _module_level(node.body + node.orelse)
+        elif isinstance(node, (ast.Try, ast.With)):
+            found += _module_level(node.body)
+        elif isinstance(node, ast.ClassDef):
+            found += _module_level(node.body)
+    return found
+
+
+@pytest.mark.parametrize("name", ["utils", "helpers", "common", "misc"])
+def test_no_module_without_a_subject(name: str) -> None:
+    assert not [path for path in python_files() if path.stem == name]
+
+
+@pytest.mark.parametrize("name", TREE)
+def test_every_command_of_the_tree_is_there(name: str) -> None:
+    module = ROOT / Path(*TREE[name][0].split(".")).with_suffix(".py")
+    assert module.is_file(), f"kb {name} has no {module.relative_to(ROOT)}"
