@@ -1,0 +1,253 @@
+"""Values of raw answers → Arrow columns: whole columns at once, and no exception for a bad value.
+
+Each function takes the values as JSON gave them (None where absent) and returns the column plus
+what could not be read: (row, value as text), null in the column. The fast path asks Arrow for the
+whole column; only a column that holds something odd is gone through value by value.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING, Any
+
+from kb.schema.raw import types
+from kb.schema.types import Type
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Bad = list[tuple[int, str]]
+_UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
+_DURATION = re.compile(r"P(?=.)(?:(\d+)W)?(?:(\d+)D)?(?:T(?=.)(?:(\d+)H)?(?:(\d+)M)?(?:(\d+)(?:\.\d+)?S)?)?")
+_SECONDS = (604_800, 86_400, 3_600, 60, 1)
+_TIME = r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?Z$"
+_LARGEST = (1 << 63) - 1
+
+
+class Wrong:
+    """Stands for a field whose parent is not the object that it should be."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+
+def coerce(values: Sequence[Any], kind: Type, schema: dict[str, Any]) -> tuple[pa.Array, Bad]:
+    """The column of `values` as the declared type, read as the raw field's `schema` says."""
+    if kind.item is not None and kind.item.fields:
+        return records(values, kind)
+    if kind.item is not None:
+        return lists(values, kind)
+    if kind.text.startswith("timestamp"):
+        return times(values)
+    if kind.text == "bool":
+        return booleans(values, types(schema))
+    if kind.text.startswith("int"):
+        if schema.get("format") == "duration":
+            return durations(values)
+        return integers(values, types(schema))
+    if kind.text.startswith("float"):
+        return _each(values, kind.arrow(), _number)
+    return texts(values)
+
+
+def texts(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
+    """Strings. NUL and lone surrogates become U+FFFD."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    try:
+        column = pa.array(values, pa.string())
+    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
+        return _each(values, pa.string(), _text)
+    if pc.any(pc.match_substring(column, "\0")).as_py():
+        return _each(values, pa.string(), _text)
+    return column, []
+
+
+def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array, Bad]:
+    """Counts: decimal digits in a string and, where the schema allows it, JSON integers; never negative."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if "string" in allowed:
+        try:
+            column = pa.array(values, pa.string())
+            odd = pc.fill_null(pc.invert(pc.and_(pc.ascii_is_decimal(column), pc.less_equal(pc.binary_length(column), 18))), False)
+            if not pc.any(odd).as_py():
+                return column.cast(pa.int64()), []
+        except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
+            pass
+    return _each(values, pa.int64(), lambda value: _count(value, allowed))
+
+
+def durations(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
+    """ISO 8601 durations → whole seconds: weeks, days, hours, minutes, seconds; P0D is 0."""
+    import pyarrow as pa
+
+    return _each(values, pa.int64(), _duration)
+
+
+def times(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
+    """RFC 3339 times → UTC, with or without fractions of a second."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    kind = pa.timestamp("us", "UTC")
+    try:
+        column = pa.array(values, pa.string())
+        if pc.all(pc.fill_null(pc.match_substring_regex(column, _TIME), True)).as_py() is not False:
+            return column.cast(kind), []
+    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
+        pass
+    return _each(values, kind, _moment)
+
+
+def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array, Bad]:
+    """Booleans, or the strings "true" and "false" where the schema says string."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    words = {"true": True, "false": False} if "string" in allowed else {}
+    native = not allowed or "boolean" in allowed
+    try:
+        if not words:
+            return pa.array(values, pa.bool_()), []
+        column = pa.array(values, pa.string())
+        if pc.all(pc.is_in(column, pa.array([*words, None]))).as_py() is not False:
+            return pc.equal(column, "true"), []
+    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
+        pass
+    return _each(values, pa.bool_(), lambda value: value if native and isinstance(value, bool) else words[value])
+
+
+def lists(values: Sequence[Any], kind: Type) -> tuple[pa.Array, Bad]:
+    """Lists of strings; an absent one is empty."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    empty: list[str] = []
+    values = [empty if value is None else value for value in values]
+    try:
+        column = pa.array(values, kind.arrow())
+        if not pc.any(pc.match_substring(column.flatten(), "\0")).as_py():
+            return column, []
+    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
+        pass
+    column, bad = _each(values, kind.arrow(), _strings)
+    return column.fill_null(empty) if bad else column, bad
+
+
+def records(values: Sequence[Any], kind: Type) -> tuple[pa.Array, Bad]:
+    """Lists of fixed rows ([start, duration, text]) → lists of structs."""
+    import pyarrow as pa
+
+    assert kind.item is not None
+    makers = [_text if inner.text == "string" else _number for _, inner in kind.item.fields]
+    bad: Bad = []
+    rows: list[list[Any] | None] = []
+    for row, value in enumerate(values):
+        try:
+            rows.append(None if value is None else [_record(item, makers) for item in _list(value)])
+        except (ValueError, KeyError, TypeError):
+            rows.append(None)
+            bad.append((row, shown(value)))
+    flat = list(itertools.chain.from_iterable(row for row in rows if row))
+    columns = list(zip(*flat, strict=True)) or [()] * len(makers)
+    inner = [pa.array(column, field.arrow()) for column, (_, field) in zip(columns, kind.item.fields, strict=True)]
+    struct = pa.StructArray.from_arrays(inner, names=[name for name, _ in kind.item.fields])
+    offsets = pa.array([0, *itertools.accumulate(len(row or ()) for row in rows)], pa.int32())
+    absent = pa.array([row is None for row in rows], pa.bool_())
+    return pa.ListArray.from_arrays(offsets, struct, type=kind.arrow(), mask=absent if any(row is None for row in rows) else None), bad
+
+
+def shown(value: Any) -> str:
+    """A bad value as text for `rejected.value`; long ones are cut."""
+    value = value.value if isinstance(value, Wrong) else value
+    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=repr)
+    text = _UNHOLDABLE.sub("\ufffd", text)
+    return text if len(text) <= 200 else text[:197] + "..."
+
+
+def _each(values: Sequence[Any], kind: pa.DataType, make: Callable[[Any], Any]) -> tuple[pa.Array, Bad]:
+    import pyarrow as pa
+
+    bad: Bad = []
+    made: list[Any] = []
+    for row, value in enumerate(values):
+        try:
+            made.append(None if value is None else make(value))
+        except (ValueError, KeyError, TypeError, OverflowError):
+            made.append(None)
+            bad.append((row, shown(value)))
+    return pa.array(made, kind), bad
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError
+    return _UNHOLDABLE.sub("\ufffd", value)
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError
+    return float(value)
+
+
+def _count(value: Any, allowed: set[str]) -> int:
+    if isinstance(value, str) and "string" in allowed:
+        if not (value.isascii() and value.isdigit()):
+            raise ValueError
+        value = int(value)
+    elif isinstance(value, bool) or not isinstance(value, int) or "integer" not in allowed:
+        raise TypeError
+    if not 0 <= value <= _LARGEST:
+        raise ValueError
+    return value
+
+
+@lru_cache(100_000)
+def _seconds(text: str) -> int:
+    match = _DURATION.fullmatch(text)
+    if match is None or not text.isascii():
+        raise ValueError(text)
+    total = sum(int(number) * size for number, size in zip(match.groups(), _SECONDS, strict=True) if number)
+    if total > _LARGEST:
+        raise ValueError(text)
+    return total
+
+
+def _duration(value: Any) -> int:
+    if not isinstance(value, str):
+        raise TypeError
+    return _seconds(value)
+
+
+def _moment(value: Any) -> datetime:
+    if not isinstance(value, str) or not value.isascii() or not _rfc3339().fullmatch(value):
+        raise ValueError
+    return datetime.fromisoformat(value).astimezone(UTC)
+
+
+@cache
+def _rfc3339() -> re.Pattern[str]:
+    return re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
+
+
+def _list(value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise TypeError
+    return value
+
+
+def _strings(value: Any) -> list[str]:
+    return [_text(item) for item in _list(value)]
+
+
+def _record(value: Any, makers: list[Callable[[Any], Any]]) -> tuple[Any, ...]:
+    return tuple(make(item) for make, item in zip(makers, _list(value), strict=True))

@@ -1,0 +1,188 @@
+"""Raw envelopes → columns, by the paths that a table's columns name in `from`.
+
+A msgspec type with exactly those fields is derived from the TOML, so decoding skips all else. Its
+leaves take any value: a retyped field costs one value, never an envelope. An envelope whose
+objects are not objects, or whose text JSON can't hold, is read the slow and patient way.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from kb.core.errors import DamagedData
+from kb.schema import raw
+from kb.schema.coerce import Wrong, coerce, times
+from kb.schema.tables import Column, Table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+PROBLEMS = "list<struct<column: string, reason: string, value: string>>"
+_UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
+
+
+@dataclass
+class Answer:
+    """One decoded envelope: `values` has one list for each column of the reader, all of `size`."""
+
+    fetched_at: str | None
+    params: dict[str, Any]
+    status: int
+    size: int
+    values: list[list[Any]]
+
+
+class Reader:
+    """Reads envelopes of one raw kind into the columns of `declared` that come from it."""
+
+    def __init__(self, declared: Table, kind: str) -> None:
+        every = (*declared.columns, *declared.inputs)
+        self.columns: list[Column] = [column for column in every if column.source.kind == kind]
+        self._kind = f"{declared.source}/{kind}"
+        paths = [column.source.path for column in self.columns]
+        self._listed = all(path.startswith("items[].") for path in paths)
+        self._paths = [path.removeprefix("items[].").split(".") if self._listed else path.split(".") for path in paths]
+        self._schemas = [raw.at(self._kind, path) or {} for path in paths]
+        record = _struct("Record", _tree(self._paths))
+        response = msgspec.defstruct("Response", [("items", list[record], msgspec.field(default_factory=list))]) if self._listed else record  # type: ignore[valid-type]
+        request = msgspec.defstruct("Request", [("params", dict[str, Any], msgspec.field(default_factory=dict))])
+        envelope = msgspec.defstruct("Envelope", [("fetched_at", str | None), ("request", request), ("status", int), ("response", response)])
+        self._decoder = msgspec.json.Decoder(envelope)
+        self._getters = [attrgetter(".".join(path)) for path in self._paths]
+
+    def answer(self, line: bytes) -> Answer:
+        """Decodes one envelope. Raises DamagedData when the line is no envelope at all."""
+        if b"\\u0000" not in line:
+            try:
+                got = self._decoder.decode(line)
+            except (msgspec.DecodeError, UnicodeDecodeError):
+                pass
+            else:
+                records = got.response.items if self._listed else [got.response]
+                return Answer(got.fetched_at, got.request.params, got.status, len(records), [list(map(get, records)) for get in self._getters])
+        return self._patient(line)
+
+    def _patient(self, line: bytes) -> Answer:
+        try:
+            envelope = _holdable(json.loads(line))
+            fetched_at, status, response = envelope["fetched_at"], envelope["status"], envelope["response"]
+            params = envelope["request"].get("params") or {}
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise DamagedData(f"a raw line is no envelope: {error!r}") from None
+        records: list[Any] = [response]
+        if self._listed:
+            items = response.get("items") if isinstance(response, dict) else None
+            records = [item for item in items if isinstance(item, dict)] if isinstance(items, list) else []
+        values = [[_follow(record, path) for record in records] for path in self._paths]
+        return Answer(fetched_at, params, status, len(records), values)
+
+    def tables(self, lines: Iterable[bytes], rows: int) -> Iterator[tuple[pa.Table, list[Answer]]]:
+        """Batches of about `rows` rows with the answers they came from.
+
+        Columns: the reader's own, `fetched_at`, and `problems`, a list of (column, reason, value):
+        `malformed` for what could not be read, `absent` for what is not there and may not be null.
+        Answers whose status is not 200 are left out.
+        """
+        waiting: list[Answer] = []
+        size = 0
+        for line in lines:
+            answer = self.answer(line)
+            if answer.status != 200:
+                continue
+            waiting.append(answer)
+            size += max(1, answer.size)
+            if size >= rows:
+                yield self.table(waiting), waiting
+                waiting, size = [], 0
+        if waiting:
+            yield self.table(waiting), waiting
+
+    def table(self, answers: list[Answer]) -> pa.Table:
+        """The columns of some answers."""
+        import pyarrow as pa
+
+        size = sum(answer.size for answer in answers)
+        data: dict[str, pa.Array] = {}
+        found: dict[int, list[tuple[str, str, str | None]]] = {}
+        for number, (column, schema) in enumerate(zip(self.columns, self._schemas, strict=True)):
+            values = [value for answer in answers for value in answer.values[number]]
+            array, bad = coerce(values, column.parsed, schema)
+            for row, text in bad:
+                found.setdefault(row, []).append((column.name, "malformed", text))
+            if not column.nullable and array.null_count > len(bad):
+                _note_absent(array, column.name, found)
+            data[column.name] = array
+        moments, _ = times([answer.fetched_at for answer in answers])
+        spread = pa.array([number for number, answer in enumerate(answers) for _ in range(answer.size)], pa.int32())
+        data["fetched_at"] = moments.take(spread)
+        data["problems"] = problems(found, size)
+        return pa.table(data)
+
+
+def problems(found: dict[int, list[tuple[str, str, str | None]]], size: int) -> pa.Array:
+    """The `problems` column of `size` rows from (column, reason, value) triples by row."""
+    import pyarrow as pa
+
+    names = ("column", "reason", "value")
+    offsets, flat = [0], []
+    for row in range(size) if found else ():
+        flat.extend(found.get(row, ()))
+        offsets.append(len(flat))
+    struct = pa.StructArray.from_arrays([pa.array([item[i] for item in flat], pa.string()) for i in range(3)], names=list(names))
+    return pa.ListArray.from_arrays(pa.array(offsets if found else [0] * (size + 1), pa.int32()), struct)
+
+
+def _note_absent(array: pa.Array, name: str, found: dict[int, list[tuple[str, str, str | None]]]) -> None:
+    import pyarrow.compute as pc
+
+    for row in pc.indices_nonzero(pc.is_null(array)).to_pylist():
+        if not any(column == name for column, _, _ in found.get(row, ())):
+            found.setdefault(row, []).append((name, "absent", None))
+
+
+def _tree(paths: list[list[str]]) -> dict[str, Any]:
+    tree: dict[str, Any] = {}
+    for path in paths:
+        node = tree
+        for step in path[:-1]:
+            node = node.setdefault(step, {})
+        node[path[-1]] = None
+    return tree
+
+
+def _struct(name: str, tree: dict[str, Any]) -> type[msgspec.Struct]:
+    fields: list[Any] = []
+    for key, below in tree.items():
+        if below is None:
+            fields.append((key, Any, None))
+        else:
+            inner = _struct(key.capitalize(), below)
+            fields.append((key, inner, msgspec.field(default_factory=inner)))
+    return msgspec.defstruct(name, fields, gc=False)
+
+
+def _follow(record: Any, path: list[str]) -> Any:
+    for step in path:
+        if record is None:
+            return None
+        if not isinstance(record, dict):
+            return Wrong(record)
+        record = record.get(step)
+    return record
+
+
+def _holdable(value: Any) -> Any:
+    if isinstance(value, str):
+        return _UNHOLDABLE.sub("\ufffd", value)
+    if isinstance(value, dict):
+        return {_holdable(key): _holdable(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_holdable(inner) for inner in value]
+    return value

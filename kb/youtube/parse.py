@@ -1,0 +1,121 @@
+"""Raw answers of YouTube → columns. The fields are those that `schemas/tables/youtube/` names in `from`.
+
+`videos` and `transcripts` read whole segments into Arrow tables, a batch at a time; the small
+functions below them read one decoded answer, for the crawl's frontier. A bad value never raises:
+it is null in its column and named in `problems`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from kb.schema.decode import Answer, Reader, problems
+from kb.schema.tables import table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+ROWS = 8_192  # about 50 MB while a batch is made
+
+
+def videos(lines: Iterable[bytes], rows: int = ROWS) -> Iterator[pa.Table]:
+    """Envelopes of videos.list → one row for each video that was returned or asked for.
+
+    Columns: those of youtube/videos that come from the answer, `embed_width`, `embed_height`
+    (px), `yt_rating`, `fetched_at`, `problems`, and `missing`: true for an id that was asked for
+    and not returned (all else null). A row without a readable id can't be told from a missing
+    one and counts as such.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    reader = _reader("youtube/videos", "videos")
+    place = [column.name for column in reader.columns].index("video_id")
+    for got, answers in reader.tables(lines, rows):
+        got = got.filter(pc.is_valid(got["video_id"]))
+        got = got.append_column("missing", pa.repeat(pa.scalar(False), got.num_rows))
+        yield got
+        gone = [(key, answer) for answer in answers for key in _not_returned(answer, place)]
+        if gone:
+            yield _missing(gone, got.schema)
+
+
+def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
+    """Outcomes of transcripts → one row each.
+
+    Columns: `video_id`, `outcome`, `kind`, `language`, `cues`, `player_width`, `player_height`
+    (px), `player_fps`, `game_label_id`, `game_label`, `fetched_at`, `problems`.
+    """
+    for got, _ in _reader("youtube/transcripts", "transcripts").tables(lines, rows):
+        yield got
+
+
+def requested(params: dict[str, Any]) -> list[str]:
+    """The ids that a videos.list request asked for, in its order."""
+    ids = params.get("id") or ""
+    return [key for key in (ids.split(",") if isinstance(ids, str) else ids) if key]
+
+
+def missing(params: dict[str, Any], response: Any) -> list[str]:
+    """Ids that were asked for and are not in the answer: the API leaves them out without a word."""
+    there = {item.get("id") for item in _items(response)}
+    return [key for key in requested(params) if key not in there]
+
+
+def listed(response: Any) -> list[str]:
+    """Video ids of a playlistItems.list answer, in its order; entries without one are left out."""
+    ids = []
+    for item in _items(response):
+        key = _at(item, "contentDetails", "videoId") or _at(item, "snippet", "resourceId", "videoId")
+        if isinstance(key, str) and key:
+            ids.append(key)
+    return ids
+
+
+def channel_hits(response: Any) -> list[str]:
+    """Channel ids of a search.list answer (type channel), in its order."""
+    hits = (_at(item, "id", "channelId") or _at(item, "snippet", "channelId") for item in _items(response))
+    return [key for key in hits if isinstance(key, str) and key]
+
+
+def next_page(response: Any) -> str | None:
+    """The token of the next page; None on the last one."""
+    token = response.get("nextPageToken") if isinstance(response, dict) else None
+    return token if isinstance(token, str) and token else None
+
+
+@cache
+def _reader(name: str, kind: str) -> Reader:
+    return Reader(table(name), kind)
+
+
+def _not_returned(answer: Answer, place: int) -> list[str]:
+    there = set(value for value in answer.values[place] if isinstance(value, str))
+    return [key for key in requested(answer.params) if key not in there]
+
+
+def _missing(gone: list[tuple[str, Answer]], schema: pa.Schema) -> pa.Table:
+    import pyarrow as pa
+
+    from kb.schema.coerce import times
+
+    own = {
+        "video_id": pa.array([key for key, _ in gone], pa.string()),
+        "fetched_at": times([answer.fetched_at for _, answer in gone])[0],
+        "missing": pa.repeat(pa.scalar(True), len(gone)),
+        "problems": problems({}, len(gone)),
+    }
+    return pa.table([own[field.name] if field.name in own else pa.nulls(len(gone), field.type) for field in schema], schema=schema)
+
+
+def _items(response: Any) -> list[dict[str, Any]]:
+    items = response.get("items") if isinstance(response, dict) else None
+    return [item for item in items if isinstance(item, dict)] if isinstance(items, list) else []
+
+
+def _at(item: Any, *path: str) -> Any:
+    for step in path:
+        item = item.get(step) if isinstance(item, dict) else None
+    return item
