@@ -53,11 +53,12 @@ def crawl(
 
     Needs YOUTUBE_API_KEY. Stops with exit code 3 when a quota is spent; the same command goes on.
     """
+    which = parse_part(part)
     from kb.youtube import crawl as room
 
     if plan:
-        return room.plan(run, ids=ids, part=parse_part(part))
-    return room.crawl(run, only=only.value if only else None, ids=ids, part=parse_part(part))
+        return room.plan(run, ids=ids, part=which)
+    return room.crawl(run, only=only.value if only else None, ids=ids, part=which)
 
 
 @command(app, name="filter", examples=["kb youtube filter", "kb youtube filter --profile mine.toml"])
