@@ -1,0 +1,117 @@
+"""`kb release`: the gate, then everything around the data of each folder.
+
+    release(run)     gate → describe each folder → gate over what was written
+    describe(run)    the files around the data alone (also after a purge)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kb.core.errors import ReleaseRefused
+from kb.core.verdict import Summary
+from kb.release import check, checksums, folders, measure, sample
+from kb.release.card import card
+from kb.release.citation import citation
+from kb.release.croissant import croissant
+from kb.release.datasheet import datasheet
+from kb.release.folders import TOMBSTONES, Folder
+from kb.release.licences import KNOWN, licence
+from kb.release.metadata import deposit
+from kb.store.atomic import write_text
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from kb.core.context import Run
+    from kb.release.measure import Facts
+    from kb.release.problem import Problem
+
+
+def release(run: Run) -> Summary:
+    """Check and describe every exported folder. Raises ReleaseRefused with `.problems`."""
+    found = exported(run)
+    refuse(check.check(run, found))
+    facts = [write(run, folder) for folder in found]
+    refuse(check.check_made(run, [folders.read(folder.path, folder.source) for folder in found]))
+    return Summary(
+        folders=len(found), rows=sum(one.rows for one in facts), bytes=sum(one.size for one in facts),
+        sandbox_model="yes, not for publication" if any(one.sandbox for one in facts) else None,
+        sources={one.source: {table.table.short: table.rows for table in one.tables} for one in facts},
+    )
+
+
+def describe(run: Run, sources: Sequence[str] = ()) -> None:
+    """Write the files around the data again, without the gate: after a purge took rows out."""
+    for folder in folders.find(run.root):
+        if not sources or folder.source in sources:
+            write(run, folder)
+
+
+def exported(run: Run) -> list[Folder]:
+    """The folders to release. Raises ReleaseRefused when nothing was exported."""
+    found = folders.find(run.root)
+    if not found:
+        raise ReleaseRefused(f"there is nothing to release under {run.root / 'release'}", hint="run an export first, such as `kb youtube export`")
+    return found
+
+
+def refuse(problems: Sequence[Problem]) -> None:
+    """Raise ReleaseRefused when there are problems; they are in its `.problems` and `.summary`."""
+    if not problems:
+        return
+    lines = list(dict.fromkeys(str(problem) for problem in problems))
+    count = f"{len(lines)} {'reason' if len(lines) == 1 else 'reasons'}"
+    error = ReleaseRefused(f"the release is refused for {count}", hint="nothing was published")
+    error.problems = lines  # type: ignore[attr-defined]
+    error.summary = Summary(problems=lines)  # type: ignore[attr-defined]
+    raise error
+
+
+def write(run: Run, folder: Folder) -> Facts:
+    """Everything around one folder's data, the checksums last."""
+    task = run.progress.task(f"release {folder.source}", total=9, unit="files")
+    facts = measure.measure(run, folder)
+    for path in folder.path.glob("LICENSE-*.txt"):
+        path.unlink()
+    texts = {
+        "README.md": card(run, facts), "DATASHEET.md": datasheet(run, facts), "CITATION.cff": citation(run, facts),
+        "LICENSE": _licence(facts), "croissant.json": croissant(run, facts), folders.DEPOSIT: deposit(run, facts),
+        **{f"LICENSE-{name}.txt": KNOWN[name].text for name, _ in facts.licences if name in KNOWN and name != facts.licence},
+    }
+    for name, text in texts.items():
+        write_text(folder.path / name, text)
+        task.advance()
+    _tombstones(run, folder)
+    sample.write(folder, run.profile.release.sample_mb)
+    checksums.write(folder)
+    task.advance(3)
+    task.close()
+    return facts
+
+
+def _licence(facts: Facts) -> str:
+    from kb.release.about import ABOUT
+
+    law = licence(facts.licence)
+    head = [f"{law.title} ({law.spdx})", law.url, "", ABOUT[facts.source].attribution]
+    if len(facts.licences) > 1:
+        head += ["", "Rows name these licences in their licence column:", *(f"  {name} ({n:,} rows)" for name, n in facts.licences)]
+    return "\n".join([*head, "", "-" * 72, "", law.text])
+
+
+def _tombstones(run: Run, folder: Folder) -> None:
+    """Keys removed since collection began: videos' for the pairs as well, which name them."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from kb.schema import table
+    from kb.store import tombstones
+    from kb.store.shards import write_table
+
+    declared = table("shared/tombstones")
+    source = "youtube" if folder.source == "pairs" else folder.source
+    kept = tombstones.path(run.root, source)
+    rows = pq.read_table(kept) if kept.exists() else declared.arrow(True).empty_table()
+    rows = pa.table({name: rows[name] for name in declared.names(released=True)})
+    write_table(folder.path / TOMBSTONES, rows, declared, released=True)

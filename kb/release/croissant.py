@@ -1,0 +1,119 @@
+"""croissant.json: Croissant 1.1 with its responsible-AI part, derived from `schemas/` and the data.
+
+Source: https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html and croissant-rai-spec.html.
+Made without mlcroissant, which the tests use to validate it and to load every record.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from kb.release.about import ABOUT
+from kb.release.licences import licence
+from kb.release.texts import SANDBOX_NOTE, bibtex, day, name, summary
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.release.measure import Facts, TableFacts
+
+PARQUET = "application/x-parquet"
+CONFORMS = ["http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0"]
+# The specification's context; "@language" tags names and descriptions.
+CONTEXT: dict[str, Any] = {
+    "@language": "en", "@vocab": "https://schema.org/", "arrayShape": "cr:arrayShape", "citeAs": "cr:citeAs",
+    "column": "cr:column", "conformsTo": "dct:conformsTo", "containedIn": "cr:containedIn",
+    "cr": "http://mlcommons.org/croissant/", "rai": "http://mlcommons.org/croissant/RAI/",
+    "data": {"@id": "cr:data", "@type": "@json"}, "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "dct": "http://purl.org/dc/terms/", "description": {"@container": "@language"},
+    "equivalentProperty": "cr:equivalentProperty", "examples": {"@id": "cr:examples", "@type": "@json"},
+    "extract": "cr:extract", "field": "cr:field", "fileObject": "cr:fileObject", "fileProperty": "cr:fileProperty",
+    "fileSet": "cr:fileSet", "format": "cr:format", "includes": "cr:includes", "isArray": "cr:isArray",
+    "isLiveDataset": "cr:isLiveDataset", "jsonPath": "cr:jsonPath", "key": "cr:key", "md5": "cr:md5",
+    "name": {"@container": "@language"}, "parentField": "cr:parentField", "path": "cr:path",
+    "recordSet": "cr:recordSet", "references": "cr:references", "regex": "cr:regex", "repeated": "cr:repeated",
+    "replace": "cr:replace", "samplingRate": "cr:samplingRate", "sc": "https://schema.org/",
+    "separator": "cr:separator", "source": "cr:source", "subField": "cr:subField", "transform": "cr:transform",
+}
+
+
+def croissant(run: Run, facts: Facts) -> str:
+    """The whole document as text."""
+    about, section = ABOUT[facts.source], run.profile.release
+    document = {
+        "@context": CONTEXT, "@type": "sc:Dataset", "conformsTo": CONFORMS,
+        "name": name(run, facts), "description": summary(run, facts) + (f" {SANDBOX_NOTE}" if facts.sandbox else ""),
+        "license": licence(facts.licence).url, "version": section.version, "citeAs": bibtex(run, facts),
+        "creator": [{"@type": "sc:Organization" if "," not in one.name else "sc:Person", "name": one.name} for one in section.creators],
+        "keywords": list(dict.fromkeys((run.profile.name, *about.words, *section.keywords))),
+        "datePublished": day(facts.built), "dateModified": day(facts.built), "inLanguage": run.profile.youtube.language if run.profile.youtube else "en",
+        **({"url": section.homepage} if section.homepage else {}),
+        **_responsible(run, facts),
+        "distribution": [file for table in facts.tables for file in _files(table)] + [_archive(file) for file in facts.others],
+        "recordSet": [_records(table) for table in facts.tables],
+    }
+    return json.dumps(document, ensure_ascii=False, indent=1) + "\n"
+
+
+def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
+    about = ABOUT[facts.source]
+    emails, phones = (sum(counts[i] for counts in facts.personal.values()) for i in (1, 2))
+    found = {
+        "rai:dataCollection": about.on(run.profile.title, about.collection),
+        "rai:dataCollectionType": ["Web API", "Web scraping"] if facts.source in ("youtube", "wiki") else ["Web API"],
+        "rai:dataCollectionRawData": about.raw,
+        "rai:dataCollectionMissingData": about.absent,
+        "rai:dataPreprocessingProtocol": list(about.processing),
+        "rai:dataAnnotationProtocol": [f"Texts were scored by the toxicity model {model} ({revision}) in {precision}." for model, revision, precision in facts.models],
+        "rai:machineAnnotationTools": [f"Detoxify {model} {revision} {precision}" for model, revision, precision in facts.models],
+        "rai:dataBiases": list(about.biases), "rai:dataLimitations": [*about.limits, *(["not for: " + what for what in about.avoid])],
+        "rai:dataUseCases": list(about.uses),
+        "rai:personalSensitiveInformation": [about.people, f"Measured in the released texts: {emails:,} rows with an e-mail address, {phones:,} with a phone number."],
+        "rai:dataReleaseMaintenancePlan": about.upkeep,
+        "rai:dataSocialImpact": "Lets research on {topic} be repeated on stated data. Harm by exposure of people is limited by leaving names and deleted material out.".replace("{topic}", run.profile.title),
+    }
+    if facts.read:
+        found["rai:dataCollectionTimeframe"] = [day(moment) for moment in facts.read]
+    return {key: what for key, what in found.items() if what}
+
+
+def _files(table: TableFacts) -> list[dict[str, Any]]:
+    """A file object for each shard, with its checksum; a file set where a table has several."""
+    files = [
+        {"@type": "cr:FileObject", "@id": file.name, "name": file.name, "description": f"{file.rows:,} rows of {table.table.short}.",
+         "contentUrl": file.name, "contentSize": f"{file.size} B", "encodingFormat": PARQUET, "sha256": file.sha256}
+        for file in table.files
+    ]
+    if len(files) > 1:
+        files.append({"@type": "cr:FileSet", "@id": f"{table.table.short}-files", "name": f"{table.table.short}-files",
+                      "description": f"All shards of {table.table.short}.", "encodingFormat": PARQUET, "includes": f"{table.table.short}-*-of-*.parquet"})
+    return files
+
+
+def _archive(file: Any) -> dict[str, Any]:
+    return {"@type": "cr:FileObject", "@id": file.name, "name": file.name, "description": "Files that path columns name as <tar>/<member>.",
+            "contentUrl": file.name, "contentSize": f"{file.size} B",
+            "encodingFormat": "application/x-tar" if file.name.endswith(".tar") else "application/octet-stream", "sha256": file.sha256}
+
+
+def _records(table: TableFacts) -> dict[str, Any]:
+    short = table.table.short
+    source = {"fileObject": {"@id": table.files[0].name}} if len(table.files) == 1 else {"fileSet": {"@id": f"{short}-files"}}
+    return {
+        "@type": "cr:RecordSet", "@id": short, "name": short, "description": f"{table.table.doc} {table.rows:,} rows.",
+        "key": [{"@id": f"{short}/{column}"} for column in table.table.key],
+        "field": [
+            {"@type": "cr:Field", "@id": f"{short}/{fact.column.name}", "name": fact.column.name, "description": _described(fact.column),
+             "dataType": fact.column.parsed.croissant(), "source": {**source, "extract": {"column": fact.column.name}}}
+            for fact in table.columns
+        ],
+    }
+
+
+def _described(column: Any) -> str:
+    parts = [column.doc]
+    if column.unit:
+        parts.append(f"Unit: {column.unit}.")
+    if column.why_null:
+        parts.append(f"Null: {column.why_null}.")
+    return " ".join(parts)

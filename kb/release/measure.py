@@ -1,0 +1,243 @@
+"""What a release folder measures: the figures that its card, datasheet and metadata are made of.
+
+Only counts, extremes and medians over the whole data: the same data gives the same figures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.release.checksums import digest
+from kb.release.folders import Folder, Part, clean_files, released_tables
+from kb.release.licences import KNOWN
+
+if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection
+
+    from kb.core.context import Run
+    from kb.schema import Column, Table
+
+SANDBOX_MODEL = "lorebase_tiny"  # kb.annotate.checkpoint.SANDBOX: rooms don't import each other
+_TOPS = 8
+# DuckDB hands out times with a zone only where pytz is installed.
+_LOW, _HIGH = "min({} AT TIME ZONE 'UTC')", "max({} AT TIME ZONE 'UTC')"
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnFacts:
+    """One column: `low`, `middle` (median) and `high` of numbers and times, `top` values of categories."""
+
+    column: Column
+    nulls: int
+    low: Any = None
+    middle: Any = None
+    high: Any = None
+    top: tuple[tuple[str, int], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class File:
+    """A data file: bytes, rows (None when it is no table) and SHA-256."""
+
+    name: str
+    size: int
+    rows: int | None
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class TableFacts:
+    """One table of the folder."""
+
+    table: Table
+    rows: int
+    files: tuple[File, ...]
+    columns: tuple[ColumnFacts, ...]
+
+    @property
+    def size(self) -> int:
+        """Bytes of all shards."""
+        return sum(file.size for file in self.files)
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """All of a folder. `rejected` is (stage, reason) → rows; `spans` are dates of the material itself."""
+
+    source: str
+    built: datetime
+    tables: tuple[TableFacts, ...]
+    others: tuple[File, ...]
+    licence: str
+    licences: tuple[tuple[str, int], ...]
+    read: tuple[datetime, datetime] | None
+    made: tuple[datetime, datetime] | None
+    rejected: tuple[tuple[str, str, int], ...]
+    failed: int
+    pending: int
+    models: tuple[tuple[str, str, str], ...]
+    tombstones: int
+    personal: dict[tuple[str, str], tuple[int, int, int]] = field(default_factory=dict)
+
+    @property
+    def rows(self) -> int:
+        """Rows of all tables."""
+        return sum(table.rows for table in self.tables)
+
+    @property
+    def size(self) -> int:
+        """Bytes of all data files."""
+        return sum(table.size for table in self.tables) + sum(file.size for file in self.others)
+
+    @property
+    def sandbox(self) -> bool:
+        """Whether the sandbox's tiny model scored any of it."""
+        return any(model == SANDBOX_MODEL for model, _, _ in self.models)
+
+
+def measure(run: Run, folder: Folder) -> Facts:
+    """Read the folder, and what clean/ says about how it came to be."""
+    import duckdb
+
+    from kb.release.scan import personal_counts
+
+    con = duckdb.connect()
+    con.execute("SET TimeZone = 'UTC'")
+    tables = tuple(_table(con, part) for part in folder.parts)
+    read = _span(con, folder, ("fetched_at",)) or _clean_span(con, run.root, "youtube" if folder.source == "pairs" else folder.source)
+    made = _span(con, folder, ("published_at", "created_utc", "revision_timestamp"))
+    facts = Facts(
+        source=folder.source, built=_built(run, read, made), tables=tables,
+        others=tuple(File(path.name, path.stat().st_size, None, digest(path)) for path in folder.others),
+        licence=_choose(con, run, folder), licences=_licences(con, folder, *(("pages", "images") if folder.source == "wiki" else ())), read=read, made=made,
+        rejected=_rejected(con, run.root, folder.source),
+        failed=_count(con, run.root / "clean" / folder.source / "failed"),
+        pending=_count(con, run.root / "clean" / folder.source / "pending"),
+        models=models(run.root, folder.source),
+        tombstones=_tombstones(con, run.root, folder.source),
+        personal=personal_counts(folder),
+    )
+    con.close()
+    return facts
+
+
+def folder_licence(run: Run, folder: Folder) -> str:
+    """SPDX id of the folder's licence; empty when neither data nor profile give one."""
+    import duckdb
+
+    with duckdb.connect() as con:
+        return _choose(con, run, folder)
+
+
+def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
+    """(model, revision, precision) of every model that scored texts of the source."""
+    import duckdb
+
+    # Pairs and wiki pictures carry no scores of their own; a pair's videos were scored as YouTube.
+    files = sorted((root / "annotations" / ("youtube" if source == "pairs" else source)).glob("**/*.parquet"))
+    if not files:
+        return ()
+    rows = duckdb.execute("SELECT DISTINCT model, revision, precision FROM read_parquet(?) ORDER BY ALL", [[str(file) for file in files]])
+    return tuple(rows.fetchall())
+
+
+def _built(run: Run, *spans: tuple[datetime, datetime] | None) -> datetime:
+    """SOURCE_DATE_EPOCH, or the newest time in the data: never the time of this run."""
+    if run.settings.source_date_epoch is not None:
+        return datetime.fromtimestamp(run.settings.source_date_epoch, UTC)
+    return next((span[1] for span in spans if span), datetime(1970, 1, 1, tzinfo=UTC))
+
+
+def _choose(con: DuckDBPyConnection, run: Run, folder: Folder) -> str:
+    """The wiki's own licence where its pages name one that is known, else the profile's."""
+    if folder.source == "wiki":
+        named = [name for name, _ in _licences(con, folder, "pages") if name in KNOWN]
+        if named:
+            return named[0]
+    return run.profile.release.licenses.get(folder.source, "")
+
+
+def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tuple[str, int], ...]:
+    """Licences that the rows of these tables name, the most frequent first within each."""
+    found: dict[str, int] = {}
+    for short in tables:
+        for part in folder.parts:
+            if part.table.short == short and "license" in part.table.names(released=True):
+                rows = con.execute("SELECT license, count(*) AS n FROM read_parquet(?) WHERE license IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1",
+                                   [[str(shard) for shard in part.shards]]).fetchall()
+                for name, n in rows:
+                    found[name] = found.get(name, 0) + n
+    return tuple(found.items())
+
+
+def _table(con: DuckDBPyConnection, part: Part) -> TableFacts:
+    import pyarrow.parquet as pq
+
+    files = tuple(File(shard.name, shard.stat().st_size, pq.read_metadata(shard).num_rows, digest(shard)) for shard in part.shards)
+    names = [str(shard) for shard in part.shards]
+    columns = tuple(_column(con, names, column) for column in part.table.columns if column.released)
+    return TableFacts(part.table, sum(file.rows or 0 for file in files), files, columns)
+
+
+def _column(con: DuckDBPyConnection, names: list[str], column: Column) -> ColumnFacts:
+    name = f'"{column.name}"'
+    if column.type.startswith(("int", "float")) and not column.name.endswith("_id"):
+        row = con.execute(f"SELECT count(*) - count({name}), min({name}), quantile_disc({name}, 0.5), max({name}) FROM read_parquet(?)", [names]).fetchone()
+        return ColumnFacts(column, *(row or (0,)))
+    if column.type.startswith(("timestamp", "date")):
+        row = con.execute(f"SELECT count(*) - count({name}), {_LOW.format(name)}, {_HIGH.format(name)} FROM read_parquet(?)", [names]).fetchone() or (0, None, None)
+        return ColumnFacts(column, row[0], _utc(row[1]), None, _utc(row[2]))
+    nulls = (con.execute(f"SELECT count(*) - count({name}) FROM read_parquet(?)", [names]).fetchone() or (0,))[0]
+    if not (column.dictionary or column.type == "bool"):
+        return ColumnFacts(column, nulls)
+    top = con.execute(f"SELECT {name}::VARCHAR, count(*) AS n FROM read_parquet(?) WHERE {name} IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {_TOPS}", [names])
+    return ColumnFacts(column, nulls, top=tuple(top.fetchall()))
+
+
+def _span(con: DuckDBPyConnection, folder: Folder, columns: tuple[str, ...]) -> tuple[datetime, datetime] | None:
+    spans = [
+        _extremes(con, [str(shard) for shard in part.shards], name)
+        for part in folder.parts for name in columns if name in part.table.names(released=True)
+    ]
+    known = [span for span in spans if span]
+    return (min(span[0] for span in known), max(span[1] for span in known)) if known else None
+
+
+def _extremes(con: DuckDBPyConnection, files: list[str], name: str) -> tuple[datetime, datetime] | None:
+    row = con.execute(f"SELECT {_LOW.format(name)}, {_HIGH.format(name)} FROM read_parquet(?)", [files]).fetchone()
+    return (row[0].replace(tzinfo=UTC), row[1].replace(tzinfo=UTC)) if row and row[0] is not None else None
+
+
+def _utc(moment: datetime | None) -> datetime | None:
+    return moment and moment.replace(tzinfo=UTC)
+
+
+def _clean_span(con: DuckDBPyConnection, root: Path, source: str) -> tuple[datetime, datetime] | None:
+    for declared in released_tables(source):
+        files = [str(path) for path in clean_files(root, declared)]
+        if files and "fetched_at" in declared.names():
+            return _extremes(con, files, "fetched_at")
+    return None
+
+
+def _rejected(con: DuckDBPyConnection, root: Path, source: str) -> tuple[tuple[str, str, int], ...]:
+    files = sorted((root / "clean" / source / "rejected").glob("**/*.parquet"))
+    if not files:
+        return ()
+    rows = con.execute("SELECT stage, reason, count(*) AS n FROM read_parquet(?) GROUP BY ALL ORDER BY stage, n DESC, reason", [[str(file) for file in files]])
+    return tuple(rows.fetchall())
+
+
+def _count(con: DuckDBPyConnection, folder: Path) -> int:
+    files = [str(file) for file in sorted(folder.glob("**/*.parquet"))]
+    row = con.execute("SELECT count(*) FROM read_parquet(?)", [files]).fetchone() if files else None
+    return int(row[0]) if row else 0
+
+
+def _tombstones(con: DuckDBPyConnection, root: Path, source: str) -> int:
+    from kb.store import tombstones
+
+    return len(tombstones.keys(root, source))

@@ -1,0 +1,97 @@
+"""zenodo.json: the deposit's metadata, as a model of our own of Zenodo's documented fields.
+
+Source: https://developers.zenodo.org, "Deposit metadata". A deposit without a licence silently
+becomes CC0 there, so `license` has no default here.
+"""
+
+from __future__ import annotations
+
+import html
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from kb.release.about import ABOUT
+from kb.release.licences import licence
+from kb.release.texts import SANDBOX_NOTE, day, name, size, span, summary, title
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.release.measure import Facts
+
+Text = Annotated[str, Field(min_length=1)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True)
+
+
+class Creator(_Part):
+    """Who made the data set."""
+
+    name: Text
+    affiliation: Text | None = None
+    orcid: Text | None = None
+
+
+class Related(_Part):
+    """Another resource and how this one relates to it."""
+
+    identifier: Text
+    relation: Literal["isSupplementTo", "isDerivedFrom", "isPartOf", "isDocumentedBy", "isNewVersionOf", "references", "isCompiledBy"]
+    resource_type: Literal["dataset", "software", "publication-article", "other"] = "other"
+
+
+class Community(_Part):
+    """A Zenodo community that the deposit is offered to."""
+
+    identifier: Text
+
+
+class Deposit(_Part):
+    """The fields of a deposit that Lorebase sets."""
+
+    upload_type: Literal["dataset"] = "dataset"
+    title: Text
+    description: Text
+    creators: tuple[Creator, ...] = Field(min_length=1)
+    publication_date: str = Field(pattern=r"^\d{4}-\d{2}-\d{2}$")
+    access_right: Literal["open"] = "open"
+    license: Text
+    version: str = Field(pattern=r"^\d+\.\d+\.\d+$")
+    language: str = Field("eng", pattern=r"^[a-z]{3}$")
+    keywords: tuple[Text, ...] = ()
+    notes: Text | None = None
+    communities: tuple[Community, ...] | None = None
+    related_identifiers: tuple[Related, ...] | None = None
+
+
+class Document(_Part):
+    """zenodo.json: what is sent, and what Lorebase needs to know about the folder to send it."""
+
+    name: Text
+    sandbox_model: bool
+    metadata: Deposit
+
+
+def deposit(run: Run, facts: Facts) -> str:
+    """zenodo.json as text."""
+    section = run.profile.release
+    metadata = Deposit(
+        title=title(run, facts), description=_description(run, facts),
+        creators=tuple(Creator(name=one.name, affiliation=one.affiliation, orcid=one.orcid) for one in section.creators),
+        publication_date=day(facts.built), license=licence(facts.licence).zenodo, version=section.version,
+        keywords=tuple(dict.fromkeys((run.profile.title, *ABOUT[facts.source].words, *section.keywords))),
+        notes=SANDBOX_NOTE if facts.sandbox else None,
+        communities=tuple(Community(identifier=one) for one in section.communities) or None,
+        related_identifiers=(Related(identifier=section.homepage, relation="isCompiledBy", resource_type="software"),) if section.homepage else None,
+    )
+    return Document(name=name(run, facts), sandbox_model=facts.sandbox, metadata=metadata).model_dump_json(indent=2, exclude_none=True) + "\n"
+
+
+def _description(run: Run, facts: Facts) -> str:
+    """HTML, as Zenodo shows it."""
+    about = ABOUT[facts.source]
+    tables = "".join(f"<li><b>{html.escape(table.table.short)}</b>: {html.escape(table.table.doc)} {table.rows:,} rows, {size(table.size)}.</li>" for table in facts.tables)
+    sentences = [summary(run, facts), about.on(run.profile.title, about.collection), f"Read from the source {span(facts.read)}; material from {span(facts.made)}.", about.attribution]
+    return "".join(f"<p>{html.escape(line)}</p>" for line in sentences[:2]) + f"<ul>{tables}</ul>" + "".join(f"<p>{html.escape(line)}</p>" for line in sentences[2:])
