@@ -61,7 +61,7 @@ def query(
         raise UsageError("Parquet is no text for a terminal", hint="add --out FILE, or redirect stdout")
     try:
         with views.connect(run.root) as db:
-            answer = _listing(views.catalog(run.root)) if tables else db.execute(sql).to_arrow_reader(10_000)
+            answer = _listing(views.catalog(run.root)) if tables else views.select(db, sql or "")
             _write(answer, format, out)
     except (duckdb.IOException, duckdb.InvalidInputException) as error:
         raise DamagedData(_first_line(error)) from None

@@ -133,6 +133,8 @@ def lists(values: Sequence[Any], kind: Type) -> tuple[pa.Array, Bad]:
     empty: list[str] = []
     values = [empty if value is None else value for value in values]
     try:
+        if any(isinstance(value, str) for value in values):  # Arrow would take it as a list of letters
+            raise pa.ArrowTypeError
         column = pa.array(values, kind.arrow())
         if not pc.any(pc.match_substring(column.flatten(), "\0")).as_py():
             return column, []

@@ -1,0 +1,152 @@
+"""DuckDB over a data root: schemas `clean` and `release` with one view a table.
+
+`clean.youtube_videos`, `release.reddit_posts`, `clean.wiki_rejected`, `pairs`; a bare name is the
+clean view where it exists, else the released one. Only files of the data root's tables can be
+read, and only queries are run: nothing is written, attached, loaded or fetched.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from kb.core.errors import DamagedData, UsageError
+from kb.schema.tables import Table, table, tables
+
+if TYPE_CHECKING:
+    import duckdb
+    import pyarrow as pa
+
+SOURCES = ("youtube", "wiki", "reddit", "pairs")
+_VERDICTS = ("rejected", "failed", "pending")
+
+
+class View(NamedTuple):
+    """A view that has files: `schema` is "clean" or "release"."""
+
+    schema: str
+    name: str
+    files: list[Path]
+    declared: Table
+
+
+def found(root: Path) -> Iterator[View]:
+    """Every view that the data root has files for, in a fixed order."""
+    for declared in tables().values():
+        if declared.source not in SOURCES:
+            continue
+        name = "pairs" if declared.name == "pairs/pairs" else f"{declared.source}_{declared.short}"
+        clean = root / "pairs" if declared.source == "pairs" else root / "clean" / declared.source / declared.short
+        yield from _view("clean", name, clean, "*.parquet", declared)
+        yield from _view("release", name, root / "release" / declared.source, f"{declared.short}-*-of-*.parquet", declared)
+    for source in SOURCES:
+        for verdict in _VERDICTS:
+            yield from _view("clean", f"{source}_{verdict}", root / "clean" / source / verdict, "*.parquet", table(f"shared/{verdict}"))
+        gone = table("shared/tombstones")
+        yield from _view("clean", f"{source}_tombstones", root / "raw" / source, "tombstones.parquet", gone)
+        yield from _view("release", f"{source}_tombstones", root / "release" / source, "tombstones.parquet", gone)
+
+
+def _view(schema: str, name: str, folder: Path, pattern: str, declared: Table) -> Iterator[View]:
+    files = sorted(path for path in folder.glob(pattern) if not path.name.startswith(".")) if folder.is_dir() else []
+    if files:
+        yield View(schema, name, files, declared)
+
+
+def views(con: duckdb.DuckDBPyConnection, root: Path) -> list[View]:
+    """Make the views in `con`. Raises DamagedData for a file that is no Parquet."""
+    import duckdb
+
+    made = list(found(root.absolute()))
+    con.execute("CREATE SCHEMA IF NOT EXISTS clean")
+    con.execute("CREATE SCHEMA IF NOT EXISTS release")
+    for view in made:
+        files = ", ".join(_literal(path) for path in view.files)
+        try:
+            con.execute(f"CREATE OR REPLACE VIEW {view.schema}.{view.name} AS SELECT * FROM read_parquet([{files}])")
+        except duckdb.Error as error:
+            raise DamagedData(f"{view.files[0].parent}: {one_line(error)}", hint="run filter or export again") from None
+    return made
+
+
+def connect(root: Path) -> duckdb.DuckDBPyConnection:
+    """An in-memory DuckDB with the data root's views, which can reach nothing else."""
+    import duckdb
+
+    con = duckdb.connect()
+    con.execute("SET TimeZone = 'UTC'")
+    made = views(con, root)
+    con.execute("SET search_path = 'clean,release'")
+    folders = {f"{view.files[0].parent}/" for view in made}
+    allowed = sorted(folders | {_escaped(folder) for folder in folders})  # the pattern is checked, then the file
+    con.execute(f"SET allowed_directories = [{', '.join(_quoted(folder) for folder in allowed)}]")
+    con.execute("SET enable_external_access = false")
+    con.execute("SET lock_configuration = true")
+    return con
+
+
+def catalog(root: Path) -> list[tuple[str, str, int, str]]:
+    """(schema, view, rows, description) of every view that has files."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    listing = []
+    for view in found(root):
+        try:
+            rows = sum(pq.read_metadata(path).num_rows for path in view.files)
+        except pa.ArrowInvalid as error:
+            raise DamagedData(f"{view.files[0].parent}: {str(error).splitlines()[0]}", hint="run filter or export again") from None
+        listing.append((view.schema, view.name, rows, view.declared.doc))
+    return sorted(listing)
+
+
+def select(con: duckdb.DuckDBPyConnection, sql: str) -> pa.RecordBatchReader:
+    """Runs one query over the views and streams its rows.
+
+    Raises UsageError in one line for what is wrong with it (with DuckDB's own guess, or the names
+    there are), and for anything that is no query.
+    """
+    import duckdb
+
+    try:
+        statements = con.extract_statements(sql)
+        if len(statements) != 1:
+            raise UsageError(f"{len(statements)} statements; kb query runs one")
+        kind = statements[0].type
+        if kind not in (duckdb.StatementType.SELECT, duckdb.StatementType.EXPLAIN):
+            raise UsageError(f"{kind.name} is no query: kb query only reads", hint="SELECT, FROM, DESCRIBE and SUMMARIZE work")
+        relation = con.sql(sql)
+        return relation.to_arrow_reader(10_000)
+    except duckdb.CatalogException as error:
+        raise UsageError(one_line(error), hint=_names(con)) from None
+    except duckdb.Error as error:
+        if isinstance(error, duckdb.IOException):
+            raise DamagedData(one_line(error)) from None
+        raise UsageError(one_line(error), hint="`kb query --tables` lists the views") from None
+
+
+def one_line(error: Exception) -> str:
+    """DuckDB's message without its drawing of the query; its guess at what was meant is kept."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    guess = [line for line in lines[1:] if line.startswith(("Did you mean", "Candidate bindings", "Candidate functions")) and "duckdb_" not in line]
+    return " ".join([lines[0], *guess]) if lines else type(error).__name__
+
+
+def _names(con: duckdb.DuckDBPyConnection) -> str:
+    rows = con.execute("SELECT schema_name || '.' || view_name FROM duckdb_views() WHERE schema_name IN ('clean', 'release') ORDER BY ALL").fetchall()
+    return "there are: " + ", ".join(row[0] for row in rows) if rows else "no tables yet: run a crawl and filter first, or make demo"
+
+
+def _quoted(text: object) -> str:
+    return "'" + str(text).replace("'", "''") + "'"
+
+
+def _literal(path: Path) -> str:
+    """A path as DuckDB reads it: a name may hold what would be a pattern."""
+    return _quoted(_escaped(str(path)))
+
+
+def _escaped(path: str) -> str:
+    return re.sub(r"([*?\[])", r"[\1]", path)
