@@ -1,0 +1,196 @@
+"""One headless Chromium with its driver: started, asked, ended as a whole.
+
+The driver is started by us, not by Selenium, so that its process group is ours to end. The
+browser gets a fresh profile and home folder, no environment of ours, and may resolve no host
+but the wiki's own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import select
+import subprocess
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from typing import Any
+from urllib.parse import urlsplit
+
+from kb.core import clock
+from kb.core.errors import MissingExtra, Retryable
+from kb.wiki import guard
+from kb.wiki.chromium import INSTALL, Programs
+
+FLAGS = (
+    "--headless=new", "--hide-scrollbars", "--force-device-scale-factor=1", "--force-color-profile=srgb",
+    "--disable-gpu", "--disable-dev-shm-usage", "--mute-audio", "--no-first-run", "--no-default-browser-check",
+    "--no-proxy-server", "--disable-component-update", "--disable-background-networking", "--disable-sync",
+    "--disable-default-apps", "--disable-extensions", "--disable-breakpad", "--disable-crash-reporter", "--no-pings",
+    "--disable-domain-reliability", "--disable-client-side-phishing-detection",
+    "--disable-features=OptimizationHints,AutofillServerCommunication,MediaRouter,Translate,InterestFeedContentSuggestions,"
+    "CertificateTransparencyComponentUpdater,HttpsUpgrades,OptimizationGuideModelDownloading",
+    "--blink-settings=imageAnimationPolicy=2", "--password-store=basic", "--use-mock-keychain", "--lang=en-US",
+)
+START_SECONDS = 30
+
+
+class Browser:
+    """A running browser. Every call ends within its time or raises Retryable; then `end` it."""
+
+    def __init__(self, programs: Programs, watcher: guard.Guard, *, hosts: Sequence[str], origins: Sequence[str],
+                 user_agent: str, viewport: tuple[int, int], page_seconds: float, before: str = "") -> None:
+        self.folder = tempfile.mkdtemp(prefix="lorebase-browser-")
+        self._watcher, self._page_seconds = watcher, page_seconds
+        self._driver: Any = None
+        self._deadline: threading.Timer | None = None
+        self.overdue = False
+        self._process = self._start(programs.driver)
+        watcher.watch(self._process.pid, self.folder)
+        try:
+            self._open(programs, _port(self._process), hosts, user_agent, viewport, page_seconds)
+            self._prepare(origins, viewport, before)
+        except BaseException:
+            self.end()
+            raise
+
+    def _start(self, driver: str) -> subprocess.Popen[bytes]:
+        keep = {name: os.environ[name] for name in ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH") if name in os.environ}
+        home = {"HOME": self.folder, "TMPDIR": self.folder, "XDG_CONFIG_HOME": self.folder, "XDG_CACHE_HOME": self.folder,
+                "LANG": "C.UTF-8", "TZ": "UTC"}
+        try:
+            return subprocess.Popen([driver, "--port=0"], stdin=subprocess.DEVNULL,
+                                    stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True,
+                                    env={**keep, **home}, cwd=self.folder)
+        except OSError as error:
+            raise MissingExtra(f"{driver} does not start: {error}", hint=INSTALL) from None
+
+    def _open(self, programs: Programs, port: int, hosts: Sequence[str], user_agent: str, viewport: tuple[int, int],
+              page_seconds: float) -> None:
+        from selenium.common.exceptions import SessionNotCreatedException, WebDriverException
+        from selenium.webdriver import ChromeOptions
+        from selenium.webdriver.chrome.remote_connection import ChromeRemoteConnection
+        from selenium.webdriver.remote.client_config import ClientConfig
+        from selenium.webdriver.remote.webdriver import WebDriver
+        from urllib3.exceptions import HTTPError
+
+        options = ChromeOptions()
+        options.binary_location = programs.browser
+        options.page_load_strategy = "normal"
+        options.unhandled_prompt_behavior = "dismiss"
+        options.set_capability("goog:loggingPrefs", {})
+        rules = "MAP * ~NOTFOUND" + "".join(f" , EXCLUDE {host}" for host in hosts)
+        flags = [*FLAGS, f"--window-size={viewport[0]},{viewport[1]}", f"--user-agent={user_agent}",
+                 f"--host-resolver-rules={rules}", f"--user-data-dir={self.folder}/profile"]
+        if hasattr(os, "geteuid") and os.geteuid() == 0:
+            flags.append("--no-sandbox")  # Chromium's own sandbox can't be set up by root
+        for flag in flags:
+            options.add_argument(flag)
+        # Selenium waits longer than the page may take: the driver's own limits answer first.
+        config = ClientConfig(remote_server_addr=f"http://127.0.0.1:{port}", keep_alive=True, timeout=int(page_seconds) + 15)
+        try:
+            with self.within(START_SECONDS + 15):
+                self._driver = WebDriver(command_executor=ChromeRemoteConnection(f"http://127.0.0.1:{port}", client_config=config),
+                                         options=options)
+        except SessionNotCreatedException as error:
+            said = (error.msg or "").splitlines()[0]
+            raise MissingExtra(f"{programs.driver} can't start {programs.browser}: {said}", hint=INSTALL) from None
+        except (WebDriverException, HTTPError, OSError) as error:
+            raise Retryable(f"browser_start: {type(error).__name__}") from error
+        self._driver.set_page_load_timeout(page_seconds)
+        self._driver.set_script_timeout(page_seconds)
+
+    def _prepare(self, origins: Sequence[str], viewport: tuple[int, int], before: str) -> None:
+        self.devtools("Network.enable", {})
+        # Ports and schemes too: the resolver's rules know hosts only.
+        patterns = [{"urlPattern": f"{origin}/*", "block": False} for origin in origins]
+        patterns += [{"urlPattern": f"{scheme}://*:*/*", "block": True} for scheme in ("http", "https", "ws", "wss")]
+        self.devtools("Network.setBlockedURLs", {"urlPatterns": patterns})
+        self.devtools("Emulation.setDeviceMetricsOverride",
+                      {"width": viewport[0], "height": viewport[1], "deviceScaleFactor": 1, "mobile": False})
+        self.devtools("Browser.setDownloadBehavior", {"behavior": "deny"})
+        if before:
+            self.devtools("Page.addScriptToEvaluateOnNewDocument", {"source": before})
+
+    @contextlib.contextmanager
+    def within(self, seconds: float) -> Iterator[None]:
+        """End the whole browser when the block takes longer; whatever then waits for it fails at once."""
+        timer = threading.Timer(seconds, self._late)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+    def _late(self) -> None:
+        self.overdue = True
+        guard.end(self._process.pid)
+
+    def go(self, url: str) -> None:
+        """Load an address. Raises Retryable."""
+        self._ask("get", url)
+
+    def script(self, source: str, *arguments: Any) -> Any:
+        """One script call; its value. Raises Retryable."""
+        return self._ask("execute_script", source, *arguments)
+
+    def promise(self, source: str, *arguments: Any) -> Any:
+        """One script call that waits for a promise; its value. Raises Retryable."""
+        wrapped = f"const done = arguments[arguments.length - 1]; (async () => {{ {source} }})().then(done, (e) => done({{error: String(e)}}))"
+        return self._ask("execute_async_script", wrapped, *arguments)
+
+    def devtools(self, command: str, params: dict[str, Any]) -> Any:
+        """One command of the DevTools protocol; its answer. Raises Retryable."""
+        return self._ask("execute", "executeCdpCommand", {"cmd": command, "params": params})["value"]
+
+    @property
+    def selenium(self) -> Any:
+        """Selenium's driver, for benchmarks."""
+        return self._driver
+
+    def _ask(self, method: str, *arguments: Any) -> Any:
+        from selenium.common.exceptions import TimeoutException, WebDriverException
+        from urllib3.exceptions import HTTPError
+
+        try:
+            return getattr(self._driver, method)(*arguments)
+        except TimeoutException:
+            raise Retryable("page_timeout") from None
+        except (WebDriverException, HTTPError, OSError, ValueError) as error:
+            if self.overdue:
+                raise Retryable("page_timeout") from None
+            said = (getattr(error, "msg", "") or type(error).__name__).splitlines()[0]
+            match = re.search(r"net::(ERR_\w+)", said)
+            raise Retryable(match[1].lower() if match else f"browser: {said[:120]}") from None
+
+    def end(self) -> None:
+        """End every process of the browser and remove its profile."""
+        guard.end(self._process.pid, self.folder)
+        self._process.wait()
+        if self._process.stdout:
+            self._process.stdout.close()
+        self._watcher.forget(self._process.pid)
+
+
+def _port(process: subprocess.Popen[bytes]) -> int:
+    """The port that the driver says it listens on. Raises MissingExtra when it says none."""
+    assert process.stdout is not None
+    end, said = clock.monotonic() + START_SECONDS, b""
+    while clock.monotonic() < end:
+        if not select.select([process.stdout], [], [], 1)[0]:
+            continue
+        part = os.read(process.stdout.fileno(), 4096)
+        said += part
+        if match := re.search(rb"successfully on port (\d+)", said):
+            return int(match[1])
+        if not part:
+            break
+    raise MissingExtra("chromedriver does not start", hint=INSTALL)
+
+
+def origin(url: str) -> str:
+    """scheme://host[:port] of an address."""
+    parts = urlsplit(url)
+    return f"{parts.scheme}://{parts.netloc}"

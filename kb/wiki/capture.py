@@ -1,0 +1,130 @@
+"""One page as a person sees it: loaded, settled, measured, pictured. The order is the file's order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from kb.core import clock
+from kb.core.errors import ItemFinal, Retryable
+from kb.wiki import screenshot
+from kb.wiki.browser import Browser, origin
+
+_READY = "return await window.__kb.ready(arguments[0]);"
+_MEASURE = "return [Math.max(document.documentElement.scrollWidth, document.documentElement.clientWidth)," \
+    " Math.max(document.documentElement.scrollHeight, document.documentElement.clientHeight), document.images.length];"
+_HTML = "return '<!DOCTYPE html>\\n' + document.documentElement.outerHTML;"
+# Style sheets and scripts decide where things stand; pictures were tried again while settling.
+_BROKEN = """
+return performance.getEntriesByType("resource")
+  .filter((e) => ["link", "script", "css"].includes(e.initiatorType) && e.name.startsWith(location.origin)
+    && (e.responseStatus === 0 && e.transferSize === 0 && e.decodedBodySize === 0 && e.duration > 0 || e.responseStatus >= 500 || e.responseStatus === 429))
+  .map((e) => e.name);
+"""
+_STATUS = """
+const entry = performance.getEntriesByType("navigation")[0];
+return [location.href, entry ? entry.responseStatus : 0];
+"""
+
+
+@cache
+def page_script(name: str) -> str:
+    """The text of extract.js or settle.js, shipped beside this file."""
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")
+
+
+@dataclass
+class Captured:
+    """What a page gave. `sprites` are the cropped pixels (PNG bytes) by element id."""
+
+    extraction: dict[str, Any]
+    html: str
+    settled: bool
+    sprites: dict[int, bytes]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+class Stopwatch:
+    """Where the time of one page goes."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = clock.monotonic()
+
+    def lap(self, name: str) -> None:
+        """Everything since the last lap was `name`."""
+        now = clock.monotonic()
+        self.seconds[name] = round(now - self._last, 4)
+        self._last = now
+
+
+def capture(browser: Browser, url: str, picture: Path, rules: dict[str, Any], *, max_height: int, strict: bool = True) -> Captured:
+    """Load `url` and write its screenshot to `picture`.
+
+    `strict` fails when a style sheet or script was not served; the last try takes the page as it
+    is. Raises Retryable (the page may go well next time) or ItemFinal (it will not).
+    """
+    watch = Stopwatch()
+    try:
+        browser.go(url)
+        _check_document(browser, url)
+        if strict and browser.script(_BROKEN):
+            raise Retryable("resource_failed")
+        watch.lap("load")
+        ready = browser.promise(_READY, rules)
+        if not isinstance(ready, dict) or "error" in ready:
+            raise Retryable(f"settle_failed: {(ready or {}).get('error', 'no answer')}")
+        watch.lap("settle")
+        extraction = browser.script(page_script("extract.js"), rules)
+        watch.lap("extract")
+    except Retryable as error:
+        # A page that left for another site ends in the browser's error page, with any of several errors.
+        raise _left(browser, url) or error from None
+    page = extraction["page"]
+    if not _same_site(page["url"], url):
+        raise ItemFinal("redirected_away", page["url"])
+    if page["height"] > max_height:
+        raise ItemFinal("too_tall", str(page["height"]))
+    if page["truncated"]:
+        raise ItemFinal("too_many_elements", str(rules["max_elements"]))
+    crops = {e["id"]: screenshot.pixels(e["box"]) for e in extraction["elements"]
+             if e["kind"] == "sprite" and e.get("css") and e["visible"]}
+    html = browser.script(_HTML)
+    watch.lap("html")
+    sprites = screenshot.take(browser, picture, page["width"], page["height"], crops)
+    if browser.script(_MEASURE)[:2] != [page["width"], page["height"]]:
+        raise Retryable("page_moved: its size changed while it was pictured")
+    watch.lap("screenshot")
+    return Captured(extraction, html, bool(ready.get("settled")), sprites, watch.seconds)
+
+
+def _check_document(browser: Browser, url: str) -> None:
+    """The page's own status: the browser shows error pages without a word."""
+    where, status = browser.script(_STATUS)
+    if not where.startswith(("http:", "https:")):
+        raise _left(browser, url) or Retryable("not_loaded")
+    if not _same_site(where, url):
+        raise ItemFinal("redirected_away", where)
+    if status == 429 or status >= 500:
+        raise Retryable(f"http_{status}", unreachable=True)
+    if status >= 400:
+        raise ItemFinal(f"http_{status}")
+
+
+def _left(browser: Browser, url: str) -> ItemFinal | None:
+    """The error that tells that the page went to another site, when it did."""
+    try:
+        history = browser.devtools("Page.getNavigationHistory", {})
+        current = history["entries"][history["currentIndex"]]["url"]
+    except (Retryable, KeyError, IndexError):
+        return None
+    if current.startswith(("http:", "https:")) and not _same_site(current, url):
+        return ItemFinal("redirected_away", current)
+    return None
+
+
+def _same_site(one: str, other: str) -> bool:
+    return urlsplit(one).netloc == urlsplit(other).netloc and bool(origin(one))

@@ -1,0 +1,113 @@
+"""Ends browsers, and sees that none outlives us, even when we are killed.
+
+A browser is many processes; killing its driver alone leaves the others running. Each driver is
+started as the leader of a session of its own, and what is ended is the whole session and all
+descendants. The guard is a small process that waits for the end of a pipe from us: however we
+end, the pipe closes, and the guard ends the sessions that are still noted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+
+
+def family(leader: int) -> list[int]:
+    """All processes of the session of `leader`, its descendants in other sessions too."""
+    parents: dict[int, int] = {}
+    found = {leader}
+    for name in os.listdir("/proc"):
+        if not name.isdigit():
+            continue
+        try:
+            with open(f"/proc/{name}/stat", encoding="utf-8", errors="replace") as file:
+                fields = file.read().rpartition(")")[2].split()
+        except OSError:
+            continue
+        pid = int(name)
+        parents[pid] = int(fields[1])
+        if int(fields[3]) == leader:
+            found.add(pid)
+    grown = True
+    while grown:
+        more = {pid for pid, parent in parents.items() if parent in found} - found
+        found |= more
+        grown = bool(more)
+    return sorted(found & (parents.keys() | {leader}))
+
+
+def end(leader: int, folder: str = "") -> None:
+    """Kill the family of `leader` until none is left, then remove its folder."""
+    for _ in range(50):
+        alive = [pid for pid in family(leader) if _kill(pid)]
+        if not alive:
+            break
+        threading.Event().wait(0.02)
+    if folder:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _kill(pid: int) -> bool:
+    """Whether the process was still there; a zombie that waits for its parent counts as gone."""
+    try:
+        with open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as file:
+            if file.read().rpartition(")")[2].split()[0] in "ZX":
+                return False
+        os.kill(pid, signal.SIGKILL)
+        return True
+    except OSError:
+        return False
+
+
+class Guard:
+    """Our side of the pipe. `watch` and `forget` are lines to the guard process."""
+
+    def __init__(self) -> None:
+        # A session of its own: Ctrl-C in the terminal must not end the guard before us.
+        self._process = subprocess.Popen(
+            [sys.executable, "-I", "-S", os.path.abspath(__file__)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL, start_new_session=True, env={"PATH": os.defpath}, cwd="/")
+        self._lock = threading.Lock()
+
+    def watch(self, leader: int, folder: str) -> None:
+        """End this session and remove this folder when we end."""
+        self._say(f"+{leader} {folder}")
+
+    def forget(self, leader: int) -> None:
+        """The session was ended already."""
+        self._say(f"-{leader}")
+
+    def _say(self, line: str) -> None:
+        with self._lock, contextlib.suppress(OSError, ValueError):
+            assert self._process.stdin is not None
+            self._process.stdin.write(f"{line}\n".encode())
+            self._process.stdin.flush()
+
+    def close(self) -> None:
+        """Let the guard end what is left."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()
+        self._process.wait()
+
+
+def main() -> None:
+    """The guard process: read lines until the pipe ends, then end what was not forgotten."""
+    known: dict[int, str] = {}
+    for line in sys.stdin:
+        leader, _, folder = line[1:].strip().partition(" ")
+        if line[0] == "+":
+            known[int(leader)] = folder
+        else:
+            known.pop(int(leader), None)
+    for leader, folder in known.items():
+        end(leader, folder)
+
+
+if __name__ == "__main__":
+    main()

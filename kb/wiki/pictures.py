@@ -1,0 +1,107 @@
+"""What a picture file is, by its bytes: media type, size, frames. Never by its name.
+
+Sizes come from headers. Only files within `max_pixels` are read further, for the frames of an
+animation; SVG is text and its scripts never run.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from dataclasses import dataclass
+
+_MAGIC = (
+    (b"\x89PNG\r\n\x1a\n", "image/png"), (b"\xff\xd8\xff", "image/jpeg"), (b"GIF87a", "image/gif"), (b"GIF89a", "image/gif"),
+    (b"BM", "image/bmp"), (b"II*\x00", "image/tiff"), (b"MM\x00*", "image/tiff"), (b"\x00\x00\x01\x00", "image/vnd.microsoft.icon"),
+)
+_EXTENSION = {"image/png": "png", "image/jpeg": "jpg", "image/gif": "gif", "image/webp": "webp", "image/avif": "avif",
+              "image/svg+xml": "svg", "image/bmp": "bmp", "image/tiff": "tif", "image/vnd.microsoft.icon": "ico"}
+MAX_FRAMES = 5000
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Sizes in px; `frames` are durations in ms, empty for a still picture."""
+
+    media_type: str
+    width: int | None
+    height: int | None
+    frames: tuple[int | None, ...] = ()
+
+    @property
+    def extension(self) -> str:
+        """The file name's ending for this media type."""
+        return _EXTENSION[self.media_type]
+
+
+def media_type(data: bytes) -> str | None:
+    """The media type by the first bytes; None when they are no picture's."""
+    for magic, name in _MAGIC:
+        if data.startswith(magic):
+            return name
+    if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+        return "image/webp"
+    if data[4:8] == b"ftyp" and data[8:12] in (b"avif", b"avis"):
+        return "image/avif"
+    text = data[:4096].lstrip(b"\xef\xbb\xbf").lstrip()
+    if text.startswith(b"<") and re.search(rb"<svg[\s>]", text):
+        return "image/svg+xml"
+    return None
+
+
+def inspect(data: bytes, max_pixels: int) -> Picture | None:
+    """What the bytes are; None when they are no picture, or one with a broken header."""
+    kind = media_type(data)
+    if kind is None:
+        return None
+    if kind == "image/svg+xml":
+        return Picture(kind, *_svg_size(data[:4096]))
+    from PIL import Image, UnidentifiedImageError
+
+    with warnings.catch_warnings():
+        # Pillow warns of large sizes; here the size is what is asked for, and nothing is decoded above the limit.
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        try:
+            with Image.open(io.BytesIO(data)) as image:
+                width, height = image.size
+                frames = _frames(image) if width * height <= max_pixels else ()
+                return Picture(kind, width, height, frames)
+        except Image.DecompressionBombError:
+            return Picture(kind, *_header_size(kind, data))
+        except (UnidentifiedImageError, OSError, SyntaxError, ValueError, EOFError):
+            return None
+
+
+def _frames(image: object) -> tuple[int | None, ...]:
+    """Durations of the frames of a GIF, APNG or WebP in ms; none for a still picture."""
+    count = getattr(image, "n_frames", 1)
+    if count <= 1 or not getattr(image, "is_animated", False):
+        return ()
+    held: list[int | None] = []
+    for index in range(min(count, MAX_FRAMES)):
+        try:
+            image.seek(index)  # type: ignore[attr-defined]
+        except (EOFError, OSError, SyntaxError, ValueError):
+            break  # cut off: the frames that are there count
+        duration = image.info.get("duration")  # type: ignore[attr-defined]
+        held.append(None if duration is None else round(duration))
+    return tuple(held)
+
+
+def _header_size(kind: str, data: bytes) -> tuple[int | None, int | None]:
+    """Sizes too large for Pillow to open: PNG and GIF say them at a fixed place."""
+    if kind == "image/png":
+        return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    if kind == "image/gif":
+        return int.from_bytes(data[6:8], "little"), int.from_bytes(data[8:10], "little")
+    return None, None
+
+
+def _svg_size(data: bytes) -> tuple[int | None, int | None]:
+    """Width and height of the svg element where they are plain numbers of pixels."""
+    head = re.search(rb"<svg\b[^>]*>", data)
+    found = [re.search(rb"\s" + name + rb"""\s*=\s*["']\s*(\d+(?:\.\d+)?)(?:px)?\s*["']""", head[0]) if head else None
+             for name in (b"width", b"height")]
+    width, height = (round(float(match[1])) if match else None for match in found)
+    return width, height

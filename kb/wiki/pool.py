@@ -1,0 +1,90 @@
+"""A pool of browsers, one a worker. One that hangs or dies is ended as a whole and replaced."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+from kb.core.errors import Retryable
+from kb.wiki.browser import Browser
+from kb.wiki.guard import Guard
+
+Result = TypeVar("Result")
+PAGES = 250  # a browser that showed many pages has grown; a fresh one costs one to two seconds
+
+
+class Pool:
+    """Browsers are started when first needed, except one: what can't start is found at once.
+
+    Raises MissingExtra when the browser does not start.
+    """
+
+    def __init__(self, start: Callable[[Guard], Browser], seconds: float) -> None:
+        self._start, self._seconds = start, seconds
+        self._lock = threading.Lock()
+        self._used: dict[int, int] = {}
+        self._all: set[Browser] = set()
+        self.started = 0
+        self._guard = Guard()
+        try:
+            self._idle = [self._new()]
+        except BaseException:
+            self._guard.close()
+            raise
+
+    def _new(self) -> Browser:
+        browser = self._start(self._guard)
+        with self._lock:
+            self._all.add(browser)
+            self._used[id(browser)] = 0
+            self.started += 1
+        return browser
+
+    def use(self, work: Callable[[Browser], Result]) -> Result:
+        """Run `work` with a browser of its own, at most `seconds` long.
+
+        Raises what `work` raises; after anything but an answer about the item the browser is replaced.
+        """
+        with self._lock:
+            browser = self._idle.pop() if self._idle else None
+        browser = browser or self._new()
+        healthy = False
+        try:
+            with browser.within(self._seconds):
+                result = work(browser)
+            healthy = True
+            return result
+        except Retryable as error:
+            healthy = error.reason.startswith(("http_", "resource_failed"))
+            raise
+        except Exception as error:
+            healthy = type(error).__name__ == "ItemFinal"
+            raise
+        finally:
+            self._used[id(browser)] += 1
+            if healthy and not browser.overdue and self._used[id(browser)] < PAGES:
+                with self._lock:
+                    self._idle.append(browser)
+            else:
+                self._drop(browser)
+
+    def _drop(self, browser: Browser) -> None:
+        with self._lock:
+            self._all.discard(browser)
+            self._used.pop(id(browser), None)
+        browser.end()
+
+    def close(self) -> None:
+        """End all browsers; no process is left behind."""
+        with contextlib.ExitStack() as stack:
+            stack.callback(self._guard.close)
+            for browser in list(self._all):
+                stack.callback(browser.end)
+
+    def __enter__(self) -> Pool:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()

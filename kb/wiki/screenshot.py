@@ -1,0 +1,89 @@
+"""The whole page as one PNG: taken in tiles, checked, and joined in bounded memory.
+
+A graphics path with a limit repeats or blanks what lies beyond it without a word. So every tile
+of a tall page is compared with a thin strip of the same place, taken by itself.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.core.errors import Retryable
+from kb.wiki.png import PngWriter
+
+if TYPE_CHECKING:
+    from kb.wiki.browser import Browser
+
+TILE = 4096   # CSS px, half of the lowest limit that was seen
+STRIP = 16
+MAX_CROP = 2048
+
+Box = tuple[int, int, int, int]
+
+
+def pixels(box: Iterable[float]) -> Box:
+    """(left, top, right, bottom) in whole pixels that hold a box (x, y, width, height)."""
+    x, y, width, height = box
+    return math.floor(x + 0.01), math.floor(y + 0.01), math.ceil(x + width - 0.01), math.ceil(y + height - 0.01)
+
+
+def take(browser: Browser, path: Path, width: int, height: int, crops: dict[int, Box] | None = None) -> dict[int, bytes]:
+    """Write the picture to `path`; the PNG bytes of each crop.
+
+    `width` and `height` are the page's (CSS px, one image px each). Raises Retryable when the
+    picture is not the page.
+    """
+    from PIL import Image
+
+    pieces: dict[int, Any] = {
+        key: Image.new("RGB", (right - left, bottom - top)) for key, (left, top, right, bottom) in (crops or {}).items()
+        if 0 < right - left <= MAX_CROP and 0 < bottom - top <= MAX_CROP
+    }
+    with PngWriter(path, width, height) as png:
+        for top in range(0, height, TILE):
+            rows = min(TILE, height - top)
+            tile = _capture(browser, top, width, rows)
+            if height > TILE:
+                _compare(browser, tile, top, width, rows)
+            png.add(tile)
+            for key, piece in pieces.items():
+                left, upper, right, lower = (crops or {})[key]
+                if upper < top + rows and lower > top:
+                    part = tile.crop((left, max(upper, top) - top, right, min(lower, top + rows) - top))
+                    piece.paste(part, (0, max(upper, top) - upper))
+    return {key: encode(piece) for key, piece in pieces.items()}
+
+
+def encode(image: Any) -> bytes:
+    """A small Pillow image as PNG bytes."""
+    held = io.BytesIO()
+    image.save(held, "PNG", optimize=False)
+    return held.getvalue()
+
+
+def _capture(browser: Browser, top: int, width: int, rows: int) -> Any:
+    from PIL import Image
+
+    answer = browser.devtools("Page.captureScreenshot", {
+        "format": "png", "captureBeyondViewport": True, "optimizeForSpeed": True,
+        "clip": {"x": 0, "y": top, "width": width, "height": rows, "scale": 1}})
+    # The size is checked in the header before anything is decoded.
+    image = Image.open(io.BytesIO(base64.b64decode(answer["data"])))
+    if image.size != (width, rows):
+        raise Retryable(f"screenshot_size: {image.size[0]} × {image.size[1]} instead of {width} × {rows} px")
+    return image.convert("RGB")
+
+
+def _compare(browser: Browser, tile: Any, top: int, width: int, rows: int) -> None:
+    """The tile's last rows against the same rows taken alone: what repeats or blanks is found there."""
+    from PIL import ImageChops
+
+    strip = min(STRIP, rows)
+    alone = _capture(browser, top + rows - strip, width, strip)
+    if ImageChops.difference(alone, tile.crop((0, rows - strip, width, rows))).getbbox():
+        raise Retryable("screenshot_repeats: a tile does not show its part of the page")

@@ -1,0 +1,123 @@
+// Runs before any script of the page: keeps the page's timers, so that they can be stopped before
+// it is measured, and steps those that show pictures in turn, so that every frame is known.
+(() => {
+  const native = {};
+  for (const name of ["setInterval", "setTimeout", "requestAnimationFrame", "clearInterval"]) native[name] = window[name].bind(window);
+  const intervals = new Map(), waiting = new Set(), delays = new Map(), cycles = new Map();
+  let frozen = false;
+  const guarded = (call) => (typeof call === "function" ? (...args) => (frozen ? undefined : call(...args)) : call);
+  window.setInterval = (call, delay, ...args) => {
+    const id = native.setInterval(guarded(call), delay, ...args);
+    if (typeof call === "function") intervals.set(id, [() => call(...args), Number(delay) || 0]);
+    return id;
+  };
+  window.clearInterval = (id) => { intervals.delete(id); native.clearInterval(id); };
+  window.setTimeout = (call, delay, ...args) => native.setTimeout(guarded(call), delay, ...args);
+  window.requestAnimationFrame = (call) => native.requestAnimationFrame(guarded(call));
+  for (const name of ["alert", "confirm", "prompt", "print"]) window[name] = () => (name === "confirm" ? false : undefined);
+  window.open = () => null;
+  const pause = (ms) => new Promise((done) => native.setTimeout(done, ms));
+  const within = (promise, ms) => Promise.race([promise.catch(() => {}), pause(ms)]);
+
+  function lazy() {
+    for (const img of document.images) {
+      if (img.loading === "lazy") img.loading = "eager";
+      for (const name of ["data-src", "data-lazy-src", "data-original"]) {
+        const held = img.getAttribute(name);
+        if (held && !waiting.has(img)) { waiting.add(img); img.src = held; }
+      }
+    }
+  }
+  const failed = () => [...document.images].filter((img) => img.src && img.complete && img.naturalWidth === 0);
+  const loading = () => [...document.images].filter((img) => img.src && !img.complete);
+
+  async function settle(rules) {
+    const end = performance.now() + rules.settle_seconds * 1000, tries = new Map();
+    let height = -1, since = performance.now();
+    for (;;) {
+      lazy();
+      const now = performance.now(), tall = document.documentElement.scrollHeight;
+      if (tall !== height) { height = tall; since = now; }
+      // A picture that is no picture fails at once and for ever; one that the server dropped comes back.
+      const again = failed().filter((img) => (tries.get(img) || 0) < rules.image_tries);
+      for (const img of again) {
+        const n = (tries.get(img) || 0) + 1;
+        tries.set(img, n);
+        await within(pause(100 * n), 1000);
+        img.src = img.src;
+      }
+      if (!again.length && !loading().length && now - since >= 500) break;
+      if (now >= end) return { settled: false };
+      await pause(50);
+    }
+    const small = [...document.images].filter((img) => img.naturalWidth * img.naturalHeight <= rules.max_pixels);
+    await within(Promise.all(small.map((img) => img.decode().catch(() => {}))), Math.max(0, end - performance.now()));
+    if (document.fonts) await within(document.fonts.ready, 1000);
+    return { settled: true };
+  }
+
+  function freeze(rules) {
+    frozen = true;
+    scrollTo(0, 0);
+    for (const animation of document.getAnimations()) {
+      try { animation.finish(); } catch { animation.pause(); animation.currentTime = 0; }
+    }
+    for (const media of document.querySelectorAll("video, audio")) media.pause();
+    step(rules);
+    for (const slot of document.querySelectorAll(rules.animation)) {
+      const name = rules.animation_active, now = slot.querySelector(`:scope > .${name}`);
+      if (now && now !== slot.firstElementChild) { now.classList.remove(name); slot.firstElementChild.classList.add(name); }
+    }
+    // What is fixed to the window would stand in every tile of the picture.
+    for (const e of document.querySelectorAll("body *")) {
+      const s = getComputedStyle(e);
+      if (s.position === "fixed") e.style.setProperty("position", "absolute", "important");
+      if (s.position === "sticky") e.style.setProperty("position", "static", "important");
+    }
+  }
+  // One turn of each interval shows what it animates; only those that show pictures in turn are followed.
+  function step(rules) {
+    const watch = new MutationObserver(() => {});
+    watch.observe(document, { subtree: true, attributes: true, childList: true, attributeOldValue: true });
+    for (const [call, delay] of intervals.values()) {
+      const before = new Map([...document.images].map((img) => [img, img.getAttribute("src")]));
+      const turn = () => { try { call(); } catch { /* the page's own fault */ } return watch.takeRecords(); };
+      const pictures = new Set();
+      for (const change of turn()) {
+        const e = change.target;
+        const slot = e.nodeType === 1 && e.closest(rules.animation);
+        if (slot) delays.set(slot, delay);
+        if (e.tagName === "IMG" && change.attributeName === "src" && before.has(e)) pictures.add(e);
+      }
+      const shown = new Map([...pictures].map((img) => [img, [before.get(img)]]));
+      for (let turns = 0; pictures.size && turns < 64; turns++) {
+        for (const img of [...pictures]) {
+          const src = img.getAttribute("src"), seen = shown.get(img);
+          if (seen.includes(src)) pictures.delete(img); else seen.push(src);
+        }
+        if (pictures.size) turn();
+      }
+      for (const [img, list] of shown) {
+        const first = list.indexOf([...list].sort()[0]);
+        const turned = [...list.slice(first), ...list.slice(0, first)];
+        cycles.set(img, turned.map((src) => ({ src: new URL(src, document.baseURI).href, duration: delay })));
+        img.src = turned[0];
+      }
+    }
+    watch.disconnect();
+  }
+
+  const kb = {
+    delay: (slot) => delays.get(slot) ?? null,
+    cycle: (img) => (cycles.get(img)?.length > 1 ? cycles.get(img) : null),
+    // Settles and freezes, then settles again shortly, as freezing may have moved things.
+    ready: async (rules) => {
+      const first = await settle(rules);
+      freeze(rules);
+      await within(Promise.all([...cycles.keys()].map((img) => img.decode())), 2000);
+      await new Promise((done) => { native.requestAnimationFrame(() => native.requestAnimationFrame(done)); native.setTimeout(done, 500); });
+      return first;
+    },
+  };
+  Object.defineProperty(window, "__kb", { value: kb });
+})();
