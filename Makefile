@@ -6,7 +6,7 @@ KB := .ci/kb
 .DEFAULT_GOAL := help
 .PHONY: help setup demo youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
 	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct \
-	models annotate pairs release report status test bench lock
+	models annotate pairs release report status test bench lock reference
 
 help:               ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/\1|\2/p' Makefile | while IFS='|' read -r n d; do printf '  make %-20s %s\n' "$$n" "$$d"; done
@@ -54,3 +54,5 @@ bench: setup              ## the benchmarks, as ratios side by side in one run
 	@.ci/bench $(ARGS)
 lock: setup               ## resolve .ci/requirements.lock again (for developers)
 	@.ci/lock
+reference: setup          ## write the reference pages again (for developers)
+	@.venv/bin/python -m kb.cli.reference

@@ -1,0 +1,207 @@
+"""The reference pages, made from what they describe, so that they can't differ from it.
+
+    python -m kb.cli.reference           writes them (make reference)
+    python -m kb.cli.reference --check   exit code 1 when one is out of date
+
+    kb/cli/README.md           commands and settings
+    data/profiles/README.md    the keys of a profile
+    schemas/README.md          tables and columns
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+import types
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+_MADE = "<!-- Made by `make reference`; don't edit. -->\n"
+
+
+def pages() -> dict[str, str]:
+    """Text of every page by its path in the checkout."""
+    return {
+        "kb/cli/README.md": _MADE + commands() + "\n" + settings(),
+        "data/profiles/README.md": _MADE + profile_keys(),
+        "schemas/README.md": _MADE + columns(),
+    }
+
+
+def commands() -> str:
+    """Every command with its own options and examples; the common options once."""
+    import typer.main
+
+    from kb.cli.app import TREE, app
+    from kb.cli.options import COMMON
+
+    root = typer.main.get_command(app)
+    context = typer.Context(root, info_name="kb")
+    blocks = ["# Commands\n\nEach command has these options, and its own ones below.\n"]
+    first = True
+    for name in TREE:
+        if importlib.util.find_spec(TREE[name][0]) is None:
+            continue
+        for path, command in _leaves(name, root.get_command(context, name)):  # type: ignore[attr-defined]
+            inner = typer.Context(command, info_name=f"kb {path}")
+            options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
+            if first:
+                blocks.append(_option_table([p for p in options if p.name in COMMON], inner))
+                first = False
+            usage = " ".join(command.collect_usage_pieces(inner)).replace("[OPTIONS]", "[options]")
+            blocks.append(f"## `kb {path}`\n\n{_paragraphs(command.help)}\n\nUsage: `kb {path} {usage}`\n")
+            arguments = [p for p in command.params if p.param_type_name == "argument"]
+            if arguments:
+                blocks.append(_option_table(arguments, inner))
+            own = [p for p in options if p.name not in COMMON]
+            if own:
+                blocks.append(_option_table(own, inner))
+            blocks.append(f"```\n{command.epilog}\n```\n")
+    return "\n".join(blocks)
+
+
+def _leaves(name: str, command: Any) -> Iterator[tuple[str, Any]]:
+    inner = getattr(command, "commands", {})
+    if not inner or command.invoke_without_command:
+        yield name, command
+    for child, leaf in inner.items():
+        yield f"{name} {child}", leaf
+
+
+def _option_table(parameters: list[Any], context: Any) -> str:
+    records = [parameter.get_help_record(context) for parameter in parameters]
+    rows = [f"| `{name.replace('|', chr(92) + '|')}` | {_cell(text)} |" for name, text in filter(None, records)]
+    return "\n".join(["| option | meaning |", "|---|---|", *rows, ""])
+
+
+def _paragraphs(text: str) -> str:
+    return "\n\n".join(" ".join(part.split()) for part in text.strip().split("\n\n"))
+
+
+def settings() -> str:
+    """Every environment variable."""
+    from kb.core.settings import Settings
+
+    lines = ["# Settings\n", "From the environment, or `.env` in the working folder (`.env.example` is a start); the environment wins.\n",
+             "| name | meaning | default |", "|---|---|---|"]
+    for name, field in Settings.model_fields.items():
+        default = "" if field.default is None else f"`{field.default}`"
+        lines.append(f"| `{name.upper()}` | {_cell(field.description or '')} | {default} |")
+    return "\n".join([*lines, ""])
+
+
+def profile_keys() -> str:
+    """Every key of a profile, by section."""
+    from kb.core.profile import Profile
+
+    lines = [
+        "# Profiles\n",
+        "A profile is everything that Lorebase knows about a domain, in one TOML file. `minecraft/profile.toml` ships;"
+        " `--profile FILE.toml` takes your own. A section whose source you don't collect may be left out.\n",
+    ]
+    return "\n".join([*lines, *_section("", Profile), ""])
+
+
+def _section(title: str, model: Any) -> Iterator[str]:
+    if title:
+        yield f"\n## `[{title}]`\n"
+        doc = (model.__doc__ or "").strip()
+        if doc:
+            yield _paragraphs(doc) + "\n"
+    yield "| key | type | default | meaning |"
+    yield "|---|---|---|---|"
+    deeper = []
+    for name, field in model.model_fields.items():
+        if name == "path":
+            continue
+        inner, many = _model_in(field.annotation)
+        if inner is not None:
+            full = f"{title}.{name}" if title else name
+            deeper.append((f"[{full}]" if many else full, inner))
+            continue
+        default = "required" if field.is_required() else f"`{_short(field.get_default(call_default_factory=True))}`"
+        yield f"| `{name}` | {_type(field.annotation)} | {default} | {_cell(field.description or '')} |"
+    for full, inner in deeper:
+        yield from _section(full, inner)
+
+
+def _model_in(annotation: Any) -> tuple[Any, bool]:
+    """(the model inside a type, whether it may come several times)."""
+    from pydantic import BaseModel
+
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation, False
+    origin = typing.get_origin(annotation)
+    for inner in typing.get_args(annotation) if origin is not None else ():
+        found, _ = _model_in(inner)
+        if found is not None:
+            return found, origin in (tuple, list, dict)
+    return None, False
+
+
+def _type(annotation: Any) -> str:
+    origin, inner = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin is typing.Literal:
+        return " \\| ".join(f"`{value}`" for value in inner)
+    if origin in (tuple, list, set, frozenset):
+        return f"list of {_type(inner[0])}"
+    if origin is dict:
+        return f"table of {_type(inner[1])}"
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(_type(part) for part in inner if part is not type(None))
+    if origin is typing.Annotated:
+        return _type(inner[0])
+    return {"str": "text", "int": "integer", "float": "number", "bool": "true or false"}.get(
+        getattr(annotation, "__name__", ""), getattr(annotation, "__name__", str(annotation)))
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, (tuple, list)):
+        text = "[" + ", ".join(repr(part) for part in value) + "]"
+    elif isinstance(value, bool):
+        text = str(value).lower()
+    else:
+        text = repr(value) if isinstance(value, str) else str(value)
+    return (text if len(text) <= 60 else text[:59] + "…").replace("|", "\\|")
+
+
+def columns() -> str:
+    """Every table and column, from schemas/."""
+    from kb.schema.tables import tables
+
+    lines = ["# Tables\n", "Times are UTC. A column without a reason for null is never null. *Released* columns are those of `release/`.\n"]
+    for table in tables().values():
+        lines += [f"## `{table.name}`\n", f"{table.doc}\n", f"Key: {', '.join(f'`{name}`' for name in table.key)}.\n",
+                  "| column | type | unit | null when | released | meaning | from |", "|---|---|---|---|---|---|---|"]
+        lines += [
+            f"| `{column.name}` | {_cell(column.type)} | {column.unit} | {_cell(column.why_null)} | {'yes' if column.released else ''}"
+            f" | {_cell(column.doc)} | {_cell(str(column.source))} |"
+            for column in table.columns
+        ]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.replace("|", "\\|").replace("<", "&lt;").split())
+
+
+def main(arguments: list[str]) -> int:
+    """Write the pages, or name those that are out of date."""
+    root = Path(importlib.import_module("kb").__file__ or "").resolve().parent.parent
+    stale = {name: text for name, text in pages().items()
+             if not (root / name).is_file() or (root / name).read_text(encoding="utf-8") != text}
+    if "--check" in arguments:
+        for name in stale:
+            print(f"{name} is out of date; run `make reference`", file=sys.stderr)
+        return 1 if stale else 0
+    for name, text in stale.items():
+        (root / name).write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

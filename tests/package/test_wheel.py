@@ -1,0 +1,105 @@
+"""The wheel is whole: what a user installs works outside of the checkout."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import clean_environment
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(folder: Path, *command: str | Path, **env: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, cwd=folder, env={**clean_environment(), **env}, capture_output=True, text=True,
+                          check=False, stdin=subprocess.DEVNULL)
+
+
+def test_it_holds_every_file_that_the_code_reads(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        held = set(archive.namelist())
+    for folder, inside in (("schemas", "kb/schemas"), ("pipelines", "kb/pipelines"), ("data/profiles", "kb/profiles"), ("kb", "kb")):
+        for path in (ROOT / folder).rglob("*"):
+            if path.is_file() and "__pycache__" not in path.parts:
+                name = f"{inside}/{path.relative_to(ROOT / folder)}"
+                assert name in held, f"{name} is not in the wheel"
+
+
+def test_it_holds_nothing_else(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        tops = {name.split("/")[0] for name in archive.namelist()}
+        assert not [name for name in archive.namelist() if "tests/" in name or name.endswith(".pyc")]
+    assert len(tops) == 2
+    assert "kb" in tops
+
+
+def test_it_runs_outside_the_checkout(installed: Path, tmp_path: Path) -> None:
+    where = run(tmp_path, installed / "python", "-c", "import kb; print(kb.__file__)")
+    assert Path(where.stdout.strip()).is_relative_to(installed.parent)
+    answer = run(tmp_path, installed / "kb", "--help")
+    assert (answer.returncode, answer.stderr) == (0, "")
+    answer = run(tmp_path, installed / "kb", "status", "--json")
+    assert answer.returncode == 0, answer.stderr
+    assert json.loads(answer.stdout)["profile"] == "minecraft"
+
+
+def test_profile_schemas_and_pipelines_are_found_in_it(installed: Path, tmp_path: Path) -> None:
+    code = (
+        "from kb.core.resources import folder\n"
+        "from kb.core.profile import load_profile\n"
+        "from kb.schema.tables import tables\n"
+        "print(len(list(folder('pipelines').glob('*.py'))), len(tables()), load_profile('minecraft').path)\n"
+    )
+    answer = run(tmp_path, installed / "python", "-c", code)
+    assert answer.returncode == 0, answer.stderr
+    pipelines, tables, profile = answer.stdout.split()
+    assert int(pipelines) == len(list((ROOT / "pipelines").glob("*.py")))
+    assert int(tables) >= 10
+    assert Path(profile).is_relative_to(installed.parent)
+
+
+OPTIONAL = (
+    "torch", "transformers", "detoxify", "onnxruntime", "openvino", "selenium", "PIL", "dask", "distributed", "matplotlib",
+    "wordcloud", "ahocorasick_rs", "instant_clip_tokenizer", "mlcroissant", "cffconvert", "numpy",
+)
+
+
+@pytest.fixture
+def base_only(tmp_path: Path) -> dict[str, str]:
+    """Settings under which optional packages can't be imported, as after a plain `pip install lorebase`."""
+    folder = tmp_path / "blocked"
+    folder.mkdir()
+    for name in OPTIONAL:
+        (folder / f"{name}.py").write_text(f"raise ModuleNotFoundError(\"No module named '{name}'\", name='{name}')\n")
+    return {"PYTHONPATH": str(folder)}
+
+
+def test_the_base_install_imports_every_module(installed: Path, tmp_path: Path, base_only: dict[str, str]) -> None:
+    """Optional packages are needed by the stage that uses them, not by the import of its module."""
+    code = (
+        "import importlib, pkgutil, kb\n"
+        "for module in pkgutil.walk_packages(kb.__path__, 'kb.'):\n"
+        "    if not module.name.startswith(('kb.pipelines', 'kb.schemas', 'kb.profiles')) and not module.name.endswith('__main__'):\n"
+        "        importlib.import_module(module.name)\n"
+        "        print(module.name)\n"
+    )
+    answer = run(tmp_path, installed / "python", "-c", code, **base_only)
+    assert answer.returncode == 0, answer.stderr
+    assert len(answer.stdout.split()) > 30
+
+
+def test_the_base_install_queries(installed: Path, tmp_path: Path, base_only: dict[str, str]) -> None:
+    answer = run(tmp_path, installed / "kb", "query", "SELECT 6 * 7 AS n", "--format", "csv", **base_only)
+    assert (answer.returncode, answer.stdout, answer.stderr) == (0, "n\n42\n", "")
+
+
+def test_running_as_a_module_is_the_same(installed: Path, tmp_path: Path) -> None:
+    one = run(tmp_path, installed / "kb", "--help")
+    other = run(tmp_path, installed / "python", "-m", "kb", "--help")
+    assert one.stdout == other.stdout
+    assert os.access(installed / "kb", os.X_OK)
