@@ -25,3 +25,32 @@ def recorded() -> Path:
     if not (folder / "README.md").is_file():
         skip_or_fail(f"recorded answers are not at {folder} (set KB_RECORDED)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def make_rows():  # type: ignore[no-untyped-def]
+    """make_rows("youtube/videos", 5, view_count=[…]): a valid table of n rows; what is not given is made up, the same each time."""
+    return _make_rows
+
+
+def _make_rows(name, n, released=False, **given):  # type: ignore[no-untyped-def]
+    import pyarrow as pa
+
+    from kb.schema import table
+
+    declared = table(name)
+    data = {}
+    for number, field in enumerate(declared.arrow(released)):
+        kind = field.type
+        if field.name in given:
+            values = given[field.name]
+        elif pa.types.is_string(kind):
+            values = [f"{field.name} {row:05d}" for row in range(n)]
+        elif pa.types.is_boolean(kind):
+            values = [row % 2 == 0 for row in range(n)]
+        elif pa.types.is_list(kind):
+            values = [[] for _ in range(n)]
+        else:
+            values = pa.array([(row * 7 + number) % 1000 for row in range(n)]).cast(kind) if n else []
+        data[field.name] = values if isinstance(values, pa.Array) else pa.array(values, kind)
+    return pa.table(data)

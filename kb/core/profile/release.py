@@ -30,6 +30,7 @@ class Release(Section):
         {"youtube": "CC-BY-4.0", "reddit": "CC-BY-4.0", "pairs": "CC-BY-4.0"},
         description="SPDX id of each folder's licence; the wiki's own licence is used when its pages name one",
     )
+    rows_per_shard: int = Field(1_048_576, ge=1_000, description="rows of one released Parquet file; the last one has the rest")
     max_age_days: int | None = Field(None, ge=1, description="rows read longer ago are refused; a source's own max_age_days comes first")
     emails_per_thousand: float = Field(0.2, ge=0, description="rows with an e-mail address that are tolerated, per 1,000 rows of a table")
     phones_per_thousand: float = Field(0.5, ge=0, description="rows with a phone number that are tolerated, per 1,000 rows of a table")

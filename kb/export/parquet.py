@@ -1,0 +1,70 @@
+"""clean/<source> → release/<source>: the released columns of every released table, sorted.
+
+The folder is written anew and takes the old one's place whole, so nothing of an older release
+(checksums, card, shards) stays beside new data. What `schemas/` does not release never leaves
+clean/: columns by `released`, whole tables (transcripts) as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from kb.core.errors import FatalError
+from kb.core.verdict import Summary
+from kb.schema.tables import Table, tables
+from kb.store import shards
+from kb.store.atomic import replacing_folder
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from kb.core.context import Run
+
+
+class Change(NamedTuple):
+    """How a table's released rows differ from its clean ones: a function of a piece of rows, and the clean columns that it reads."""
+
+    make: Callable[[pa.Table], pa.Table]
+    reads: Sequence[str] = ()
+
+
+def export(
+    run: Run, source: str, *, changes: Mapping[str, Change] | None = None, beside: Callable[[Path], None] | None = None,
+) -> Summary:
+    """Writes release/<source>/ and returns the rows of each table.
+
+    `changes` by table name ("wiki/pages"); `beside` adds files that are no tables to the fresh
+    folder before it takes its place. Raises FatalError when there is nothing to export, and
+    DiskFull. The same clean rows give the same bytes.
+    """
+    released = [declared for declared in tables().values() if declared.source == source and declared.released]
+    found = {declared.name: clean_parts(run.root, declared) for declared in released}
+    if not any(found.values()):
+        raise FatalError(f"nothing to export: {clean_folder(run.root, released[0]).parent} has no rows", hint=f"run `kb {source} filter` first")
+    summary = Summary(source=source)
+    task = run.progress.task(f"export {source}", total=len(released), unit="tables")
+    with replacing_folder(run.root / "release" / source) as fresh:
+        for declared in released:
+            change = (changes or {}).get(declared.name)
+            made = shards.sorted_shards(
+                found[declared.name], fresh, declared, rows_per_shard=run.profile.release.rows_per_shard,
+                reads=change.reads if change else (), change=change.make if change else None,
+            )
+            summary[declared.short] = sum(shard.rows for shard in made)
+            task.advance(1, rows=summary[declared.short])
+        if beside is not None:
+            beside(fresh)
+    task.close()
+    return summary
+
+
+def clean_folder(root: Path, declared: Table) -> Path:
+    """Where a table's kept rows are."""
+    return root / "pairs" if declared.source == "pairs" else root / "clean" / declared.source / declared.short
+
+
+def clean_parts(root: Path, declared: Table) -> list[Path]:
+    """The part files of a table's kept rows, in order."""
+    return sorted(path for path in clean_folder(root, declared).glob("*.parquet") if not path.name.startswith("."))

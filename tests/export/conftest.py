@@ -1,0 +1,40 @@
+"""A data root with clean rows, and a run at it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+
+from kb.core.context import Run
+from kb.core.profile import load_profile
+from kb.core.settings import Settings
+from kb.export.parquet import clean_folder
+from kb.schema import table
+from kb.store.shards import write_table
+
+
+@pytest.fixture
+def run_at():  # type: ignore[no-untyped-def]
+    """run_at(root, rows_per_shard): a run of the shipped profile at that data root."""
+    return _run_at
+
+
+@pytest.fixture
+def fill():  # type: ignore[no-untyped-def]
+    """fill(root, table, rows, parts): the rows spread over so many clean part files."""
+    return _fill
+
+
+def _run_at(root: Path, rows_per_shard: int = 1_000) -> Run:
+    profile = load_profile("minecraft")
+    release = profile.release.model_copy(update={"rows_per_shard": rows_per_shard})
+    return Run(settings=Settings(), profile=profile.model_copy(update={"release": release}), root=root)
+
+
+def _fill(root: Path, name: str, rows: pa.Table, parts: int) -> None:
+    declared = table(name)
+    for index in range(parts):
+        part = rows.take(list(range(index, rows.num_rows, parts)))
+        write_table(clean_folder(root, declared) / f"part-{index:05d}.parquet", part, declared)

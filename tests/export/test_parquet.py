@@ -1,0 +1,69 @@
+"""Export: released columns only, sorted, whole, and the same bytes whatever the clean parts."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import duckdb
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+
+from kb.core.errors import FatalError
+from kb.export import parquet
+from kb.schema import table
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
+
+
+def test_released_columns_only_and_never_transcripts(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
+    fill(tmp_path, "youtube/videos", make_rows("youtube/videos", 2500), 3)
+    fill(tmp_path, "youtube/transcripts", make_rows("youtube/transcripts", 2500), 3)
+    summary = parquet.export(run_at(tmp_path), "youtube")
+    assert summary["videos"] == 2500
+    folder = tmp_path / "release" / "youtube"
+    assert sorted(path.name for path in folder.iterdir()) == [f"videos-0000{i}-of-00003.parquet" for i in range(3)]
+    read = duckdb.sql(f"SELECT * FROM '{folder}/videos-*.parquet'").to_arrow_table()
+    assert read.column_names == table("youtube/videos").names(released=True)
+    assert not {"description", "tags", "channel_title"} & set(read.column_names)
+    assert pc.all(pc.equal(read["video_id"], read["video_id"].combine_chunks().sort())).as_py()
+
+
+def test_reddit_release_has_no_content(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
+    fill(tmp_path, "reddit/posts", make_rows("reddit/posts", 10), 1)
+    parquet.export(run_at(tmp_path), "reddit")
+    for path in (tmp_path / "release" / "reddit").iterdir():
+        names = set(pq.read_schema(path).names)
+        assert not names & {"title", "body", "author_hash", "source_url", "poll_options"}
+    assert pq.read_metadata(tmp_path / "release/reddit/comments-00000-of-00001.parquet").num_rows == 0
+
+
+def test_the_same_bytes_whatever_the_parts_and_twice(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
+    rows = make_rows("youtube/videos", 3000)
+    seen = []
+    for name, parts in (("one", 1), ("many", 17)):
+        fill(tmp_path / name, "youtube/videos", rows, parts)
+        for _ in range(2):
+            parquet.export(run_at(tmp_path / name), "youtube")
+            seen.append(digests(tmp_path / name / "release" / "youtube"))
+    assert all(other == seen[0] for other in seen) and len(seen[0]) == 3
+
+
+def test_an_older_release_goes_whole(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
+    fill(tmp_path, "youtube/videos", make_rows("youtube/videos", 5), 1)
+    old = tmp_path / "release" / "youtube"
+    old.mkdir(parents=True)
+    (old / "SHA256SUMS").write_text("old")
+    (old / "videos-00001-of-00002.parquet").write_text("old")
+    parquet.export(run_at(tmp_path), "youtube", beside=lambda fresh: (fresh / "extra.tar").write_bytes(b"x") and None)
+    assert sorted(path.name for path in old.iterdir()) == ["extra.tar", "videos-00000-of-00001.parquet"]
+
+
+def test_nothing_to_export(tmp_path: Path, run_at) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(FatalError, match="nothing to export") as caught:
+        parquet.export(run_at(tmp_path), "youtube")
+    assert caught.value.hint == "run `kb youtube filter` first"
+    assert not (tmp_path / "release").exists()
