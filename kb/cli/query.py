@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Iterator
 from enum import StrEnum
@@ -50,23 +51,21 @@ def query(
     Schemas clean and release hold one view a table (clean.reddit_posts, release.youtube_videos);
     the bare name is the clean one where it exists, else the released one.
     """
-    import duckdb
-
-    from kb.core.errors import DamagedData, UsageError
+    from kb.core.errors import UsageError
     from kb.schema import views
 
     if tables == (sql is not None):
         raise UsageError("give a query, or --tables", hint='for example: kb query "FROM youtube_videos LIMIT 5"')
     if format == Format.parquet and out is None and sys.stdout.isatty():
         raise UsageError("Parquet is no text for a terminal", hint="add --out FILE, or redirect stdout")
-    try:
-        with views.connect(run.root) as db:
-            answer = _listing(views.catalog(run.root)) if tables else views.select(db, sql or "")
-            _write(answer, format, out)
-    except (duckdb.IOException, duckdb.InvalidInputException) as error:
-        raise DamagedData(_first_line(error)) from None
-    except duckdb.Error as error:
-        raise UsageError(_first_line(error), hint="`kb query --tables` lists the views") from None
+    with contextlib.closing(views.connect(run.root)) as db:
+        if tables:
+            catalog = views.catalog(run.root)
+            if not catalog:
+                run.progress.say(f"no tables in {run.root} yet: run a crawl and its filter first, or `kb demo`")
+            _write(_listing(catalog), format, out)
+        else:
+            _write(views.select(db, sql or ""), format, out)
 
 
 def _listing(catalog: list[tuple[str, str, int, str]]) -> pa.RecordBatchReader:
@@ -181,7 +180,16 @@ def _as_json(answer: pa.RecordBatchReader) -> Iterator[str]:
 def _dump(value: Any) -> str:
     import orjson
 
-    return orjson.dumps(value, default=str, option=orjson.OPT_UTC_Z | orjson.OPT_NON_STR_KEYS).decode()
+    return orjson.dumps(value, default=_as_number_or_text, option=orjson.OPT_UTC_Z | orjson.OPT_NON_STR_KEYS).decode()
+
+
+def _as_number_or_text(value: Any) -> Any:
+    """Sums of integers and literals with a point are decimals in DuckDB."""
+    from decimal import Decimal
+
+    if isinstance(value, Decimal):
+        return int(value) if value == value.to_integral_value() else float(value)
+    return str(value)
 
 
 def _plain(value: Any) -> Any:
@@ -193,9 +201,3 @@ def _plain(value: Any) -> Any:
         return text.removesuffix("+00:00") + "Z" if text.endswith("+00:00") else text
     return value
 
-
-def _first_line(error: Exception) -> str:
-    """DuckDB's message without its drawing of the query, its guess at what was meant kept."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    guess = [line for line in lines[1:] if line.startswith(("Did you mean", "Candidate bindings"))]
-    return " ".join([lines[0], *guess]) if lines else type(error).__name__
