@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import sqlite3
 from collections.abc import Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -50,6 +51,7 @@ def _source(run: Run, source: str) -> dict[str, Any]:
 
 
 def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:
+    from kb.core.errors import DamagedData
     from kb.store.frontier import Frontier
 
     frontier = Frontier(state, readonly=True)
@@ -59,6 +61,8 @@ def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:
             phases[kind] = {**counts, "total": sum(counts.values()), "left": sum(counts.get(status, 0) for status in _LEFT)}
         requests, units = frontier.requests()
         return {"phases": phases, "requests": requests, "units": units, "quota": _quota(run, source, frontier)}
+    except sqlite3.DatabaseError as error:
+        raise DamagedData(f"the state {state} can't be read: {error}") from None
     finally:
         frontier.close()
 
