@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from kb.core import clock
@@ -43,3 +43,22 @@ def add(root: Path, source: str, rows: Iterable[tuple[str, str]]) -> int:
     with writing(file) as temporary:
         pq.write_table(pa.Table.from_pylist(merged, schema), temporary, compression="zstd")
     return len(new)
+
+
+def lift(root: Path, source: str, back: Collection[str], reasons: Collection[str]) -> int:
+    """Drop the rows of keys that their service shows again, where the reason is its own; how many.
+
+    What a person asked to remove stays removed: such reasons are not given here.
+    """
+    import pyarrow.parquet as pq
+
+    file = path(root, source)
+    if not file.exists():
+        return 0
+    old = pq.read_table(file)
+    rows = old.to_pylist()
+    kept = [row for row in rows if row["key"] not in back or row["reason"] not in reasons]
+    if len(kept) < len(rows):
+        with writing(file) as temporary:
+            pq.write_table(old.from_pylist(kept, old.schema), temporary, compression="zstd")
+    return len(rows) - len(kept)

@@ -38,19 +38,28 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
     number = params["round"]
     answered: set[str] = set()
     for page in query.get("pages", []):
-        title = page.get("title")
+        title, key = page.get("title"), str(page.get("pageid"))
         revision = (page.get("revisions") or [None])[0]
-        if page.get("missing") or page.get("invalid") or page.get("redirect") or not page.get("pageid") or not revision:
-            reason = "invalid" if page.get("invalid") else "redirect" if page.get("redirect") else "missing"
-            frontier.skip("info", f"{number}:{title}", reason)
-            answered.add(title)
-            continue
         answered.add(title)
-        frontier.done("info", f"{number}:{title}")
-        _note(frontier, number, page, revision)
+        if page.get("redirect") and revision:
+            _gone(frontier, key, "moved")
+        elif page.get("missing") and page.get("pageid"):
+            _gone(frontier, key, "deleted")
+        elif revision and page.get("pageid"):
+            frontier.done("info", f"{number}:{title}")
+            _note(frontier, number, page, revision)
+            continue
+        reason = "invalid" if page.get("invalid") else "redirect" if page.get("redirect") else "missing"
+        frontier.skip("info", f"{number}:{title}", reason)
     for change in query.get("normalized", []):
         if change["to"] in answered:
             frontier.done("info", f"{number}:{change['from']}")
+
+
+def _gone(frontier: Frontier, key: str, reason: str) -> None:
+    """A known page that is no page any more; others were never ours."""
+    if frontier.get("pages", key):
+        frontier.skip("pages", key, reason)
 
 
 def _note(frontier: Frontier, number: int, page: dict[str, Any], revision: dict[str, Any]) -> None:
@@ -58,13 +67,18 @@ def _note(frontier: Frontier, number: int, page: dict[str, Any], revision: dict[
     known = frontier.get("pages", key)
     old = known[1] if known else {}
     payload = {"title": page["title"], "url": page.get("fullurl"), "revision_id": revision["revid"],
-               "round": max(number, old.get("round", 0)), "rendered": old.get("rendered")}
+               "round": max(number, old.get("round", 0)), "rendered": old.get("rendered"), "former": old.get("former", [])}
     if known is None:
         frontier.add("pages", [(key, payload)])
         return
+    if old["title"] != page["title"]:
+        payload["former"] = sorted({*payload["former"], old["title"]} - {page["title"]})
     frontier.payload("pages", key, payload)
-    if payload["rendered"] != [revision["revid"], page["title"]] and known[0] != "in_progress":
-        frontier.mark("pages", [key], "todo")
+    if payload["rendered"] != [revision["revid"], page["title"]]:
+        if known[0] != "in_progress":
+            frontier.mark("pages", [key], "todo")
+    elif known[0] == "skipped":
+        frontier.done("pages", key)
 
 
 def _renders(frontier: Frontier, envelope: Envelope) -> None:

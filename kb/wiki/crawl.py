@@ -1,0 +1,200 @@
+"""`kb wiki crawl`: list, ask, show, fetch. One round reads what is new since the last one.
+
+    1 list     the titles of all content pages            raw kind titles
+    2 ask      revision, address, contributors            raw kind pages
+    3 compare  vanished and moved pages become tombstones
+    4 show     each new revision in the browser           raw kind renders, raw/wiki/pages/
+    5 fetch    the original pictures                      raw kinds imageinfo, files, raw/wiki/images/
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from kb.core import signals
+from kb.core.context import Run
+from kb.core.errors import KbError, LimitReached
+from kb.core.verdict import Summary
+from kb.store import tombstones
+from kb.store.frontier import Frontier
+from kb.store.identity import remember
+from kb.store.lock import writer
+from kb.store.recorder import Recorder
+from kb.wiki import browser, capture, chromium, fetch, show, state
+from kb.wiki.api import BATCH, Api, find_endpoint
+from kb.wiki.pool import Pool
+from kb.wiki.titles import read_titles
+from kb.wiki.web import Web
+
+LOOPBACK = ("127.", "localhost", "::1", "[::1]")
+
+
+def crawl(run: Run, titles: Path | None = None) -> Summary:
+    """Crawl the wiki of the profile. Raises UsageError before anything is sent, Stopped when it can go on later."""
+    contact = run.settings.need("kb_contact")
+    section = run.profile.section("wiki")
+    url = run.settings.kb_wiki_url or section.url
+    wanted = read_titles(titles) if titles else None
+    programs = chromium.find()
+    with writer(run.root, "wiki"):
+        remember(run.root, "wiki", wiki=url)
+        frontier = Frontier(run.root / "state" / "wiki.sqlite")
+        try:
+            with Recorder(run.root, "wiki", frontier, state.apply) as recorder:
+                job = Crawl(run, url, frontier, recorder, contact, programs)
+                try:
+                    job.go(wanted)
+                except KbError as error:
+                    error.summary = job.summary()  # type: ignore[attr-defined]
+                    raise
+                return job.summary()
+        finally:
+            frontier.close()
+
+
+class Crawl:
+    """One run of the crawl under the writer's lock."""
+
+    def __init__(self, run: Run, url: str, frontier: Frontier, recorder: Recorder, contact: str, programs: chromium.Programs) -> None:
+        self.run, self.url, self.frontier, self.recorder, self.programs = run, url, frontier, recorder, programs
+        self.section = run.profile.section("wiki")
+        local = (urlsplit(url).hostname or "").startswith(LOOPBACK)
+        self.web = Web(url, contact, self.section.hosts, pause=0.0 if local else self.section.seconds_between, seed=run.seed)
+        self.shown = self.finished = 0
+
+    def go(self, wanted: list[str] | None) -> None:
+        """All phases; each starts where an earlier run stopped."""
+        number = self._round(wanted)
+        if not self._work_left(number, wanted):
+            self.run.progress.say("the wiki crawl is finished; --again looks for what changed")
+            self.finished = 1
+            return
+        with Pool(self._browser, self.section.page_seconds + 15) as pool:
+            self.web.read_robots()
+            api = Api(self._endpoint(), self.web, self.recorder.record)
+            self._discover(api, number, wanted)
+            left = show.show_pages(self, pool, api, number)
+        fetch.fetch_files(self, api)
+        if left:
+            raise LimitReached(f"--limit {self.run.limit} reached, {left} pages left", hint="run the same command to go on")
+
+    # -- rounds ----------------------------------------------------------------------------------
+
+    def _round(self, wanted: list[str] | None) -> int:
+        """The number of the round to work on; --again starts a new one when the last is complete."""
+        held = self.frontier.cursor("round") or {"number": 1, "done": False}
+        if held["done"] and self.run.again:
+            held = {"number": held["number"] + 1, "done": False}
+        self.frontier.set_cursor("round", held)
+        number = int(held["number"])
+        if wanted is not None:
+            self.frontier.add("info", [(f"{number}:{title}", {"title": title}) for title in wanted])
+        # What failed in an earlier run is tried again, once a run.
+        for kind in ("info", "pages", "files"):
+            self.frontier.reopen(kind, "error")
+        return number
+
+    def _work_left(self, number: int, wanted: list[str] | None) -> bool:
+        listed = wanted is not None or (self.frontier.cursor("round") or {}).get("done")
+        return not listed or any(self.frontier.counts(kind).get("todo") for kind in ("info", "pages", "files"))
+
+    def _endpoint(self) -> str:
+        known = self.frontier.cursor("endpoint")
+        if known and known[0] == self.url and not self.run.again:
+            return known[1]
+        found = find_endpoint(self.web, self.url)
+        self.frontier.set_cursor("endpoint", [self.url, found])
+        return found
+
+    # -- discovery -------------------------------------------------------------------------------
+
+    def _discover(self, api: Api, number: int, wanted: list[str] | None) -> None:
+        complete = (self.frontier.cursor("round") or {}).get("done")
+        if not complete:
+            if not self.frontier.cursor(f"site:{number}"):
+                site = api.site()
+                content = [int(key) for key, space in site.get("namespaces", {}).items() if space.get("content")]
+                self.frontier.set_cursor(f"site:{number}", {"namespaces": sorted(self.section.namespaces or content or [0])})
+            if wanted is None:
+                self._list(api, number)
+        self._ask(api, number)
+        if wanted is None and not complete:
+            self._compare(api, number)
+            self.frontier.set_cursor("round", {"number": number, "done": True})
+        self._bury()
+
+    def _list(self, api: Api, number: int) -> None:
+        task = self.run.progress.task("titles", unit="pages")
+        for namespace in self.frontier.cursor(f"site:{number}")["namespaces"]:
+            start = self.frontier.cursor(f"list:{number}:{namespace}", {})
+            if start == "done":
+                continue
+            for count in api.listing(number, namespace, start):
+                task.advance(count)
+                signals.stop.check()
+        task.close()
+
+    def _ask(self, api: Api, number: int) -> None:
+        task = self.run.progress.task("revisions", self.frontier.counts("info").get("todo"), "pages")
+        while items := self.frontier.take("info", BATCH):
+            # Long titles would make an address that servers refuse.
+            while len(items) > 1 and sum(len(item.payload["title"].encode()) * 2 for item in items) > 5000:
+                self.frontier.release("info", items.pop().key)
+            api.details(number, titles=[item.payload["title"] for item in items])
+            for item in items:
+                if (self.frontier.get("info", item.key) or ("",))[0] == "in_progress":
+                    self.frontier.error("info", item.key, "unanswered")
+            task.advance(len(items))
+            signals.stop.check()
+        task.close()
+
+    def _compare(self, api: Api, number: int) -> None:
+        """Ask after the pages that the list no longer has: deleted, moved away, or made a redirect."""
+        gone = [key for key, status, reason, payload in self.frontier.items("pages")
+                if payload["round"] < number and not (status == "skipped" and reason in ("deleted", "moved"))]
+        for start in range(0, len(gone), BATCH):
+            api.details(number, ids=gone[start : start + BATCH])
+            signals.stop.check()
+
+    def _bury(self) -> None:
+        """Tombstones for what vanished: a page by its id, a title that a page left by that title."""
+        rows: list[tuple[str, str]] = []
+        back: list[str] = []
+        titles = set()
+        for key, status, reason, payload in self.frontier.items("pages"):
+            if status == "skipped" and reason in ("deleted", "moved"):
+                rows.append((key, reason))
+            else:
+                back.append(key)
+                titles.add(payload["title"])
+            rows += [(title, "moved") for title in payload.get("former", [])]
+        tombstones.lift(self.run.root, "wiki", {*back, *titles}, ("deleted", "moved"))
+        rows = [row for row in rows if row[0] not in titles]
+        if rows:
+            tombstones.add(self.run.root, "wiki", rows)
+
+    # -- the browser -----------------------------------------------------------------------------
+
+    def _browser(self, watcher: Any) -> browser.Browser:
+        section = self.section
+        hosts = [urlsplit(self.url).hostname or "", *(host.split(":")[0] for host in section.hosts)]
+        scheme = urlsplit(self.url).scheme
+        origins = [browser.origin(self.url), *(f"{kind}://{host}" for host in section.hosts for kind in {scheme, "https"})]
+        return browser.Browser(
+            self.programs, watcher, hosts=hosts, origins=origins, user_agent=self.web.agent,
+            viewport=(section.viewport_width, section.viewport_height), page_seconds=section.page_seconds,
+            before=capture.page_script("settle.js"))
+
+    def summary(self) -> Summary:
+        """The counts of the whole data root, and the requests of this run."""
+        pages, files = self.frontier.counts("pages"), self.frontier.counts("files")
+        info = self.frontier.counts("info")
+        return Summary(
+            crawled=pages.get("done", 0), failed=pages.get("error", 0),
+            pending=pages.get("todo", 0) + pages.get("in_progress", 0), missing=info.get("skipped", 0),
+            gone=pages.get("skipped", 0), pictures=files.get("done", 0),
+            pictures_failed=files.get("error", 0) + files.get("skipped", 0), requests=self.web.requests, new=self.shown)
+
+

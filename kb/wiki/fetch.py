@@ -1,0 +1,81 @@
+"""Phase 5: the original pictures, each once, named by what is in them."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from kb.core import signals
+from kb.core.errors import ItemFinal, Unreachable
+from kb.wiki import addresses, pictures
+from kb.wiki.api import BATCH, Api
+
+if TYPE_CHECKING:
+    from kb.store.frontier import Item
+    from kb.wiki.crawl import Crawl
+
+
+def fetch_files(crawl: Crawl, api: Api) -> None:
+    """Fetch every picture that is to do. Raises Stopped."""
+    frontier = crawl.frontier
+    task = crawl.run.progress.task("pictures", frontier.counts("files").get("todo"), "files")
+    with ThreadPoolExecutor(max(2, crawl.run.workers), thread_name_prefix="wiki-files") as threads:
+        while items := frontier.take("files", BATCH):
+            try:
+                known = _ask(api, items)
+                jobs = [(item, threads.submit(_one, crawl, item, known.get(item.payload.get("title") or "", {}))) for item in items]
+                failed: BaseException | None = None
+                for item, job in jobs:
+                    try:
+                        crawl.recorder.record("files", item.key, {}, 200, job.result())
+                        task.advance(1)
+                    except BaseException as error:  # noqa: BLE001  the files in flight are kept first
+                        failed = failed or error
+                if failed is not None:
+                    raise failed
+            finally:
+                left = [item.key for item in items if (frontier.get("files", item.key) or ("",))[0] == "in_progress"]
+                frontier.release("files", *left)
+            signals.stop.check()
+    task.close()
+
+
+def _ask(api: Api, items: list[Item]) -> dict[str, dict[str, Any]]:
+    """What the wiki knows about the files, by title; nothing for those that it does not hold."""
+    titles = list(dict.fromkeys(title for item in items if (title := item.payload.get("title"))))
+    found: dict[str, dict[str, Any]] = {}
+    part: list[str] = []
+    for title in [*titles, ""]:
+        if part and (not title or sum(len(t.encode()) * 2 for t in [*part, title]) > 5000):
+            found |= api.files(part)
+            part = []
+        part.append(title)
+    return found
+
+
+def _one(crawl: Crawl, item: Item, page: dict[str, Any]) -> dict[str, Any]:
+    """One file: the answer to be recorded. Raises Stopped when the wiki can't be reached at all."""
+    section, web = crawl.section, crawl.web
+    info = (page.get("imageinfo") or [{}])[0]
+    answer: dict[str, Any] = {"key": item.key, "title": item.payload.get("title") if info else None,
+                              "license": addresses.file_licence(page), "description": info.get("descriptionurl")}
+    folder = crawl.run.root / "raw" / "wiki" / "images"
+    inspect = partial(pictures.inspect, max_pixels=section.max_pixels)
+    reason, value = "", None
+    for url in dict.fromkeys(filter(None, (info.get("url"), item.key, item.payload.get("src")))):
+        if not web.allowed(url):
+            reason, value = "robots", url
+            continue
+        try:
+            sha256, found, size = web.attempt(partial(web.download, url, folder, section.max_file_bytes, inspect))
+        except ItemFinal as error:
+            reason, value = reason or error.reason, value or error.value
+            continue
+        except Unreachable as error:
+            # One picture that the server can't give is no reason to stop: the next run asks again.
+            return {**answer, "outcome": "failed", "reason": str(error)}
+        return {**answer, "outcome": "stored", "url": url, "sha256": sha256, "bytes": size, "media_type": found.media_type,
+                "path": f"raw/wiki/images/{sha256}.{found.extension}", "width": found.width, "height": found.height,
+                "frames": list(found.frames)}
+    return {**answer, "outcome": "final", "reason": reason, "value": value}

@@ -1,0 +1,163 @@
+"""Phase 4: pages in the browser, several at once, each at most three times."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import tempfile
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import zstandard
+
+from kb.core import clock, signals
+from kb.core.errors import ItemFinal, Retryable
+from kb.store import tombstones
+from kb.store.atomic import replacing_folder, write_bytes
+from kb.store.frontier import Item
+from kb.wiki import addresses
+from kb.wiki.capture import Captured, capture
+from kb.wiki.pool import Pool
+
+if TYPE_CHECKING:
+    from kb.wiki.api import Api
+    from kb.wiki.crawl import Crawl
+
+_ENCODER = msgspec.json.Encoder()
+
+
+def show_pages(crawl: Crawl, pool: Pool, api: Api, number: int) -> int:
+    """Show every page that is to do, at most --limit of them; how many are left. Raises Stopped."""
+    frontier, run = crawl.frontier, crawl.run
+    barred = tombstones.keys(run.root, "wiki")
+    total = frontier.counts("pages").get("todo", 0)
+    task = run.progress.task("pages", total if run.limit is None else min(total, run.limit), "pages")
+    started = 0
+    stop: BaseException | None = None
+    with ThreadPoolExecutor(run.workers, thread_name_prefix="wiki") as threads:
+        flying: dict[Future[dict[str, Any]], Item] = {}
+        while True:
+            while stop is None and len(flying) < run.workers and (run.limit is None or started < run.limit) \
+                    and not signals.stop.requested() and (items := frontier.take("pages", 1)):
+                item = items[0]
+                if item.key in barred:
+                    frontier.skip("pages", item.key, "removed")
+                    continue
+                started += 1
+                flying[threads.submit(_page, crawl, pool, item)] = item
+            if not flying:
+                break
+            for future in wait(flying, return_when=FIRST_COMPLETED).done:
+                item = flying.pop(future)
+                try:
+                    answer = future.result()
+                    _keep(crawl, api, number, item, answer)
+                    crawl.shown += answer["outcome"] == "captured"
+                    task.advance(1)
+                except BaseException as error:  # noqa: BLE001  the pages in flight are kept first
+                    frontier.release("pages", item.key)
+                    stop = stop or error
+    task.close()
+    if stop is not None:
+        raise stop
+    signals.stop.check()
+    return frontier.counts("pages").get("todo", 0)
+
+
+def _page(crawl: Crawl, pool: Pool, item: Item) -> dict[str, Any]:
+    """All tries of one page: the answer to be recorded. Raises Stopped, MissingExtra."""
+    section, url = crawl.section, item.payload["url"]
+    answer: dict[str, Any] = {"page_id": int(item.key), "title": item.payload["title"], "url": url}
+    if not crawl.web.allowed(url):
+        return {**answer, "outcome": "robots", "reason": "disallowed", "value": None}
+    reason, value = "", None
+    with tempfile.TemporaryDirectory(prefix=".shot-", dir=_pages_folder(crawl)) as scratch:
+        picture = Path(scratch) / "screenshot.png"
+        for number in range(1, section.max_tries + 1):
+            crawl.web.pace.wait()
+            try:
+                found = pool.use(lambda browser, last=number == section.max_tries: capture(
+                    browser, url, picture, section.rules, max_height=section.max_page_height, strict=not last))
+                shown = found.extraction["page"]["page_id"]
+                if shown and shown != int(item.key):
+                    raise ItemFinal("other_page", str(shown))
+                return {**answer, "tries": number, **_store(crawl, item, found, picture)}
+            except ItemFinal as error:
+                reason, value = error.reason, error.value
+                break
+            except Retryable as error:
+                reason, _, said = error.reason.partition(": ")
+                value = said or None
+                if error.unreachable or reason.startswith("err_"):
+                    _wait_for_wiki(crawl, url)
+                elif number < section.max_tries:
+                    clock.sleep(0.1 * number)
+    return {**answer, "outcome": "failed", "reason": reason, "value": value, "tries": number}
+
+
+def _wait_for_wiki(crawl: Crawl, url: str) -> None:
+    """A plain request tells what the browser hides: Retry-After, and whether the wiki is there at all."""
+    with contextlib.suppress(ItemFinal):
+        crawl.web.attempt(lambda: crawl.web.get(url, {}))
+
+
+def _pages_folder(crawl: Crawl) -> Path:
+    folder = crawl.run.root / "raw" / "wiki" / "pages"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _store(crawl: Crawl, item: Item, found: Captured, picture: Path) -> dict[str, Any]:
+    """Write the page's files in one step; what the envelope says about them."""
+    watch = clock.monotonic()
+    page = found.extraction["page"]
+    revision = int(page["revision_id"] or item.payload["revision_id"])
+    folder = _pages_folder(crawl) / str(int(item.key)) / str(revision)
+    images = crawl.run.root / "raw" / "wiki" / "images"
+    sprites = {}
+    for element, data in sorted(found.sprites.items()):
+        name = _sha256(data)
+        sprites[str(element)] = name
+        if not (images / f"{name}.png").exists():
+            write_bytes(images / f"{name}.png", data)
+    files = wanted_files(found.extraction)
+    # Several sessions may show one page again: a folder is replaced as a whole or not at all.
+    pack = zstandard.ZstdCompressor(level=3)
+    with replacing_folder(folder) as fresh:
+        shutil.move(picture, fresh / "screenshot.png")
+        (fresh / "page.html.zst").write_bytes(pack.compress(found.html.encode("utf-8", "replace")))
+        (fresh / "extraction.json.zst").write_bytes(pack.compress(_ENCODER.encode({**found.extraction, "sprites": sprites})))
+    seconds = {**found.seconds, "store": round(clock.monotonic() - watch, 4)}
+    return {"outcome": "captured", "revision_id": revision, "folder": str(folder.relative_to(crawl.run.root)),
+            "settled": found.settled, "elements": len(found.extraction["elements"]), "files": files, "seconds": seconds}
+
+
+def _sha256(data: bytes) -> str:
+    import hashlib
+
+    return hashlib.sha256(data).hexdigest()
+
+
+def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
+    """The original files that a page shows, each once, in order: key (address) and title on the wiki."""
+    found: dict[str, dict[str, Any]] = {}
+    for element in extraction["elements"]:
+        for held in element.get("frames") or [element]:
+            src = held.get("src")
+            if src and src.startswith(("http:", "https:")):
+                key = addresses.original(src)
+                if key not in found:
+                    found[key] = {"key": key, "title": addresses.file_title(src, held.get("file")), "src": src}
+    return list(found.values())
+
+
+def _keep(crawl: Crawl, api: Api, number: int, item: Item, answer: dict[str, Any]) -> None:
+    """Record the answer; ask for the revision's facts when the wiki showed another than it had named."""
+    revision = answer.get("revision_id")
+    if revision and revision != item.payload["revision_id"]:
+        api.revision(number, revision)
+    crawl.recorder.record("renders", answer["url"], {"page_id": item.key}, 200 if answer["outcome"] == "captured" else 0, answer)
+
+
