@@ -1,0 +1,155 @@
+"""Tables: every column has a description and an origin, and code can't write what is not declared."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import jsonschema
+import pyarrow as pa
+import pytest
+
+from kb.core.errors import SchemaMismatch, UsageError
+from kb.core.resources import folder
+from kb.schema import check_table, conform, load_table, raw, table, tables
+from kb.schema.rows import row_schema
+from kb.schema.types import parse_type
+from kb.store.shards import write_table
+
+FILES = sorted((folder("schemas") / "tables").glob("*/*.toml"))
+
+# The contract's columns, by its own words: (table, released ones, others that the clean table has)
+CONTRACT = {
+    "youtube/videos": (
+        "video_id title link channel_id published_at view_count like_count duration_s width height fps category_id topic_evidence"
+        " transcript_kind word_count license fetched_at toxicity_title toxicity_description", "toxicity_title_insult toxicity_description_threat"),
+    "youtube/transcripts": ("", "video_id kind language cues"),
+    "wiki/pages": (
+        "page_id title url revision_id revision_timestamp fetched_at license contributors_url screenshot_path page_width page_height"
+        " viewport_width device_pixel_ratio word_count toxicity", ""),
+    "wiki/elements": ("page_id element_id parent_id kind tag region heading_level text x y width height visible reading_order", ""),
+    "wiki/cells": ("page_id table_id row_index column_index row_span column_span is_header text x y width height", ""),
+    "wiki/images": (
+        "page_id element_id src path sha256 media_type width height alt_text caption frame_index frame_duration_ms license", ""),
+    "reddit/posts": (
+        "post_id type created_utc score num_comments upvote_ratio score_source fetched_at",
+        "title body author_hash source_url link_kind is_crosspost poll_options"),
+    "reddit/comments": ("comment_id post_id parent_id depth created_utc score", "body author_hash"),
+    "pairs/pairs": (
+        "pair_id video_id keyword keyword_kind token_count match_start_s match_end_s segment_start_s segment_end_s text_start_s"
+        " text_end_s center_s clip_start_s clip_end_s transcript_kind", "text"),
+    "shared/rejected": ("", "key stage reason value threshold"),
+    "shared/failed": ("", "key reason"),
+    "shared/pending": ("", "key reason"),
+    "shared/tombstones": ("key source removed_at reason", ""),
+    "reddit/missing": ("", "key reason"),
+}
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_every_column_has_a_description_and_an_origin(path: Path) -> None:
+    assert check_table(tomllib.loads(path.read_text(encoding="utf-8"))) == []
+    for column in load_table(path).columns:
+        assert column.doc.endswith(".") and "\n" not in column.doc, column.name
+        assert column.source.kind and column.source.path, column.name
+
+
+@pytest.mark.parametrize("name", CONTRACT)
+def test_the_contract_s_columns(name: str) -> None:
+    released, others = (set(words.split()) for words in CONTRACT[name])
+    declared = table(name)
+    assert released <= set(declared.names(released=True))
+    assert others <= set(declared.names()) - set(declared.names(released=True))
+
+
+def test_reddit_releases_no_content() -> None:
+    for name in ("reddit/posts", "reddit/comments"):
+        assert not [column.name for column in table(name).columns if column.content and column.released]
+    assert not table("youtube/transcripts").released
+
+
+def test_origins_in_raw_answers_are_declared_there() -> None:
+    declared = set(raw.kinds())
+    for each in tables().values():
+        for column in (*each.columns, *each.inputs):
+            kind = f"{each.source}/{column.source.kind}"
+            if kind in declared:
+                assert raw.at(kind, column.source.path) is not None, f"{each.name}.{column.name}: {column.source}"
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"doc": ""}, "column a: has no description"),
+    ({"doc": None}, "column a: has no description"),
+    ({"from": None}, "column a: has no origin"),
+    ({"from": "somewhere"}, "column a: `from` is 'somewhere'"),
+    ({"type": "varchar"}, "column a: unknown type 'varchar'"),
+    ({"type": "list<struct<x>>"}, "column a: 'x' in 'struct<x>' is not `name: type`"),
+    ({"null": " "}, "column a: `null` must say why"),
+    ({"unti": "s"}, "column a: unknown key 'unti'"),
+    ({"name": "A b"}, "`name` must be lower case"),
+])
+def test_a_wrong_column_is_named(tmp_path: Path, change: dict[str, str | None], message: str) -> None:
+    block = {"name": "a", "type": "string", "doc": "Doc.", "from": "rule: made up"} | change
+    lines = [f"{key} = {json.dumps(value)}" for key, value in block.items() if value is not None]
+    path = tmp_path / "t.toml"
+    path.write_text('name = "x/t"\ndoc = "Doc."\nkey = ["a"]\nsort_by = ["a"]\n[[column]]\n' + "\n".join(lines))
+    with pytest.raises(SchemaMismatch) as caught:
+        load_table(path)
+    assert message in str(caught.value) and str(path) in str(caught.value)
+
+
+def test_wrong_keys_of_a_table_come_all_at_once() -> None:
+    column = {"name": "a", "type": "string", "doc": "Doc.", "from": "rule: x"}
+    problems = check_table({"name": "x/t", "colum": 1, "key": ["b"], "sort_by": [], "partition_by": "c", "column": [column, column]})
+    assert problems == [
+        "unknown key 'colum'", "`doc` is missing or empty", "column a: declared twice", "`key` names 'b', which is no column",
+        "`sort_by` must list columns", "`partition_by` names 'c', which is no column",
+    ]
+
+
+def test_an_unknown_table_names_the_known() -> None:
+    with pytest.raises(UsageError) as caught:
+        table("youtube/video")
+    assert "youtube/videos" in caught.value.hint
+
+
+def test_writing_an_undeclared_column_fails(tmp_path: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
+    rows = make_rows("shared/failed", 3)
+    with pytest.raises(SchemaMismatch, match="column 'extra' is not declared"):
+        write_table(tmp_path / "a.parquet", rows.append_column("extra", pa.array([1, 2, 3])), "shared/failed")
+    with pytest.raises(SchemaMismatch, match="column 'reason' is missing"):
+        write_table(tmp_path / "a.parquet", rows.drop_columns(["reason"]), "shared/failed")
+    assert not list(tmp_path.iterdir())
+
+
+def test_conform_casts_orders_and_refuses(make_rows) -> None:  # type: ignore[no-untyped-def]
+    rows = make_rows("wiki/cells", 2)
+    narrow = rows.set_column(rows.column_names.index("row_index"), "row_index", pa.array([0, 1], pa.int32()))
+    shuffled = narrow.select(list(reversed(narrow.column_names)))
+    done = conform("wiki/cells", shuffled)
+    assert done.schema.equals(table("wiki/cells").arrow(), check_metadata=True)
+    with pytest.raises(SchemaMismatch, match="column 'text' has 1 nulls and may have none"):
+        conform("wiki/cells", make_rows("wiki/cells", 2, text=["a", None]))
+    with pytest.raises(SchemaMismatch, match="column 'row_index' is double, not int64"):
+        conform("wiki/cells", rows.set_column(rows.column_names.index("row_index"), "row_index", pa.array([0.5, 1])))
+    nullable = make_rows("youtube/videos", 2, like_count=[None, 1], fps=[None, 30])
+    assert conform("youtube/videos", nullable)["like_count"].null_count == 1
+    # released tables need their own columns only
+    assert conform("youtube/videos", nullable.select(table("youtube/videos").names(released=True)), released=True).num_rows == 2
+
+
+@pytest.mark.parametrize("name", list(tables()))
+def test_row_schemas_hold_rows(name: str, make_rows) -> None:  # type: ignore[no-untyped-def]
+    schema = row_schema(name)
+    assert schema.pop("$schema").endswith("2020-12/schema")  # newer than what the tests' library knows
+    rows = make_rows(name, 2).to_pylist()
+    for row in rows:
+        jsonschema.validate(json.loads(json.dumps(row, default=str)), schema)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(rows[0] | {"other": 1}, schema)
+
+
+def test_types_nest() -> None:
+    kind = parse_type("list<struct<a: int64, b: list<struct<c: string>>>>").arrow()
+    assert kind == pa.list_(pa.struct([("a", pa.int64()), ("b", pa.list_(pa.struct([("c", pa.string())])))]))
