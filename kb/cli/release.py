@@ -1,0 +1,67 @@
+"""`kb release`: checks, metadata and checksums around release/; `kb release publish` deposits it."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kb.cli.command import command, group
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.core.verdict import Summary
+
+app = group("Checks, metadata and checksums around release/; publish.")
+
+
+class Target(StrEnum):
+    """Where a release can go."""
+
+    sandbox = "zenodo-sandbox"
+    zenodo = "zenodo"
+
+
+@command(app, main=True, examples=[
+    "kb release                               check every folder, then write all that surrounds the data",
+    "kb release publish --to zenodo-sandbox   a draft of each folder, to look at",
+])
+def release(run: Run) -> Summary:
+    """Check what the exports wrote and make each folder whole: card, datasheet, metadata, sample, checksums.
+
+    Whatever speaks against publishing is listed at once, one line each, and nothing is made (exit 1).
+    """
+    return _listed(run, "release")
+
+
+@command(app, examples=[
+    "kb release publish --to zenodo-sandbox             upload drafts to the sandbox",
+    "kb release publish --to zenodo                     upload drafts",
+    "kb release publish --to zenodo --publish           publish the uploaded drafts: can't be undone",
+])
+def publish(
+    run: Run,
+    to: Annotated[Target, typer.Option("--to", help="The service that takes the deposits.")],
+    publish: Annotated[bool, typer.Option("--publish", help="Publish the drafts: can't be undone.")] = False,
+    only: Annotated[list[str] | None, typer.Option("--only", metavar="SOURCE", help="Deposit this folder alone (youtube, wiki, reddit, pairs); may be repeated.")] = None,
+) -> Summary:
+    """Upload each folder of release/ as one deposit: a draft, until --publish makes it public.
+
+    An interrupted upload goes on where it stopped. A folder that was published before and has changed
+    becomes a new version of its record.
+    """
+    return _listed(run, "publish", str(to), publish, only or [])
+
+
+def _listed(run: Run, name: str, *options: object) -> Summary:
+    """Call the pipeline; a refusal's reasons go to stderr, one line each."""
+    from kb.core.errors import ReleaseRefused
+    from kb.core.pipeline import load, locate
+
+    try:
+        return getattr(load(str(locate("release", run.pipeline))), name)(run, *options)
+    except ReleaseRefused as error:
+        for line in getattr(error, "problems", []):
+            typer.echo(line, err=True)
+        raise

@@ -1,0 +1,24 @@
+"""`kb report`: figures and one HTML page."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kb.cli.command import command, group
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.core.verdict import Summary
+
+app = group("Figures and one HTML page of what was collected.")
+
+
+@command(app, examples=["kb report                                what is there so far; open report/index.html"])
+def report(run: Run) -> Summary:
+    """Figures (SVG, PNG) and one page that needs no network, in report/ under the data root.
+
+    Works at any time on what was filtered so far; a source without data is named in a line.
+    """
+    from kb.report.build import report
+
+    return report(run)

@@ -1,0 +1,182 @@
+"""A client of Zenodo's legacy deposit API, which its sandbox speaks as well.
+
+Source: https://developers.zenodo.org. Only what a release needs: create, list, upload with md5,
+metadata, publish, new version. Every answer that is no success becomes one of kb.core.errors:
+401 and 403 the token, 400 what the service says field by field, 429 a wait or exit 3 with the time,
+5xx and broken connections a few more tries and then exit 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote, urlsplit
+
+from kb.core import clock
+from kb.core.errors import CredentialRefused, FatalError, QuotaSpent, Retryable, Unreachable
+from kb.net.retry import attempt
+from kb.release.checksums import digest
+
+if TYPE_CHECKING:
+    import requests
+
+TRIES = 5
+TIMEOUT = (10, 300)  # seconds to connect, and between two bytes of an answer
+LONGEST_WAIT = 120  # seconds that a limit may ask for before the run stops instead
+PAGE = 100
+
+
+class Gone(FatalError):
+    """A deposit that is not there any more."""
+
+
+class Zenodo:
+    """One account at one service. The token goes into the header only, and to that service only."""
+
+    def __init__(self, session: requests.Session, endpoint: str, token: str, *, wait: bool = False) -> None:
+        self._session, self._wait = session, wait
+        self.root = endpoint.rstrip("/")
+        self._base = f"{self.root}/api/deposit/depositions"
+        self._headers = {"Authorization": f"Bearer {token}"}
+
+    def create(self, metadata: dict[str, Any]) -> dict[str, Any]:
+        """A new draft. Not sent twice: a draft whose answer was lost is found by `drafts`."""
+        return self._json("POST", self._base, json={"metadata": metadata}, tries=1)
+
+    def drafts(self) -> list[dict[str, Any]]:
+        """The newest unpublished deposits of the account."""
+        return self._json("GET", self._base, params={"status": "draft", "size": PAGE})
+
+    def get(self, number: int) -> dict[str, Any]:
+        """A deposit. Raises Gone."""
+        return self._json("GET", f"{self._base}/{number}")
+
+    def files(self, number: int) -> dict[str, dict[str, Any]]:
+        """Name → {"id", "checksum" (md5, hexadecimal), "filesize"} of what was uploaded."""
+        found = self._json("GET", f"{self._base}/{number}/files")
+        return {one["filename"]: one for one in found}
+
+    def remove(self, number: int, file: str) -> None:
+        """Remove an uploaded file of a draft."""
+        self._send("DELETE", f"{self._base}/{number}/files/{file}")
+
+    def upload(self, bucket: str, path: Path, md5: str, sent: Callable[[int], None]) -> None:
+        """Put a file into a draft's bucket, again when the service received other bytes.
+
+        `sent` is told the bytes of the file when it is there. Raises FatalError when it never arrives whole.
+        """
+        if urlsplit(bucket)[:2] != urlsplit(self.root)[:2]:
+            raise FatalError("the deposit service names a bucket on another host", hint="nothing was sent there")
+
+        def put() -> None:
+            with path.open("rb") as file:
+                answer = self._once("PUT", f"{bucket}/{quote(path.name)}", data=file, headers={"Content-Type": "application/octet-stream"})
+            if answer.get("checksum", "").removeprefix("md5:") != md5:
+                raise Retryable("damaged_upload")
+
+        try:
+            self._attempt(put, TRIES)
+        except Retryable as error:
+            if error.reason == "damaged_upload":
+                raise FatalError(f"{path.name} arrived damaged {TRIES} times", hint="check the network, then run the same command again") from None
+            raise
+        sent(path.stat().st_size)
+
+    def describe(self, number: int, metadata: dict[str, Any]) -> dict[str, Any]:
+        """Set the metadata. Raises FatalError when the service refuses it or takes another licence."""
+        answer = self._json("PUT", f"{self._base}/{number}", json={"metadata": metadata})
+        taken = answer.get("metadata", {}).get("license")
+        if taken != metadata["license"]:
+            raise FatalError(f"the deposit service took the licence {taken!r} instead of {metadata['license']!r}", hint="look at the draft; it was not published")
+        return answer
+
+    def publish(self, number: int) -> dict[str, Any]:
+        """Publish a draft: can't be undone. When the answer is lost, the deposit itself tells."""
+        try:
+            return self._json("POST", f"{self._base}/{number}/actions/publish", tries=1)
+        except (Unreachable, FatalError):
+            now = self.get(number)
+            if now.get("submitted"):
+                return now
+            raise
+
+    def new_version(self, number: int) -> dict[str, Any]:
+        """The draft of the record's next version, with the files of the last one.
+
+        The service refuses a second draft while one is open; that one is used then.
+        """
+        try:
+            answer = self._json("POST", f"{self._base}/{number}/actions/newversion", tries=1)
+        except FatalError:
+            answer = self.get(number)
+            if not answer["links"].get("latest_draft", "").startswith(self._base):
+                raise
+        return self._json("GET", answer["links"]["latest_draft"])
+
+    # -- requests ----------------------------------------------------------------------------------
+
+    def _json(self, method: str, url: str, *, tries: int = TRIES, **what: Any) -> Any:
+        return self._send(method, url, tries=tries, **what)
+
+    def _send(self, method: str, url: str, *, tries: int = TRIES, **what: Any) -> Any:
+        return self._attempt(lambda: self._once(method, url, **what), tries)
+
+    def _attempt(self, call: Callable[[], Any], tries: int) -> Any:
+        try:
+            return attempt(call, tries=tries)
+        except Retryable as error:
+            if error.reason == "damaged_upload":
+                raise
+            raise Unreachable(f"the deposit service does not answer ({error.reason})", hint="the same command goes on where it stopped") from None
+
+    def _once(self, method: str, url: str, *, headers: dict[str, str] | None = None, **what: Any) -> Any:
+        import requests
+
+        if urlsplit(url)[:2] != urlsplit(self.root)[:2]:
+            raise FatalError("the deposit service links to another host", hint="nothing was sent there")
+        try:
+            # Redirects would carry the token to wherever they point.
+            answer = self._session.request(method, url, headers={**self._headers, **(headers or {})}, timeout=TIMEOUT, allow_redirects=False, **what)
+        except (requests.ConnectionError, requests.Timeout) as error:
+            raise Retryable(type(error).__name__.lower(), unreachable=True) from None
+        if answer.status_code in (401, 403) and "locked" not in answer.text:
+            raise CredentialRefused("the deposit service does not accept ZENODO_TOKEN", hint="it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own")
+        if answer.status_code == 429:
+            raise self._limited(answer.headers)
+        if answer.status_code >= 500:
+            raise Retryable(f"status {answer.status_code}", unreachable=True)
+        if answer.status_code in (404, 410):
+            raise Gone(f"the deposit service answered {answer.status_code}: {_message(answer)}", hint="the deposit may have been removed by hand")
+        if not 200 <= answer.status_code < 300:
+            raise FatalError(f"the deposit service refused ({answer.status_code}): {_message(answer)}", hint="nothing was published")
+        return answer.json() if answer.content else {}
+
+    def _limited(self, headers: Any) -> Exception:
+        """A short wait is waited out, a long one ends the run with the time to come back (or --wait)."""
+        now = datetime.now(UTC).timestamp()  # the service's own clock: KB_NOW does not move it
+        try:
+            seconds = float(headers["Retry-After"]) if "Retry-After" in headers else float(headers["X-RateLimit-Reset"]) - now
+        except (KeyError, ValueError):
+            seconds = 60.0
+        seconds = max(seconds, 0.0)
+        if seconds <= LONGEST_WAIT or self._wait:
+            return Retryable("limited", after=seconds)
+        reset = datetime.fromtimestamp(now + seconds, UTC)
+        return QuotaSpent(f"the deposit service's limit is spent until {clock.stamp(reset)}", hint="run the same command then", reset_at=reset)
+
+
+def md5(path: Path) -> str:
+    """The checksum that the service compares."""
+    return digest(path, "md5")
+
+
+def _message(answer: Any) -> str:
+    """What an error answer says, with every field it names."""
+    try:
+        body = answer.json()
+    except ValueError:
+        return answer.reason or "no message"
+    fields = [f"{one.get('field', '?')}: {one.get('message') or ' '.join(one.get('messages', []))}" for one in body.get("errors") or []]
+    return "; ".join([str(body.get("message", "")).strip(), *fields])[:600]

@@ -1,0 +1,176 @@
+"""`kb release publish`: one deposit a folder, a draft by default, resumable, new versions of old records.
+
+What was done is kept in `state/deposits.json` (ids and digests, no token), written before and after
+every step that can't be repeated: a run that was cut off goes on with the same draft and sends only
+files whose md5 differs.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from kb.core import signals
+from kb.core.errors import DamagedData, UsageError
+from kb.core.verdict import Summary
+from kb.release import check
+from kb.release.build import exported, refuse
+from kb.release.checksums import digest
+from kb.release.deposit import Gone, Zenodo, md5
+from kb.release.folders import DEPOSIT, SUMS, Folder
+from kb.release.measure import SANDBOX_MODEL, models
+from kb.release.metadata import Document
+from kb.release.problem import Problem
+from kb.store.atomic import write_text
+from kb.store.lock import writer
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+
+HOSTS = {"zenodo-sandbox": "https://sandbox.zenodo.org", "zenodo": "https://zenodo.org"}
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+MOST_FILES, MOST_BYTES = 100, 50 * 10**9  # a record at Zenodo
+
+
+def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None = None) -> Summary:
+    """Deposit every folder of release/. Raises ReleaseRefused, MissingCredential, CredentialRefused, Stopped."""
+    from kb.net.client import make_session
+
+    token = run.settings.need("zenodo_token")
+    endpoint = run.settings.kb_zenodo_endpoint or HOSTS[to]
+    found = [folder for folder in exported(run) if not only or folder.source in only]
+    if not found:
+        raise UsageError(f"there is no folder {', '.join(only or [])} to deposit", hint=f"exported: {', '.join(folder.source for folder in exported(run))}")
+    loopback = urlsplit(endpoint).hostname in LOOPBACK
+    if urlsplit(endpoint).scheme != "https" and not loopback:
+        raise UsageError("KB_ZENODO_ENDPOINT is not https: the token would be sent in the clear")
+    refuse([*_marked(run, found, loopback), *_limits(found), *check.check(run, found), *check.check_made(run, found)])
+    deposits: dict[str, Any] = {}
+    with writer(run.root, "deposits"):
+        service = Zenodo(make_session(run.settings), endpoint, token, wait=run.wait)
+        for folder in found:
+            signals.stop.check()
+            deposits[folder.source] = _Upload(run, service, folder).go(publish=publish)
+    states = [one["state"] for one in deposits.values()]
+    return Summary(deposits=len(found), drafts=states.count("draft"), published=states.count("published"), unchanged=states.count("unchanged"),
+                   uploaded=sum(one.pop("uploaded") for one in deposits.values()), sources=deposits)
+
+
+def _marked(run: Run, found: list[Folder], loopback: bool) -> list[Problem]:
+    """Scores of the sandbox's tiny model may go to a loopback service only."""
+    if loopback:
+        return []
+    return [
+        Problem("sandbox model", folder.source, "scored with the sandbox's tiny model, whose scores mean nothing about real texts; run `kb models fetch` and filter again")
+        for folder in found
+        if any(model == SANDBOX_MODEL for model, _, _ in models(run.root, folder.source)) or _document(folder).get("sandbox_model")
+    ]
+
+
+def _document(folder: Folder) -> dict[str, Any]:
+    try:
+        return dict(json.loads((folder.path / DEPOSIT).read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return {}
+
+
+def _limits(found: list[Folder]) -> list[Problem]:
+    problems = []
+    for folder in found:
+        files = [*folder.files(), folder.path / SUMS]
+        total = sum(path.stat().st_size for path in files if path.exists())
+        if len(files) > MOST_FILES:
+            problems.append(Problem("size", folder.source, f"{len(files)} files, a record takes {MOST_FILES}; export larger shards"))
+        if total > MOST_BYTES:
+            problems.append(Problem("size", folder.source, f"{total / 1e9:.1f} GB, a record takes {MOST_BYTES / 1e9:.0f}"))
+    return problems
+
+
+class _Upload:
+    """One folder on its way to one service."""
+
+    def __init__(self, run: Run, service: Zenodo, folder: Folder) -> None:
+        self.run, self.service, self.folder = run, service, folder
+        self.path = run.root / "state" / "deposits.json"
+        host = urlsplit(service.root)
+        # Ports change with each start of a loopback service; hosts don't.
+        self.key = f"{host.hostname}/{folder.source}"
+        self.document = Document.model_validate(_document(folder))
+        self.metadata = self.document.metadata.model_dump(exclude_none=True, mode="json")
+        self.digest = digest(folder.path / SUMS)
+
+    def go(self, *, publish: bool) -> dict[str, Any]:
+        """The deposit's state, id, address and uploaded files."""
+        known = self._read()
+        if known.get("published") == self.digest:
+            return {"state": "unchanged", "id": known["id"], "doi": known.get("doi"), "uploaded": 0}
+        draft = self._draft(known)
+        uploaded = self._files(draft)
+        shown = self.service.describe(draft["id"], self.metadata)
+        if publish:
+            signals.stop.check()
+            shown = self.service.publish(draft["id"])
+            self._write({"id": draft["id"], "published": self.digest, "doi": shown.get("doi")})
+        return {"state": "published" if publish else "draft", "id": draft["id"], "doi": shown.get("doi"), "page": shown.get("links", {}).get("html"), "uploaded": uploaded}
+
+    def _draft(self, known: dict[str, Any]) -> dict[str, Any]:
+        """The draft to fill: the one begun, the next version of the published record, or a new one."""
+        if "draft" in known:
+            try:
+                found = self.service.get(known["draft"])
+                if not found.get("submitted"):
+                    return found
+                # Published by hand, or by a run whose answer was lost.
+                known = {"id": found["id"], "published": "", "doi": found.get("doi")}
+            except Gone:
+                known.pop("draft")
+        if "id" in known:
+            self._write(known | {"creating": True})
+            draft = self.service.new_version(known["id"])
+        else:
+            draft = self._lost_draft(known)
+            if draft is None:
+                self._write({"creating": True})
+                draft = self.service.create(self.metadata)
+        self._write({key: what for key, what in known.items() if key != "creating"} | {"draft": draft["id"]})
+        return draft
+
+    def _lost_draft(self, known: dict[str, Any]) -> dict[str, Any] | None:
+        """A draft that an earlier run created without learning of it: ours by its title, still empty."""
+        if not known.get("creating"):
+            return None
+        return next((one for one in self.service.drafts() if one.get("title") == self.metadata["title"] and not one.get("files")), None)
+
+    def _files(self, draft: dict[str, Any]) -> int:
+        """Make the draft hold exactly the folder's files; how many were sent."""
+        there = self.service.files(draft["id"])
+        local = [*self.folder.files(), self.folder.path / SUMS]
+        task = self.run.progress.task(f"upload {self.folder.source}", total=sum(path.stat().st_size for path in local), unit="bytes")
+        for name in sorted(set(there) - {path.name for path in local}):
+            self.service.remove(draft["id"], there[name]["id"])
+        sent = 0
+        for path in local:
+            signals.stop.check()
+            checksum = md5(path)
+            if there.get(path.name, {}).get("checksum", "").removeprefix("md5:") == checksum:
+                task.advance(path.stat().st_size)
+                continue
+            self.service.upload(draft["links"]["bucket"], path, checksum, task.advance)
+            sent += 1
+        task.close()
+        return sent
+
+    def _all(self) -> dict[str, Any]:
+        if not self.path.exists():
+            return {}
+        try:
+            return dict(json.loads(self.path.read_text(encoding="utf-8")))
+        except ValueError:
+            raise DamagedData(f"{self.path} can't be read", hint="move it away; the next run makes new drafts") from None
+
+    def _read(self) -> dict[str, Any]:
+        return dict(self._all().get(self.key, {}))
+
+    def _write(self, entry: dict[str, Any]) -> None:
+        write_text(self.path, json.dumps(self._all() | {self.key: entry}, indent=1, sort_keys=True) + "\n")

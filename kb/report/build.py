@@ -1,0 +1,107 @@
+"""`kb report`: every figure as SVG and PNG, and one page with all of them."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from kb.core import signals
+from kb.core.errors import MissingExtra
+from kb.core.verdict import Summary
+from kb.report import cloud, figures, wikipage
+from kb.report.data import Data
+from kb.report.page import Section, page
+from kb.store.atomic import replacing_folder
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.core.profile import Profile
+    from kb.report.style import Figure
+
+Maker = Callable[[Data, "Profile"], "Figure | None"]
+SAMPLES = {
+    "youtube/videos": ("title", "view_count", "like_count", "duration_s", "transcript_kind", "published_at"),
+    "wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url"),
+    "reddit/posts": ("title", "type", "score", "num_comments", "created_utc"),
+    "pairs/pairs": ("keyword", "keyword_kind", "text", "token_count", "clip_start_s", "clip_end_s", "video_id"),
+}
+TITLES = {"youtube": "YouTube", "wiki": "Wiki", "reddit": "Reddit", "pairs": "Video-text pairs", "services": "Services"}
+TABLES = {"youtube": ("youtube/videos",), "wiki": ("wiki/pages", "wiki/elements", "wiki/images"), "reddit": ("reddit/posts", "reddit/comments"), "pairs": ("pairs/pairs",)}
+NEXT = {
+    "youtube": "run `kb youtube crawl`, then `kb youtube filter`", "wiki": "run `kb wiki crawl`, then `kb wiki filter`",
+    "reddit": "run `kb reddit crawl` or `kb reddit import`, then `kb reddit filter`", "pairs": "run `kb pairs` after `kb youtube filter`",
+    "services": "nothing was asked of a service yet",
+}
+
+
+def makers(source: str) -> list[Maker]:
+    """The figures of a source, in the order of the page."""
+    if source == "youtube":
+        return [_funnel("youtube/videos"), figures.durations, figures.views, lambda data, profile: cloud.words(data, profile, "youtube/videos", ("title",))]
+    if source == "wiki":
+        return [wikipage.page, _funnel("wiki/pages"), figures.elements]
+    if source == "reddit":
+        return [_funnel("reddit/posts"), figures.post_types, figures.scores, _funnel("reddit/comments"),
+                lambda data, profile: cloud.words(data, profile, "reddit/posts", ("title", "body"))]
+    return [figures.keywords, figures.lengths] if source == "pairs" else [figures.quota]
+
+
+def report(run: Run) -> Summary:
+    """Write `report/` anew. Raises MissingExtra when the figures' packages are not installed."""
+    missing = [name for name in ("matplotlib", "wordcloud", "PIL") if importlib.util.find_spec(name) is None]
+    if missing:
+        raise MissingExtra(f"figures need {', '.join(missing)}", hint="pip install 'lorebase[figures]'")
+    data = Data(run)
+    try:
+        sections = [_section(run, data, source) for source in TITLES]
+        cards = [(f"{name.partition('/')[2]}", data.count(name), TITLES[source]) for source, names in TABLES.items() for name in names if data.files(name)]
+        notes = _notes(run)
+        html = page(f"{run.profile.title}: what was collected", data.newest(), cards, sections, notes)
+    finally:
+        data.close()
+    with replacing_folder(run.root / "report") as folder:
+        for section in sections:
+            for figure in section.figures:
+                (folder / f"{figure.name}.svg").write_bytes(figure.svg)
+                (folder / f"{figure.name}.png").write_bytes(figure.png)
+        (folder / "index.html").write_text(html, encoding="utf-8")
+    return Summary(figures=sum(len(section.figures) for section in sections), page=str(run.root / "report" / "index.html"),
+                   without=", ".join(section.title for section in sections if section.missing) or None)
+
+
+def _section(run: Run, data: Data, source: str) -> Section:
+    section = Section(source, TITLES[source])
+    todo = makers(source)
+    task = run.progress.task(f"report {source}", total=len(todo), unit="figures")
+    for make in todo:
+        signals.stop.check()
+        figure = make(data, run.profile)
+        if figure is not None:
+            section.figures.append(figure)
+        task.advance()
+    task.close()
+    for name in TABLES.get(source, ()):
+        if name in SAMPLES and run.profile.report.samples and data.count(name):
+            rows = data.samples(name, SAMPLES[name], run.profile.report.samples)
+            section.samples.append((f"Some {name.partition('/')[2]}", [column.replace("_", " ") for column in SAMPLES[name]], rows))
+    if not section.figures:
+        section.missing.append(f"No data of {TITLES[source]} yet: {NEXT[source]}." if source != "services" else f"No ledger: {NEXT[source]}.")
+    return section
+
+
+def _funnel(name: str) -> Maker:
+    return lambda data, profile: figures.funnel(data, name)
+
+
+def _notes(run: Run) -> list[str]:
+    """What a reader must know before believing the figures."""
+    import duckdb
+
+    files = [str(path) for path in sorted((run.root / "annotations").glob("**/*.parquet"))]
+    if not files:
+        return []
+    models = [row[0] for row in duckdb.execute("SELECT DISTINCT model FROM read_parquet(?, union_by_name = true) ORDER BY 1", [files]).fetchall()]
+    if any(model == "lorebase_tiny" for model in models):
+        return ["Toxicity scores are those of the sandbox's tiny model: they mean nothing about real texts."]
+    return []

@@ -1,0 +1,58 @@
+"""A word cloud as vector shapes: words by size, all of them lying, so that they can be read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kb.report.data import Data
+from kb.report.style import BLUE, GREEN, INK, PURPLE, RED, WIDTH, Figure, canvas, number, saved
+
+if TYPE_CHECKING:
+    from kb.core.profile import Profile
+
+_W, _H = 1080, 640  # the cloud's own pixels
+_DARK = (BLUE, GREEN, RED, INK, PURPLE)  # readable on white
+_MORE = "just like get got can't don't i'm it's that's one would could also any anyone really make made want need know see im ive dont cant new use using still first even way much many thing things".split()
+
+
+def words(data: Data, profile: Profile, table: str, columns: tuple[str, ...]) -> Figure | None:
+    """The cloud of the words in some columns of a table (the paper shows Reddit's)."""
+    from wordcloud import STOPWORDS
+
+    stop = {word.lower() for word in (*STOPWORDS, *_MORE, *profile.report.stop_words)}
+    found = data.words(table, columns, stop, profile.report.cloud_words)
+    if len(found) < 5:
+        return None
+    source, _, rows = table.partition("/")
+    png, svg = _drawn(dict(found), profile.seed)
+    return Figure(
+        f"{source}-words", f"What {rows} are about", f"The {len(found)} most frequent words of {' and '.join(columns)}; a word's size follows the number of {rows} that say it.",
+        "Word cloud; the largest words are " + ", ".join(f"{word} ({number(n)})" for word, n in found[:12]) + ".", png, svg, ("word", rows), found[:60])
+
+
+def _drawn(frequencies: dict[str, int], seed: int) -> tuple[bytes, bytes]:
+    from matplotlib import get_data_path
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.patches import PathPatch
+    from matplotlib.textpath import TextPath
+    from matplotlib.transforms import Affine2D
+    from PIL import ImageFont
+    from wordcloud import WordCloud
+
+    font = str(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans-Bold.ttf")
+    cloud = WordCloud(width=_W, height=_H, font_path=font, prefer_horizontal=1.0, max_words=len(frequencies), min_font_size=15,
+                      relative_scaling=0.5, margin=5, random_state=seed)
+    cloud.generate_from_frequencies(frequencies)
+    sheet, axes = canvas(WIDTH * _H / _W)
+    face = FontProperties(fname=font)
+    for index, ((word, _), size, (top, left), _, _) in enumerate(cloud.layout_):
+        ascent = ImageFont.truetype(font, size).getmetrics()[0]
+        shape = TextPath((0, 0), word, size=size, prop=face)
+        place = Affine2D().translate(left, _H - top - ascent)
+        axes.add_patch(PathPatch(shape, transform=place + axes.transData, color=_DARK[index % len(_DARK)], linewidth=0))
+    axes.set_xlim(0, _W)
+    axes.set_ylim(0, _H)
+    axes.set_aspect("equal")
+    axes.axis("off")
+    return saved(sheet)

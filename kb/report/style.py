@@ -1,0 +1,91 @@
+"""How every figure looks, and how it is saved: the same bytes for the same data.
+
+Colours: Okabe and Ito's palette, told apart with any colour vision and on paper. Figures are as wide
+as a phone's screen in points, so that their labels stay readable on one.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+BLUE, ORANGE, GREEN, RED, SKY, PURPLE, YELLOW = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#F0E442"
+SERIES = (BLUE, ORANGE, GREEN, PURPLE, RED, SKY)
+INK, GREY, PALE = "#1F2933", "#52606D", "#D9E2EC"
+WIDTH = 5.4  # inches
+PIXELS = 200  # per inch, of the PNG
+_RULES: dict[str, Any] = {
+    "font.family": "DejaVu Sans", "font.size": 10, "axes.titlesize": 11, "axes.titleweight": "bold", "axes.titlelocation": "left",
+    "axes.labelsize": 10, "axes.edgecolor": GREY, "axes.labelcolor": INK, "text.color": INK, "xtick.color": GREY, "ytick.color": GREY,
+    "xtick.labelcolor": INK, "ytick.labelcolor": INK, "axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True,
+    "axes.grid": False, "grid.color": PALE, "grid.linewidth": 0.8, "figure.facecolor": "white", "savefig.facecolor": "white",
+    "figure.constrained_layout.use": True, "legend.frameon": False, "legend.fontsize": 9,
+    "svg.hashsalt": "lorebase", "svg.fonttype": "path", "path.simplify": True,
+}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One finished figure. `rows` are the numbers behind it, for those who can't see it."""
+
+    name: str
+    title: str
+    caption: str
+    alt: str
+    png: bytes
+    svg: bytes
+    head: Sequence[str] = ()
+    rows: Sequence[Sequence[object]] = field(default_factory=tuple)
+
+
+def canvas(height: float, columns: int = 1, **options: Any) -> tuple[Any, Any]:
+    """A figure of the common width and its axes, drawn without any display."""
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as Sheet
+
+    with matplotlib.rc_context(_RULES):
+        sheet = Sheet(figsize=(WIDTH, height))
+        FigureCanvasAgg(sheet)
+        axes = sheet.subplots(1, columns, **options)
+    return sheet, axes
+
+
+def saved(sheet: Any) -> tuple[bytes, bytes]:
+    """(PNG, SVG) without dates or version names."""
+    import matplotlib
+
+    with matplotlib.rc_context(_RULES):
+        png, svg = io.BytesIO(), io.BytesIO()
+        sheet.savefig(png, format="png", dpi=PIXELS, metadata={"Software": None})
+        sheet.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
+    return png.getvalue(), svg.getvalue()
+
+
+def number(n: float) -> str:
+    """1,234 as it is, 12,345 as 12.3k, 2,200,000 as 2.2M."""
+    for limit, sign in ((1e9, "B"), (1e6, "M"), (1e4, "k")):
+        if abs(n) >= limit:
+            short = n / (1e3 if sign == "k" else limit)
+            return f"{short:.1f}".rstrip("0").rstrip(".") + sign
+    return f"{n:,.0f}" if float(n).is_integer() else f"{n:,.1f}"
+
+
+def counts(axis: Any) -> None:
+    """Readable whole numbers on a count axis."""
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+    axis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
+
+
+def powers(axis: Any) -> None:
+    """1, 10, 100, 1k … on a logarithmic axis."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    axis.set_major_formatter(FuncFormatter(lambda value, _: "1k" if value == 1000 else number(value)))
+    axis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,306 @@
+"""The sandbox's deposit service: Zenodo's legacy deposit API as documented, errors included.
+
+Depositions, the file bucket, publish, new versions, public records and their files. Kept in memory.
+It also behaves as the real service does where its page is silent: a deposit without a licence becomes
+CC0, a second draft of a record that still has files is refused, file names are flat.
+Source: https://developers.zenodo.org ("Depositions", "Deposition files", "Deposition actions", "Errors").
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import re
+import threading
+import uuid
+from dataclasses import dataclass, field
+from typing import Any
+
+from werkzeug.exceptions import BadRequest, HTTPException
+from werkzeug.routing import Map, Rule
+from werkzeug.wrappers import Request, Response
+
+TOKEN = "sandbox-deposit-token"  # noqa: S105  an invented credential of an invented service
+MOST_FILES = 100
+MOST_BYTES = 50 * 10**9
+TYPES = {"dataset", "software", "publication", "image", "video", "poster", "presentation", "lesson", "physicalobject", "other"}
+LICENCES = re.compile(r"(cc-by(-nc)?(-sa|-nd)?-[1-4]\.0|cc0-1\.0|cc-zero|mit|apache-2\.0|other-open)(-[a-z]{2})?")
+STAMP = "2026-11-20T12:00:00.000000+00:00"
+_UNAUTHORIZED = (
+    "The server could not verify that you are authorized to access the URL requested. You either supplied the wrong"
+    " credentials (e.g. a bad password), or your browser doesn't understand how to supply the credentials required."
+)
+
+
+def settings(url: str) -> dict[str, str]:
+    """The settings that point at this service."""
+    return {"KB_ZENODO_ENDPOINT": url, "ZENODO_TOKEN": TOKEN}
+
+
+def app(world: Any = None, faults: Any = None) -> Any:
+    """The WSGI application, with a store of its own."""
+    service = Deposits(token=TOKEN)
+    return faults.wrap("zenodo", service) if hasattr(faults, "wrap") else service
+
+
+class Answer(HTTPException):
+    """An error in the API's own form."""
+
+    def __init__(self, status: int, message: str, errors: list[dict[str, Any]] | None = None, headers: dict[str, str] | None = None) -> None:
+        body = {"status": status, "message": message} | ({"errors": errors} if errors else {})
+        super().__init__(response=Response(json.dumps(body), status, headers, mimetype="application/json"))
+        self.code = status
+
+
+@dataclass
+class Deposit:
+    """One deposition: a draft, or a published record."""
+
+    id: int
+    concept: int
+    bucket: str
+    metadata: dict[str, Any] = field(default_factory=dict)
+    files: dict[str, bytes] = field(default_factory=dict)
+    submitted: bool = False
+
+
+class Deposits:
+    """The service: a WSGI callable with its deposits in `by_id` and its requests in `seen`."""
+
+    def __init__(self, token: str = TOKEN) -> None:
+        self.token = token
+        self.by_id: dict[int, Deposit] = {}
+        self.seen: list[tuple[str, str]] = []
+        self.troubles: list[tuple[str, str, Any]] = []
+        self._numbers = itertools.count(100_001)
+        self._lock = threading.RLock()
+        base = "/api/deposit/depositions"
+        self._routes = Map([
+            Rule(base, endpoint=self._list, methods=["GET"]), Rule(base, endpoint=self._create, methods=["POST"]),
+            Rule(f"{base}/<int:number>", endpoint=self._get, methods=["GET"]),
+            Rule(f"{base}/<int:number>", endpoint=self._update, methods=["PUT"]),
+            Rule(f"{base}/<int:number>", endpoint=self._delete, methods=["DELETE"]),
+            Rule(f"{base}/<int:number>/files", endpoint=self._files, methods=["GET"]),
+            Rule(f"{base}/<int:number>/files/<file>", endpoint=self._remove, methods=["DELETE"]),
+            Rule(f"{base}/<int:number>/actions/publish", endpoint=self._publish, methods=["POST"]),
+            Rule(f"{base}/<int:number>/actions/newversion", endpoint=self._new_version, methods=["POST"]),
+            Rule("/api/files/<bucket>/<path:name>", endpoint=self._put, methods=["PUT"]),
+            Rule("/api/records/<int:number>", endpoint=self._record, methods=["GET"]),
+            Rule("/api/records/<int:number>/files/<path:name>/content", endpoint=self._content, methods=["GET"]),
+        ], strict_slashes=False)
+
+    def trouble(self, method: str, path: str, answer: Any, times: int = 1) -> None:
+        """Answer the next `times` requests whose path matches with `answer`: an Answer, or a callable of the request."""
+        self.troubles += [(method, path, answer)] * times
+
+    def __call__(self, environ: Any, start_response: Any) -> Any:
+        request = Request(environ)
+        try:
+            self.seen.append((request.method, request.path))
+            for number, (method, path, answer) in enumerate(self.troubles):
+                if method == request.method and re.search(path, request.path):
+                    del self.troubles[number]
+                    response = answer(request) if not isinstance(answer, Answer) else answer
+                    return response(environ, start_response)
+            handler, values = self._routes.bind_to_environ(environ).match()
+            with self._lock:
+                public = handler in (self._record, self._content)
+                if not public:
+                    self._authorize(request)
+                response = handler(request, **values)
+        except Answer as error:
+            response = error.get_response()
+        except HTTPException as error:
+            response = Answer(error.code or 500, error.description or "").get_response()
+        if request.method in ("PUT", "POST"):
+            request.stream.read()  # an answer before the body was read would break the connection
+        return response(environ, start_response)
+
+    # -- depositions -----------------------------------------------------------------------------
+
+    def _authorize(self, request: Request) -> None:
+        given = request.headers.get("Authorization", "").removeprefix("Bearer ") or request.args.get("access_token", "")
+        if not given:
+            raise Answer(401, _UNAUTHORIZED)
+        if given != self.token:
+            raise Answer(403, "Invalid access token.")
+
+    def _list(self, request: Request) -> Response:
+        status = request.args.get("status")
+        wanted = [one for one in self.by_id.values() if status is None or one.submitted == (status == "published")]
+        start = (request.args.get("page", 1, int) - 1) * (size := request.args.get("size", 10, int))
+        return _json([self._shown(one, request) for one in reversed(wanted)][start:start + size])
+
+    def _create(self, request: Request) -> Response:
+        body = _body(request)
+        number = next(self._numbers)
+        made = Deposit(number, number - 1, str(uuid.uuid5(uuid.NAMESPACE_URL, str(number))))
+        next(self._numbers)
+        made.metadata = _metadata(body.get("metadata", {}), whole=False)
+        self.by_id[number] = made
+        return _json(self._shown(made, request), 201)
+
+    def _find(self, number: int) -> Deposit:
+        if number not in self.by_id:
+            raise Answer(404, "PID does not exist.")
+        return self.by_id[number]
+
+    def _draft(self, number: int) -> Deposit:
+        found = self._find(number)
+        if found.submitted:
+            raise Answer(400, "Invalid action", [{"field": "state", "message": "The deposition is published."}])
+        return found
+
+    def _get(self, request: Request, number: int) -> Response:
+        return _json(self._shown(self._find(number), request))
+
+    def _update(self, request: Request, number: int) -> Response:
+        found, body = self._draft(number), _body(request)
+        if "metadata" not in body:
+            raise Answer(400, "Validation error.", [{"field": "metadata", "message": "Missing data for required field."}])
+        found.metadata = _metadata(body["metadata"], whole=False)
+        return _json(self._shown(found, request))
+
+    def _delete(self, request: Request, number: int) -> Response:
+        del self.by_id[self._draft(number).id]
+        return Response(status=204)
+
+    # -- files -----------------------------------------------------------------------------------
+
+    def _files(self, request: Request, number: int) -> Response:
+        return _json([_file(self._find(number), name) for name in self._find(number).files])
+
+    def _remove(self, request: Request, number: int, file: str) -> Response:
+        found = self._draft(number)
+        name = next((name for name in found.files if _file(found, name)["id"] == file), None)
+        if name is None:
+            raise Answer(404, "File not found.")
+        del found.files[name]
+        return Response(status=204)
+
+    def _put(self, request: Request, bucket: str, name: str) -> Response:
+        found = next((one for one in self.by_id.values() if one.bucket == bucket), None)
+        if found is None:
+            raise Answer(404, "Bucket does not exist.")
+        if found.submitted:
+            raise Answer(403, "Bucket is locked for modifications.")
+        if "/" in name:
+            raise Answer(400, "Invalid key: file names are flat.")
+        data = request.get_data(cache=False)
+        if request.content_length is not None and len(data) != request.content_length:
+            raise BadRequest("The request body was cut off.")
+        if name not in found.files and len(found.files) >= MOST_FILES:
+            raise Answer(400, f"The deposit has more than {MOST_FILES} files.")
+        if sum(map(len, found.files.values())) + len(data) > MOST_BYTES:
+            raise Answer(413, "Quota limit exceeded.")
+        found.files[name] = data
+        shown = _file(found, name)
+        body = {"key": name, "mimetype": "application/octet-stream", "size": len(data), "checksum": f"md5:{shown['checksum']}",
+                "version_id": shown["id"], "is_head": True, "created": STAMP, "updated": STAMP, "links": {"self": f"{_root(request)}/api/files/{bucket}/{name}"}}
+        return _json(body, 201)
+
+    # -- actions and records -----------------------------------------------------------------------
+
+    def _publish(self, request: Request, number: int) -> Response:
+        found = self._draft(number)
+        found.metadata = _metadata(found.metadata, whole=True)
+        if not found.files:
+            raise Answer(400, "Validation error.", [{"field": "files", "message": "Minimum one file must be provided."}])
+        found.submitted = True
+        found.metadata["doi"] = f"10.5072/zenodo.{found.id}"
+        return _json(self._shown(found, request), 202)
+
+    def _new_version(self, request: Request, number: int) -> Response:
+        found = self._find(number)
+        if not found.submitted:
+            raise Answer(400, "Invalid action", [{"field": "state", "message": "The deposition is not published."}])
+        draft = self._open_draft(found)
+        if draft is not None and draft.files:
+            raise Answer(400, "A validation error occurred.", [{"field": "files.enabled", "messages": ["Please remove all files first."]}])
+        if draft is None:
+            number = next(self._numbers)
+            kept = {key: what for key, what in found.metadata.items() if key not in ("doi", "publication_date", "version")}
+            draft = Deposit(number, found.concept, str(uuid.uuid5(uuid.NAMESPACE_URL, str(number))), kept, dict(found.files))
+            self.by_id[number] = draft
+        return _json(self._shown(found, request), 201)
+
+    def _open_draft(self, found: Deposit) -> Deposit | None:
+        return next((one for one in self.by_id.values() if one.concept == found.concept and not one.submitted), None)
+
+    def _record(self, request: Request, number: int) -> Response:
+        found = self._find(number)
+        if not found.submitted:
+            raise Answer(404, "PID does not exist.")
+        root = _root(request)
+        files = [{"key": name, "size": len(data), "checksum": f"md5:{hashlib.md5(data).hexdigest()}",  # noqa: S324  the API's own checksum
+                  "links": {"self": f"{root}/api/records/{number}/files/{name}/content"}} for name, data in found.files.items()]
+        return _json({"id": number, "conceptrecid": str(found.concept), "doi": found.metadata["doi"], "metadata": found.metadata, "files": files})
+
+    def _content(self, request: Request, number: int, name: str) -> Response:
+        found = self._find(number)
+        if not found.submitted or name not in found.files:
+            raise Answer(404, "File not found.")
+        return Response(found.files[name], mimetype="application/octet-stream")
+
+    def _shown(self, one: Deposit, request: Request) -> dict[str, Any]:
+        own = f"{_root(request)}/api/deposit/depositions/{one.id}"
+        links = {"self": own, "html": f"{_root(request)}/deposit/{one.id}", "bucket": f"{_root(request)}/api/files/{one.bucket}", "files": f"{own}/files"}
+        links |= {action: f"{own}/actions/{action}" for action in ("publish", "edit", "discard", "newversion")}
+        if (draft := self._open_draft(one)) is not None:
+            links["latest_draft"] = f"{_root(request)}/api/deposit/depositions/{draft.id}"
+        shown = {
+            "id": one.id, "conceptrecid": str(one.concept), "created": STAMP, "modified": STAMP, "owner": 1, "record_id": one.id,
+            "state": "done" if one.submitted else "unsubmitted", "submitted": one.submitted, "title": one.metadata.get("title", ""),
+            "metadata": {**one.metadata, "prereserve_doi": {"doi": f"10.5072/zenodo.{one.id}", "recid": one.id}},
+            "files": [_file(one, name) for name in one.files], "links": links,
+        }
+        return shown | ({"doi": one.metadata["doi"], "conceptdoi": f"10.5072/zenodo.{one.concept}"} if one.submitted else {})
+
+
+def _metadata(given: dict[str, Any], *, whole: bool) -> dict[str, Any]:
+    """The metadata as the service keeps it; 400 with every wrong field. `whole`: required ones must be there."""
+    errors = []
+    if whole:
+        errors = [{"field": f"metadata.{name}", "message": "Missing data for required field."}
+                  for name in ("title", "upload_type", "description", "creators") if not given.get(name)]
+    if given.get("upload_type") and given["upload_type"] not in TYPES:
+        errors.append({"field": "metadata.upload_type", "message": "Not a valid choice."})
+    if given.get("license") and not LICENCES.fullmatch(str(given["license"])):
+        errors.append({"field": "metadata.license", "message": f"Invalid license provided: {given['license']}"})
+    if given.get("publication_date") and not re.fullmatch(r"\d{4}-\d{2}-\d{2}", str(given["publication_date"])):
+        errors.append({"field": "metadata.publication_date", "message": "Not a valid date."})
+    if errors:
+        raise Answer(400, "Validation error.", errors)
+    kept = dict(given)
+    if given.get("access_right", "open") in ("open", "embargoed"):
+        kept.setdefault("access_right", "open")
+        kept.setdefault("license", "cc-zero")  # the real service's silent default
+    return kept
+
+
+def _file(one: Deposit, name: str) -> dict[str, Any]:
+    data = one.files[name]
+    digest = hashlib.md5(data).hexdigest()  # noqa: S324  the API's own checksum
+    return {"id": str(uuid.uuid5(uuid.NAMESPACE_URL, f"{one.id}/{name}/{digest}")), "filename": name, "filesize": len(data), "checksum": digest}
+
+
+def _body(request: Request) -> dict[str, Any]:
+    if request.mimetype != "application/json":
+        raise Answer(415, "Unsupported media type. Content-Type must be application/json.")
+    try:
+        body = json.loads(request.get_data() or b"{}")
+    except ValueError:
+        raise Answer(400, "Unable to decode JSON data in request body.") from None
+    if not isinstance(body, dict):
+        raise Answer(400, "The body must be a JSON object.")
+    return body
+
+
+def _json(body: Any, status: int = 200) -> Response:
+    headers = {"X-RateLimit-Limit": "100", "X-RateLimit-Remaining": "99"}
+    return Response(json.dumps(body), status, headers, mimetype="application/json")
+
+
+def _root(request: Request) -> str:
+    return request.host_url.rstrip("/")
