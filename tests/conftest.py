@@ -6,7 +6,12 @@ import os
 from pathlib import Path
 from typing import NoReturn
 
+import hypothesis
 import pytest
+
+# A slow machine is no defect; the same examples everywhere, so that a failure can be seen again.
+hypothesis.settings.register_profile("lorebase", deadline=None, derandomize=True)
+hypothesis.settings.load_profile("lorebase")
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -40,9 +40,14 @@ class Answer:
 
 
 class Reader:
-    """Reads envelopes of one raw kind into the columns of `declared` that come from it."""
+    """Reads envelopes of one raw kind into the columns of `declared` that come from it.
 
-    def __init__(self, declared: Table, kind: str) -> None:
+    `note_absent`: whether a null where none may be is a problem (not for answers that may hold
+    an outcome without a row).
+    """
+
+    def __init__(self, declared: Table, kind: str, *, note_absent: bool = True) -> None:
+        self._note_absent = note_absent
         every = (*declared.columns, *declared.inputs)
         self.columns: list[Column] = [column for column in every if column.source.kind == kind]
         self._kind = f"{declared.source}/{kind}"
@@ -116,7 +121,7 @@ class Reader:
             array, bad = coerce(values, column.parsed, schema)
             for row, text in bad:
                 found.setdefault(row, []).append((column.name, "malformed", text))
-            if not column.nullable and array.null_count > len(bad):
+            if self._note_absent and not column.nullable and array.null_count > len(bad):
                 _note_absent(array, column.name, found)
             data[column.name] = array
         moments, _ = times([answer.fetched_at for answer in answers])

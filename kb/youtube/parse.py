@@ -48,7 +48,7 @@ def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
     Columns: `video_id`, `outcome`, `kind`, `language`, `cues`, `player_width`, `player_height`
     (px), `player_fps`, `game_label_id`, `game_label`, `fetched_at`, `problems`.
     """
-    for got, _ in _reader("youtube/transcripts", "transcripts").tables(lines, rows):
+    for got, _ in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(lines, rows):
         yield got
 
 
@@ -87,8 +87,8 @@ def next_page(response: Any) -> str | None:
 
 
 @cache
-def _reader(name: str, kind: str) -> Reader:
-    return Reader(table(name), kind)
+def _reader(name: str, kind: str, *, note_absent: bool = True) -> Reader:
+    return Reader(table(name), kind, note_absent=note_absent)
 
 
 def _not_returned(answer: Answer, place: int) -> list[str]:
