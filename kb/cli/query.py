@@ -16,7 +16,7 @@ from kb.cli.command import command, group
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from kb.core.context import Run
+    from kb.cli.options import Options
 
 app = group("SQL over the tables of the data root, by DuckDB.")
 
@@ -33,17 +33,17 @@ class Format(StrEnum):
     parquet = "parquet"
 
 
-@command(app, resumable=False, examples=[
+@command(app, raw=True, resumable=False, examples=[
     "kb query --tables",
     'kb query "SELECT title, view_count FROM youtube_videos ORDER BY view_count DESC LIMIT 5"',
     'kb query "SELECT stage, count(*) FROM clean.youtube_rejected GROUP BY stage" --format csv',
     'kb query "FROM release.reddit_posts" --format parquet --out posts.parquet',
 ])
 def query(
-    run: Run,
+    options: Options,
     sql: Annotated[str | None, typer.Argument(metavar="SQL", help="A query; views are named SOURCE_TABLE.")] = None,
     tables: Annotated[bool, typer.Option("--tables", help="List the views and what they hold.")] = False,
-    format: Annotated[Format, typer.Option("--format", help="How results are printed.")] = Format.table,
+    format: Annotated[Format, typer.Option("--format", help="How results are printed; --json is --format json.")] = Format.table,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write there instead of to stdout.")] = None,
 ) -> None:
     """Run SQL over the data root's tables.
@@ -58,6 +58,9 @@ def query(
         raise UsageError("give a query, or --tables", hint='for example: kb query "FROM youtube_videos LIMIT 5"')
     if format == Format.parquet and out is None and sys.stdout.isatty():
         raise UsageError("Parquet is no text for a terminal", hint="add --out FILE, or redirect stdout")
+    run = options.make_run()
+    if options.json and format == Format.table:
+        format = Format.json
     with contextlib.closing(views.connect(run.root)) as db:
         if tables:
             catalog = views.catalog(run.root)
@@ -168,13 +171,13 @@ def _as_csv(answer: pa.RecordBatchReader) -> Iterator[str]:
 
 
 def _as_json(answer: pa.RecordBatchReader) -> Iterator[str]:
-    """One array of objects."""
+    """One array of objects, in one line."""
     names = answer.schema.names
     before = "["
     for row in _rows(answer):
-        yield before + "\n " + _dump(dict(zip(names, row, strict=True)))
+        yield before + _dump(dict(zip(names, row, strict=True)))
         before = ","
-    yield "[]\n" if before == "[" else "\n]\n"
+    yield "[]\n" if before == "[" else "]\n"
 
 
 def _dump(value: Any) -> str:

@@ -55,6 +55,7 @@ def test_json(kb: Any) -> None:
         {"n": 1, "text": 'a, "b"', "at": "2026-11-20T12:00:00Z", "list": [1.5, None], "nothing": None},
         {"n": 2, "text": "é\nx", "at": None, "list": None, "nothing": None},
     ]
+    assert kb("query", SQL, "--json").stdout == answer.stdout
     assert json.loads(kb("query", "SELECT 1 WHERE false", "--format", "json").stdout) == []
 
 

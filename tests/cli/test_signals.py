@@ -1,0 +1,92 @@
+"""SIGINT and SIGTERM end a command with exit code 3 and one line, whatever it is doing."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import clean_environment
+
+# Two commands of the usual make: one that looks at the stop flag between items, one that is blocked in a wait.
+PROGRAM = """
+import sys, threading
+from kb.cli import outcome
+from kb.cli.command import command, group
+from kb.core import clock, signals
+from kb.core.verdict import Summary
+
+app = group("Test.")
+
+@command(app, examples=["x"])
+def crawl(run):
+    '''Crawl.'''
+    done = 0
+    print("ready", flush=True)
+    try:
+        while True:
+            signals.stop.check()
+            done += 1
+            clock.sleep(0.01)
+    except signals.Interrupted as stopped:
+        stopped.summary = Summary(crawled=done > 0)
+        raise
+
+@command(app, examples=["x"])
+def deaf(run):
+    '''An item that takes for ever.'''
+    print("ready", flush=True)
+    threading.Event().wait()
+
+@command(app, examples=["x"], resumable=False)
+def query(run):
+    '''Blocked in something that knows no flag.'''
+    print("ready", flush=True)
+    threading.Event().wait()
+
+sys.exit(outcome.guarded(lambda: app(prog_name="x", standalone_mode=False)))
+"""
+
+
+def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    environment = {**clean_environment(), "PYTHONPATH": str(Path(__file__).parents[2])}
+    process = subprocess.Popen([sys.executable, "-c", PROGRAM, *arguments], cwd=folder, env=environment, text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    return process
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_crawl_finishes_the_item_in_hand_and_says_how_to_go_on(tmp_path: Path, number: signal.Signals) -> None:
+    process = start(tmp_path, "crawl")
+    process.send_signal(number)
+    out, err = process.communicate(timeout=30)
+    assert process.returncode == 3
+    assert err == f"kb: stopped by {number.name}; run the same command to go on\n"
+    assert out == f"crawled True, stopped: stopped by {number.name}\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_query_ends_at_once(tmp_path: Path, number: signal.Signals) -> None:
+    process = start(tmp_path, "query")
+    process.send_signal(number)
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out) == (3, "")
+    assert err.count("\n") == 1
+
+
+def test_a_second_ctrl_c_does_not_wait_for_the_item(tmp_path: Path) -> None:
+    process = start(tmp_path, "deaf")
+    while process.poll() is None:       # the first one sets the flag, each later one ends at once
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(timeout=0.2)
+        except subprocess.TimeoutExpired:
+            continue
+    _, err = process.communicate()
+    assert process.returncode == 3
+    assert "Traceback" not in err
