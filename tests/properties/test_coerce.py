@@ -67,7 +67,7 @@ def test_texts_hold_no_nul_and_no_surrogate(values: list[Any]) -> None:
     column, bad = coerce.texts(values)
     for value, got in zip(values, column.to_pylist(), strict=True):
         assert (got is not None) == isinstance(value, str)
-        assert got is None or (len(got) == len(value) and "\0" not in got and got.encode())
+        assert got is None or (len(got) == len(value) and "\0" not in got and got.encode() is not None)
     assert all("\0" not in text and len(text) <= 200 for _, text in bad)
 
 
