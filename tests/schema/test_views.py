@@ -1,0 +1,104 @@
+"""kb query's views: clean and release, bare names, one clear line for mistakes, and nothing but reading."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import duckdb
+import pytest
+
+from kb.core.errors import DamagedData, UsageError
+from kb.schema import views
+from kb.store import tombstones
+from kb.store.shards import write_table
+
+
+@pytest.fixture
+def root(tmp_path: Path, make_rows) -> Path:  # type: ignore[no-untyped-def]
+    root = tmp_path / "it's [a] *root*"
+    write_table(root / "clean/youtube/videos/part-00000.parquet", make_rows("youtube/videos", 4), "youtube/videos")
+    write_table(root / "clean/youtube/videos/part-00001.parquet", make_rows("youtube/videos", 3), "youtube/videos")
+    write_table(root / "clean/youtube/rejected/part-00000.parquet", make_rows("shared/rejected", 2), "shared/rejected")
+    write_table(root / "release/youtube/videos-00000-of-00001.parquet", make_rows("youtube/videos", 5, released=True), "youtube/videos", released=True)
+    write_table(root / "release/reddit/posts-00000-of-00001.parquet", make_rows("reddit/posts", 6, released=True), "reddit/posts", released=True)
+    write_table(root / "pairs/part-00000.parquet", make_rows("pairs/pairs", 1), "pairs/pairs")
+    tombstones.add(root, "youtube", [("gone", "named")])
+    return root
+
+
+def rows(root: Path, sql: str) -> list[tuple[object, ...]]:
+    with views.connect(root) as con:
+        return [tuple(row.values()) for row in views.select(con, sql).read_all().to_pylist()]
+
+
+def test_clean_and_release_and_bare_names(root: Path) -> None:
+    assert rows(root, "SELECT count(*) FROM clean.youtube_videos") == [(7,)]
+    assert rows(root, "SELECT count(*) FROM release.youtube_videos") == [(5,)]
+    assert rows(root, "SELECT count(*) FROM youtube_videos") == [(7,)]
+    assert rows(root, "SELECT count(*) FROM reddit_posts") == [(6,)]
+    assert rows(root, "SELECT count(*) FROM pairs") == [(1,)]
+    assert rows(root, "FROM youtube_tombstones SELECT key, reason") == [("gone", "named")]
+    assert rows(root, "SELECT stage, count(*) FROM youtube_rejected GROUP BY ALL ORDER BY ALL") == [("stage 00000", 1), ("stage 00001", 1)]
+    assert "description" in {row[0] for row in rows(root, "DESCRIBE clean.youtube_videos")}
+    assert "description" not in {row[0] for row in rows(root, "DESCRIBE release.youtube_videos")}
+
+
+def test_times_are_utc(root: Path) -> None:
+    assert rows(root, "SELECT fetched_at::VARCHAR FROM release.youtube_videos LIMIT 1")[0][0].endswith("+00")  # type: ignore[attr-defined]
+
+
+def test_the_catalog(root: Path) -> None:
+    listing = views.catalog(root)
+    assert [row[:3] for row in listing] == [
+        ("clean", "pairs", 1), ("clean", "youtube_rejected", 2), ("clean", "youtube_tombstones", 1), ("clean", "youtube_videos", 7),
+        ("release", "reddit_posts", 6), ("release", "youtube_videos", 5)]
+    assert all(row[3] for row in listing)
+
+
+@pytest.mark.parametrize(("sql", "said", "hint"), [
+    ("SELECT titel FROM youtube_videos", 'Referenced column "titel" not found in FROM clause! Candidate bindings: "title"', "--tables"),
+    ("SELECT * FROM youtube_video", 'Table with name youtube_video does not exist! Did you mean', "clean.youtube_videos, release.reddit_posts"),
+    ("SELECT * FROM wiki_pages", "Table with name wiki_pages does not exist!", "clean.youtube_videos"),
+    ("SELEC 1", 'syntax error at or near "SELEC"', "--tables"),
+    ("", "0 statements", ""),
+    ("SELECT 1; SELECT 2", "2 statements", ""),
+    ("SELECT 'x'::INT", "Could not convert string 'x' to INT32", ""),
+])
+def test_a_mistake_is_one_line_with_a_hint(root: Path, sql: str, said: str, hint: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        rows(root, sql)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+    assert hint in caught.value.hint
+
+
+@pytest.mark.parametrize("sql", [
+    "CREATE TABLE t AS SELECT 1", "ATTACH '{tmp}/x.db'", "COPY youtube_videos TO '{tmp}/x.csv'", "SET enable_external_access = true",
+    "INSTALL httpfs", "SELECT * FROM read_csv('/etc/hosts')", "SELECT * FROM '{tmp}/other.parquet'", "DELETE FROM clean.youtube_videos",
+    "SELECT * FROM read_text('/etc/hosts')", "EXPORT DATABASE '{tmp}/x'", "PRAGMA database_list", "SELECT * FROM glob('/etc/*')",
+])
+def test_nothing_but_reading_the_tables(root: Path, tmp_path: Path, sql: str, make_rows) -> None:  # type: ignore[no-untyped-def]
+    write_table(tmp_path / "other.parquet", make_rows("shared/failed", 1), "shared/failed")
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(UsageError):
+        rows(root, sql.format(tmp=tmp_path))
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_an_empty_root_says_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as caught:
+        rows(tmp_path, "FROM youtube_videos")
+    assert "no tables yet" in caught.value.hint
+    assert views.catalog(tmp_path) == []
+
+
+def test_a_damaged_file_is_named(root: Path) -> None:
+    (root / "clean/youtube/rejected/part-00000.parquet").write_bytes(b"no parquet")
+    with pytest.raises(DamagedData, match="rejected"):
+        views.connect(root)
+    with pytest.raises(DamagedData, match="rejected"):
+        views.catalog(root)
+
+
+def test_plain_duckdb_reads_the_same(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(root / "release" / "youtube")
+    assert duckdb.sql("SELECT count(*) FROM read_parquet('videos-*.parquet')").fetchall() == [(5,)]
