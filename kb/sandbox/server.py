@@ -1,0 +1,131 @@
+"""The sandbox's services on loopback: one threading server a service, each on a port of its own.
+
+    with Sandbox(World()) as sandbox:
+        os.environ |= sandbox.settings()
+        sandbox.faults.add("/youtube/v3/search", status=503)
+        sandbox.gone("youtube")      # nobody listens any more
+        sandbox.back("youtube")      # … and again, on the same port
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import importlib.util
+import threading
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any
+
+from kb.sandbox.faults import Faults, Wsgi
+from kb.sandbox.world import World
+
+SERVICES = ("youtube", "wiki", "reddit", "zenodo")
+HOST = "127.0.0.1"
+
+
+class Server:
+    """One WSGI application on a loopback port, served by a thread a request."""
+
+    def __init__(self, application: Wsgi) -> None:
+        self.application = application
+        self.port = 0
+        self._server: Any = None
+        self._thread: threading.Thread | None = None
+
+    @property
+    def url(self) -> str:
+        """The root, without a slash at its end."""
+        return f"http://{HOST}:{self.port}"
+
+    def start(self) -> Server:
+        """Listen, on the same port as before if there was one. Raises OSError."""
+        from werkzeug.serving import WSGIRequestHandler, make_server
+
+        class Quiet(WSGIRequestHandler):
+            """Requests are in the ledger, not on stderr."""
+
+            def handle(self) -> None:
+                """Connections that the fault plan broke have no more to say."""
+                with contextlib.suppress(OSError):
+                    super().handle()
+
+            def log(self, type: str, message: str, *args: Any) -> None:
+                if type == "error" and "Error on request" in message:
+                    super().log(type, message, *args)
+
+        self._server = make_server(HOST, self.port, self.application, threaded=True, request_handler=Quiet)
+        self._server.daemon_threads = True
+        self._server.block_on_close = False  # a held request must not keep the server from ending
+        self.port = self._server.server_port
+        self._thread = threading.Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True)
+        self._thread.start()
+        return self
+
+    def stop(self) -> None:
+        """Stop listening: new connections are refused."""
+        if self._server is not None:
+            self._server.shutdown()
+            self._server.server_close()
+            self._thread.join()
+            self._server = self._thread = None
+
+
+class Sandbox:
+    """The services over one world, with one fault plan and one ledger."""
+
+    def __init__(self, world: World | None = None, faults: Faults | None = None, services: Sequence[str] | None = None) -> None:
+        self.world = world or World()
+        self.faults = faults or Faults()
+        self.servers: dict[str, Server] = {}
+        self._modules: dict[str, Any] = {}
+        for name in services or SERVICES:
+            if services is None and importlib.util.find_spec(f"kb.sandbox.{name}") is None:
+                continue
+            self._modules[name] = importlib.import_module(f"kb.sandbox.{name}")
+            self.servers[name] = Server(self._modules[name].app(self.world, self.faults))
+
+    @property
+    def ledger(self) -> Any:
+        """Every request so far (kb.sandbox.ledger.Ledger)."""
+        return self.faults.ledger
+
+    def settings(self, *, model: bool = False) -> dict[str, str]:
+        """The settings that point at the services; `model`: the tiny toxicity model's too, made when there is none.
+
+        Raises MissingExtra for `model` without the extra that it needs.
+        """
+        values = {"KB_CONTACT": "sandbox@lorebase.invalid"}
+        for name, server in self.servers.items():
+            values |= self._modules[name].settings(server.url)
+        if model:
+            from kb.sandbox import toxicity
+
+            values |= toxicity.settings()
+        return values
+
+    def gone(self, service: str) -> None:
+        """The service's host no longer answers: connections are refused."""
+        self.servers[service].stop()
+
+    def back(self, service: str) -> None:
+        """The service listens again."""
+        self.servers[service].start()
+
+    def start(self) -> Sandbox:
+        """Listen."""
+        for server in self.servers.values():
+            server.start()
+        return self
+
+    def stop(self) -> None:
+        """Release what is held and stop listening."""
+        self.faults.clear()
+        for server in self.servers.values():
+            server.stop()
+
+    def __enter__(self) -> Sandbox:
+        return self.start()
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.stop()
