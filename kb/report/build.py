@@ -12,6 +12,8 @@ from kb.core.verdict import Summary
 from kb.report import cloud, figures, wikipage
 from kb.report.data import Data
 from kb.report.page import Section, page
+from kb.report.style import applied
+from kb.schema import table
 from kb.store.atomic import replacing_folder
 
 if TYPE_CHECKING:
@@ -76,7 +78,8 @@ def _section(run: Run, data: Data, source: str) -> Section:
     task = run.progress.task(f"report {source}", total=len(todo), unit="figures")
     for make in todo:
         signals.stop.check()
-        figure = make(data, run.profile)
+        with applied():
+            figure = make(data, run.profile)
         if figure is not None:
             section.figures.append(figure)
         task.advance()
@@ -84,10 +87,17 @@ def _section(run: Run, data: Data, source: str) -> Section:
     for name in TABLES.get(source, ()):
         if name in SAMPLES and run.profile.report.samples and data.count(name):
             rows = data.samples(name, SAMPLES[name], run.profile.report.samples)
-            section.samples.append((f"Some {name.partition('/')[2]}", [column.replace("_", " ") for column in SAMPLES[name]], rows))
+            section.samples.append((f"Some {name.partition('/')[2]}", [_head(name, column) for column in SAMPLES[name]], rows))
     if not section.figures:
         section.missing.append(f"No data of {TITLES[source]} yet: {NEXT[source]}." if source != "services" else f"No ledger: {NEXT[source]}.")
     return section
+
+
+def _head(name: str, column: str) -> str:
+    """A column's name for people, with its unit where that is more than what it counts."""
+    unit = table(name).column(column).unit
+    words = column.removesuffix("_s").replace("_", " ")
+    return f"{words} ({unit})" if unit in ("s", "px", "CSS px", "UTC") else words
 
 
 def _funnel(name: str) -> Maker:

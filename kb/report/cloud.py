@@ -37,19 +37,19 @@ def _drawn(frequencies: dict[str, int], seed: int) -> tuple[bytes, bytes]:
     from matplotlib.patches import PathPatch
     from matplotlib.textpath import TextPath
     from matplotlib.transforms import Affine2D
-    from PIL import ImageFont
     from wordcloud import WordCloud
 
     font = str(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans-Bold.ttf")
-    cloud = WordCloud(width=_W, height=_H, font_path=font, prefer_horizontal=1.0, max_words=len(frequencies), min_font_size=15,
-                      relative_scaling=0.5, margin=5, random_state=seed)
+    cloud = WordCloud(width=_W, height=_H, font_path=font, prefer_horizontal=1.0, max_words=len(frequencies), min_font_size=16, max_font_size=130,
+                      relative_scaling=0.5, margin=10, random_state=seed)
     cloud.generate_from_frequencies(frequencies)
     sheet, axes = canvas(WIDTH * _H / _W)
     face = FontProperties(fname=font)
     for index, ((word, _), size, (top, left), _, _) in enumerate(cloud.layout_):
-        ascent = ImageFont.truetype(font, size).getmetrics()[0]
+        # A place is where the word's ink begins, not its line.
         shape = TextPath((0, 0), word, size=size, prop=face)
-        place = Affine2D().translate(left, _H - top - ascent)
+        ink = shape.get_extents()
+        place = Affine2D().translate(left - ink.x0, _H - top - ink.y1)
         axes.add_patch(PathPatch(shape, transform=place + axes.transData, color=_DARK[index % len(_DARK)], linewidth=0))
     axes.set_xlim(0, _W)
     axes.set_ylim(0, _H)

@@ -140,7 +140,7 @@ class Data:
         """Rows spread over a table by the MD5 of their key: the same ones each time."""
         key = table(name).key[0]
         # Times as text: DuckDB hands them out only where pytz is installed.
-        shown = ", ".join(f'"{column}"::VARCHAR' if table(name).column(column).type.startswith("timestamp") else f'"{column}"' for column in columns)
+        shown = ", ".join(f"strftime(\"{column}\" AT TIME ZONE 'UTC', '%Y-%m-%d')" if table(name).column(column).type.startswith("timestamp") else f'"{column}"' for column in columns)
         return self.rows(name, f'SELECT {shown} FROM {{t}} ORDER BY md5("{key}"::VARCHAR), "{key}" LIMIT {n}')
 
     def path(self, relative: str) -> Path:

@@ -129,8 +129,8 @@ def quota(data: Data, profile: Profile) -> Figure | None:
         base = [a + b for a, b in zip(base, values, strict=True)]
     axes.set_xlim(-0.5 - max(0, 3 - len(days)) / 2, len(days) - 0.5 + max(0, 3 - len(days)) / 2)
     shown = list(range(0, len(days), max(1, math.ceil(len(days) / 5))))
-    axes.set_xticks(shown, [days[index] for index in shown])
-    axes.set_xlabel("day")
+    axes.set_xticks(shown, [days[index][5:] for index in shown])
+    axes.set_xlabel(f"day (month-day, {' to '.join(dict.fromkeys((days[0][:4], days[-1][:4])))})")
     axes.set_ylabel("units (YouTube), requests (others)")
     axes.set_ylim(0, max([*base, 1]) * (1.12 + 0.09 * math.ceil(len(buckets) / 2)))
     counts(axes.yaxis)

@@ -39,6 +39,7 @@ details { margin-top: 8px; font-size: 0.88rem; }
 summary { cursor: pointer; color: var(--accent); padding: 4px 0; }
 details .wide { max-height: 22em; overflow: auto; margin-top: 4px; }
 footer { padding: 28px 16px 40px; font-size: 0.9rem; }
+@media (max-width: 520px) { main, header, footer { padding-left: 10px; padding-right: 10px; } figure { padding: 10px 8px; } }
 @media print { details, nav { display: none; } figure { break-inside: avoid; } }
 """
 

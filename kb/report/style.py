@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, RED, SKY, PURPLE, YELLOW = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#F0E442"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, RED, SKY)
 INK, GREY, PALE = "#1F2933", "#52606D", "#D9E2EC"
-WIDTH = 5.4  # inches
+WIDTH = 4.6  # inches
 PIXELS = 200  # per inch, of the PNG
 _RULES: dict[str, Any] = {
     "font.family": "DejaVu Sans", "font.size": 10, "axes.titlesize": 11, "axes.titleweight": "bold", "axes.titlelocation": "left",
@@ -42,13 +42,22 @@ class Figure:
     rows: Sequence[Sequence[object]] = field(default_factory=tuple)
 
 
+def applied() -> Any:
+    """A context in which whatever is drawn looks like the rest."""
+    import matplotlib
+
+    return matplotlib.rc_context(_RULES)
+
+
 def canvas(height: float, columns: int = 1, **options: Any) -> tuple[Any, Any]:
     """A figure of the common width and its axes, drawn without any display."""
-    import matplotlib
+    import logging
+
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Sheet
 
-    with matplotlib.rc_context(_RULES):
+    logging.getLogger("matplotlib").setLevel(logging.WARNING)  # --debug is for this project's lines
+    with applied():
         sheet = Sheet(figsize=(WIDTH, height))
         FigureCanvasAgg(sheet)
         axes = sheet.subplots(1, columns, **options)
@@ -57,9 +66,7 @@ def canvas(height: float, columns: int = 1, **options: Any) -> tuple[Any, Any]:
 
 def saved(sheet: Any) -> tuple[bytes, bytes]:
     """(PNG, SVG) without dates or version names."""
-    import matplotlib
-
-    with matplotlib.rc_context(_RULES):
+    with applied():
         png, svg = io.BytesIO(), io.BytesIO()
         sheet.savefig(png, format="png", dpi=PIXELS, metadata={"Software": None})
         sheet.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})

@@ -18,7 +18,10 @@ from kb.schema import Table, table
 from kb.store.shards import sorted_shards, write_table
 
 START = datetime(2026, 11, 1, tzinfo=UTC)
-WORDS = "how to build a small house with oak logs find diamonds craft an iron pickaxe tame the wolf farm wheat cave".split()
+WORDS = (
+    "how to build a small house with oak logs find diamonds craft an iron pickaxe tame the wolf farm wheat cave castle tower bridge torch"
+    " furnace bread village trade emerald horse saddle boat river ocean island ship chest barrel stairs roof garden flower bee honey"
+).split()
 KEYWORDS = ("oak log", "diamond", "iron pickaxe", "wolf", "wheat")
 Edit = Callable[[str, list[dict[str, Any]]], None]
 
@@ -146,7 +149,7 @@ def build(root: Path, edit: Edit | None = None, sources: tuple[str, ...] = ("you
     for source, lines in REJECTED.items():
         if source not in sources:
             continue
-        made = [{"key": f"{source}-{stage}-{i}", "stage": stage, "reason": reason, "value": value, "threshold": threshold}
+        made = [{"key": f"{'t3_' if source == 'reddit' else ''}{stage}{i}", "stage": stage, "reason": reason, "value": value, "threshold": threshold}
                 for stage, reason, value, threshold, n_rows in lines for i in range(n_rows)]
         declared = table("shared/rejected")
         write_table(root / "clean" / source / "rejected" / "part-00000.parquet", pa.Table.from_pylist(made, declared.arrow()), declared)
