@@ -1,0 +1,82 @@
+"""The page in the real browser: on a phone and on a desk, without any request or error."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.core.context import Run
+from kb.core.profile import load_profile
+from kb.core.settings import load_settings
+from kb.report.build import report
+from tests.conftest import skip_or_fail
+from tests.release.made import build
+
+SIZES = {"phone": (390, 844, True), "small phone": (320, 640, True), "desk": (1280, 900, False)}
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = build(tmp_path_factory.mktemp("data"), export=False, n=60)
+    report(Run(load_settings(dotenv=False), load_profile("minecraft"), root))
+    return root / "report" / "index.html"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if not chromium or not driver:
+        skip_or_fail("chromium and chromedriver are not installed")
+    from selenium import webdriver
+    from selenium.webdriver.chrome.options import Options
+    from selenium.webdriver.chrome.service import Service
+
+    options = Options()
+    options.binary_location = chromium
+    for flag in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driven = webdriver.Chrome(options=options, service=Service(driver))
+    yield driven
+    driven.quit()
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_readable_without_scrolling_sideways(browser: Any, page: Path, name: str) -> None:
+    width, height, mobile = SIZES[name]
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile})
+    browser.get(page.as_uri())
+    assert browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    pictures = browser.execute_script(
+        "return [...document.querySelectorAll('figure img')].map(i => [i.complete, i.naturalWidth, i.getBoundingClientRect().width, i.alt.length])")
+    assert len(pictures) == 14  # all but the quota, which this root has no ledger for
+    assert all(complete and natural > 0 and alt > 20 for complete, natural, _, alt in pictures)
+    assert all(shown <= width for _, _, shown, _ in pictures)
+    # Ten points of a figure's own width: what a label's letters measure on the screen.
+    assert min(shown / natural * 10 * 96 / 72 for _, natural, shown, _ in pictures if natural < 1000) >= 8
+    assert browser.execute_script("return getComputedStyle(document.body).fontSize") == "16px"
+
+
+def test_asks_the_network_for_nothing_and_logs_no_error(browser: Any, page: Path) -> None:
+    browser.get_log("performance")
+    browser.get_log("browser")
+    browser.get(page.as_uri())
+    asked = [entry["message"] for entry in browser.get_log("performance") if '"Network.requestWillBeSent"' in entry["message"]]
+    assert not [message for message in asked if '"url":"http' in message]
+    assert browser.get_log("browser") == []
+
+
+def test_numbers_behind_a_figure_open_by_keyboard(browser: Any, page: Path) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    browser.get(page.as_uri())
+    summary = browser.find_element("css selector", "#youtube-durations summary")
+    table = browser.find_element("css selector", "#youtube-durations details table")
+    assert not table.is_displayed()
+    summary.send_keys(Keys.ENTER)
+    assert table.is_displayed()
+    assert "minutes" in table.text

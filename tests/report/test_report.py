@@ -1,0 +1,172 @@
+"""`kb report` over made data: the figures' numbers, the same bytes twice, and what is missing is said."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import duckdb
+import pytest
+
+from kb.core.context import Run
+from kb.core.profile import load_profile
+from kb.core.settings import load_settings
+from kb.report import figures
+from kb.report.build import report
+from kb.report.data import Data
+from kb.store.frontier import Frontier
+from tests.release.made import build, rows
+
+FIGURES = {
+    "youtube-videos-funnel", "youtube-durations", "youtube-views", "youtube-words", "wiki-page", "wiki-pages-funnel", "wiki-elements",
+    "reddit-posts-funnel", "reddit-types", "reddit-scores", "reddit-comments-funnel", "reddit-words", "pairs-keywords", "pairs-lengths", "quota",
+}
+
+
+def a_run(root: Path, workers: int = 1) -> Run:
+    return Run(load_settings(dotenv=False), load_profile("minecraft"), root, workers=workers)
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from PIL import Image, ImageDraw
+
+    root = build(tmp_path_factory.mktemp("data"), export=False, n=120)
+    for page in range(1, 13):
+        picture = Image.new("RGB", (1280, 900), "white")
+        ImageDraw.Draw(picture).text((40, 40), f"page {page}", fill="black")
+        path = root / "raw" / "wiki" / "pages" / f"{page}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        picture.save(path)
+    frontier = Frontier(root / "state" / "youtube.sqlite")
+    for day in (1, 2, 3):
+        for _ in range(day):
+            frontier.spend("search", 1, "search.list", f"2026-11-0{day}")
+            frontier.spend("general", 5, "videos.list", f"2026-11-0{day}")
+    frontier.close()
+    report(a_run(root))
+    return root
+
+
+def test_every_figure_is_there_as_svg_and_png(root: Path) -> None:
+    folder = root / "report"
+    assert {path.stem for path in folder.glob("*.svg")} == FIGURES
+    assert {path.stem for path in folder.glob("*.png")} == FIGURES
+    for path in folder.glob("*.svg"):
+        ElementTree.parse(path)
+        assert "<dc:date>" not in path.read_text()
+
+
+def test_same_bytes_whenever_and_with_any_number_of_workers(root: Path, tmp_path: Path) -> None:
+    before = {path.name: path.read_bytes() for path in (root / "report").iterdir()}
+    report(a_run(root, workers=3))
+    assert {path.name: path.read_bytes() for path in (root / "report").iterdir()} == before
+
+
+def test_durations_end_at_the_percentile_of_the_profile(root: Path) -> None:
+    data, profile = Data(a_run(root)), load_profile("minecraft")
+    figure = figures.durations(data, profile)
+    files = [str(path) for path in (root / "clean" / "youtube" / "videos").glob("*.parquet")]
+    limit = duckdb.execute("SELECT quantile_disc(duration_s, 0.85) FROM read_parquet(?)", [files]).fetchone()[0]
+    shown = duckdb.execute("SELECT count(*) FROM read_parquet(?) WHERE duration_s <= ?", [files, limit]).fetchone()[0]
+    assert figure is not None
+    assert sum(n for _, n in figure.rows) == shown
+    assert 0.84 <= shown / 120 <= 0.87
+    assert f"{limit / 60:.1f} minutes" in figure.caption
+
+
+def test_funnel_loses_exactly_what_the_stages_dropped(root: Path) -> None:
+    figure = figures.funnel(Data(a_run(root)), "youtube/videos")
+    assert figure is not None
+    assert figure.rows[0] == ("crawled", 222, 0)
+    assert ("views", 157, 31) in [tuple(row) for row in figure.rows]
+    assert figure.rows[-1] == ("kept", 120, 0)
+    gone = [row[2] for row in figure.rows]
+    left = [row[1] for row in figure.rows]
+    assert all(a - g == b for a, b, g in zip(left, left[1:], gone[1:], strict=False))
+
+
+def test_posts_and_comments_share_a_rejected_table_but_no_funnel(root: Path) -> None:
+    data = Data(a_run(root))
+    posts, comments = data.funnel("reddit/posts"), data.funnel("reddit/comments")
+    assert posts is not None and comments is not None
+    assert (posts.kept, posts.crawled) == (120, 182)
+    assert (comments.kept, comments.crawled) == (360, 360)
+
+
+def test_quota_adds_up_by_day(root: Path) -> None:
+    figure = figures.quota(Data(a_run(root)), load_profile("minecraft"))
+    assert figure is not None
+    assert sorted(tuple(row) for row in figure.rows) == sorted(
+        [(f"2026-11-0{day}", f"youtube {bucket}", day * units) for day in (1, 2, 3) for bucket, units in (("general", 5), ("search", 1))])
+
+
+def test_pair_lengths_count_every_pair(root: Path) -> None:
+    figure = figures.lengths(Data(a_run(root)), load_profile("minecraft"))
+    assert figure is not None
+    assert sum(n for _, n in figure.rows) == 240
+
+
+def test_word_cloud_counts_rows_not_mentions(root: Path) -> None:
+    data = Data(a_run(root))
+    found = dict(data.words("reddit/posts", ("title", "body"), set(), 200))
+    texts = [set(re.findall(r"[a-z]+", f"{row['title']} {row['body']}")) for row in rows(120)["reddit/posts"]]
+    assert found["honey"] == sum("honey" in words for words in texts)
+
+
+def test_missing_sources_are_said_in_a_line(tmp_path: Path) -> None:
+    build(tmp_path, sources=("youtube",), export=False, n=30)
+    summary = report(a_run(tmp_path))
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert summary["without"] == "Wiki, Reddit, Video-text pairs, Services"
+    assert "No data of Reddit yet: run `kb reddit crawl` or `kb reddit import`, then `kb reddit filter`." in page
+    assert "No data of YouTube" not in page
+
+
+def test_an_empty_root_gives_a_page_that_says_so(tmp_path: Path) -> None:
+    report(a_run(tmp_path))
+    assert "No data yet." in (tmp_path / "report" / "index.html").read_text()
+
+
+def test_what_people_wrote_is_text_and_never_markup(tmp_path: Path) -> None:
+    def edit(name: str, made: list[dict]) -> None:  # type: ignore[type-arg]
+        for row in made:
+            if name == "reddit/posts":
+                row["title"] = '<script>alert("x")</script><img src=http://evil.example/x.png onerror=alert(1)>'
+
+    build(tmp_path, edit, sources=("reddit",), export=False, n=10)
+    report(a_run(tmp_path))
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert "<script" not in page
+    assert "&lt;script&gt;" in page
+
+
+def test_page_needs_nothing_outside_itself(root: Path) -> None:
+    page = (root / "report" / "index.html").read_text()
+    assert re.findall(r'<(?:script|link|iframe|object)', page) == []
+    assert all(source.startswith("data:") for source in re.findall(r'src="([^"]*)"', page))
+    assert all(target.startswith("#") for target in re.findall(r'href="([^"]*)"', page))
+    assert all(text.strip() for text in re.findall(r'alt="([^"]*)"', page))
+    assert len(re.findall(r"<figure ", page)) == len(FIGURES)
+
+
+def test_scores_of_the_tiny_model_are_marked(tmp_path: Path) -> None:
+    build(tmp_path, sources=("youtube",), export=False, n=10)
+    folder = tmp_path / "annotations" / "youtube"
+    folder.mkdir(parents=True)
+    duckdb.execute(f"COPY (SELECT 'lorebase_tiny' AS model) TO '{folder / 'a.parquet'}' (FORMAT parquet)")
+    report(a_run(tmp_path))
+    assert "tiny model" in (tmp_path / "report" / "index.html").read_text()
+
+
+def test_command_prints_its_page(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from kb.cli.app import main
+
+    try:
+        code = main(["report", "--data", str(root), "--json", "--quiet"])
+    except SystemExit as done:
+        code = done.code
+    assert not code
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["figures"] == len(FIGURES)
