@@ -80,7 +80,8 @@ class Browser:
         options.page_load_strategy = "normal"
         options.unhandled_prompt_behavior = "dismiss"
         options.set_capability("goog:loggingPrefs", {})
-        rules = "MAP * ~NOTFOUND" + "".join(f" , EXCLUDE {host}" for host in hosts)
+        # A host with a port stands for that port alone: on loopback, another port is another service.
+        rules = ", ".join([*(f"MAP {host} {host}" for host in hosts), "MAP * ~NOTFOUND"])
         flags = [*FLAGS, f"--window-size={viewport[0]},{viewport[1]}", f"--user-agent={user_agent}",
                  f"--host-resolver-rules={rules}", f"--user-data-dir={self.folder}/profile"]
         if hasattr(os, "geteuid") and os.geteuid() == 0:
@@ -194,3 +195,9 @@ def origin(url: str) -> str:
     """scheme://host[:port] of an address."""
     parts = urlsplit(url)
     return f"{parts.scheme}://{parts.netloc}"
+
+
+def host_and_port(url: str) -> str:
+    """host:port of an address, the scheme's own port where none is named."""
+    parts = urlsplit(url)
+    return f"{parts.hostname}:{parts.port or (443 if parts.scheme == 'https' else 80)}"

@@ -82,10 +82,10 @@ def capture(browser: Browser, url: str, picture: Path, rules: dict[str, Any], *,
         watch.lap("extract")
     except Retryable as error:
         # A page that left for another site ends in the browser's error page, with any of several errors.
-        raise _left(browser, url) or error from None
+        raise (None if error.reason == "page_timeout" else _left(browser, url)) or error from None
     page = extraction["page"]
     if not _same_site(page["url"], url):
-        raise ItemFinal("redirected_away", page["url"])
+        raise _left(browser, url) or ItemFinal("redirected_away", page["url"])
     if page["height"] > max_height:
         raise ItemFinal("too_tall", str(page["height"]))
     if page["truncated"]:

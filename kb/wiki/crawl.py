@@ -179,7 +179,7 @@ class Crawl:
 
     def _browser(self, watcher: Any) -> browser.Browser:
         section = self.section
-        hosts = [urlsplit(self.url).hostname or "", *(host.split(":")[0] for host in section.hosts)]
+        hosts = [browser.host_and_port(self.url), *section.hosts]
         scheme = urlsplit(self.url).scheme
         origins = [browser.origin(self.url), *(f"{kind}://{host}" for host in section.hosts for kind in {scheme, "https"})]
         return browser.Browser(

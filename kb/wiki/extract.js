@@ -236,7 +236,7 @@ function emitRun(e, nodes, ctx, grids) {
 }
 
 walk(root, { parent: null, region: "content", covered: false }, null);
-const conf = window.RLCONF || {};
+const conf = window.mw?.config?.get ? { ...window.RLCONF, ...window.mw.config.get() } : window.RLCONF || {};
 return {
   page: { width: pageWidth, height: pageHeight, viewport_width: innerWidth, device_pixel_ratio: devicePixelRatio,
     url: location.href, title: document.title, page_id: conf.wgArticleId ?? null, revision_id: conf.wgRevisionId ?? null,

@@ -20,6 +20,7 @@ from kb.store.frontier import Item
 from kb.wiki import addresses
 from kb.wiki.capture import Captured, capture
 from kb.wiki.pool import Pool
+from kb.wiki.screenshot import pixels
 
 if TYPE_CHECKING:
     from kb.wiki.api import Api
@@ -120,6 +121,8 @@ def _store(crawl: Crawl, item: Item, found: Captured, picture: Path) -> dict[str
     for element, data in sorted(found.sprites.items()):
         name = _sha256(data)
         sprites[str(element)] = name
+        left, top, right, bottom = pixels(found.extraction["elements"][element]["box"])
+        found.extraction["elements"][element]["crop"] = [right - left, bottom - top]
         if not (images / f"{name}.png").exists():
             write_bytes(images / f"{name}.png", data)
     files = wanted_files(found.extraction)

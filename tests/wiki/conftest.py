@@ -1,0 +1,166 @@
+"""One browser pool, one small page server and one MediaWiki for all tests of the wiki room."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from werkzeug.serving import WSGIRequestHandler, make_server
+from werkzeug.wrappers import Request, Response
+
+from kb.core.context import Run
+from kb.core.errors import MissingExtra
+from kb.core.profile import load_profile
+from kb.core.settings import load_settings
+from kb.wiki import capture, chromium
+from kb.wiki.browser import Browser, host_and_port
+from kb.wiki.pool import Pool
+from tests.conftest import skip_or_fail
+
+HERE = Path(__file__).parent
+
+
+def beside(name: str) -> ModuleType:
+    """A module in this folder."""
+    full = f"tests_wiki_{name}"
+    if full not in sys.modules:
+        spec = importlib.util.spec_from_file_location(full, HERE / f"{name}.py")
+        assert spec is not None
+        assert spec.loader is not None
+        sys.modules[full] = module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    return sys.modules[full]
+
+
+class Quiet(WSGIRequestHandler):
+    """No line a request."""
+
+    def log(self, type: str, message: str, *args: Any) -> None:
+        """Nothing."""
+
+
+@pytest.fixture(scope="session")
+def programs() -> chromium.Programs:
+    """Chromium and its driver."""
+    try:
+        return chromium.find()
+    except MissingExtra as error:
+        skip_or_fail(str(error))
+
+
+@pytest.fixture(scope="session")
+def serve() -> Iterator[Callable[[Any], str]]:
+    """serve(application) → its root address; all are ended after the session."""
+    servers = []
+
+    def start(application: Any) -> str:
+        server = make_server("127.0.0.1", 0, application, threaded=True, request_handler=Quiet)
+        server.daemon_threads = True
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        servers.append(server)
+        return f"http://127.0.0.1:{server.port}"
+
+    yield start
+    for server in servers:
+        server.shutdown()
+        server.server_close()
+
+
+class Pages:
+    """A server of own pages: `put` a body under a path, see what was asked."""
+
+    def __init__(self) -> None:
+        self.bodies: dict[str, Any] = {}
+        self.asked: list[str] = []
+        self.url = ""
+
+    def put(self, path: str, body: Any, type: str = "text/html; charset=utf-8") -> str:
+        """Serve a body (text, bytes, or a function of the request); its address."""
+        self.bodies[path] = (body, type)
+        return self.url + path
+
+    @Request.application
+    def application(self, request: Request) -> Response:
+        """The WSGI side."""
+        self.asked.append(request.full_path.rstrip("?"))
+        if request.path not in self.bodies:
+            return Response("nothing here", 404)
+        body, type = self.bodies[request.path]
+        answer = body(request) if callable(body) else body
+        return answer if isinstance(answer, Response) else Response(answer, content_type=type)
+
+
+@pytest.fixture(scope="session")
+def pages(serve: Callable[[Any], str]) -> Pages:
+    """The page server."""
+    held = Pages()
+    held.url = serve(held.application)
+    return held
+
+
+@pytest.fixture(scope="session")
+def section() -> Any:
+    """[wiki] of the shipped profile with shorter limits, so that hostile pages end soon."""
+    return load_profile("minecraft").wiki.model_copy(update={"settle_seconds": 3.0, "page_seconds": 5.0})
+
+
+@pytest.fixture(scope="session")
+def pool(programs: chromium.Programs, pages: Pages, section: Any) -> Iterator[Pool]:
+    """Browsers that may ask the page server only."""
+
+    def start(watcher: Any) -> Browser:
+        return Browser(programs, watcher, hosts=[host_and_port(pages.url)], origins=[pages.url], user_agent="lorebase/test (+test@example.org)",
+                       viewport=(1280, 1024), page_seconds=section.page_seconds, before=capture.page_script("settle.js"))
+
+    with Pool(start, section.page_seconds + 3) as held:
+        yield held
+
+
+@pytest.fixture()
+def look(pool: Pool, section: Any, tmp_path: Path) -> Callable[..., Any]:
+    """look(url) → what was captured, with `.picture`, the path of the screenshot."""
+
+    def capture_page(url: str, **options: Any) -> Any:
+        picture = tmp_path / "screenshot.png"
+        rules = {**section.rules, **options.pop("rules", {})}
+        found = pool.use(lambda browser: capture.capture(browser, url, picture, rules, max_height=section.max_page_height, **options))
+        found.picture = picture
+        return found
+
+    return capture_page
+
+
+@pytest.fixture(scope="session")
+def mediawiki(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A running, seeded MediaWiki."""
+    room, seed = beside("mediawiki"), beside("seed")
+    if reason := room.install():
+        skip_or_fail(reason)
+    drawn = tmp_path_factory.mktemp("drawn")
+    seed.draw(drawn)
+    wiki = room.MediaWiki(tmp_path_factory.mktemp("mediawiki") / "site")
+    wiki.create()
+    wiki.seed(seed.PAGES, drawn)
+    shutil.copy(drawn / "sheet.png", wiki.images / "sheet.png")
+    with wiki.serving():
+        yield wiki
+
+
+@pytest.fixture(scope="session")
+def run_on() -> Callable[..., Run]:
+    """run_on(root, url, …) → a Run of the shipped profile against a wiki."""
+
+    def make(root: Path, url: str, *, wiki: dict[str, Any] | None = None, **options: Any) -> Run:
+        profile = load_profile("minecraft")
+        profile = profile.model_copy(update={"wiki": profile.wiki.model_copy(update={"page_seconds": 20.0, "settle_seconds": 5.0, **(wiki or {})})})
+        settings = load_settings(dotenv=False, kb_wiki_url=url, kb_contact="test@example.org")
+        return Run(settings=settings, profile=profile, root=root, **{"workers": 2, **options})
+
+    return make
