@@ -74,22 +74,35 @@ def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array, Bad]:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    if "string" in allowed:
-        try:
-            column = pa.array(values, pa.string())
-            odd = pc.fill_null(pc.invert(pc.and_(pc.ascii_is_decimal(column), pc.less_equal(pc.binary_length(column), 18))), False)
-            if not pc.any(odd).as_py():
-                return column.cast(pa.int64()), []
-        except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
-            pass
-    return _each(values, pa.int64(), lambda value: _count(value, allowed))
+    def one(value: Any) -> int:
+        return _count(value, allowed)
+
+    try:
+        if "string" not in allowed:
+            raise pa.ArrowTypeError
+        column = pa.array(values, pa.string())
+    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
+        return _each(values, pa.int64(), one)
+    plain = pc.and_(pc.ascii_is_decimal(column), pc.less_equal(pc.binary_length(column), 18))
+    strange = pc.fill_null(pc.invert(plain), False)
+    odd = pc.indices_nonzero(strange).to_pylist()
+    if not odd:
+        return column.cast(pa.int64()), []
+    made = pc.if_else(plain, column, None).cast(pa.int64())
+    few, bad = _each([values[row] for row in odd], pa.int64(), one)
+    return pc.replace_with_mask(made, strange, few), [(odd[row], text) for row, text in bad]
 
 
 def durations(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
     """ISO 8601 durations → whole seconds: weeks, days, hours, minutes, seconds; P0D is 0."""
     import pyarrow as pa
 
-    return _each(values, pa.int64(), _duration)
+    try:  # there are few distinct ones
+        column = pa.array(values, pa.string()).dictionary_encode()
+        made = pa.array([_seconds(text) for text in column.dictionary.to_pylist()], pa.int64())
+        return made.take(column.indices), []
+    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError, ValueError):
+        return _each(values, pa.int64(), _duration)
 
 
 def times(values: Sequence[Any]) -> tuple[pa.Array, Bad]:

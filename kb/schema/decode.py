@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -117,7 +118,7 @@ class Reader:
         data: dict[str, pa.Array] = {}
         found: dict[int, list[tuple[str, str, str | None]]] = {}
         for number, (column, schema) in enumerate(zip(self.columns, self._schemas, strict=True)):
-            values = [value for answer in answers for value in answer.values[number]]
+            values = list(chain.from_iterable(answer.values[number] for answer in answers))
             array, bad = coerce(values, column.parsed, schema)
             for row, text in bad:
                 found.setdefault(row, []).append((column.name, "malformed", text))
@@ -136,12 +137,15 @@ def problems(found: dict[int, list[tuple[str, str, str | None]]], size: int) -> 
     import pyarrow as pa
 
     names = ("column", "reason", "value")
-    offsets, flat = [0], []
-    for row in range(size) if found else ():
-        flat.extend(found.get(row, ()))
+    offsets: list[int] = [0]
+    flat: list[tuple[str, str, str | None]] = []
+    for row in sorted(found):
+        offsets += [len(flat)] * (row + 1 - len(offsets))  # the rows before it have none
+        flat += found[row]
         offsets.append(len(flat))
-    struct = pa.StructArray.from_arrays([pa.array([item[i] for item in flat], pa.string()) for i in range(3)], names=list(names))
-    return pa.ListArray.from_arrays(pa.array(offsets if found else [0] * (size + 1), pa.int32()), struct)
+    offsets += [len(flat)] * (size + 1 - len(offsets))
+    columns = [pa.array([item[place] for item in flat], pa.string()) for place in range(len(names))]
+    return pa.ListArray.from_arrays(pa.array(offsets, pa.int32()), pa.StructArray.from_arrays(columns, names=list(names)))
 
 
 def _note_absent(array: pa.Array, name: str, found: dict[int, list[tuple[str, str, str | None]]]) -> None:
