@@ -66,13 +66,11 @@ class Deposit:
 
 
 class Deposits:
-    """The service: a WSGI callable with its deposits in `by_id` and its requests in `seen`."""
+    """The service: a WSGI callable with its deposits in `by_id`."""
 
     def __init__(self, token: str = TOKEN) -> None:
         self.token = token
         self.by_id: dict[int, Deposit] = {}
-        self.seen: list[tuple[str, str]] = []
-        self.troubles: list[tuple[str, str, Any]] = []
         self._numbers = itertools.count(100_001)
         self._lock = threading.RLock()
         base = "/api/deposit/depositions"
@@ -90,19 +88,9 @@ class Deposits:
             Rule("/api/records/<int:number>/files/<path:name>/content", endpoint=self._content, methods=["GET"]),
         ], strict_slashes=False)
 
-    def trouble(self, method: str, path: str, answer: Any, times: int = 1) -> None:
-        """Answer the next `times` requests whose path matches with `answer`: an Answer, or a callable of the request."""
-        self.troubles += [(method, path, answer)] * times
-
     def __call__(self, environ: Any, start_response: Any) -> Any:
         request = Request(environ)
         try:
-            self.seen.append((request.method, request.path))
-            for number, (method, path, answer) in enumerate(self.troubles):
-                if method == request.method and re.search(path, request.path):
-                    del self.troubles[number]
-                    response = answer(request) if not isinstance(answer, Answer) else answer
-                    return response(environ, start_response)
             handler, values = self._routes.bind_to_environ(environ).match()
             with self._lock:
                 public = handler in (self._record, self._content)
@@ -114,7 +102,7 @@ class Deposits:
         except HTTPException as error:
             response = Answer(error.code or 500, error.description or "").get_response()
         if request.method in ("PUT", "POST"):
-            request.stream.read()  # an answer before the body was read would break the connection
+            request.get_data(cache=False)  # an answer before the body was read would break the connection
         return response(environ, start_response)
 
     # -- depositions -----------------------------------------------------------------------------
