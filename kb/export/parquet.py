@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Change(NamedTuple):
-    """How a table's released rows differ from its clean ones: a function of a piece of rows, and the clean columns that it reads."""
+    """How released rows differ from clean ones: a function of a piece of rows, and the clean columns that it reads."""
 
     make: Callable[[pa.Table], pa.Table]
     reads: Sequence[str] = ()
@@ -42,7 +42,8 @@ def export(
     released = [declared for declared in tables().values() if declared.source == source and declared.released]
     found = {declared.name: clean_parts(run.root, declared) for declared in released}
     if not any(found.values()):
-        raise FatalError(f"nothing to export: {clean_folder(run.root, released[0]).parent} has no rows", hint=f"run `kb {source} filter` first")
+        place = clean_folder(run.root, released[0]).parent
+        raise FatalError(f"nothing to export: {place} has no rows", hint=f"run `kb {source} filter` first")
     summary = Summary(source=source)
     task = run.progress.task(f"export {source}", total=len(released), unit="tables")
     with replacing_folder(run.root / "release" / source) as fresh:

@@ -176,8 +176,9 @@ def records(values: Sequence[Any], kind: Type) -> tuple[pa.Array, Bad]:
     inner = [pa.array(column, field.arrow()) for column, (_, field) in zip(columns, kind.item.fields, strict=True)]
     struct = pa.StructArray.from_arrays(inner, names=[name for name, _ in kind.item.fields])
     offsets = pa.array([0, *itertools.accumulate(len(row or ()) for row in rows)], pa.int32())
-    absent = pa.array([row is None for row in rows], pa.bool_())
-    return pa.ListArray.from_arrays(offsets, struct, type=kind.arrow(), mask=absent if any(row is None for row in rows) else None), bad
+    absent = [row is None for row in rows]
+    mask = pa.array(absent, pa.bool_()) if any(absent) else None
+    return pa.ListArray.from_arrays(offsets, struct, type=kind.arrow(), mask=mask), bad
 
 
 def shown(value: Any) -> str:

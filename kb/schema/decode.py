@@ -56,10 +56,14 @@ class Reader:
         self._listed = all(path.startswith("items[].") for path in paths)
         self._paths = [path.removeprefix("items[].").split(".") if self._listed else path.split(".") for path in paths]
         self._schemas = [raw.at(self._kind, path) or {} for path in paths]
-        record = _struct("Record", _tree(self._paths))
-        response = msgspec.defstruct("Response", [("items", list[record], msgspec.field(default_factory=list))]) if self._listed else record  # type: ignore[valid-type]
+        response = _struct("Record", _tree(self._paths))
+        if self._listed:
+            items = ("items", list[response], msgspec.field(default_factory=list))  # type: ignore[valid-type]
+            response = msgspec.defstruct("Response", [items])
         request = msgspec.defstruct("Request", [("params", dict[str, Any], msgspec.field(default_factory=dict))])
-        envelope = msgspec.defstruct("Envelope", [("fetched_at", str | None), ("request", request), ("status", int), ("response", response)])
+        envelope = msgspec.defstruct(
+            "Envelope", [("fetched_at", str | None), ("request", request), ("status", int), ("response", response)]
+        )
         self._decoder = msgspec.json.Decoder(envelope)
         self._getters = [attrgetter(".".join(path)) for path in self._paths]
 
@@ -72,7 +76,8 @@ class Reader:
                 pass
             else:
                 records = got.response.items if self._listed else [got.response]
-                return Answer(got.fetched_at, got.request.params, got.status, len(records), [list(map(get, records)) for get in self._getters])
+                values = [list(map(get, records)) for get in self._getters]
+                return Answer(got.fetched_at, got.request.params, got.status, len(records), values)
         return self._patient(line)
 
     def _patient(self, line: bytes) -> Answer:
@@ -145,7 +150,8 @@ def problems(found: dict[int, list[tuple[str, str, str | None]]], size: int) -> 
         offsets.append(len(flat))
     offsets += [len(flat)] * (size + 1 - len(offsets))
     columns = [pa.array([item[place] for item in flat], pa.string()) for place in range(len(names))]
-    return pa.ListArray.from_arrays(pa.array(offsets, pa.int32()), pa.StructArray.from_arrays(columns, names=list(names)))
+    struct = pa.StructArray.from_arrays(columns, names=list(names))
+    return pa.ListArray.from_arrays(pa.array(offsets, pa.int32()), struct)
 
 
 def _note_absent(array: pa.Array, name: str, found: dict[int, list[tuple[str, str, str | None]]]) -> None:

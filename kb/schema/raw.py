@@ -132,7 +132,8 @@ def _pick(schema: dict[str, Any], value: Any) -> Any:
         if schema.get("additionalProperties"):
             return value
         inner = schema.get("properties", {})
-        return {name: _pick(inner[name], item) for name, item in value.items() if name in inner and _fits(inner[name], item)}
+        fitting = ((name, item) for name, item in value.items() if name in inner and _fits(inner[name], item))
+        return {name: _pick(inner[name], item) for name, item in fitting}
     if isinstance(value, list | tuple):
         below = schema.get("items") or {}
         return [_pick(below, item) for item in value if _fits(below, item)]

@@ -40,10 +40,12 @@ def found(root: Path) -> Iterator[View]:
         name = "pairs" if declared.name == "pairs/pairs" else f"{declared.source}_{declared.short}"
         clean = root / "pairs" if declared.source == "pairs" else root / "clean" / declared.source / declared.short
         yield from _view("clean", name, clean, "*.parquet", declared)
-        yield from _view("release", name, root / "release" / declared.source, f"{declared.short}-*-of-*.parquet", declared)
+        released = root / "release" / declared.source
+        yield from _view("release", name, released, f"{declared.short}-*-of-*.parquet", declared)
     for source in SOURCES:
         for verdict in _VERDICTS:
-            yield from _view("clean", f"{source}_{verdict}", root / "clean" / source / verdict, "*.parquet", table(f"shared/{verdict}"))
+            place = root / "clean" / source / verdict
+            yield from _view("clean", f"{source}_{verdict}", place, "*.parquet", table(f"shared/{verdict}"))
         gone = table("shared/tombstones")
         yield from _view("clean", f"{source}_tombstones", root / "raw" / source, "tombstones.parquet", gone)
         yield from _view("release", f"{source}_tombstones", root / "release" / source, "tombstones.parquet", gone)
@@ -97,7 +99,8 @@ def catalog(root: Path) -> list[tuple[str, str, int, str]]:
         try:
             rows = sum(pq.read_metadata(path).num_rows for path in view.files)
         except pa.ArrowInvalid as error:
-            raise DamagedData(f"{view.files[0].parent}: {str(error).splitlines()[0]}", hint="run filter or export again") from None
+            what = f"{view.files[0].parent}: {str(error).splitlines()[0]}"
+            raise DamagedData(what, hint="run filter or export again") from None
         listing.append((view.schema, view.name, rows, view.declared.doc))
     return sorted(listing)
 
@@ -116,7 +119,8 @@ def select(con: duckdb.DuckDBPyConnection, sql: str) -> pa.RecordBatchReader:
             raise UsageError(f"{len(statements)} statements; kb query runs one")
         kind = statements[0].type
         if kind not in (duckdb.StatementType.SELECT, duckdb.StatementType.EXPLAIN):
-            raise UsageError(f"{kind.name} is no query: kb query only reads", hint="SELECT, FROM, DESCRIBE and SUMMARIZE work")
+            hint = "SELECT, FROM, DESCRIBE and SUMMARIZE work"
+            raise UsageError(f"{kind.name} is no query: kb query only reads", hint=hint)
         relation = con.sql(sql)
         return relation.to_arrow_reader(10_000)
     except duckdb.CatalogException as error:
@@ -130,13 +134,18 @@ def select(con: duckdb.DuckDBPyConnection, sql: str) -> pa.RecordBatchReader:
 def one_line(error: Exception) -> str:
     """DuckDB's message without its drawing of the query; its guess at what was meant is kept."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    guess = [line for line in lines[1:] if line.startswith(("Did you mean", "Candidate bindings", "Candidate functions")) and "duckdb_" not in line]
+    starts = ("Did you mean", "Candidate bindings", "Candidate functions")
+    guess = [line for line in lines[1:] if line.startswith(starts) and "duckdb_" not in line]
     return " ".join([lines[0], *guess]) if lines else type(error).__name__
 
 
 def _names(con: duckdb.DuckDBPyConnection) -> str:
-    rows = con.execute("SELECT schema_name || '.' || view_name FROM duckdb_views() WHERE schema_name IN ('clean', 'release') ORDER BY ALL").fetchall()
-    return "there are: " + ", ".join(row[0] for row in rows) if rows else "no tables yet: run a crawl and filter first, or make demo"
+    rows = con.execute(
+        "SELECT schema_name || '.' || view_name FROM duckdb_views()"
+        " WHERE schema_name IN ('clean', 'release') ORDER BY ALL"
+    ).fetchall()
+    names = ", ".join(row[0] for row in rows)
+    return f"there are: {names}" if names else "no tables yet: run a crawl and filter first, or make demo"
 
 
 def _quoted(text: object) -> str:

@@ -67,7 +67,8 @@ class Merge:
         if self._scratch is None:
             self._scratch = tempfile.mkdtemp(prefix=".sort-", dir=path.parent)
         copy = Path(self._scratch, f"{len(self._cursors)}-{path.name}")
-        pq.write_table(pq.read_table(path, columns=self._columns, partitioning=None).sort_by(self._by), copy, compression="zstd")
+        rows = pq.read_table(path, columns=self._columns, partitioning=None).sort_by(self._by)
+        pq.write_table(rows, copy, compression="zstd")
         return copy
 
 

@@ -40,7 +40,9 @@ def order(declared: Table) -> list[str]:
     return [*declared.sort_by, *(name for name in declared.key if name not in declared.sort_by)]
 
 
-def write_table(path: Path, rows: pa.Table, declared: Table | str, *, released: bool = False, sort: bool = True) -> Shard:
+def write_table(
+    path: Path, rows: pa.Table, declared: Table | str, *, released: bool = False, sort: bool = True
+) -> Shard:
     """Write `rows` as one sorted file. Raises SchemaMismatch and DiskFull."""
     declared = table(declared) if isinstance(declared, str) else declared
     rows = conform(declared, rows, released=released)

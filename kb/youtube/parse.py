@@ -92,7 +92,7 @@ def _reader(name: str, kind: str, *, note_absent: bool = True) -> Reader:
 
 
 def _not_returned(answer: Answer, place: int) -> list[str]:
-    there = set(value for value in answer.values[place] if isinstance(value, str))
+    there = {value for value in answer.values[place] if isinstance(value, str)}
     return [key for key in requested(answer.params) if key not in there]
 
 
@@ -107,7 +107,8 @@ def _missing(gone: list[tuple[str, Answer]], schema: pa.Schema) -> pa.Table:
         "missing": pa.repeat(pa.scalar(True), len(gone)),
         "problems": problems({}, len(gone)),
     }
-    return pa.table([own[field.name] if field.name in own else pa.nulls(len(gone), field.type) for field in schema], schema=schema)
+    columns = [own[field.name] if field.name in own else pa.nulls(len(gone), field.type) for field in schema]
+    return pa.table(columns, schema=schema)
 
 
 def _items(response: Any) -> list[dict[str, Any]]:
