@@ -6,27 +6,14 @@ import logging
 import sys
 from typing import Any
 
-_secrets: list[str] = []
-
-
-def know_secrets(values: list[str]) -> None:
-    """Literal secrets of this run; from now on they pass no line."""
-    _secrets[:] = sorted({value for value in values if value}, key=len, reverse=True)
-
-
-def redact(text: str) -> str:
-    """`text` without secrets."""
-    for secret in _secrets:
-        text = text.replace(secret, "***")
-    return text
-
+from kb.net import redact
 
 class Stderr:
     """Writes to whatever sys.stderr is now, so that lines go above a live progress display."""
 
     def msg(self, text: str) -> None:
         """One redacted line."""
-        print(redact(text), file=sys.stderr, flush=True)
+        print(redact.text(text), file=sys.stderr, flush=True)
 
     log = debug = info = warn = warning = error = critical = exception = fatal = msg
 
@@ -37,7 +24,7 @@ class Handler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """One redacted line; never raises."""
         try:
-            print(redact(f"{record.levelname.lower()}: {record.name}: {self.format(record)}"), file=sys.stderr, flush=True)
+            print(redact.text(f"{record.levelname.lower()}: {record.name}: {self.format(record)}"), file=sys.stderr, flush=True)
         except Exception:  # noqa: BLE001  a log line must not end a crawl
             self.handleError(record)
 
@@ -51,6 +38,7 @@ def configure(*, quiet: bool, debug: bool) -> None:
         structlog.contextvars.merge_contextvars,
         structlog.processors.add_log_level,
         structlog.processors.format_exc_info,
+        redact.processor,
         structlog.dev.ConsoleRenderer(colors=False, pad_event_to=0, pad_level=False),
     ]
     structlog.configure(

@@ -68,15 +68,16 @@ class Options:
 
         Raises SettingError or ProfileError before anything is sent or written.
         """
-        from kb.cli import logs, progress
+        from kb.cli import progress
         from kb.core.context import Run, default_workers
         from kb.core.errors import SettingError
         from kb.core.profile import load_profile
         from kb.core.settings import load_settings
+        from kb.net import redact
 
         given = {"kb_data": self.data, "kb_profile": self.profile, **settings}
         loaded = load_settings(dotenv=dotenv, **given)
-        logs.know_secrets(loaded.secret_values())
+        redact.know(loaded.secret_values())
         if self.scheduler and self.engine != Engine.dask:
             raise SettingError("--scheduler needs --engine dask")
         root = loaded.kb_data.expanduser().absolute()

@@ -100,9 +100,9 @@ def show_summary(summary: dict[str, Any], as_json: bool) -> None:
 
 
 def _redact(text: str) -> str:
-    from kb.cli import logs
+    from kb.net import redact
 
-    return logs.redact(text)
+    return redact.text(text)
 
 
 def _forget_stdout() -> None:

@@ -1,0 +1,51 @@
+"""Pace: how close together requests may be, over all threads of a process."""
+
+from __future__ import annotations
+
+import ipaddress
+import threading
+from urllib.parse import urlsplit
+
+from kb.core import clock
+
+
+class Pace:
+    """At least `seconds` between the starts of any two requests. Thread-safe."""
+
+    def __init__(self, seconds: float = 0.0) -> None:
+        self._seconds = max(0.0, seconds)
+        self._next = 0.0
+        self._lock = threading.Lock()
+
+    @property
+    def seconds(self) -> float:
+        """The space between two requests."""
+        return self._seconds
+
+    def at_least(self, seconds: float) -> None:
+        """Never faster than this (a crawl-delay that is read later)."""
+        with self._lock:
+            self._seconds = max(self._seconds, seconds)
+
+    def rest(self, seconds: float) -> None:
+        """Nobody asks anything for so long (Retry-After counts for all threads)."""
+        with self._lock:
+            self._next = max(self._next, clock.monotonic() + seconds)
+
+    def wait(self) -> None:
+        """Wait for one's turn. Raises Interrupted when the run is asked to end."""
+        with self._lock:
+            start = max(clock.monotonic(), self._next)
+            self._next = start + self._seconds
+        clock.sleep(start - clock.monotonic())
+
+
+def is_loopback(url: str) -> bool:
+    """Whether a root is on this machine: there only the limits that the service announces apply."""
+    host = urlsplit(url).hostname or ""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

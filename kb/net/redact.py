@@ -1,0 +1,62 @@
+"""Secrets pass no line: literal ones of this run, and whatever looks like one.
+
+Libraries put keys into URLs, URLs into messages, and messages into exceptions; so everything that is
+printed or logged goes through `text`, not only what is known to hold a key.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Any
+from urllib.parse import quote, quote_plus
+
+MARK = "***"
+
+_PATTERNS = [
+    # query parameters and form fields: key=…, access_token=…
+    (re.compile(r"(?i)\b((?:api_?)?key|access_token|refresh_token|client_secret|password|token)=[^&\s\"'<>)]+"), r"\1=" + MARK),
+    # headers: Authorization: Bearer …, also as a dict's repr
+    (re.compile(r"(?i)(authorization['\"]?\s*[:=]\s*['\"]?(?:bearer|basic|token)\s+)[^\s'\",}]+"), r"\1" + MARK),
+    (re.compile(r"(?i)\b(bearer\s+)[A-Za-z0-9._~+/=-]{16,}"), r"\1" + MARK),
+    # Google's API keys, wherever they stand
+    (re.compile(r"AIza[0-9A-Za-z_-]{30,}"), MARK),
+    # user:password@host
+    (re.compile(r"(?<=://)[^/\s:@]+:[^/\s@]+(?=@)"), MARK),
+]
+_literal: re.Pattern[str] | None = None
+
+
+def know(secrets: Iterable[str]) -> None:
+    """Literal secrets of this process; also as they look inside a URL. Replaces earlier ones."""
+    global _literal
+    forms = {form for secret in secrets if secret for form in (secret, quote(secret, safe=""), quote_plus(secret))}
+    ordered = sorted(forms, key=len, reverse=True)
+    _literal = re.compile("|".join(map(re.escape, ordered))) if ordered else None
+
+
+def text(value: str) -> str:
+    """`value` without secrets."""
+    if _literal is not None:
+        value = _literal.sub(MARK, value)
+    for pattern, instead in _PATTERNS:
+        value = pattern.sub(instead, value)
+    return value
+
+
+def value(anything: Any) -> Any:
+    """The same for what a log line holds: text, and text inside lists and dicts; other values as text."""
+    if isinstance(anything, str):
+        return text(anything)
+    if isinstance(anything, dict):
+        return {name: value(inner) for name, inner in anything.items()}
+    if isinstance(anything, (list, tuple)):
+        return [value(inner) for inner in anything]
+    if anything is None or isinstance(anything, (bool, int, float)):
+        return anything
+    return text(str(anything))
+
+
+def processor(logger: Any, method: str, event: dict[str, Any]) -> dict[str, Any]:
+    """For structlog's chain."""
+    return {name: value(inner) for name, inner in event.items()}

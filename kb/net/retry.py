@@ -1,0 +1,81 @@
+"""Which errors are tried again, how often, and how long to wait in between: one policy for every service.
+
+    Retryable    backoff with full jitter, or the service's own wish (Retry-After)
+    others       leave at once: final for the item, stop the stage, or end the run
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from datetime import UTC
+from email.utils import parsedate_to_datetime
+from typing import TypeVar
+
+from kb.core import clock
+from kb.core.errors import Blocked, Retryable, Unreachable
+
+Result = TypeVar("Result")
+
+TRIES = 5
+FIRST_S, LONGEST_S = 0.5, 60.0
+PATIENCE_S = 300.0      # a longer Retry-After is no hiccup: the run stops and goes on another time
+
+
+def attempt(call: Callable[[], Result], *, tries: int = TRIES, patience: float = PATIENCE_S) -> Result:
+    """The result of `call`, tried again while it raises Retryable, at most `tries` times in all.
+
+    After the last try: Unreachable when there was no connection, else the Retryable itself (the item failed
+    and the next run tries it again). Raises Blocked when the service asks to wait longer than `patience` seconds.
+    """
+    import tenacity
+
+    def wait(state: tenacity.RetryCallState) -> float:
+        error = state.outcome.exception() if state.outcome else None
+        after = getattr(error, "after", None)
+        if after is not None and after > patience:
+            raise Blocked(f"the service asks to wait {after:.0f} s ({error})", hint="run the same command later, or add --wait", after=after)
+        return backoff(state.attempt_number, after)
+
+    retrying = tenacity.Retrying(
+        stop=tenacity.stop_after_attempt(tries),
+        retry=tenacity.retry_if_exception_type(Retryable),
+        wait=wait,
+        sleep=clock.sleep,
+        reraise=True,
+    )
+    try:
+        return retrying(call)
+    except Retryable as error:
+        if error.unreachable:
+            raise Unreachable(f"no connection after {tries} tries: {error.reason}",
+                              hint="check the network; the same command goes on where it stopped") from error
+        raise
+
+
+def backoff(number: int, after: float | None = None) -> float:
+    """Seconds to wait after try `number` (from 1): the service's wish, or a random part of a doubling span.
+
+    Never less than half the span, so that a service in trouble is really left alone.
+    """
+    if after is not None:
+        return max(0.0, after)
+    span = min(LONGEST_S, FIRST_S * 2 ** (number - 1))
+    return span * clock.rng("backoff", os.getpid(), clock.monotonic(), number).uniform(0.5, 1.0)
+
+
+def retry_after(value: str | None) -> float | None:
+    """Seconds of a Retry-After header, which is a number or a date; None when absent or unreadable."""
+    if not value:
+        return None
+    try:
+        return max(0.0, float(value))
+    except ValueError:
+        pass
+    try:
+        moment = parsedate_to_datetime(value)
+    except (TypeError, ValueError):
+        return None
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=UTC)
+    return max(0.0, (moment - clock.now()).total_seconds())

@@ -1,0 +1,65 @@
+"""Secrets pass no line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kb.net import redact
+
+KEY = "AIzaSyA" + "x1_-" * 8
+
+
+@pytest.fixture(autouse=True)
+def _forget() -> Iterator[None]:
+    yield
+    redact.know([])
+
+
+@pytest.mark.parametrize(("line", "wanted"), [
+    (f"HttpError 400 when requesting https://x/youtube/v3/search?part=id&key={KEY}&alt=json", "&key=***&alt=json"),
+    (f"found {KEY} in a page", "found *** in a page"),
+    ("{'Authorization': 'Bearer eyJhbGciOiJSUzI1NiIsImtpZCI6'}", "Bearer ***"),
+    ("Authorization: Basic dXNlcjpwYXNz", "Basic ***"),
+    ("POST grant_type=refresh_token&refresh_token=abc-123&client_secret=s3", "refresh_token=***&client_secret=***"),
+    ("proxy http://user:hunter2@10.0.0.1:3128/ refused", "http://***@10.0.0.1:3128/"),
+])
+def test_what_looks_like_a_secret_is_replaced(line: str, wanted: str) -> None:
+    assert wanted in redact.text(line)
+
+
+@pytest.mark.parametrize("line", [
+    "kb: unknown key 'min_vews', did you mean 'min_views'?",
+    "videos.list: 50 ids, 1 unit",
+    "https://www.youtube.com/watch?v=dQw4w9WgXcQ",
+    "metadata: 40/40 videos, 12.0/s, units 4/10000",
+])
+def test_ordinary_lines_stay(line: str) -> None:
+    assert redact.text(line) == line
+
+
+def test_literal_secrets_also_inside_urls() -> None:
+    redact.know(["pa ss/word+1", ""])
+    assert redact.text("x pa ss/word+1 y") == "x *** y"
+    assert redact.text("?s=pa%20ss%2Fword%2B1 ?s=pa+ss%2Fword%2B1") == "?s=*** ?s=***"
+
+
+def test_a_secret_that_begins_with_another_goes_whole() -> None:
+    redact.know(["abc", "abcdef"])
+    assert redact.text("abcdef abc") == "*** ***"
+
+
+def test_structured_events_are_gone_through() -> None:
+    redact.know(["hunter2"])
+    event = redact.processor(None, "info", {"event": "asked", "n": 3, "inner": {"list": ["a hunter2"]}, "error": ValueError("hunter2")})
+    assert event == {"event": "asked", "n": 3, "inner": {"list": ["a ***"]}, "error": "***"}
+
+
+@given(st.text(), st.text(), st.text(alphabet=st.characters(codec="utf-8"), min_size=4))
+def test_no_line_holds_a_known_secret(before: str, after: str, secret: str) -> None:
+    redact.know([secret])
+    shown = redact.text(before + secret + after)
+    assert secret not in shown or secret in redact.MARK * 4 or secret in redact.text(before) + redact.MARK + redact.text(after)
