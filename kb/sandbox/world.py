@@ -6,8 +6,12 @@ here from word lists of our own.
 
 from __future__ import annotations
 
+from collections import Counter
+from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from typing import TYPE_CHECKING
+
+from kb.core import clock
 
 if TYPE_CHECKING:
     from kb.sandbox.videos import Catalogue
@@ -17,7 +21,7 @@ class World:
     """What the services show.
 
     `n_channels`, `n_videos`: size of the YouTube part (the first videos cover every case once, see
-    kb/sandbox/videos.py). `wiki_state`: "first" or "later". Services keep what they change to themselves.
+    kb/sandbox/cases.py). `wiki_state`: "first" or "later". `quota`: YouTube's units a Pacific day by bucket.
     """
 
     def __init__(self, seed: int = 0, *, n_channels: int = 12, n_videos: int = 300, wiki_state: str = "first") -> None:
@@ -25,6 +29,9 @@ class World:
         self.n_channels = n_channels
         self.n_videos = n_videos
         self.wiki_state = wiki_state
+        self.quota = {"search": 100, "general": 10_000, "stats": 10_000}
+        self.used: Counter[tuple[str, str]] = Counter()     # (Pacific day, bucket) -> units
+        self.now: datetime | None = None                    # None: the clock's own time
 
     @cached_property
     def youtube(self) -> Catalogue:
@@ -32,3 +39,20 @@ class World:
         from kb.sandbox.videos import Catalogue
 
         return Catalogue(self.seed, self.n_channels, self.n_videos)
+
+    def pacific_day(self) -> str:
+        """Today where YouTube counts its quota, "2026-11-20"."""
+        now = self.now or clock.now()
+        return (now - timedelta(hours=7 if _summer_time(now) else 8)).date().isoformat()
+
+
+def _summer_time(now: datetime) -> bool:
+    """Whether US Pacific time is UTC-7: second Sunday of March 10:00 UTC to first Sunday of November 9:00 UTC.
+
+    Reckoned here because a bare system has no time zone files.
+    """
+    def sunday(month: int, count: int, hour: int) -> datetime:
+        first = datetime(now.year, month, 1, hour, tzinfo=UTC)
+        return first + timedelta(days=(6 - first.weekday()) % 7 + 7 * (count - 1))
+
+    return sunday(3, 2, 10) <= now < sunday(11, 1, 9)

@@ -1,0 +1,179 @@
+"""Channels and videos of the invented world, with the truth about each."""
+
+from __future__ import annotations
+
+import base64
+import random
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from functools import cached_property
+from typing import Any
+
+from kb.core import clock
+from kb.sandbox import speech
+from kb.sandbox.cases import CASES, Case, Track
+
+TOPIC = "Minecraft"
+GAMES = {   # key -> (browse id, name) of the label under a video
+    "topic": ("UCQvWX73GQygcwXOTSf_VDVg", "Minecraft"),
+    "other": ("UCsandboxOtherGame00001a", "Harborlight"),
+}
+PAGE = 50
+_NAMES = ["Pickaxe Parlour", "Cobble & Co", "The Long Dig", "Quiet Builder", "Lantern Loft", "Redcliff Survival", "Saddle and Seed",
+          "Tuesday Torches", "Moss Mountain", "Second Bridge", "Harbour Crafts", "Gravel Pit Radio"]
+_KINDS = ["guide", "walkthrough", "beginner", "guide beginner", "survival", "guide walkthrough"]
+
+
+@dataclass
+class Video:
+    """A video. Counts and durations are the API's text; None means that the answer leaves the field out."""
+
+    id: str
+    channel: Channel
+    case: Case
+    number: int
+    title: str
+    description: str
+    published_at: str
+    view_count: str | None
+    like_count: str | None
+    comment_count: str | None
+    tags: list[str] = field(default_factory=lambda: ["minecraft", "survival", "let's play"])
+    category_id: str = "20"
+    seconds: int = 600
+    duration: str | None = ""       # "" : made from `seconds`
+    width: int = 1920
+    height: int = 1080
+    fps: int = 30
+    sized: bool = True              # whether the API knows the embed's size
+    license: str = "youtube"
+    rating: str | None = None
+    live: str = "none"
+    in_api: bool = True
+    player: str = "ok"              # ok, age, gone
+    game: str | None = "topic"
+    tracks: list[Track] = field(default_factory=lambda: [Track("en")])
+    short: bool = False
+
+    @property
+    def iso_duration(self) -> str | None:
+        """The duration as the API writes it."""
+        if self.duration != "":
+            return self.duration
+        minutes, seconds = divmod(self.seconds, 60)
+        hours, minutes = divmod(minutes, 60)
+        return "PT" + (f"{hours}H" if hours else "") + (f"{minutes}M" if minutes else "") + (f"{seconds}S" if seconds or not minutes else "")
+
+
+@dataclass
+class Channel:
+    """A channel and its uploads, newest first. `listed` False: its uploads playlist answers 404."""
+
+    id: str
+    title: str
+    description: str
+    words: str
+    published_at: str
+    listed: bool = True
+    without_shorts: bool = True     # whether a UULF… playlist exists
+    videos: list[Video] = field(default_factory=list)
+    entries: list[Video] = field(default_factory=list)   # as the playlist lists them: one may come twice
+
+    @property
+    def uploads(self) -> str:
+        """The id of the uploads playlist."""
+        return "UU" + self.id[2:]
+
+
+class Catalogue:
+    """All channels and videos of a world."""
+
+    def __init__(self, seed: int, n_channels: int, n_videos: int) -> None:
+        self.seed = seed
+        self.channels = [self._channel(number) for number in range(n_channels)]
+        self.videos: dict[str, Video] = {}
+        number = 0
+        for channel, size in zip(self.channels, self._sizes(n_channels, n_videos), strict=True):
+            for _ in range(size):
+                video = self._video(number, channel)
+                self.videos[video.id] = video
+                channel.videos.append(video)
+                number += 1
+            channel.videos.sort(key=lambda video: video.published_at, reverse=True)
+            channel.entries = list(channel.videos)
+        if n_channels >= 8:
+            # An upload while somebody pages: the last entry of a page comes again as the first of the next.
+            first = self.channels[0]
+            if len(first.entries) > PAGE:
+                first.entries.insert(PAGE, first.entries[PAGE - 1])
+            self.channels[4].listed = False
+            self.channels[5].without_shorts = False
+
+    @cached_property
+    def by_playlist(self) -> dict[str, tuple[Channel, list[Video]]]:
+        """Playlist id → its channel and entries; UU… has all uploads, UULF… those that are no Shorts."""
+        found: dict[str, tuple[Channel, list[Video]]] = {}
+        for channel in self.channels:
+            if channel.listed:
+                found[channel.uploads] = (channel, channel.entries)
+                if channel.without_shorts:
+                    found["UULF" + channel.id[2:]] = (channel, [video for video in channel.entries if not video.short])
+        return found
+
+    def search(self, query: str) -> list[Channel]:
+        """Channels that know every word of `query`, in an order of the query's own."""
+        wanted = query.lower().split()
+        hits = [channel for channel in self.channels if all(word in channel.words for word in wanted)]
+        clock.rng(self.seed, "search", query.lower()).shuffle(hits)
+        return hits
+
+    def of_case(self, name: str) -> list[Video]:
+        """The videos of a case."""
+        return [video for video in self.videos.values() if video.case.name == name]
+
+    def cues(self, video: Video, track: Track, translated_to: str | None = None) -> list[tuple[float, float, str]]:
+        """What a caption track says: (start s, duration s, text)."""
+        rng = clock.rng(self.seed, "cues", video.id, track.language, track.kind)
+        language = (translated_to or track.language).split("-")[0]
+        return speech.cues(rng, language, video.seconds, rolling=track.kind == "asr")
+
+    def _sizes(self, n_channels: int, n_videos: int) -> list[int]:
+        if n_channels < 8:
+            return _shared(n_videos, n_channels)
+        fixed = [130, 50, 51, 0, 0] if n_videos >= 250 else [0] * 5
+        if n_videos < 250:
+            fixed[:3] = _shared(n_videos // 2, 3)
+        return fixed + _shared(n_videos - sum(fixed), n_channels - 5)
+
+    def _channel(self, number: int) -> Channel:
+        rng = clock.rng(self.seed, "channel", number)
+        name = _NAMES[number % len(_NAMES)] + (f" {number // len(_NAMES) + 1}" if number >= len(_NAMES) else "")
+        kinds = _KINDS[number % len(_KINDS)]
+        description = f"{TOPIC} {kinds}. {speech.about(rng, 2)}".replace("\n", " ")
+        made = datetime(2010, 1, 1, tzinfo=UTC) + timedelta(hours=rng.randrange(60_000))
+        return Channel("UC" + _token(rng, 22), name, description, f"{name} {description}".lower(), clock.stamp(made))
+
+    def _video(self, number: int, channel: Channel) -> Video:
+        rng = clock.rng(self.seed, "video", number)
+        case = CASES[number] if number < len(CASES) else rng.choices(CASES, [case.often for case in CASES])[0]
+        views = int(10 ** rng.uniform(2.1, 6.5))
+        values: dict[str, Any] = {
+            "title": speech.title(rng, TOPIC), "description": speech.about(rng, rng.randint(1, 4)),
+            "published_at": clock.stamp(datetime(2012, 1, 1, tzinfo=UTC) + timedelta(minutes=rng.randrange(7_000_000))),
+            "view_count": str(views), "like_count": str(views // rng.randint(15, 90)), "comment_count": str(views // 400),
+            "seconds": rng.randint(75, 2_400),
+        }
+        plain = speech.plain_title(rng)
+        values |= case.change
+        if values["title"] == "plain":
+            values["title"] = plain
+        return Video(id=_token(rng, 11), channel=channel, case=case, number=number, **values)
+
+
+def _shared(total: int, parts: int) -> list[int]:
+    return [total // parts + (number < total % parts) for number in range(parts)]
+
+
+def _token(rng: random.Random, length: int) -> str:
+    """An id in YouTube's alphabet."""
+    return base64.urlsafe_b64encode(rng.randbytes(length)).decode()[:length]
