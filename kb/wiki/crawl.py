@@ -28,12 +28,10 @@ from kb.wiki.pool import Pool
 from kb.wiki.titles import read_titles
 from kb.wiki.web import Web
 
-LOOPBACK = ("127.", "localhost", "::1", "[::1]")
-
 
 def crawl(run: Run, titles: Path | None = None) -> Summary:
     """Crawl the wiki of the profile. Raises UsageError before anything is sent, Stopped when it can go on later."""
-    contact = run.settings.need("kb_contact")
+    run.settings.need("kb_contact")
     section = run.profile.section("wiki")
     url = run.settings.kb_wiki_url or section.url
     wanted = read_titles(titles) if titles else None
@@ -43,7 +41,7 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
         frontier = Frontier(run.root / "state" / "wiki.sqlite")
         try:
             with Recorder(run.root, "wiki", frontier, state.apply) as recorder:
-                job = Crawl(run, url, frontier, recorder, contact, programs)
+                job = Crawl(run, url, frontier, recorder, programs)
                 try:
                     job.go(wanted)
                 except KbError as error:
@@ -57,11 +55,10 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
 class Crawl:
     """One run of the crawl under the writer's lock."""
 
-    def __init__(self, run: Run, url: str, frontier: Frontier, recorder: Recorder, contact: str, programs: chromium.Programs) -> None:
+    def __init__(self, run: Run, url: str, frontier: Frontier, recorder: Recorder, programs: chromium.Programs) -> None:
         self.run, self.url, self.frontier, self.recorder, self.programs = run, url, frontier, recorder, programs
         self.section = run.profile.section("wiki")
-        local = (urlsplit(url).hostname or "").startswith(LOOPBACK)
-        self.web = Web(url, contact, self.section.hosts, pause=0.0 if local else self.section.seconds_between, seed=run.seed)
+        self.web = Web(run, url, self.section.hosts, self.section.seconds_between)
         self.shown = self.finished = 0
 
     def go(self, wanted: list[str] | None) -> None:

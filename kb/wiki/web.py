@@ -10,14 +10,17 @@ from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-from kb import __version__
-from kb.core import clock
+from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable, Unreachable
+from kb.net import retry
+from kb.net.client import TIMEOUT_S, make_session, user_agent
+from kb.net.rate import Pace, is_loopback
+from kb.net.robots import Robots
 from kb.store.atomic import writing
 
 Result = TypeVar("Result")
 TRIES = 6
-TIMEOUT = (10, 60)
+FILE_PAUSE = 0.1
 
 
 @dataclass(frozen=True)
@@ -30,64 +33,35 @@ class Answer:
     after: float | None
 
 
-def user_agent(contact: str) -> str:
-    """Who asks, in every request and in the browser."""
-    return f"lorebase/{__version__} (+{contact})"
-
-
-class Pace:
-    """At least `seconds` between the starts of any two requests, over all threads."""
-
-    def __init__(self, seconds: float) -> None:
-        self._seconds, self._next, self._lock = seconds, 0.0, threading.Lock()
-
-    def at_least(self, seconds: float) -> None:
-        """Never faster than this."""
-        self._seconds = max(self._seconds, seconds)
-
-    def wait(self) -> None:
-        """Wait for one's turn."""
-        with self._lock:
-            start = max(clock.monotonic(), self._next)
-            self._next = start + self._seconds
-        clock.sleep(start - clock.monotonic())
-
-
 class Web:
     """One wiki's hosts. Thread-safe. `hosts` are the only ones that are ever asked."""
 
-    def __init__(self, root: str, contact: str, hosts: tuple[str, ...], *, pause: float, seed: int = 0) -> None:
-        import requests
-
-        self.agent = user_agent(contact)
-        self._session = requests.Session()
-        self._session.trust_env = False
-        self._session.headers["User-Agent"] = self.agent
+    def __init__(self, run: Run, root: str, hosts: tuple[str, ...], pause: float) -> None:
+        self.agent = user_agent(run.settings.kb_contact)
+        self._run, self._root = run, root
+        self._sessions = threading.local()
         self._hosts = {urlsplit(root).netloc, *hosts}
-        self._root, self._seed = root, seed
-        self._robots: Any = None
+        self._robots: Robots | None = None
+        # On loopback only the limits that the service announces apply.
+        self.pace = Pace(0.0 if is_loopback(root) else pause)
+        self._files = Pace(0.0 if is_loopback(root) else min(pause, FILE_PAUSE))
+        self._counting = threading.Lock()
         self.requests = 0
-        self.pace = Pace(pause)
 
     # -- robots ----------------------------------------------------------------------------------
 
     def read_robots(self) -> None:
-        """Fetch robots.txt once; its crawl-delay becomes the pace."""
-        from protego import Protego
-
+        """Fetch robots.txt once; its crawl-delay becomes the pace. Raises Unreachable."""
         try:
             answer = self.attempt(lambda: self._fetch(f"{self._root}/robots.txt", {}))
-            text = answer.body.decode("utf-8", "replace")
+            self._robots = Robots.of_answer(answer.status, answer.body.decode("utf-8", "replace"), self.agent)
         except ItemFinal:
-            text = ""  # 4xx: there are no rules (RFC 9309, 2.3.1.3)
-        self._robots = Protego.parse(text)
-        delay = self._robots.crawl_delay(self.agent)
-        if delay:
-            self.pace.at_least(float(delay))
+            self._robots = Robots.of_answer(404, "", self.agent)
+        self.pace.at_least(self._robots.crawl_delay or 0.0)
 
     def allowed(self, url: str) -> bool:
         """Whether robots.txt lets us read an address."""
-        return self._robots is None or self._robots.can_fetch(url, self.agent)
+        return self._robots is None or self._robots.allows(url)
 
     # -- requests --------------------------------------------------------------------------------
 
@@ -98,30 +72,34 @@ class Web:
 
     def attempt(self, call: Callable[[], Result]) -> Result:
         """`call` with tries, growing pauses and the server's own wish. Raises Unreachable or Blocked at the end."""
-        random = clock.rng(self._seed, "wiki", self.requests)
-        for number in range(1, TRIES + 1):
-            try:
-                return call()
-            except Retryable as error:
-                if number == TRIES:
-                    if error.reason == "http_429":
-                        raise Blocked("the wiki answers 429 without end", hint="wait and run the same command again") from None
-                    raise Unreachable(f"the wiki can't be reached: {error.reason}", hint="run the same command to go on") from None
-                clock.sleep(error.after if error.after is not None else min(30.0, 0.25 * 2**number) * random.uniform(0.5, 1))
-        raise AssertionError("unreachable")
+        patience = float("inf") if self._run.wait else retry.PATIENCE_S
+        try:
+            return retry.attempt(call, tries=TRIES, patience=patience)
+        except Retryable as error:
+            if error.reason == "http_429":
+                raise Blocked("the wiki answers 429 without end", hint="wait and run the same command again") from None
+            raise Unreachable(f"the wiki does not answer: {error.reason}", hint="the same command goes on where it stopped") from None
+
+    @property
+    def _session(self) -> Any:
+        """One session a thread."""
+        if not hasattr(self._sessions, "held"):
+            self._sessions.held = make_session(self._run.settings)
+        return self._sessions.held
 
     def _fetch(self, url: str, params: dict[str, str]) -> Answer:
         with self._open(url, params, stream=False) as response:
-            return Answer(response.status_code, response.content, response.url, _after(response))
+            return Answer(response.status_code, response.content, response.url, retry.retry_after(response.headers.get("retry-after")))
 
     def _open(self, url: str, params: dict[str, str], *, stream: bool) -> Any:
         import requests
 
         if urlsplit(url).netloc not in self._hosts:
             raise ItemFinal("other_host", urlsplit(url).netloc)
-        self.requests += 1
+        with self._counting:
+            self.requests += 1
         try:
-            response = self._session.get(url, params=params, timeout=TIMEOUT, stream=stream, allow_redirects=False)
+            response = self._session.get(url, params=params, timeout=TIMEOUT_S, stream=stream, allow_redirects=False)
             for _ in range(5):
                 if not response.is_redirect:
                     break
@@ -129,14 +107,14 @@ class Web:
                 response.close()
                 if urlsplit(target).netloc not in self._hosts:
                     raise ItemFinal("redirected_away", target)
-                response = self._session.get(target, timeout=TIMEOUT, stream=stream, allow_redirects=False)
+                response = self._session.get(target, timeout=TIMEOUT_S, stream=stream, allow_redirects=False)
         except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError) as error:
             raise Retryable(type(error).__name__, unreachable=True) from None
         except requests.RequestException as error:
             raise ItemFinal("bad_address", type(error).__name__) from None
         if response.status_code == 429 or response.status_code >= 500:
             response.close()
-            raise Retryable(f"http_{response.status_code}", after=_after(response), unreachable=response.status_code != 429)
+            raise Retryable(f"http_{response.status_code}", after=retry.retry_after(response.headers.get("retry-after")), unreachable=response.status_code != 429)
         if response.status_code >= 400:
             response.close()
             raise ItemFinal(f"http_{response.status_code}")
@@ -150,6 +128,7 @@ class Web:
         """
         import requests
 
+        self._files.wait()
         held, digest = bytearray(), hashlib.sha256()
         with self._open(url, {}, stream=True) as response:
             wanted = response.headers.get("content-length")
@@ -175,17 +154,3 @@ class Web:
                 temporary.write_bytes(data)
         return digest.hexdigest(), found, len(data)
 
-
-def _after(response: Any) -> float | None:
-    """Retry-After in seconds; a date counts from now."""
-    value = (response.headers.get("retry-after") or "").strip()
-    if value.isdigit():
-        return float(value)
-    if not value:
-        return None
-    from email.utils import parsedate_to_datetime
-
-    try:
-        return max(0.0, (parsedate_to_datetime(value) - clock.now()).total_seconds())
-    except (ValueError, TypeError):
-        return None

@@ -1,0 +1,147 @@
+"""`--format minedojo`: the wiki in the layout of the published MineDojo data, a drop-in replacement.
+
+    export/minedojo/wiki_full/<path of the page's address>/data.json, screenshot.png, images/
+    {"metadata": {url, title, time}, "tables": [{bbox, headers {text, bboxes}, cells {text, bboxes}}],
+     "images": [{src, path, alt_text, caption, bbox}], "sprites": [{text, bbox}], "texts": [{text, bbox}]}
+
+bbox is [x, y, w, h] in whole pixels of the screenshot. Source: "MineDojo: Building Open-Ended
+Embodied Agents with Internet-Scale Knowledge" (NeurIPS 2022), data appendix. Only what the
+screenshot shows is in it, as there. SVG files, which its loader can't open, are given as the
+screenshot shows them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote, urlsplit
+
+from kb.core.errors import FatalError
+from kb.core.verdict import Summary
+from kb.export.parquet import clean_parts
+from kb.export.wiki_tar import rows
+from kb.schema.tables import table
+from kb.store.atomic import replacing_folder
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+
+_BOX = ["x", "y", "width", "height"]
+Row = dict[str, Any]
+
+
+def wiki(run: Run) -> Summary:
+    """Writes wiki_full from clean/wiki, one page at a time. Raises FatalError without clean rows, and DiskFull."""
+    import orjson
+
+    if not clean_parts(run.root, table("wiki/pages")):
+        raise FatalError("nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first")
+    target = run.root / "export" / "minedojo" / "wiki_full"
+    count, taken = 0, set()
+    pages = rows(run.root, "wiki/pages", ["page_id", "title", "url", "fetched_at", "screenshot_path"], ["page_id"])
+    elements = _Grouped(run.root, "wiki/elements", ["page_id", "element_id", "kind", "text", *_BOX, "visible", "reading_order"], ["page_id", "reading_order"])
+    cells = _Grouped(run.root, "wiki/cells", ["page_id", "table_id", "row_index", "column_index", "is_header", "text", *_BOX],
+                     ["page_id", "table_id", "row_index", "column_index"])
+    images = _Grouped(run.root, "wiki/images", ["page_id", "element_id", "frame_index", "src", "path", "sha256", "media_type", "alt_text", "caption"],
+                      ["page_id", "element_id", "frame_index"])
+    with replacing_folder(target) as fresh:
+        for page in pages:
+            name = folder_name(page["url"])
+            if name.casefold() in taken:  # addresses that differ by case only, on file systems that don't
+                name = f"{name}~{page['page_id']}"
+            taken.add(name.casefold())
+            folder = fresh / name
+            (folder / "images").mkdir(parents=True)
+            shutil.copyfile(run.root / page["screenshot_path"], folder / "screenshot.png")
+            key = page["page_id"]
+            data = _data(run.root, folder, page, elements.of(key), cells.of(key), images.of(key))
+            (folder / "data.json").write_bytes(orjson.dumps(data, option=orjson.OPT_INDENT_2))
+            count += 1
+    return Summary(source="wiki", format="minedojo", pages=count, path=str(target))
+
+
+def folder_name(url: str) -> str:
+    """The page's folder: the path of its address, each step a plain name that can't lead elsewhere."""
+    steps = [re.sub(r'[\x00-\x1f<>:"\\|?*]', "_", unquote(step).replace("/", "_")) for step in urlsplit(url).path.split("/") if step]
+    # The published loader skips names that start with a dot; no file system takes more than 255 bytes.
+    return os.sep.join(_short(re.sub(r"^\.+", "_", step)) for step in steps) or "_"
+
+
+def _short(step: str) -> str:
+    raw = step.encode()
+    return step if len(raw) <= 200 else f"{raw[:180].decode(errors='ignore')}~{hashlib.sha256(raw).hexdigest()[:12]}"
+
+
+class _Grouped:
+    """Rows of a table by page, read along with the pages; both are in order of page_id."""
+
+    def __init__(self, root: Path, name: str, columns: list[str], by: list[str]) -> None:
+        held = rows(root, name, columns, by) if clean_parts(root, table(name)) else iter(())
+        self._groups = groupby(held, key=lambda row: row["page_id"])
+        self._next: tuple[int, Iterator[Row]] | None = next(self._groups, None)
+
+    def of(self, page_id: int) -> list[Row]:
+        """The rows of a page."""
+        while self._next is not None and self._next[0] < page_id:
+            self._next = next(self._groups, None)
+        if self._next is None or self._next[0] != page_id:
+            return []
+        found = list(self._next[1])
+        self._next = next(self._groups, None)
+        return found
+
+
+def box(row: Row) -> list[int]:
+    """[x, y, w, h] in whole pixels."""
+    return [round(row["x"]), round(row["y"]), max(1, round(row["width"])), max(1, round(row["height"]))]
+
+
+def _data(root: Path, folder: Path, page: Row, elements: list[Row], cells: list[Row], images: list[Row]) -> Row:
+    seen = {row["element_id"]: row for row in elements if row["visible"]}
+    of_table = {number: list(group) for number, group in groupby(cells, key=lambda row: row["table_id"])}
+    shown = [row for row in images if row["element_id"] in seen and seen[row["element_id"]]["kind"] != "sprite" and not row["frame_index"]]
+    return {
+        "metadata": {"url": page["url"], "title": page["title"], "time": page["fetched_at"].strftime("%d/%m/%Y %H:%M:%S")},
+        "tables": [_table(row, of_table.get(row["element_id"], [])) for row in seen.values() if row["kind"] == "table"],
+        "images": [held for row in shown if (held := _image(root, folder, row, seen[row["element_id"]]))],
+        "sprites": [{"text": row["text"] or "", "bbox": box(row)} for row in seen.values() if row["kind"] == "sprite"],
+        "texts": [{"text": row["text"], "bbox": box(row)} for row in seen.values() if row["kind"] == "text" and row["text"]],
+    }
+
+
+def _table(row: Row, cells: list[Row]) -> Row:
+    parts = {True: [cell for cell in cells if cell["is_header"]], False: [cell for cell in cells if not cell["is_header"]]}
+    held = {kind: {"text": [cell["text"] for cell in part], "bboxes": [box(cell) for cell in part]} for kind, part in parts.items()}
+    return {"bbox": box(row), "headers": held[True], "cells": held[False]}
+
+
+def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
+    """One picture with its file beside the page; None where the wiki could not give the file."""
+    if not row["path"]:
+        return None
+    source = root / row["path"]
+    name = source.name
+    if row["media_type"] == "image/svg+xml":
+        name = f"{row['sha256']}-{row['element_id']}.png"
+        _crop(folder / "screenshot.png", box(element), folder / "images" / name)
+    elif not (folder / "images" / name).exists():
+        shutil.copyfile(source, folder / "images" / name)
+    return {"src": row["src"], "path": f"images/{name}", "alt_text": row["alt_text"] or "", "caption": row["caption"] or "", "bbox": box(element)}
+
+
+def _crop(screenshot: Path, where: list[int], target: Path) -> None:
+    from PIL import Image
+
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # our own picture, whose size the crawl has checked
+    try:
+        with Image.open(screenshot) as image:
+            x, y, width, height = where
+            image.crop((x, y, x + width, y + height)).save(target, "PNG")
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit

@@ -1,0 +1,172 @@
+"""Screenshots and pictures of the wiki as flat tar shards in the WebDataset layout, with an index.
+
+    screenshots-00000-of-0000N.tar   <page id>.png, <page id>.json
+    images-00000-of-0000N.tar        <sha256>.<png|jpg|gif|svg|webp|…>, <sha256>.json
+    index.ndjson                     one line a file: tar, member, offset and size of its bytes, sha256
+
+Files that belong together have one name up to the first dot and stand side by side
+(https://github.com/webdataset/webdataset). A tar has no times, owners or order of its own: the
+same rows and files give the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import tarfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.core.errors import DamagedData, FatalError
+from kb.core.verdict import Summary
+from kb.export import parquet
+from kb.schema.tables import table
+from kb.store.merge import Merge
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from kb.core.context import Run
+
+TAR_BYTES = 1 << 30
+_BLOCK = 512
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One file of the data root and what is said about it."""
+
+    name: str           # member name without its ending
+    ending: str
+    path: Path
+    size: int
+    about: bytes
+
+    @property
+    def member(self) -> str:
+        """Name of the file in the tar."""
+        return f"{self.name}.{self.ending}"
+
+    @property
+    def packed(self) -> int:
+        """Bytes that it takes in a tar, its JSON included."""
+        return sum(_BLOCK + -(-size // _BLOCK) * _BLOCK for size in (self.size, len(self.about)))
+
+
+def export(run: Run) -> Summary:
+    """Writes release/wiki: the tables, the tars and their index. Raises FatalError, DamagedData, DiskFull."""
+    pages = table("wiki/pages")
+    if not parquet.clean_parts(run.root, pages):
+        raise FatalError("nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first")
+    plan = {"screenshots": list(_shards(_screenshots(run.root))), "images": list(_shards(_images(run.root)))}
+    places = {str(sample.path.relative_to(run.root)): f"{_name(kind, number, len(shards))}/{sample.member}"
+              for kind, shards in plan.items() for number, samples in enumerate(shards) for sample in samples}
+    changes = {"wiki/pages": _moved("screenshot_path", places), "wiki/images": _moved("path", places)}
+
+    def write(folder: Path) -> None:
+        with (folder / "index.ndjson").open("w", encoding="utf-8") as index:
+            for kind, shards in plan.items():
+                for number, samples in enumerate(shards):
+                    for line in _write_tar(folder / _name(kind, number, len(shards)), samples):
+                        index.write(json.dumps(line, ensure_ascii=False) + "\n")
+
+    summary = parquet.export(run, "wiki", changes=changes, beside=write)
+    return Summary({**summary, "tars": sum(map(len, plan.values())), "files": len(places)})
+
+
+def rows(root: Path, name: str, columns: list[str], by: list[str]) -> Iterator[dict[str, Any]]:
+    """Clean rows of a table in order, a piece at a time in memory."""
+    merge = Merge(parquet.clean_parts(root, table(name)), by, columns)
+    try:
+        for piece in merge:
+            yield from piece.to_pylist()
+    finally:
+        merge.close()
+
+
+def _screenshots(root: Path) -> Iterator[Sample]:
+    names = ["page_id", "title", "url", "revision_id", "license", "contributors_url", "page_width", "page_height", "device_pixel_ratio"]
+    for row in rows(root, "wiki/pages", [*names, "screenshot_path"], ["page_id"]):
+        about = {name: row[name] for name in names}
+        yield _sample(root, f"{row['page_id']:09d}", row["screenshot_path"], about)
+
+
+def _images(root: Path) -> Iterator[Sample]:
+    """Every file once, by its hash, with what the first row says about it."""
+    names = ["sha256", "media_type", "width", "height", "src", "license"]
+    found: dict[str, tuple[str, dict[str, Any]]] = {}
+    for row in rows(root, "wiki/images", [*names, "path", "page_id", "element_id", "frame_index"], ["page_id", "element_id", "frame_index"]):
+        if row["path"]:
+            found.setdefault(row["sha256"], (row["path"], {name: row[name] for name in names}))
+    for sha256 in sorted(found):
+        path, about = found[sha256]
+        yield _sample(root, sha256, path, about)
+
+
+def _sample(root: Path, name: str, path: str, about: dict[str, Any]) -> Sample:
+    file = root / path
+    try:
+        size = file.stat().st_size
+    except OSError:
+        raise DamagedData(f"{file} is not there, but clean/wiki names it", hint="run `kb wiki crawl --again` and `kb wiki filter`") from None
+    text = json.dumps(about, ensure_ascii=False, sort_keys=True).encode()
+    return Sample(name, file.suffix.removeprefix("."), file, size, text)
+
+
+def _shards(samples: Iterator[Sample]) -> Iterator[list[Sample]]:
+    held: list[Sample] = []
+    size = 0
+    for sample in samples:
+        if held and size + sample.packed > TAR_BYTES:
+            yield held
+            held, size = [], 0
+        held.append(sample)
+        size += sample.packed
+    if held:
+        yield held
+
+
+def _name(kind: str, number: int, count: int) -> str:
+    return f"{kind}-{number:05d}-of-{count:05d}.tar"
+
+
+def _moved(column: str, places: dict[str, str]) -> parquet.Change:
+    """The released path of each file instead of the one in the data root."""
+
+    def make(rows: pa.Table) -> pa.Table:
+        import pyarrow as pa
+
+        moved = [None if path is None else places[path] for path in rows[column].to_pylist()]
+        return rows.set_column(rows.column_names.index(column), column, pa.array(moved, pa.string()))
+
+    return parquet.Change(make, (column,))
+
+
+def _write_tar(path: Path, samples: list[Sample]) -> Iterator[dict[str, Any]]:
+    """Write one tar; the index lines of its members."""
+    with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar:
+        for sample in samples:
+            for member, data in ((sample.member, sample.path), (f"{sample.name}.json", sample.about)):
+                info = tarfile.TarInfo(member)
+                info.size, info.mode, info.mtime = sample.size if isinstance(data, Path) else len(data), 0o644, 0
+                digest = hashlib.sha256()
+                start = tar.offset + _BLOCK
+                with data.open("rb") if isinstance(data, Path) else io.BytesIO(data) as file:
+                    tar.addfile(info, _Hashing(file, digest))  # type: ignore[arg-type]
+                yield {"tar": path.name, "member": member, "offset": start, "size": info.size, "sha256": digest.hexdigest()}
+
+
+class _Hashing:
+    """A file whose bytes are hashed as they are read, so that a large file is read once."""
+
+    def __init__(self, file: Any, digest: Any) -> None:
+        self._file, self._digest = file, digest
+
+    def read(self, size: int = -1) -> bytes:
+        """The next bytes."""
+        data = self._file.read(size)
+        self._digest.update(data)
+        return data
