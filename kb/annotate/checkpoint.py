@@ -11,6 +11,7 @@ import hashlib
 import importlib.util
 import os
 import re
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -94,7 +95,18 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
     digest = _verify(path, expected, "get the file again from where it came from")
     _need_beside(path.parent, "put config.json and the tokenizer's files beside the checkpoint")
     # Of the name only the part before the digest: the same model under another digest is a new revision.
-    return Checkpoint(path, _PREFIX.sub("", path.name).removesuffix(path.suffix) or path.stem, digest)
+    name = SANDBOX if _made_by_sandbox(path) else _PREFIX.sub("", path.name).removesuffix(path.suffix)
+    return Checkpoint(path, name or path.stem, digest)
+
+
+def _made_by_sandbox(path: Path) -> bool:
+    """Whether the sandbox trained it, whatever it is called; seen without unpickling anything."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            pickles = [name for name in file.namelist() if name.endswith("/data.pkl")]
+            return any(b"lorebase_sandbox" in file.read(name) for name in pickles)
+    except (zipfile.BadZipFile, OSError):
+        return False
 
 
 def _fetched(model: Published) -> Checkpoint:

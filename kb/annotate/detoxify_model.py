@@ -63,11 +63,6 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
     return model
 
 
-def is_sandbox_checkpoint(loaded: dict[str, Any]) -> bool:
-    """Whether the sandbox trained it, whatever its file is called."""
-    return bool(loaded.get("config", {}).get("lorebase_sandbox"))
-
-
 @contextlib.contextmanager
 def _local_folder(beside: Path, classes: int) -> Iterator[Path]:
     """A folder with the tokenizer's files and a config.json that knows the number of classes."""

@@ -1,0 +1,153 @@
+"""A checkpoint as an ONNX graph, made once and kept in the user's cache.
+
+ONNX Runtime and OpenVINO run the graph with the same numbers as torch and without importing torch,
+which takes longer than scoring a small crawl. A fresh graph must agree with Detoxify's own
+`predict` on probe texts, or it is thrown away.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import importlib.util
+import json
+import tempfile
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from kb.annotate.checkpoint import Checkpoint, cache_root, sha256_of, tokenizer_files
+from kb.annotate.detoxify_model import WINDOW, load_detoxify
+from kb.store.atomic import replacing_folder
+
+FORMAT = 2  # raise it when the folder's files change meaning
+TOLERANCE = 1e-4
+PROBES = ("hello", "How to build a house in Minecraft", "you are a stupid idiot, shut up!", "1 2 3 … ünïcode 方块",
+          "a longer text about redstone, pistons and hoppers; " * 4)
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A folder with model.onnx, tokenizer.json and meta.json (see `Meta`)."""
+
+    folder: Path
+
+    @property
+    def graph(self) -> Path:
+        return self.folder / "model.onnx"
+
+
+@dataclass(frozen=True)
+class Meta:
+    """What a runner must know about the model besides its weights."""
+
+    classes: tuple[str, ...]
+    prefix: tuple[int, ...]  # marks before a window's tokens
+    suffix: tuple[int, ...]  # and after them
+    pad: int
+    window: int
+
+    @classmethod
+    def of(cls, detoxify: Any) -> Meta:
+        """Read from a loaded Detoxify object."""
+        tokenizer = detoxify.tokenizer
+        bare = len(tokenizer("", add_special_tokens=False)["input_ids"])
+        marks = tokenizer("")["input_ids"]
+        assert not bare and len(marks) == 2, "a model with another layout of marks"
+        return cls(tuple(detoxify.class_names), tuple(marks[:1]), tuple(marks[1:]), tokenizer.pad_token_id,
+                   min(WINDOW, tokenizer.model_max_length))
+
+    @classmethod
+    def read(cls, path: Path) -> Meta:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        return cls(tuple(data["classes"]), tuple(data["prefix"]), tuple(data["suffix"]), data["pad"], data["window"])
+
+
+def place(checkpoint: Checkpoint) -> Path:
+    """Where the graph of exactly this checkpoint, configuration and torch is kept."""
+    parts = [str(FORMAT), checkpoint.sha256, *(_version(name) for name in ("torch", "transformers", "detoxify"))]
+    parts += [sha256_of(path) for path in [checkpoint.folder / "config.json", *tokenizer_files(checkpoint.folder)]]
+    return cache_root() / "compiled" / hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]
+
+
+def find_compiled(checkpoint: Checkpoint) -> Compiled | None:
+    """The graph that was made before, if it is whole."""
+    folder = place(checkpoint)
+    try:
+        meta = json.loads((folder / "meta.json").read_text(encoding="utf-8"))
+        whole = all(sha256_of(folder / name) == digest for name, digest in meta["files"].items())
+    except (OSError, ValueError, KeyError):
+        return None
+    return Compiled(folder) if whole else None
+
+
+def can_compile() -> bool:
+    """Whether torch can write the graph here (its exporter needs the package onnx)."""
+    return importlib.util.find_spec("onnx") is not None
+
+
+def make_compiled(checkpoint: Checkpoint) -> Compiled | None:
+    """Write the graph; None when it doesn't agree with Detoxify, or can't be written."""
+    detoxify = load_detoxify(checkpoint)
+    folder = place(checkpoint)
+    try:
+        with replacing_folder(folder) as fresh:
+            _export(detoxify, fresh)
+            if not _agrees(detoxify, Compiled(fresh)):
+                raise _Differs
+    except _Differs:
+        return None
+    except OSError:  # no cache to write to: make it for this run only
+        fresh = Path(tempfile.mkdtemp(prefix="kb-compiled-"))
+        _export(detoxify, fresh)
+        return Compiled(fresh) if _agrees(detoxify, Compiled(fresh)) else None
+    return Compiled(folder)
+
+
+class _Differs(Exception):
+    pass
+
+
+def _export(detoxify: Any, folder: Path) -> None:
+    import torch
+
+    ids = torch.ones((2, 7), dtype=torch.long)
+    mask = torch.ones((2, 7), dtype=torch.long)
+    mask[1, 5:] = 0
+    axes = {0: "windows", 1: "tokens"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        # The exporter by tracing: the newer one needs onnxscript and gives the same graph for BERT.
+        torch.onnx.export(
+            detoxify.model, (ids, mask), str(folder / "model.onnx"), dynamo=False, opset_version=17,
+            input_names=["input_ids", "attention_mask"], output_names=["logits"],
+            dynamic_axes={"input_ids": axes, "attention_mask": axes, "logits": {0: "windows"}},
+        )
+    detoxify.tokenizer.backend_tokenizer.save(str(folder / "tokenizer.json"))
+    meta = Meta.of(detoxify)
+    files = {path.name: sha256_of(path) for path in sorted(folder.iterdir())}
+    text = json.dumps({"classes": meta.classes, "prefix": meta.prefix, "suffix": meta.suffix, "pad": meta.pad,
+                       "window": meta.window, "files": files})
+    (folder / "meta.json").write_text(text, encoding="utf-8")
+
+
+def _agrees(detoxify: Any, compiled: Compiled) -> bool:
+    from kb.annotate.backends import graph_runner
+
+    runner = graph_runner(compiled, threads=1)
+    if runner is None:
+        return True
+    own = runner.score(list(PROBES))
+    for text, row in zip(PROBES, own, strict=True):
+        theirs = detoxify.predict(text)
+        if any(abs(theirs[name] - score) > TOLERANCE for name, score in zip(runner.meta.classes, row, strict=True)):
+            return False
+    return True
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
