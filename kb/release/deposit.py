@@ -8,6 +8,7 @@ metadata, publish, new version. Every answer that is no success becomes one of k
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -26,6 +27,8 @@ TRIES = 5
 TIMEOUT = (10, 300)  # seconds to connect, and between two bytes of an answer
 LONGEST_WAIT = 120  # seconds that a limit may ask for before the run stops instead
 PAGE = 100
+_LIMITED, _DAMAGED = "limited", "damaged upload"
+_GO_ON = "the same command goes on where it stopped"
 
 
 class Gone(FatalError):
@@ -43,7 +46,7 @@ class Zenodo:
 
     def create(self, metadata: dict[str, Any]) -> dict[str, Any]:
         """A new draft. Not sent twice: a draft whose answer was lost is found by `drafts`."""
-        return self._json("POST", self._base, json={"metadata": metadata}, tries=1)
+        return self._json("POST", self._base, json={"metadata": metadata}, once=True)
 
     def drafts(self) -> list[dict[str, Any]]:
         """The newest unpublished deposits of the account."""
@@ -59,8 +62,9 @@ class Zenodo:
         return {one["filename"]: one for one in found}
 
     def remove(self, number: int, file: str) -> None:
-        """Remove an uploaded file of a draft."""
-        self._send("DELETE", f"{self._base}/{number}/files/{file}")
+        """Remove an uploaded file of a draft; one that is gone already is what was wanted."""
+        with contextlib.suppress(Gone):
+            self._json("DELETE", f"{self._base}/{number}/files/{file}")
 
     def upload(self, bucket: str, path: Path, md5: str, sent: Callable[[int], None]) -> None:
         """Put a file into a draft's bucket, again when the service received other bytes.
@@ -72,14 +76,14 @@ class Zenodo:
 
         def put() -> None:
             with path.open("rb") as file:
-                answer = self._once("PUT", f"{bucket}/{quote(path.name)}", data=file, headers={"Content-Type": "application/octet-stream"})
+                answer = self._request("PUT", f"{bucket}/{quote(path.name)}", data=file, headers={"Content-Type": "application/octet-stream"})
             if answer.get("checksum", "").removeprefix("md5:") != md5:
-                raise Retryable("damaged_upload")
+                raise Retryable(_DAMAGED)
 
         try:
-            self._attempt(put, TRIES)
+            self._attempt(put)
         except Retryable as error:
-            if error.reason == "damaged_upload":
+            if error.reason == _DAMAGED:
                 raise FatalError(f"{path.name} arrived damaged {TRIES} times", hint="check the network, then run the same command again") from None
             raise
         sent(path.stat().st_size)
@@ -88,14 +92,14 @@ class Zenodo:
         """Set the metadata. Raises FatalError when the service refuses it or takes another licence."""
         answer = self._json("PUT", f"{self._base}/{number}", json={"metadata": metadata})
         taken = answer.get("metadata", {}).get("license")
-        if taken != metadata["license"]:
+        if str(taken).lower() != metadata["license"]:
             raise FatalError(f"the deposit service took the licence {taken!r} instead of {metadata['license']!r}", hint="look at the draft; it was not published")
         return answer
 
     def publish(self, number: int) -> dict[str, Any]:
         """Publish a draft: can't be undone. When the answer is lost, the deposit itself tells."""
         try:
-            return self._json("POST", f"{self._base}/{number}/actions/publish", tries=1)
+            return self._json("POST", f"{self._base}/{number}/actions/publish", once=True)
         except (Unreachable, FatalError):
             now = self.get(number)
             if now.get("submitted"):
@@ -108,7 +112,7 @@ class Zenodo:
         The service refuses a second draft while one is open; that one is used then.
         """
         try:
-            answer = self._json("POST", f"{self._base}/{number}/actions/newversion", tries=1)
+            answer = self._json("POST", f"{self._base}/{number}/actions/newversion", once=True)
         except FatalError:
             answer = self.get(number)
             if not answer["links"].get("latest_draft", "").startswith(self._base):
@@ -117,21 +121,28 @@ class Zenodo:
 
     # -- requests ----------------------------------------------------------------------------------
 
-    def _json(self, method: str, url: str, *, tries: int = TRIES, **what: Any) -> Any:
-        return self._send(method, url, tries=tries, **what)
+    def _json(self, method: str, url: str, *, once: bool = False, **what: Any) -> Any:
+        return self._attempt(lambda: self._request(method, url, **what), once=once)
 
-    def _send(self, method: str, url: str, *, tries: int = TRIES, **what: Any) -> Any:
-        return self._attempt(lambda: self._once(method, url, **what), tries)
+    def _attempt(self, call: Callable[[], Any], *, once: bool = False) -> Any:
+        """`once`: what must not be done twice is tried again only when the service refused to begin."""
 
-    def _attempt(self, call: Callable[[], Any], tries: int) -> Any:
-        try:
-            return attempt(call, tries=tries)
-        except Retryable as error:
-            if error.reason == "damaged_upload":
+        def guarded() -> Any:
+            try:
+                return call()
+            except Retryable as error:
+                if once and error.reason != _LIMITED:
+                    raise Unreachable(f"the deposit service did not answer ({error.reason})", hint=_GO_ON) from None
                 raise
-            raise Unreachable(f"the deposit service does not answer ({error.reason})", hint="the same command goes on where it stopped") from None
 
-    def _once(self, method: str, url: str, *, headers: dict[str, str] | None = None, **what: Any) -> Any:
+        try:
+            return attempt(guarded, tries=TRIES, patience=float("inf"))
+        except Retryable as error:
+            if error.reason == _DAMAGED:
+                raise
+            raise Unreachable(f"the deposit service does not answer ({error.reason})", hint=_GO_ON) from None
+
+    def _request(self, method: str, url: str, *, headers: dict[str, str] | None = None, **what: Any) -> Any:
         import requests
 
         if urlsplit(url)[:2] != urlsplit(self.root)[:2]:
@@ -139,8 +150,8 @@ class Zenodo:
         try:
             # Redirects would carry the token to wherever they point.
             answer = self._session.request(method, url, headers={**self._headers, **(headers or {})}, timeout=TIMEOUT, allow_redirects=False, **what)
-        except (requests.ConnectionError, requests.Timeout) as error:
-            raise Retryable(type(error).__name__.lower(), unreachable=True) from None
+        except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError) as error:
+            raise Retryable(type(error).__name__, unreachable=True) from None
         if answer.status_code in (401, 403) and "locked" not in answer.text:
             raise CredentialRefused("the deposit service does not accept ZENODO_TOKEN", hint="it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own")
         if answer.status_code == 429:
@@ -151,7 +162,10 @@ class Zenodo:
             raise Gone(f"the deposit service answered {answer.status_code}: {_message(answer)}", hint="the deposit may have been removed by hand")
         if not 200 <= answer.status_code < 300:
             raise FatalError(f"the deposit service refused ({answer.status_code}): {_message(answer)}", hint="nothing was published")
-        return answer.json() if answer.content else {}
+        try:
+            return answer.json() if answer.content else {}
+        except ValueError:
+            raise Retryable("an answer that is no JSON", unreachable=True) from None
 
     def _limited(self, headers: Any) -> Exception:
         """A short wait is waited out, a long one ends the run with the time to come back (or --wait)."""
@@ -162,7 +176,7 @@ class Zenodo:
             seconds = 60.0
         seconds = max(seconds, 0.0)
         if seconds <= LONGEST_WAIT or self._wait:
-            return Retryable("limited", after=seconds)
+            return Retryable(_LIMITED, after=seconds)
         reset = datetime.fromtimestamp(now + seconds, UTC)
         return QuotaSpent(f"the deposit service's limit is spent until {clock.stamp(reset)}", hint="run the same command then", reset_at=reset)
 

@@ -102,7 +102,7 @@ class _Upload:
 
     def go(self, *, publish: bool) -> dict[str, Any]:
         """The deposit's state, id, address and uploaded files."""
-        known = self._read()
+        known = self._known()
         if known.get("published") == self.digest:
             return {"state": "unchanged", "id": known["id"], "doi": known.get("doi"), "uploaded": 0}
         draft = self._draft(known)
@@ -113,6 +113,17 @@ class _Upload:
             shown = self.service.publish(draft["id"])
             self._write({"id": draft["id"], "published": self.digest, "doi": shown.get("doi")})
         return {"state": "published" if publish else "draft", "id": draft["id"], "doi": shown.get("doi"), "page": shown.get("links", {}).get("html"), "uploaded": uploaded}
+
+    def _known(self) -> dict[str, Any]:
+        """What the state says of this folder, as far as the service still has it."""
+        known = self._read()
+        if "id" in known:
+            try:
+                self.service.get(known["id"])
+            except Gone:
+                self.run.progress.say(f"the deposit {known['id']} of {self.folder.source} is gone; a new one is made")
+                return {key: what for key, what in known.items() if key in ("draft", "creating")}
+        return known
 
     def _draft(self, known: dict[str, Any]) -> dict[str, Any]:
         """The draft to fill: the one begun, the next version of the published record, or a new one."""

@@ -14,18 +14,17 @@ from kb.store.shards import write_table
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from duckdb import DuckDBPyConnection
+
 _MOST = 5_000  # groups: a sample is for reading
 
 
 def write(folder: Folder, megabytes: float) -> list[Path]:
-    """Write one sample file a table. Bytes follow from the data alone."""
+    """Write one sample file a table, together at most `megabytes`. Bytes follow from the data alone."""
     import duckdb
 
     shared = _shared(folder.parts)
-    budget = megabytes * 1e6 * 0.8  # a sample compresses a little worse than a shard
-    weight = {part.table.name: sum(shard.stat().st_size for shard in part.shards) for part in folder.parts}
-    share = min(1.0, budget / max(1, sum(weight.values())))
-    written = []
+    data = sum(shard.stat().st_size for part in folder.parts for shard in part.shards)
     with duckdb.connect() as con:
         con.execute("SET TimeZone = 'UTC'")
         lead = next((part for part in folder.parts if part.table.key == (shared,)), folder.parts[0])
@@ -33,15 +32,24 @@ def write(folder: Folder, megabytes: float) -> list[Path]:
             f'CREATE TABLE chosen AS SELECT DISTINCT "{shared}" AS k, md5("{shared}"::VARCHAR) AS h FROM read_parquet(?) ORDER BY h',
             [[str(shard) for shard in lead.shards]])
         total = con.execute("SELECT count(*) FROM chosen").fetchall()[0][0]
-        take = min(_MOST, max(1, int(total * share)))
-        for part in folder.parts:
-            found = con.sql(
-                f'SELECT t.* FROM read_parquet(?) t WHERE t."{shared}" IN (SELECT k FROM chosen ORDER BY h LIMIT {take})',
-                params=[[str(shard) for shard in part.shards]]).to_arrow_table()
-            path = folder.path / f"sample-{part.table.short}.parquet"
-            write_table(path, found, part.table, released=True)
-            written.append(path)
-    return written
+        budget = megabytes * 1e6
+        take = min(_MOST, max(1, int(total * min(1.0, 0.8 * budget / max(1, data)))))
+        while True:
+            written = [_part(con, folder, part, shared, take) for part in folder.parts]
+            size = sum(path.stat().st_size for path in written)
+            if size <= budget or take == 1:
+                return written
+            # Few rows compress worse than many: what was too much tells how much is right.
+            take = max(1, min(take - 1, int(take * 0.9 * budget / size)))
+
+
+def _part(con: DuckDBPyConnection, folder: Folder, part: Part, shared: str, take: int) -> Path:
+    found = con.sql(
+        f'SELECT t.* FROM read_parquet(?) t WHERE t."{shared}" IN (SELECT k FROM chosen ORDER BY h LIMIT {take})',
+        params=[[str(shard) for shard in part.shards]]).to_arrow_table()
+    path = folder.path / f"sample-{part.table.short}.parquet"
+    write_table(path, found, part.table, released=True)
+    return path
 
 
 def _shared(parts: tuple[Part, ...]) -> str:

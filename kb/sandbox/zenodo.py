@@ -39,9 +39,13 @@ def settings(url: str) -> dict[str, str]:
 
 
 def app(world: Any = None, faults: Any = None) -> Any:
-    """The WSGI application, with a store of its own."""
+    """The WSGI application, with a store of its own that is its `.deposits`."""
     service = Deposits(token=TOKEN)
-    return faults.wrap("zenodo", service) if hasattr(faults, "wrap") else service
+    if not hasattr(faults, "wrap"):
+        return service
+    wrapped = faults.wrap("zenodo", service)
+    wrapped.deposits = service
+    return wrapped
 
 
 class Answer(HTTPException):
@@ -71,6 +75,7 @@ class Deposits:
     def __init__(self, token: str = TOKEN) -> None:
         self.token = token
         self.by_id: dict[int, Deposit] = {}
+        self.deposits = self
         self._numbers = itertools.count(100_001)
         self._lock = threading.RLock()
         base = "/api/deposit/depositions"

@@ -1,0 +1,205 @@
+"""A published release, downloaded from the loopback service into an empty folder, read by everyone who will read it.
+
+Offline: DuckDB, pyarrow, polars, Hugging Face datasets, mlcroissant, sha256sum, cffconvert, zenodo.json.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import pyarrow.parquet as pq
+import pytest
+import requests
+
+from kb.release.publish import publish
+from kb.sandbox.server import Sandbox
+from kb.sandbox.zenodo import TOKEN
+from kb.schema import tables
+from tests.conftest import skip_or_fail
+from tests.release.conftest import a_run
+from tests.release.made import rows
+
+SOURCES = ("youtube", "wiki", "reddit", "pairs")
+TABLES = [name for name, declared in tables().items() if declared.released and declared.source in SOURCES]
+
+
+@pytest.fixture(scope="session")
+def downloaded(released: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The four records, fetched by the addresses that the service gives."""
+    folder = tmp_path_factory.mktemp("downloaded")
+    with pytest.MonkeyPatch.context() as patch, Sandbox(services=["zenodo"]) as service:
+        patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
+        root = Path(shutil.copytree(released, folder / "root"))
+        url = service.servers["zenodo"].url
+        summary = publish(a_run(root, kb_zenodo_endpoint=url, zenodo_token=TOKEN), "zenodo", publish=True)
+        for source, shown in summary["sources"].items():
+            record = requests.get(f"{url}/api/records/{shown['id']}", timeout=10).json()
+            (folder / source).mkdir()
+            for file in record["files"]:
+                (folder / source / file["key"]).write_bytes(requests.get(file["links"]["self"], timeout=10).content)
+        shutil.rmtree(root)
+    yield folder
+
+
+@pytest.fixture(scope="session")
+def expected() -> dict[str, int]:
+    return {name: len(made) for name, made in rows().items()}
+
+
+def shards(folder: Path, name: str) -> str:
+    source, _, table = name.partition("/")
+    return str(folder / source / f"{table}-*-of-*.parquet")
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_sha256sum(downloaded: Path, source: str) -> None:
+    done = subprocess.run(["sha256sum", "-c", "--strict", "SHA256SUMS"], cwd=downloaded / source, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    listed = {line.partition(":")[0] for line in done.stdout.splitlines()}
+    assert listed == {path.name for path in (downloaded / source).iterdir()} - {"SHA256SUMS"}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_duckdb(downloaded: Path, expected: dict[str, int], name: str) -> None:
+    key = ", ".join(tables()[name].key)
+    found = duckdb.execute(f"SELECT count(*), count(DISTINCT ({key})) FROM read_parquet(?)", [shards(downloaded, name)]).fetchone()
+    assert found == (expected[name], expected[name])
+
+
+def test_kb_query(released: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from kb.cli.app import main
+
+    with pytest.raises(SystemExit) as left:
+        main(["query", "SELECT v.video_id, count(*) AS n FROM release.youtube_videos v JOIN release.pairs p USING (video_id) GROUP BY 1 ORDER BY 1 LIMIT 1",
+              "--data", str(released), "--format", "json"])
+    assert not left.value.code
+    assert '"vid00000000"' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_pyarrow_finds_types_nulls_and_descriptions(downloaded: Path, expected: dict[str, int], name: str) -> None:
+    import pyarrow.dataset as ds
+
+    files = sorted(Path(shards(downloaded, name)).parent.glob(Path(shards(downloaded, name)).name))
+    found = ds.dataset([str(file) for file in files])
+    assert found.count_rows() == expected[name]
+    schema = pq.read_schema(files[0])
+    assert schema.equals(tables()[name].arrow(True))
+    for column in tables()[name].columns:
+        if column.released:
+            assert schema.field(column.name).metadata[b"doc"].decode() == column.doc
+            assert schema.field(column.name).nullable == column.nullable
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_polars(downloaded: Path, expected: dict[str, int], name: str) -> None:
+    polars = pytest.importorskip("polars")
+    assert polars.read_parquet(shards(downloaded, name)).height == expected[name]
+
+
+@pytest.fixture(scope="module")
+def datasets(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HF_HUB_OFFLINE", "1")
+        patch.setenv("HF_HOME", str(tmp_path_factory.mktemp("hf")))
+        patch.setenv("HF_DATASETS_CACHE", str(tmp_path_factory.mktemp("hf-cache")))
+        yield pytest.importorskip("datasets")
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_hugging_face_datasets(downloaded: Path, expected: dict[str, int], datasets: Any, name: str) -> None:
+    source, _, table = name.partition("/")
+    found = datasets.load_dataset(str(downloaded / source), table, split="train", cache_dir=os.environ["HF_DATASETS_CACHE"])
+    assert found.num_rows == expected[name]
+    assert found.column_names == tables()[name].names(released=True)
+
+
+def test_card_names_licence_tags_and_one_default(downloaded: Path) -> None:
+    yaml = pytest.importorskip("yaml")
+    for source in SOURCES:
+        text = (downloaded / source / "README.md").read_text(encoding="utf-8")
+        front = yaml.safe_load(text.split("---")[1])
+        assert front["license"] == ("cc-by-nc-sa-3.0" if source == "wiki" else "cc-by-4.0")
+        assert sum(bool(config.get("default")) for config in front["configs"]) == 1
+        for declared in tables().values():
+            if declared.source == source and declared.released:
+                assert all(f"| `{name}` |" in text for name in declared.names(released=True))
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_mlcroissant_loads_every_record(downloaded: Path, expected: dict[str, int], name: str) -> None:
+    mlcroissant = pytest.importorskip("mlcroissant")
+    source, _, table = name.partition("/")
+    found = list(mlcroissant.Dataset(str(downloaded / source / "croissant.json")).records(table))
+    assert len(found) == expected[name]
+    assert set(found[0]) == {f"{table}/{column}" for column in tables()[name].names(released=True)}
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_croissant_is_valid_and_says_who_is_concerned(downloaded: Path, source: str) -> None:
+    mlcroissant = pytest.importorskip("mlcroissant")
+    metadata = mlcroissant.Dataset(str(downloaded / source / "croissant.json")).metadata
+    assert list(metadata.ctx.issues.errors) == []
+    assert list(metadata.ctx.issues.warnings) == []
+    raw = json.loads((downloaded / source / "croissant.json").read_text())
+    assert raw["conformsTo"] == ["http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0"]
+    assert metadata.data_biases and metadata.data_collection and metadata.personal_sensitive_information and metadata.data_use_cases
+    for file in raw["distribution"]:
+        if file["@type"] == "cr:FileObject":
+            path = downloaded / source / file["contentUrl"]
+            assert file["contentSize"] == f"{path.stat().st_size} B"
+            assert f"{file['sha256']}  {path.name}" in (downloaded / source / "SHA256SUMS").read_text()
+    described = {field["name"]: field["description"] for records in raw["recordSet"] for field in records["field"]}
+    assert all(described.values())
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_cffconvert(downloaded: Path, source: str) -> None:
+    command = shutil.which("cffconvert", path=f"{Path(__import__('sys').executable).parent}:{os.environ['PATH']}")
+    if command is None:
+        skip_or_fail("cffconvert is not installed")
+    valid = subprocess.run([command, "--validate", "-i", "CITATION.cff"], cwd=downloaded / source, capture_output=True, text=True, check=False)
+    assert valid.returncode == 0, valid.stdout + valid.stderr
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_a_sample_of_rows_that_belong_together(downloaded: Path, source: str) -> None:
+    samples = sorted((downloaded / source).glob("sample-*.parquet"))
+    assert [path.stem.removeprefix("sample-") for path in samples] == [name.partition("/")[2] for name in TABLES if name.startswith(f"{source}/")]
+    if source == "wiki":
+        pages, elements = (set(pq.read_table(downloaded / "wiki" / f"sample-{name}.parquet")["page_id"].to_pylist()) for name in ("pages", "elements"))
+        assert pages == elements
+
+
+def test_no_text_of_reddit_or_transcripts_leaves(downloaded: Path) -> None:
+    made = rows()
+    texts = [row[name] for row in made["reddit/posts"] for name in ("title", "body", "author_hash")] + [row["body"] for row in made["reddit/comments"]] + [row["text"] for row in made["pairs/pairs"]]
+    for source in ("reddit", "pairs"):
+        for path in (downloaded / source).glob("*.parquet"):
+            values = {value for column in pq.read_table(path).itercolumns() for value in column.to_pylist() if isinstance(value, str)}
+            assert not values & set(texts)
+
+
+def test_tombstones_have_their_columns_even_without_rows(downloaded: Path) -> None:
+    for source in SOURCES:
+        assert pq.read_schema(downloaded / source / "tombstones.parquet").names == ["key", "source", "removed_at", "reason"]
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_datasheet_answers_every_question_with_measured_figures(downloaded: Path, source: str) -> None:
+    text = (downloaded / source / "DATASHEET.md").read_text(encoding="utf-8")
+    for heading in ("Motivation", "Composition", "Collection process", "Preprocessing, cleaning, labeling", "Uses", "Distribution", "Maintenance"):
+        assert f"\n## {heading}\n" in text
+    questions = [part for part in text.split("\n**")[1:] if "?**" in part]
+    assert len(questions) >= 25
+    assert all(len(part.partition("?**")[2].strip()) > 5 for part in questions)
+    for name, made in rows().items():
+        if name.startswith(f"{source}/"):
+            assert f"| {name.partition('/')[2]} | {len(made):,} |" in text

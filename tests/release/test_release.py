@@ -1,0 +1,139 @@
+"""`kb release` itself: the same bytes twice, what it is built from, licences, tombstones, samples."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from kb.core.context import Run
+from kb.release import sample
+from kb.release.build import describe, release
+from kb.release.folders import find
+from kb.release.licences import KNOWN
+from kb.store import tombstones
+from tests.release.conftest import a_run
+from tests.release.made import build
+
+
+def content(root: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(root)): path.read_bytes() for path in sorted((root / "release").rglob("*")) if path.is_file()}
+
+
+def test_same_bytes_twice_later_and_with_more_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = tmp_path / "a", tmp_path / "elsewhere" / "b"
+    release(a_run(build(first)))
+    monkeypatch.setenv("KB_NOW", "2026-11-20T11:11:11Z")
+    run = a_run(build(second))
+    release(Run(run.settings, run.profile, second, workers=4))
+    assert content(first) == content(second)
+    release(a_run(first))
+    assert content(first) == content(second)
+
+
+def test_date_is_the_newest_reading_or_source_date_epoch(tmp_path: Path) -> None:
+    build(tmp_path, sources=("youtube",))
+    release(a_run(tmp_path))
+    deposit = tmp_path / "release" / "youtube" / "zenodo.json"
+    assert json.loads(deposit.read_text())["metadata"]["publication_date"] == "2026-11-03"
+    release(a_run(tmp_path, source_date_epoch=1_800_000_000))
+    assert json.loads(deposit.read_text())["metadata"]["publication_date"] == "2027-01-15"
+    assert "date-released: 2027-01-15" in (deposit.parent / "CITATION.cff").read_text()
+
+
+def test_licences_of_a_wiki_whose_rows_name_several(tmp_path: Path) -> None:
+    def edit(name: str, made: list[dict[str, Any]]) -> None:
+        if name == "wiki/images":
+            made[0]["license"], made[1]["license"] = "CC0-1.0", "all rights reserved"
+        if name == "wiki/pages":
+            for row in made:
+                row["license"] = "CC-BY-SA-4.0"
+
+    release(a_run(build(tmp_path, edit, ("wiki",))))
+    folder = tmp_path / "release" / "wiki"
+    assert json.loads((folder / "zenodo.json").read_text())["metadata"]["license"] == "cc-by-sa-4.0"
+    assert KNOWN["CC-BY-SA-4.0"].text in (folder / "LICENSE").read_text()
+    assert [path.name for path in folder.glob("LICENSE-*")] == ["LICENSE-CC0-1.0.txt"]
+    assert "all rights reserved (1 rows)" in (folder / "LICENSE").read_text()
+
+
+def test_wiki_that_names_no_licence_takes_the_profiles(tmp_path: Path) -> None:
+    def edit(name: str, made: list[dict[str, Any]]) -> None:
+        for row in made if name == "wiki/pages" else []:
+            row["license"] = "https://wiki.example.org/terms"
+
+    profile = tmp_path / "mine.toml"
+    profile.write_text('name = "mine"\ntitle = "Mine"\n[release.licenses]\nwiki = "CC-BY-NC-SA-3.0"\n')
+    release(a_run(build(tmp_path, edit, ("wiki",)), profile))
+    assert "CC-BY-NC-SA-3.0" in (tmp_path / "release" / "wiki" / "LICENSE").read_text()
+
+
+def test_every_known_licence_has_its_text() -> None:
+    assert all(len(law.text) > 5000 for law in KNOWN.values())
+
+
+def test_tombstones_follow_and_reach_the_pairs(tmp_path: Path) -> None:
+    build(tmp_path)
+    tombstones.add(tmp_path, "youtube", [("vid-gone", "deleted")])
+    release(a_run(tmp_path))
+    for source in ("youtube", "pairs"):
+        assert pq.read_table(tmp_path / "release" / source / "tombstones.parquet")["key"].to_pylist() == ["vid-gone"]
+    assert "1 keys were removed" in (tmp_path / "release" / "youtube" / "DATASHEET.md").read_text()
+
+
+def test_describe_after_a_purge_needs_no_gate(tmp_path: Path) -> None:
+    build(tmp_path, sources=("pairs",))
+    release(a_run(tmp_path))
+    shard = tmp_path / "release" / "pairs" / "pairs-00000-of-00001.parquet"
+    pq.write_table(pq.read_table(shard).slice(20), shard)
+    describe(a_run(tmp_path), ["pairs"])
+    assert "| Rows | 100 |" in (tmp_path / "release" / "pairs" / "README.md").read_text()
+
+
+def test_sample_is_bounded_and_whole_groups(tmp_path: Path) -> None:
+    build(tmp_path, sources=("reddit",), n=3000)
+    folder = find(tmp_path)[0]
+    total = sum(path.stat().st_size for path in folder.data)
+    written = sample.write(folder, total / 4 / 1e6)
+    assert sum(path.stat().st_size for path in written) <= total / 4
+    posts = set(pq.read_table(tmp_path / "release" / "reddit" / "sample-posts.parquet")["post_id"].to_pylist())
+    comments = pq.read_table(tmp_path / "release" / "reddit" / "sample-comments.parquet")["post_id"].to_pylist()
+    assert set(comments) == posts
+    assert len(comments) == 3 * len(posts)
+
+
+def test_empty_tables_are_released_as_such(tmp_path: Path) -> None:
+    def edit(name: str, made: list[dict[str, Any]]) -> None:
+        if name == "reddit/comments":
+            made.clear()
+
+    summary = release(a_run(build(tmp_path, edit, ("reddit",))))
+    assert summary["sources"]["reddit"]["comments"] == 0
+
+
+def test_wiki_archives_belong_to_the_release(tmp_path: Path) -> None:
+    build(tmp_path, sources=("wiki",))
+    (tmp_path / "release" / "wiki" / "images-00000.tar").write_bytes(b"\0" * 10240)
+    release(a_run(tmp_path))
+    raw = json.loads((tmp_path / "release" / "wiki" / "croissant.json").read_text())
+    assert any(file["@id"] == "images-00000.tar" and file["encodingFormat"] == "application/x-tar" for file in raw["distribution"])
+    assert "images-00000.tar" in (tmp_path / "release" / "wiki" / "SHA256SUMS").read_text()
+
+
+def test_names_and_orcids_reach_citation_and_deposit(tmp_path: Path) -> None:
+    profile = tmp_path / "mine.toml"
+    profile.write_text('name = "mine"\ntitle = "Mine: \\"quoted\\""\n[release]\nhomepage = "https://kb.example.org"\ncontact = "https://kb.example.org/remove"\nversion = "2.0.1"\n'
+                       'creators = [{ name = "Doe, Jane", affiliation = "A: B", orcid = "0000-0002-1825-0097" }, { name = "The group" }]\n')
+    release(a_run(build(tmp_path, sources=("pairs",)), profile))
+    folder = tmp_path / "release" / "pairs"
+    from cffconvert import Citation
+
+    found = Citation((folder / "CITATION.cff").read_text())
+    found.validate()
+    assert found.cffobj["authors"][0]["family-names"] == "Doe"
+    creators = json.loads((folder / "zenodo.json").read_text())["metadata"]["creators"]
+    assert creators == [{"name": "Doe, Jane", "affiliation": "A: B", "orcid": "0000-0002-1825-0097"}, {"name": "The group"}]
+    assert "https://kb.example.org/remove" in (folder / "README.md").read_text()
