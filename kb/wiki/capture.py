@@ -90,7 +90,7 @@ def capture(browser: Browser, url: str, picture: Path, rules: dict[str, Any], *,
         raise ItemFinal("too_tall", str(page["height"]))
     if page["truncated"]:
         raise ItemFinal("too_many_elements", str(rules["max_elements"]))
-    crops = {e["id"]: screenshot.pixels(e["box"]) for e in extraction["elements"]
+    crops = {e["id"]: screenshot.snapped(e["box"]) for e in extraction["elements"]
              if e["kind"] == "sprite" and e.get("css") and e["visible"]}
     html = browser.script(_HTML)
     watch.lap("html")

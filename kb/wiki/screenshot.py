@@ -32,6 +32,12 @@ def pixels(box: Iterable[float]) -> Box:
     return math.floor(x + 0.01), math.floor(y + 0.01), math.ceil(x + width - 0.01), math.ceil(y + height - 0.01)
 
 
+def snapped(box: Iterable[float]) -> Box:
+    """The same as the browser paints it: edges go to the nearest pixel."""
+    x, y, width, height = box
+    return math.floor(x + 0.5), math.floor(y + 0.5), math.floor(x + width + 0.5), math.floor(y + height + 0.5)
+
+
 def take(browser: Browser, path: Path, width: int, height: int, crops: dict[int, Box] | None = None) -> dict[int, bytes]:
     """Write the picture to `path`; the PNG bytes of each crop.
 

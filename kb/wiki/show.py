@@ -20,7 +20,7 @@ from kb.store.frontier import Item
 from kb.wiki import addresses
 from kb.wiki.capture import Captured, capture
 from kb.wiki.pool import Pool
-from kb.wiki.screenshot import pixels
+from kb.wiki.screenshot import snapped
 
 if TYPE_CHECKING:
     from kb.wiki.api import Api
@@ -70,7 +70,8 @@ def show_pages(crawl: Crawl, pool: Pool, api: Api, number: int) -> int:
 def _page(crawl: Crawl, pool: Pool, item: Item) -> dict[str, Any]:
     """All tries of one page: the answer to be recorded. Raises Stopped, MissingExtra."""
     section, url = crawl.section, item.payload["url"]
-    answer: dict[str, Any] = {"page_id": int(item.key), "title": item.payload["title"], "url": url}
+    answer: dict[str, Any] = {"page_id": int(item.key), "title": item.payload["title"], "url": url,
+                              "wanted_revision": item.payload["revision_id"]}
     if not crawl.web.allowed(url):
         return {**answer, "outcome": "robots", "reason": "disallowed", "value": None}
     reason, value = "", None
@@ -121,7 +122,7 @@ def _store(crawl: Crawl, item: Item, found: Captured, picture: Path) -> dict[str
     for element, data in sorted(found.sprites.items()):
         name = _sha256(data)
         sprites[str(element)] = name
-        left, top, right, bottom = pixels(found.extraction["elements"][element]["box"])
+        left, top, right, bottom = snapped(found.extraction["elements"][element]["box"])
         found.extraction["elements"][element]["crop"] = [right - left, bottom - top]
         if not (images / f"{name}.png").exists():
             write_bytes(images / f"{name}.png", data)

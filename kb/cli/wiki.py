@@ -1,0 +1,64 @@
+"""`kb wiki`: pages as a browser shows them."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kb.cli.command import command, group
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.core.verdict import Summary
+
+app = group("Pages of the wiki: screenshots, elements with boxes, tables and pictures.")
+
+
+class Format(StrEnum):
+    """Layouts of an export."""
+
+    parquet = "parquet"
+    minedojo = "minedojo"
+
+
+@command(app, examples=[
+    "kb wiki crawl --limit 100                100 pages, then exit code 3",
+    "kb wiki crawl --again --workers 2        what changed since, with two browsers",
+    "kb wiki crawl --titles titles.txt        named pages, no discovery",
+])
+def crawl(
+    run: Run,
+    titles: Annotated[Path | None, typer.Option(
+        "--titles", metavar="FILE",
+        help="Page titles: lines, a released Parquet file or MineDojo's JSON; skips discovery.")] = None,
+) -> Summary:
+    """Show every content page in headless Chromium and keep what is seen.
+
+    Needs KB_CONTACT, Chromium and chromedriver. A second crawl (--again) shows only what has changed.
+    """
+    from kb.core.pipeline import load, locate
+
+    return load(str(locate("wiki", run.pipeline))).crawl(run, titles)
+
+
+@command(app, name="filter", examples=["kb wiki filter", "kb wiki filter --profile mine.toml"])
+def filter_(run: Run) -> Summary:
+    """Sort captured pages into clean/wiki: kept, rejected with the reason, failed and pending."""
+    from kb.core.pipeline import load, locate
+
+    return load(str(locate("wiki", run.pipeline))).clean(run)
+
+
+@command(app, examples=["kb wiki export", "kb wiki export --format minedojo"])
+def export(
+    run: Run,
+    format: Annotated[Format, typer.Option(
+        "--format", help="Parquet and tar shards go to release/, others to export/FORMAT/.")] = Format.parquet,
+) -> Summary:
+    """Write clean/wiki as the released tables with their pictures, or in another layout."""
+    from kb.core.pipeline import load, locate
+
+    return load(str(locate("wiki", run.pipeline))).export(run, format.value)
