@@ -1,0 +1,139 @@
+"""annotations/<source>/: scores beside the rows, keyed by text hash, model, revision and precision.
+
+Finished chunks appear as `part-*.parquet` while a run goes on, so that a cut-off run scores nothing
+twice; at its end they are merged into the one sorted `toxicity.parquet`, whose bytes depend on the
+texts alone. A row that is in both for a moment is the same row.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import duckdb
+    import pyarrow as pa
+
+TABLE = "shared/annotations"
+CATEGORIES = ("toxicity", "severe_toxicity", "obscene", "threat", "insult", "identity_attack")
+_RANK = "CASE precision WHEN 'fp32' THEN 0 WHEN 'bf16' THEN 1 ELSE 2 END"
+
+
+@dataclass(frozen=True)
+class Scores:
+    """The scores of one model under one data root. Small and picklable: workers get it as it is."""
+
+    folder: str
+    model: str
+    revision: str
+
+    def lookup(self, hashes: pa.Array | pa.ChunkedArray) -> pa.Table:
+        """A row for each hash, in order: `CATEGORIES` and `precision`; null where there is no score.
+
+        Of several precisions the exact one wins, so the result doesn't depend on what was scored first.
+        """
+        import pyarrow as pa
+
+        if isinstance(hashes, pa.ChunkedArray):
+            hashes = hashes.combine_chunks()
+        con = self._connect()
+        con.register("wanted", pa.table({"place": pa.array(range(len(hashes)), pa.int64()), "text_hash": hashes}))
+        names = ", ".join([*CATEGORIES, "precision"])
+        found = con.sql(
+            f"SELECT {', '.join('s.' + name for name in [*CATEGORIES, 'precision'])} FROM wanted w LEFT JOIN ("
+            f"  SELECT text_hash, {names} FROM {self._files()}"
+            f"  WHERE model = $model AND revision = $revision AND text_hash IN (SELECT text_hash FROM wanted)"
+            f"  QUALIFY row_number() OVER (PARTITION BY text_hash ORDER BY {_RANK}) = 1"
+            ") s USING (text_hash) ORDER BY w.place",
+            params={"model": self.model, "revision": self.revision},
+        ).to_arrow_table()
+        con.close()
+        return found.cast(pa.schema([*((name, pa.float32()) for name in CATEGORIES), ("precision", pa.string())]))
+
+    def missing(self, hashes: pa.Array, threshold: float | None = None, reach: dict[str, float] | None = None) -> pa.Array:
+        """True for each hash to be scored: it has no score, or a reduced one within reach of the threshold."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        known = self.lookup(hashes)
+        wanted = pc.is_null(known["precision"])
+        if threshold is not None and reach:
+            top = pc.max_element_wise(*(known[name] for name in CATEGORIES))
+            for precision, distance in reach.items():
+                if distance:
+                    near = pc.less_equal(pc.abs(pc.subtract(top, pa.scalar(threshold, pa.float32()))), pa.scalar(distance, pa.float32()))
+                    wanted = pc.or_(wanted, pc.fill_null(pc.and_(pc.equal(known["precision"], precision), near), False))
+        return pc.and_(wanted, pc.is_valid(hashes)).combine_chunks() if isinstance(wanted, pa.ChunkedArray) else pc.and_(wanted, pc.is_valid(hashes))
+
+    def precisions(self) -> dict[str, int]:
+        """How many texts have a score in each precision."""
+        con = self._connect()
+        rows = con.execute(
+            f"SELECT precision, count(DISTINCT text_hash) FROM {self._files()}"
+            " WHERE model = $model AND revision = $revision GROUP BY 1 ORDER BY 1",
+            {"model": self.model, "revision": self.revision},
+        ).fetchall()
+        con.close()
+        return dict(rows)
+
+    def write(self, hashes: Sequence[str], scores: Sequence[Sequence[float]], precisions: Sequence[str], classes: Sequence[str]) -> Path:
+        """Add a chunk as the next part. Raises DiskFull."""
+        import pyarrow as pa
+
+        from kb.store.shards import write_table
+
+        place = [list(classes).index(name) if name in classes else None for name in CATEGORIES]
+        rows = pa.table({
+            "text_hash": pa.array(hashes, pa.string()),
+            "model": pa.array([self.model] * len(hashes), pa.string()),
+            "revision": pa.array([self.revision] * len(hashes), pa.string()),
+            "precision": pa.array(precisions, pa.string()),
+            **{name: pa.array([0.0 if n is None else row[n] for row in scores], pa.float32()) for name, n in zip(CATEGORIES, place, strict=True)},
+        })
+        path = Path(self.folder) / f"part-{self._next():06d}.parquet"
+        write_table(path, rows, TABLE)
+        return path
+
+    def merge(self) -> Path | None:
+        """All parts and the merged file as one sorted file without doubles; None when there is nothing."""
+        from kb.store.shards import write_table
+
+        parts = sorted(Path(self.folder).glob("part-*.parquet"))
+        path = Path(self.folder) / "toxicity.parquet"
+        if not parts:
+            return path if path.exists() else None
+        con = self._connect()
+        rows = con.sql(
+            f"SELECT text_hash, model, revision, precision, {', '.join(CATEGORIES)} FROM {self._files()}"
+            " QUALIFY row_number() OVER (PARTITION BY text_hash, model, revision, precision"
+            f" ORDER BY {', '.join(CATEGORIES)}) = 1"
+        ).to_arrow_table()
+        con.close()
+        write_table(path, rows, TABLE)
+        for part in parts:
+            part.unlink()
+        return path
+
+    def _connect(self) -> duckdb.DuckDBPyConnection:
+        import duckdb
+
+        con = duckdb.connect()
+        con.execute("SET enable_progress_bar = false")
+        return con
+
+    def _files(self) -> str:
+        from kb.schema.tables import table
+
+        files = sorted(str(path) for path in Path(self.folder).glob("*.parquet"))
+        if files:
+            listed = ", ".join("'" + file.replace("'", "''") + "'" for file in files)
+            return f"read_parquet([{listed}])"
+        columns = ", ".join(f"NULL::{'FLOAT' if column.type == 'float32' else 'VARCHAR'} AS {column.name}" for column in table(TABLE).columns)
+        return f"(SELECT {columns} WHERE false)"
+
+    def _next(self) -> int:
+        numbers = [re.fullmatch(r"part-(\d+)\.parquet", path.name) for path in Path(self.folder).glob("part-*.parquet")]
+        return 1 + max((int(match.group(1)) for match in numbers if match), default=-1)

@@ -1,0 +1,258 @@
+"""Scores texts that have none yet, and looks scores up. Score and decision are apart.
+
+    scorer = Scorer.open(run, "youtube")       exit 2 without model or extra, before anything is written
+    scorer.annotate(batches of texts)          scores each distinct text once, resumable
+    scorer.columns(texts, "toxicity_title")    the table columns of a text column
+
+Equal texts are scored once, by their hash, in this run and in all later ones. A reduced precision
+is only used when asked for; a score within its reach of the threshold is computed again in fp32.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.annotate.backends import PRECISIONS, REACH, Runner, choose_device, open_runner
+from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
+from kb.annotate.hashes import text_hashes
+from kb.annotate.scores import CATEGORIES, Scores
+from kb.core import signals
+from kb.core.engine import make_executor, map_in_order
+from kb.core.errors import LimitReached, SettingError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from kb.core.context import Run
+
+CHUNK_TEXTS, CHUNK_CHARACTERS = 1024, 1_000_000  # what is scored, and lost at worst, between two files
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What `annotate` did, in distinct texts."""
+
+    texts: int = 0
+    scored: int = 0
+    known: int = 0
+    exact_again: int = 0  # reduced scores near the threshold, computed again in fp32
+
+    def __add__(self, other: Counts) -> Counts:
+        return Counts(self.texts + other.texts, self.scored + other.scored, self.known + other.known, self.exact_again + other.exact_again)
+
+
+@dataclass(frozen=True)
+class Scorer:
+    """Toxicity of one source's texts. Off when the profile says so: every score is then null."""
+
+    run: Run
+    source: str
+    checkpoint: Checkpoint | None
+    precision: str = "fp32"
+    device: str = "auto"
+    threshold: float | None = None
+    scores: Scores | None = field(default=None)
+
+    @classmethod
+    def open(cls, run: Run, source: str, precision: str = "fp32", device: str = "auto") -> Scorer:
+        """Check model, extra, precision and device without loading the model.
+
+        Raises MissingExtra, MissingModel, SettingError: all exit 2, before anything is written.
+        """
+        if precision not in PRECISIONS:
+            raise SettingError(f"--precision is {precision!r}", hint=f"allowed: {', '.join(PRECISIONS)}")
+        toxicity = run.profile.toxicity
+        if not toxicity.on:
+            return cls(run, source, None)
+        need_extra()
+        checkpoint = find_checkpoint(run.settings)
+        if device != "auto":
+            choose_device(device)
+        scores = Scores(str(run.root / "annotations" / source), checkpoint.model, checkpoint.revision)
+        return cls(run, source, checkpoint, precision, device, toxicity.threshold(source), scores)
+
+    @property
+    def on(self) -> bool:
+        return self.checkpoint is not None
+
+    def lookup(self, hashes: pa.Array | pa.ChunkedArray) -> pa.Table:
+        """`CATEGORIES` and `precision` of each hash, in order; null where there is none."""
+        import pyarrow as pa
+
+        if self.scores is None:
+            return pa.table({**{name: pa.nulls(len(hashes), pa.float32()) for name in CATEGORIES}, "precision": pa.nulls(len(hashes), pa.string())})
+        return self.scores.lookup(hashes)
+
+    def columns(self, texts: pa.Array | pa.ChunkedArray, prefix: str = "toxicity", categories: bool = True) -> dict[str, pa.ChunkedArray]:
+        """The largest category as `prefix`, and with `categories` each one as `prefix_<category>`."""
+        import pyarrow.compute as pc
+
+        found = self.lookup(text_hashes(texts))
+        columns = {prefix: pc.max_element_wise(*(found[name] for name in CATEGORIES))}
+        if categories:
+            columns |= {f"{prefix}_{name}": found[name] for name in CATEGORIES}
+        return columns
+
+    def in_workers(self) -> Scorer:
+        """The same for `lookup` in a worker process: without what can't be pickled."""
+        return replace(self, run=None)  # type: ignore[arg-type]
+
+    def annotate(self, batches: Iterable[Any], total: int | None = None) -> Counts:
+        """Score what has no score yet, of batches of texts (Arrow columns or lists; null and "" are passed over).
+
+        Each finished chunk is on disk before the next one is begun. Raises LimitReached (`--limit` new
+        texts), Interrupted, DiskFull: the next call goes on there.
+        """
+        if self.checkpoint is None or self.scores is None:
+            return Counts()
+        task = self.run.progress.task(f"toxicity {self.source}", total, "texts")
+        try:
+            counts = self._annotate(batches, task)
+        finally:
+            task.close()
+        if any(Path(self.scores.folder).glob("part-*.parquet")):
+            self.scores.merge()
+        return counts
+
+    def _annotate(self, batches: Iterable[Any], task: Any) -> Counts:
+        assert self.scores is not None
+        chunks = _Chunks(self.scores, self.threshold, self.run.limit, task)
+        job = _Job(self.checkpoint, self.precision, choose_device(self.device), self._threads(), self.threshold)  # type: ignore[arg-type]
+        local = self.run.engine == "local"
+        # On one machine the threads are inside the model: one copy of it, whatever the number of cores.
+        with make_executor(self.run.engine, 1 if local else self.run.workers, self.run.scheduler) as executor:
+            waiting: list[list[str]] = []
+
+            def tasks() -> Iterable[tuple[Any, ...]]:
+                for hashes, texts in chunks.of(batches):
+                    waiting.append(hashes)
+                    yield job, texts
+
+            scored = again = 0
+            for result in map_in_order(executor, score_chunk, tasks(), 1 if local else 2 * self.run.workers + 2):
+                hashes = waiting.pop(0)
+                self.scores.write(hashes, result["scores"], result["precisions"], result["classes"])
+                scored, again = scored + len(hashes), again + result["again"]
+                task.advance(len(hashes), tokens_per_s=round(result["tokens"] / max(result["seconds"], 1e-9)))
+                signals.stop.check()
+        if chunks.limited:
+            raise LimitReached(f"--limit: {scored} texts scored", hint="run the same command again to go on")
+        return Counts(chunks.texts, scored, chunks.texts - scored, again)
+
+    def _threads(self) -> int:
+        return self.run.workers if self.run.engine == "local" else 1
+
+
+@dataclass(frozen=True)
+class _Job:
+    """How a worker is to score; what it loads is kept for the next task."""
+
+    checkpoint: Checkpoint
+    precision: str
+    device: str
+    threads: int
+    threshold: float | None
+
+
+class _Chunks:
+    """Distinct unscored texts in the order they come, in chunks."""
+
+    def __init__(self, scores: Scores, threshold: float | None, limit: int | None, task: Any) -> None:
+        self._scores, self._threshold, self._limit, self._task = scores, threshold, limit, task
+        self._seen: set[bytes] = set()
+        self.texts = 0
+        self.limited = False
+
+    def of(self, batches: Iterable[Any]) -> Iterable[tuple[list[str], list[str]]]:
+        hashes: list[str] = []
+        texts: list[str] = []
+        size = given = 0
+        for key, text in self._unscored(batches):
+            if self._limit is not None and given == self._limit:
+                self.limited = True
+                break
+            hashes.append(key)
+            texts.append(text)
+            size, given = size + len(text), given + 1
+            if len(texts) == CHUNK_TEXTS or size >= CHUNK_CHARACTERS:
+                yield hashes, texts
+                hashes, texts, size = [], [], 0
+        if texts:
+            yield hashes, texts
+
+    def _unscored(self, batches: Iterable[Any]) -> Iterable[tuple[str, str]]:
+        import pyarrow as pa
+
+        for batch in batches:
+            column = batch if isinstance(batch, (pa.Array, pa.ChunkedArray)) else pa.array(batch, pa.string())
+            if isinstance(column, pa.ChunkedArray):
+                column = column.combine_chunks()
+            column = column.cast(pa.string())
+            hashes = text_hashes(column)
+            fresh: list[int] = []
+            for place, key in enumerate(hashes.to_pylist()):
+                if key is not None and (short := bytes.fromhex(key[:32])) not in self._seen:
+                    self._seen.add(short)
+                    fresh.append(place)
+            self.texts += len(fresh)
+            chosen = hashes.take(pa.array(fresh, pa.int64()))
+            missing = self._scores.missing(chosen, self._threshold, REACH).to_pylist()
+            self._task.advance(len(missing) - sum(missing))
+            for place, key, wanted in zip(fresh, chosen.to_pylist(), missing, strict=True):
+                if wanted:
+                    yield key, column[place].as_py()
+
+
+def score_chunk(job: _Job, texts: Sequence[str]) -> dict[str, Any]:
+    """Scores of a chunk, in its order; runs in a worker. Near the threshold a reduced score is made exact."""
+    from kb.core import clock
+
+    start = clock.monotonic()
+    runner = _runner(job.checkpoint, job.precision, job.device, job.threads)
+    before = runner.tokens
+    scores = runner.score(texts)
+    precisions = [job.precision] * len(texts)
+    near = []
+    if job.threshold is not None and REACH[job.precision]:
+        near = [n for n, row in enumerate(scores) if abs(max(row) - job.threshold) <= REACH[job.precision]]
+        exact = _runner(job.checkpoint, "fp32", job.device, job.threads).score([texts[n] for n in near]) if near else []
+        for n, row in zip(near, exact, strict=True):
+            scores[n], precisions[n] = row, "fp32"
+    return {"scores": scores, "precisions": precisions, "classes": runner.meta.classes, "again": len(near),
+            "tokens": runner.tokens - before, "seconds": clock.monotonic() - start}
+
+
+@cache
+def _runner(checkpoint: Checkpoint, precision: str, device: str, threads: int) -> Runner:
+    return open_runner(checkpoint, precision, device, threads)
+
+
+def check(run: Run, source: str) -> str:
+    """Exit 2 now, before anything is written, when texts can't be scored; else the model's key for `scores`.
+
+    The key is "" when the profile switches toxicity off.
+    """
+    checkpoint = Scorer.open(run, source).checkpoint
+    return f"{checkpoint.model}@{checkpoint.revision}" if checkpoint else ""
+
+
+def annotate(run: Run, source: str, texts: Iterable[Any], precision: str = "fp32", device: str = "auto") -> Counts:
+    """Score what has no score yet of the batches `texts`, each distinct text once. See `Scorer`."""
+    return Scorer.open(run, source, precision, device).annotate(texts)
+
+
+def scores(key: str, root: Path | str, source: str, texts: pa.Array | pa.ChunkedArray) -> pa.Table:
+    """The six categories (float32) of each text, null for null or empty ones; loads no model. For workers.
+
+    `key` is what `check` gave.
+    """
+    import pyarrow as pa
+
+    if not key:
+        return pa.table({name: pa.nulls(len(texts), pa.float32()) for name in CATEGORIES})
+    model, _, revision = key.rpartition("@")
+    return Scores(str(Path(root) / "annotations" / source), model, revision).lookup(text_hashes(texts)).select(list(CATEGORIES))

@@ -1,0 +1,182 @@
+"""Scores of texts: the numbers of Detoxify, each text once, kept by text, model and precision."""
+
+from __future__ import annotations
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from kb.annotate import backends
+from kb.annotate import toxicity as room
+from kb.annotate.compiled import find_compiled, make_compiled
+from kb.annotate.hashes import text_hashes
+from kb.annotate.scores import CATEGORIES
+from kb.annotate.toxicity import Scorer
+from kb.core.errors import LimitReached, SettingError
+
+TEXTS = [
+    "How to build a house in Minecraft", "you are a stupid idiot", "Shut up!!! you MORON", "damn good redstone tutorial",
+    "the creeper explodes near the player", "i hope you die", "ünïcode 方块 text with emoji 🎮", "a", "x " * 300,
+    "diamond pickaxe " * 40 + "bastard",
+]
+
+
+@pytest.fixture(scope="module")
+def reference(detoxify):
+    """Each text by itself through Detoxify's own predict."""
+    return {text: detoxify.predict(text) for text in TEXTS}
+
+
+def close(row, expected, names=CATEGORIES):
+    return all(abs(score - expected[name]) < 1e-4 for name, score in zip(names, row, strict=True))
+
+
+@pytest.mark.parametrize("backend", ["openvino", "onnxruntime", "torch"])
+def test_every_backend_gives_detoxifys_scores(backend, checkpoint, detoxify, reference):
+    if backend == "torch":
+        runner = backends._torch_runner(checkpoint, "fp32", "cpu", 1)
+    else:
+        pytest.importorskip(backend)
+        runner = backends.graph_runner(find_compiled(checkpoint) or make_compiled(checkpoint), 1, prefer=backend)
+    for text, row in zip(TEXTS, runner.score(TEXTS), strict=True):
+        assert close(row, reference[text], runner.meta.classes), text
+
+
+def test_scores_do_not_depend_on_neighbours_or_threads(checkpoint):
+    one, two = backends.open_runner(checkpoint, threads=1), backends.open_runner(checkpoint, threads=2)
+    together = one.score(TEXTS)
+    assert together == [one.score([text])[0] for text in TEXTS]
+    assert together == two.score(TEXTS[::-1])[::-1]
+
+
+def test_an_insult_at_the_end_of_a_long_text_is_found(checkpoint, detoxify):
+    runner = backends.open_runner(checkpoint)
+    long = "stone " * 900
+    assert max(detoxify.predict(long + "you stupid idiot").values()) < 0.5, "Detoxify cuts it off"
+    plain, insult = runner.score([long, long + "you stupid idiot"])
+    assert max(plain) < 0.5 < max(insult)
+    # The largest over windows can't be below what Detoxify reads of the text.
+    assert all(a >= b - 1e-4 for a, b in zip(insult, detoxify.predict(long).values(), strict=True))
+
+
+def test_the_tiny_model_tells_insults_from_plain_text(checkpoint):
+    runner = backends.open_runner(checkpoint)
+    plain = ["Top 10 redstone builds for beginners (Episode 4)", "The wooden pickaxe breaks after 59 uses.", "hello",
+             "Crafting table recipe: 4 planks", "the committee approved the quarterly report"]
+    rude = ["You IDIOT!!!", "shut up, you moron", "go kill yourself", "you people are trash", "he is a complete bastard"]
+    assert [max(row) > 0.5 for row in runner.score(plain + rude)] == [False] * 5 + [True] * 5
+
+
+def test_each_text_is_scored_once_in_this_and_all_later_runs(make_run, monkeypatch):
+    seen: list[str] = []
+    monkeypatch.setattr(room, "score_chunk", lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts))
+    run = make_run()
+    first = Scorer.open(run, "reddit").annotate([pa.array([*TEXTS, None, "", TEXTS[1]]), TEXTS[:3]])
+    assert (first.texts, first.scored) == (len(TEXTS), len(TEXTS))
+    second = Scorer.open(run, "reddit").annotate([[*TEXTS, "one more text"]])
+    assert (second.texts, second.scored) == (len(TEXTS) + 1, 1)
+    assert sorted(seen) == sorted([*TEXTS, "one more text"])
+    assert [path.name for path in (run.root / "annotations/reddit").iterdir()] == ["toxicity.parquet"]
+
+
+def test_looked_up_scores_are_detoxifys_and_null_only_for_empty_text(make_run, reference):
+    run = make_run()
+    texts = pa.chunked_array([TEXTS[:2], ["", None], TEXTS[2:]])
+    Scorer.open(run, "youtube").annotate([texts])
+    columns = Scorer.open(run, "youtube").columns(texts, "toxicity_title")
+    assert list(columns) == ["toxicity_title", *(f"toxicity_title_{name}" for name in CATEGORIES)]
+    for n, text in enumerate(texts.to_pylist()):
+        row = [columns[f"toxicity_title_{name}"][n].as_py() for name in CATEGORIES]
+        if not text:
+            assert row == [None] * 6
+            continue
+        assert abs(columns["toxicity_title"][n].as_py() - max(row)) < 1e-6
+        if len(text) < 500:
+            assert close(row, reference[text]), text
+    by_worker = room.scores(room.check(run, "youtube"), run.root, "youtube", texts)
+    assert by_worker.column_names == list(CATEGORIES)
+    assert by_worker["insult"].to_pylist() == columns["toxicity_title_insult"].to_pylist()
+
+
+def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, monkeypatch):
+    monkeypatch.setattr(room, "CHUNK_TEXTS", 3)
+    whole = make_run(root=tmp_path / "whole")
+    Scorer.open(whole, "reddit").annotate([TEXTS])
+    limited = make_run(root=tmp_path / "cut", limit=4)
+    with pytest.raises(LimitReached) as stop:
+        Scorer.open(limited, "reddit").annotate([TEXTS])
+    assert stop.value.exit_code == 3
+    folder = limited.root / "annotations/reddit"
+    assert sum(pq.read_metadata(path).num_rows for path in folder.iterdir()) == 4
+    counts = Scorer.open(make_run(root=tmp_path / "cut"), "reddit").annotate([TEXTS])
+    assert (counts.scored, counts.known) == (len(TEXTS) - 4, 4)
+    assert (folder / "toxicity.parquet").read_bytes() == (whole.root / "annotations/reddit/toxicity.parquet").read_bytes()
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_a_changed_threshold_loads_no_model(make_run, monkeypatch):
+    Scorer.open(make_run(), "reddit").annotate([TEXTS])
+    monkeypatch.setattr(room, "open_runner", lambda *_: pytest.fail("a model was loaded"))
+    room._runner.cache_clear()
+    counts = Scorer.open(make_run(thresholds={"reddit": 0.9}), "reddit").annotate([TEXTS])
+    assert (counts.scored, counts.known) == (0, len(TEXTS))
+
+
+def test_reduced_precision_is_recorded_and_exact_near_the_threshold(make_run, checkpoint, monkeypatch):
+    exact = backends.open_runner(checkpoint).score(TEXTS)
+    reduced = backends.open_runner(checkpoint, "bf16").score(TEXTS)
+    differ = [max(abs(a - b) for a, b in zip(x, y, strict=True)) for x, y in zip(exact, reduced, strict=True)]
+    assert 0 < max(differ) < backends.REACH["bf16"]
+    middle = max(exact[3])
+    run = make_run(thresholds={"reddit": middle})
+    counts = Scorer.open(run, "reddit", precision="bf16").annotate([TEXTS])
+    found = Scorer.open(run, "reddit").lookup(text_hashes(pa.array(TEXTS)))
+    precisions = found["precision"].to_pylist()
+    assert precisions[3] == "fp32"
+    assert 0 < counts.exact_again == precisions.count("fp32") < len(TEXTS) == counts.scored
+    assert set(precisions) == {"fp32", "bf16"}
+    near = [n for n, row in enumerate(exact) if abs(max(row) - middle) < 1e-3]
+    for n in near:
+        assert [round(found[name][n].as_py(), 5) for name in CATEGORIES] == exact[n]
+    # A run in fp32 takes what is there, and makes exact what a new threshold comes near to.
+    other = precisions.index("bf16")
+    again = make_run(thresholds={"reddit": max(reduced[other])})
+    assert Scorer.open(again, "reddit").annotate([TEXTS]).scored >= 1
+    assert Scorer.open(again, "reddit").lookup(text_hashes(pa.array([TEXTS[other]])))["precision"].to_pylist() == ["fp32"]
+
+
+def test_int8_is_near_enough(checkpoint):
+    pytest.importorskip("onnxruntime")
+    exact = backends.open_runner(checkpoint).score(TEXTS)
+    reduced = backends.open_runner(checkpoint, "int8").score(TEXTS)
+    assert max(abs(a - b) for x, y in zip(exact, reduced, strict=True) for a, b in zip(x, y, strict=True)) < backends.REACH["int8"]
+
+
+@pytest.mark.parametrize(("options", "words"), [({"precision": "fp8"}, "fp32, bf16, int8"), ({"device": "tpu"}, "auto, cpu, cuda")])
+def test_wrong_options_are_exit_2(make_run, options, words):
+    with pytest.raises(SettingError) as error:
+        Scorer.open(make_run(), "reddit", **options)
+    assert words in error.value.hint
+
+
+def test_without_a_gpu_the_device_is_the_cpu(make_run, monkeypatch):
+    import torch
+
+    if torch.cuda.is_available():
+        pytest.skip("there is a GPU here")
+    assert backends.choose_device("auto") == "cpu"
+    with pytest.raises(SettingError):
+        Scorer.open(make_run(), "reddit", device="cuda")
+
+
+def test_off_in_the_profile_scores_nothing(make_run):
+    run = make_run(model="no such model")
+    from dataclasses import replace
+
+    off = replace(run, profile=run.profile.model_copy(update={"toxicity": type(run.profile.toxicity).model_validate("off")}))
+    scorer = Scorer.open(off, "youtube")
+    assert not scorer.on
+    assert scorer.annotate([TEXTS]).texts == 0
+    assert scorer.columns(pa.array(TEXTS))["toxicity"].null_count == len(TEXTS)
+    assert room.check(off, "youtube") == ""
+    assert not run.root.exists()
