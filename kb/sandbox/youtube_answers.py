@@ -60,8 +60,8 @@ def playlist_parts(channel: Channel) -> dict[str, Any]:
     """The uploads playlist by part."""
     text = {"title": f"Uploads from {channel.title}", "description": ""}
     return {
-        "snippet": {"publishedAt": channel.published_at, "channelId": channel.id, **text, "thumbnails": {},
-                    "channelTitle": channel.title, "localized": text},
+        "snippet": {"publishedAt": channel.published_at, "channelId": channel.id, **text,
+                    "thumbnails": _thumbnails(channel.videos[0]) if channel.videos else {}, "channelTitle": channel.title, "localized": text},
         "status": {"privacyStatus": "public"}, "contentDetails": {"itemCount": len(channel.entries)},
     }
 

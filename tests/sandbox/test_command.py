@@ -1,0 +1,61 @@
+"""`kb sandbox` as a process: settings on stdout, a command with them, an end by SIGTERM."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import requests
+
+KB = [sys.executable, "-m", "kb", "sandbox", "--no-model"]
+
+
+def settings(text: str) -> dict[str, str]:
+    return dict(line.split("=", 1) for line in text.splitlines())
+
+
+def test_it_prints_settings_closes_stdout_and_serves_until_sigterm() -> None:
+    child = subprocess.Popen(KB, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert child.stdout and child.stderr
+    values = settings(child.stdout.read())   # returns because stdout is closed
+    assert {"YOUTUBE_API_KEY", "KB_CONTACT", "KB_YOUTUBE_ENDPOINT", "KB_YOUTUBE_WEB", "KB_WIKI_URL", "KB_ZENODO_ENDPOINT"} <= set(values)
+    assert requests.get(values["KB_YOUTUBE_WEB"] + "/watch?v=x", timeout=10).status_code == 200
+    child.send_signal(signal.SIGTERM)
+    assert child.wait(30) == 0
+    assert child.stderr.read() == ""
+
+
+def test_a_command_gets_the_settings_and_its_exit_code_is_ours() -> None:
+    script = "import os, requests, sys; requests.get(os.environ['KB_YOUTUBE_WEB'] + '/watch?v=x', timeout=10); print(os.environ['KB_DATA']); sys.exit(7)"
+    done = subprocess.run([*KB, "--data", "/tmp/some where", "--", sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (7, "/tmp/some where\n")
+    killed = subprocess.run([*KB, "--", "sh", "-c", "kill -KILL $$"], capture_output=True, timeout=60)
+    assert killed.returncode == 128 + signal.SIGKILL
+    absent = subprocess.run([*KB, "--", "no-such-command"], capture_output=True, text=True, timeout=60)
+    assert (absent.returncode, absent.stderr) == (2, "kb: no-such-command: no such command\n")
+
+
+def test_it_is_this_kb_that_a_command_calls() -> None:
+    done = subprocess.run([*KB, "--", "kb", "--version"], capture_output=True, text=True, timeout=60, env={**os.environ, "PATH": "/usr/bin:/bin"})
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("kb ")
+
+
+def test_a_file_of_settings(tmp_path: Path) -> None:
+    file = tmp_path / "my.env"
+    done = subprocess.run([*KB, "--env", str(file), "--", "true"], timeout=60)
+    assert done.returncode == 0
+    assert settings(file.read_text())["KB_CONTACT"]
+
+
+def test_sigterm_reaches_the_command(tmp_path: Path) -> None:
+    ready = tmp_path / "ready"
+    script = f"import signal, sys; signal.signal(signal.SIGTERM, lambda *_: sys.exit(3)); open({str(ready)!r}, 'w').close(); signal.pause()"
+    child = subprocess.Popen([*KB, "--", sys.executable, "-c", script])
+    while not ready.exists() and child.poll() is None:
+        pass
+    child.send_signal(signal.SIGTERM)
+    assert child.wait(60) == 3

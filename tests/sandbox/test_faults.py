@@ -1,0 +1,80 @@
+"""What goes wrong on purpose does so exactly as planned."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+import requests
+
+from kb.sandbox.server import Sandbox
+
+
+def root(services: Sandbox) -> str:
+    return services.servers["youtube"].url
+
+
+def statuses(services: Sandbox, count: int, path: str = "/watch?v=x") -> list[int]:
+    return [requests.get(root(services) + path, timeout=10).status_code for _ in range(count)]
+
+
+def test_which_requests_a_fault_strikes(services: Sandbox) -> None:
+    services.faults.add("/watch", status=503, after=1, times=2)
+    assert statuses(services, 5) == [200, 503, 503, 200, 200]
+    services.faults.add("/watch", status=500, every=2, times=None)
+    assert statuses(services, 4) == [500, 200, 500, 200]
+    services.faults.clear()
+    services.faults.add("v=other", status=500, times=None)
+    assert statuses(services, 2) == [200, 200]
+
+
+def test_a_burst_limit_strikes_what_comes_beyond_it(services: Sandbox) -> None:
+    services.faults.add("/watch", status=429, headers={"Retry-After": "1"}, burst=(3, 3600.0), times=None)
+    assert statuses(services, 5) == [200, 200, 200, 429, 429]
+
+
+def test_connections_break_and_bodies_are_cut(services: Sandbox) -> None:
+    services.faults.add("/watch", reset=True)
+    with pytest.raises(requests.ConnectionError):
+        statuses(services, 1)
+    services.faults.add("/watch", cut=0.5)
+    with pytest.raises(requests.exceptions.ChunkedEncodingError):
+        statuses(services, 1)
+    whole = requests.get(root(services) + "/watch?v=x", timeout=10).content
+    services.faults.add("/watch", cut=0.5, honest=True)
+    assert requests.get(root(services) + "/watch?v=x", timeout=10).content == whole[: len(whole) // 2]
+
+
+def test_a_host_that_is_gone_comes_back_on_its_port(services: Sandbox) -> None:
+    services.gone("youtube")
+    with pytest.raises(requests.ConnectionError):
+        statuses(services, 1)
+    services.back("youtube")
+    assert statuses(services, 1) == [200]
+
+
+def test_a_held_request_goes_on_when_released(services: Sandbox) -> None:
+    held = services.faults.add("/watch", hold=True)
+    got: list[int] = []
+    thread = threading.Thread(target=lambda: got.extend(statuses(services, 1)))
+    thread.start()
+    assert held.arrived.wait(30)
+    assert services.ledger.requests("/watch")[0].status is None
+    held.release()
+    thread.join(30)
+    assert got == [200]
+
+
+def test_the_ledger_has_every_request_and_no_key(services: Sandbox) -> None:
+    requests.get(root(services) + "/youtube/v3/videos?part=id&id=a&key=hush", timeout=10)
+    (seen,) = services.ledger.requests()
+    assert (seen.service, seen.method, seen.path, seen.query, seen.status, seen.units) == ("youtube", "GET", "/youtube/v3/videos", "part=id&id=a", 400, 0)
+    assert "hush" not in str(seen)
+
+
+def test_another_process_sets_the_plan(services: Sandbox) -> None:
+    requests.post(root(services) + "/_sandbox/faults", json={"path": "/watch", "status": 418, "times": None}, timeout=10)
+    assert statuses(services, 2) == [418, 418]
+    requests.delete(root(services) + "/_sandbox/faults", timeout=10)
+    assert statuses(services, 1) == [200]
+    assert [one["status"] for one in requests.get(root(services) + "/_sandbox/requests", timeout=10).json()] == [418, 418, 200]
