@@ -1,0 +1,194 @@
+"""The whole way on a real MediaWiki: crawl, edit, delete, move, crawl again, filter."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import duckdb
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+from kb.core.pipeline import load, locate
+from kb.store import rawlog, tombstones
+from kb.wiki.crawl import crawl
+
+TITLES = {"Main Page", "Grids", "Pictures", "Frames", "Icons", "Hidden", "Regions", "Colours", "To be moved", "To be deleted",
+          "Öfen & 窯 (100%)"}
+
+
+def unscored(run):
+    """The same run without toxicity scores: they are another room's tests."""
+    off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
+    return dataclasses.replace(run, profile=run.profile.model_copy(update={"toxicity": off}))
+
+
+@pytest.fixture(scope="module")
+def data(mediawiki, programs, run_on, tmp_path_factory):
+    """A crawled and filtered data root: (run, crawl summary, filter summary)."""
+    run = unscored(run_on(tmp_path_factory.mktemp("kiln"), mediawiki.url))
+    crawled = crawl(run)
+    cleaned = load(str(locate("wiki"))).clean(run)
+    return run, crawled, cleaned
+
+
+def query(run, sql):
+    """Rows of a query over the clean tables as dicts."""
+    con = duckdb.connect()
+    for name in ("pages", "elements", "cells", "images"):
+        con.execute(f"CREATE VIEW {name} AS SELECT * FROM read_parquet('{run.root}/clean/wiki/{name}/*.parquet')")
+    return con.sql(sql).to_arrow_table().to_pylist()
+
+
+def elements(run, title, where="true"):
+    return query(run, f"SELECT e.* FROM elements e JOIN pages p USING (page_id) WHERE p.title = '{title}' AND ({where}) ORDER BY reading_order")
+
+
+def test_every_page_is_answered(data):
+    run, crawled, cleaned = data
+    assert crawled["crawled"] == len(TITLES) + 1
+    assert (crawled["failed"], crawled["pending"]) == (0, 0)
+    assert cleaned["crawled"] == cleaned["kept"] + cleaned["rejected"]
+    assert {row["title"] for row in query(run, "SELECT title FROM pages")} == TITLES - {"Stub"}
+    rejected = pq.read_table(run.root / "clean/wiki/rejected").to_pylist()
+    assert [(row["stage"], row["reason"], row["threshold"]) for row in rejected] == [("words", "below", "20")]
+
+
+def test_page_rows_name_revision_licence_and_contributors(data, mediawiki):
+    run, *_ = data
+    (row,) = query(run, "SELECT * FROM pages WHERE title = 'Grids'")
+    assert row["license"] == "CC-BY-SA-4.0"
+    assert row["revision_timestamp"].year == 2024
+    assert row["contributors_url"] == f"{mediawiki.url}/w/index.php?title=Grids&action=history"
+    assert (row["viewport_width"], row["device_pixel_ratio"]) == (1280, 1.0)
+    with Image.open(run.root / row["screenshot_path"]) as picture:
+        assert picture.format == "PNG"
+        assert picture.size == (row["page_width"], row["page_height"])
+
+
+def test_grid_spans_and_nested_tables(data):
+    run, *_ = data
+    rows = query(run, "SELECT c.* FROM cells c JOIN pages p USING (page_id) WHERE title = 'Grids' ORDER BY table_id, row_index, column_index")
+    tables = sorted({row["table_id"] for row in rows})
+    assert len(tables) == 3
+    first = [(r["text"], r["row_index"], r["column_index"], r["row_span"], r["column_span"], r["is_header"]) for r in rows if r["table_id"] == tables[0]]
+    assert first == [
+        ("Kiln", 0, 0, 2, 1, True), ("Heat", 0, 1, 1, 2, True), ("Low", 1, 1, 1, 1, True), ("High", 1, 2, 1, 1, True),
+        ("North", 2, 0, 1, 1, False), ("700", 2, 1, 2, 1, False), ("900", 2, 2, 1, 1, False),
+        ("South", 3, 0, 1, 1, False), ("950", 3, 2, 1, 1, False)]
+    texts = [row["text"] for row in rows]
+    assert texts.count("deep one") == 1
+    assert "before\nafter" in texts
+    inner = next(e for e in elements(run, "Grids", "kind = 'table'") if e["element_id"] == tables[2])
+    holder = next(e for e in elements(run, "Grids") if e["element_id"] == inner["parent_id"])
+    assert (holder["kind"], holder["text"]) == ("cell", "before\nafter")
+
+
+def test_captions_and_originals(data, mediawiki):
+    run, *_ = data
+    rows = query(run, """SELECT i.*, region FROM images i JOIN pages p USING (page_id) JOIN elements e USING (page_id, element_id)
+                         WHERE title = 'Pictures' ORDER BY element_id""")
+    assert [(r["alt_text"], r["caption"], r["region"], r["width"], r["height"]) for r in rows] == [
+        ("A tall jar", "The tall jar.", "content", 120, 400), (None, "The flat dish.", "content", 300, 200),
+        ("In the gallery", "In the gallery", "gallery", 120, 400), ("Dish seen from above", "The dish again", "gallery", 300, 200),
+        ("Boxed", "Dish in the box", "infobox", 300, 200)]
+    for row in rows:
+        assert "/thumb/" not in row["src"]
+        assert row["path"] == f"raw/wiki/images/{row['sha256']}.png"
+        with Image.open(run.root / row["path"]) as picture:
+            assert picture.size == (row["width"], row["height"])
+
+
+def test_frames_of_gif_apng_and_scripts(data):
+    run, *_ = data
+    rows = query(run, """SELECT i.*, kind FROM images i JOIN pages p USING (page_id) JOIN elements e USING (page_id, element_id)
+                         WHERE title = 'Frames' ORDER BY element_id, frame_index""")
+    assert [(r["kind"], r["media_type"], r["frame_index"], r["frame_duration_ms"]) for r in rows] == [
+        ("image", "image/gif", 0, 300), ("image", "image/gif", 1, 200), ("image", "image/gif", 2, 100),
+        ("image", "image/png", 0, 500), ("image", "image/png", 1, 250),
+        ("animation", "image/png", 0, 1500), ("animation", "image/png", 1, 1500), ("animation", "image/png", 2, 1500)]
+    assert [r["width"] for r in rows[-3:]] == [300, 120, 300]
+
+
+def test_sprites_have_names_boxes_and_pixels(data):
+    run, *_ = data
+    rows = query(run, """SELECT e.text, e.width AS w, e.height AS h, i.* FROM elements e JOIN pages p USING (page_id) JOIN images i USING (page_id, element_id)
+                         WHERE title = 'Icons' AND kind = 'sprite' ORDER BY reading_order""")
+    assert [(r["text"], r["w"], r["h"]) for r in rows] == [("Clay", 16, 16), ("Ash", 16, 16), ("Salt", 16, 16)]
+    colours = []
+    for row in rows:
+        with Image.open(run.root / row["path"]) as picture:
+            assert picture.size == (16, 16)
+            colours.append(picture.convert("RGB").getcolors())
+    assert colours == [[(256, (250, 10, 120))], [(256, (40, 200, 40))], [(256, (40, 40, 200))]]
+
+
+def test_hidden_is_recorded_as_hidden(data):
+    run, *_ = data
+    seen = {e["text"]: e["visible"] for e in elements(run, "Hidden", "kind = 'text'")}
+    assert seen["Nobody sees this line of text."] is False
+    assert seen["Nor what is folded away here."] is False
+    assert seen["Nor what stands beside the page."] is False
+    assert seen["Bare text stands without a paragraph"] is True
+    assert seen["and another in a box."] is True
+    (page,) = query(run, "SELECT word_count FROM pages WHERE title = 'Hidden'")
+    shown = " ".join(text for text, visible in seen.items() if visible)
+    assert page["word_count"] == len(shown.split())
+
+
+def test_regions_headings_and_no_chrome(data):
+    run, *_ = data
+    found = elements(run, "Regions", "kind in ('text', 'cell')")
+    assert {e["text"]: e["heading_level"] for e in found if e["heading_level"] and e["region"] == "content"} == {
+        "Regions": 1, "First": 2, "Under first": 3, "Second": 2, "Third": 2}
+    regions = {e["text"]: e["region"] for e in found}
+    assert regions["For the river, see elsewhere."] == "hatnote"
+    assert regions["North South"] == "navbox"
+    assert "toc" in set(regions.values())
+    assert not [e for e in found if re.search(r"\bedit\b", e["text"])]
+    tags = {e["tag"] for e in found}
+    assert {"dl", "dt", "dd", "ol", "li", "blockquote", "pre", "p", "ul"} <= tags
+    assert "a  b\n  c" in {e["text"] for e in found if e["tag"] == "pre"}
+    by_id = {e["element_id"]: e for e in elements(run, "Regions")}
+    items = [e for e in found if e["tag"] == "li" and e["text"] in ("one", "two")]
+    assert [by_id[e["parent_id"]]["tag"] for e in items] == ["ol", "ol"]
+    assert len({e["reading_order"] for e in by_id.values()}) == len(by_id)
+
+
+def test_boxes_of_a_tall_wiki_page_hold_their_colour(data):
+    run, *_ = data
+    (page,) = query(run, "SELECT * FROM pages WHERE title = 'Colours'")
+    assert page["page_height"] > 20_000
+    stripes = elements(run, "Colours", "text LIKE 'Stripe %'")
+    assert len(stripes) == 40
+    with Image.open(run.root / page["screenshot_path"]) as picture:
+        for stripe in stripes:
+            n = int(stripe["text"].split()[1])
+            at = int(stripe["x"] + stripe["width"] - 4), int(stripe["y"] + stripe["height"] / 2)
+            assert picture.getpixel(at) == (40 + 5 * n, 250 - 5 * n, (n * 53) % 256)
+
+
+def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
+    """Runs last: it changes the wiki."""
+    run, *_ = data
+    before = {row["title"]: row["page_id"] for row in query(run, "SELECT title, page_id FROM pages")}
+    shown = sum(1 for _ in rawlog.read(run.root, "wiki", "renders"))
+    mediawiki.edit("Grids", "The grid was taken down, and in its place there stands a plain paragraph that says so in more than twenty words of text, all told.")
+    mediawiki.edit("Brand new", "A page that nobody has seen before, and that tells at some length of nothing in particular, in more than twenty words.")
+    (mediawiki.folder / "moves.txt").write_text("To be moved|Has moved\n")
+    mediawiki.php("moveBatch", str(mediawiki.folder / "moves.txt"))
+    (mediawiki.folder / "gone.txt").write_text("To be deleted\n")
+    mediawiki.php("deleteBatch", str(mediawiki.folder / "gone.txt"))
+    assert crawl(run)["new"] == 0
+    again = crawl(dataclasses.replace(run, again=True))
+    assert again["new"] == 3
+    renders = [e.response["title"] for e in rawlog.read(run.root, "wiki", "renders")][shown:]
+    assert sorted(renders) == ["Brand new", "Grids", "Has moved"]
+    load(str(locate("wiki"))).clean(run)
+    rows = {row["title"]: row for row in query(run, "SELECT * FROM pages")}
+    assert "To be deleted" not in rows
+    assert "To be moved" not in rows
+    assert rows["Has moved"]["page_id"] == before["To be moved"]
+    assert not query(run, f"SELECT * FROM cells WHERE page_id = {before['Grids']}")
+    assert tombstones.keys(run.root, "wiki") == {str(before["To be deleted"]), "To be moved"}
