@@ -1,0 +1,116 @@
+"""`kb models fetch`: the published checkpoint with its configuration and vocabulary, verified.
+
+A file is downloaded to `.NAME.part` beside its place, goes on there when it was cut off, and takes
+its name only when its sha256 is right. The checkpoint comes last: when it is there, all is.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.annotate.checkpoint import models_folder, sha256_of
+from kb.annotate.published import PUBLISHED, Published
+from kb.core import signals
+from kb.core.errors import DamagedData, FatalError, Retryable, SettingError
+from kb.core.verdict import Summary
+from kb.net.client import make_session
+from kb.net.retry import attempt, retry_after
+from kb.store.atomic import full_disk_is_resumable, sync_file, sync_folder
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+
+PIECE = 1 << 16  # bytes; of a connection that breaks only whole pieces are kept
+
+
+def fetch(run: Run, name: str = "original", published: Published | None = None, folder: Path | None = None) -> Summary:
+    """Download and verify what is not there yet; `published` and `folder` stand in for the known ones.
+
+    Raises SettingError (no such model), DamagedData (the address gives another file), FatalError
+    (refused or absent there), Unreachable, DiskFull, Interrupted (the same command goes on).
+    """
+    if published is None:
+        if name not in PUBLISHED:
+            raise SettingError(f"there is no model {name!r}", hint=f"known: {', '.join(PUBLISHED)}")
+        published = PUBLISHED[name]
+    folder = folder or models_folder(published.name)
+    with full_disk_is_resumable(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    session = make_session(run.settings)
+    # A compressed answer could not be continued in its middle.
+    session.headers["Accept-Encoding"] = "identity"
+    fetched = present = size = 0
+    for file, address, digest in published.sources(run.settings.kb_models_endpoint):
+        path = folder / file
+        if path.is_file() and (not digest or sha256_of(path).startswith(digest)):
+            present += 1
+            continue
+        task = run.progress.task(file, None, "bytes")
+        try:
+            size += _download(session, address, path, digest, task)
+        finally:
+            task.close()
+        fetched += 1
+    return Summary(model=published.name, fetched=fetched, present=present, bytes=size, folder=str(folder))
+
+
+def _download(session: Any, address: str, path: Path, digest: str, task: Any) -> int:
+    part = path.with_name(f".{path.name}.part")
+    for left in (1, 0):
+        continued = part.exists()
+        attempt(lambda: _receive(session, address, part, task))
+        found = sha256_of(part)
+        if found.startswith(digest):
+            break
+        part.unlink()
+        # What was continued may have been the beginning of another file: once more from nothing.
+        if not (continued and left):
+            raise DamagedData(
+                f"{address} is not the published file: its sha256 begins {found[:12]}, not {digest[:12]}; it was deleted",
+                hint="try again later or over another network; KB_MODELS_ENDPOINT can name a mirror",
+            )
+    sync_file(part)
+    part.replace(path)
+    sync_folder(path.parent)
+    return path.stat().st_size
+
+
+def _receive(session: Any, address: str, part: Path, task: Any) -> None:
+    """One request for what is missing of the file. Raises Retryable when the connection breaks."""
+    import requests
+
+    have = part.stat().st_size if part.exists() else 0
+    headers = {"Range": f"bytes={have}-"} if have else {}
+    try:
+        with session.get(address, headers=headers, stream=True) as response:
+            if response.status_code == 416:  # nothing is left: complete, or a longer file than theirs
+                total = response.headers.get("Content-Range", "").rpartition("/")[2]
+                if total != str(have):
+                    part.unlink()
+                    raise Retryable("the part on disk is longer than the file")
+                return
+            if response.status_code == 429 or response.status_code >= 500:
+                raise Retryable(f"HTTP {response.status_code} at {address}", after=retry_after(response.headers.get("Retry-After")),
+                                unreachable=response.status_code >= 500)
+            if response.status_code not in (200, 206):
+                raise FatalError(f"{address} answers HTTP {response.status_code}",
+                                 hint="check the address or KB_MODELS_ENDPOINT; the file may have moved")
+            goes_on = response.status_code == 206 and response.headers.get("Content-Range", "").startswith(f"bytes {have}-")
+            expected = response.headers.get("Content-Length")
+            received = _write(response, part, "ab" if goes_on else "wb", task)
+            if expected and received != int(expected):
+                raise Retryable(f"{address} was cut off", unreachable=True)
+    except requests.RequestException as error:
+        raise Retryable(f"{type(error).__name__} at {address}", unreachable=True) from None
+
+
+def _write(response: Any, part: Path, mode: str, task: Any) -> int:
+    received = 0
+    with full_disk_is_resumable(part), part.open(mode) as file:
+        for piece in response.iter_content(PIECE):
+            signals.stop.check()
+            file.write(piece)
+            received += len(piece)
+            task.advance(len(piece))
+    return received

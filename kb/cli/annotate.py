@@ -1,0 +1,79 @@
+"""`kb annotate`: toxicity scores for text that has none yet."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kb.cli.command import command, group
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.core.verdict import Summary
+
+app = group("Toxicity scores for text that has none yet; `filter` calls it.")
+
+
+class Precision(StrEnum):
+    """Numbers that the model computes with."""
+
+    fp32 = "fp32"
+    bf16 = "bf16"
+    int8 = "int8"
+
+
+class Device(StrEnum):
+    """Where the model runs."""
+
+    auto = "auto"
+    cpu = "cpu"
+    cuda = "cuda"
+
+
+PrecisionOption = Annotated[Precision, typer.Option(
+    "--precision", help="Reduced ones are faster, recorded with the scores, and exact again near the threshold.")]
+DeviceOption = Annotated[Device, typer.Option("--device", help="Where the model runs; auto takes a GPU when there is one.")]
+
+
+def _annotate(run: Run, source: str, precision: Precision, device: Device) -> Summary:
+    from kb.annotate.toxicity import Scorer
+    from kb.core.errors import KbError
+    from kb.core.verdict import Summary
+    from kb.filters.clean import texts
+
+    run.profile.section(source)
+    scorer = Scorer.open(run, source, str(precision), str(device))
+    if not scorer.on:
+        return Summary(source=source, toxicity="off in the profile", scored=0)
+    try:
+        counts = scorer.annotate(texts(run, source))
+    except KbError as error:
+        error.summary = Summary(source=source, precisions=scorer.scores.precisions())  # type: ignore[attr-defined, union-attr]
+        raise
+    return Summary(
+        source=source, texts=counts.texts, scored=counts.scored, known=counts.known, exact_again=counts.exact_again,
+        model=scorer.checkpoint.model, revision=scorer.checkpoint.revision, precisions=scorer.scores.precisions(),  # type: ignore[union-attr]
+    )
+
+
+@command(app, examples=["kb annotate youtube                     titles and descriptions"])
+def youtube(run: Run, precision: PrecisionOption = Precision.fp32, device: DeviceOption = Device.auto) -> Summary:
+    """Score titles and descriptions of crawled videos."""
+    return _annotate(run, "youtube", precision, device)
+
+
+@command(app, examples=["kb annotate wiki                        each page's visible text"])
+def wiki(run: Run, precision: PrecisionOption = Precision.fp32, device: DeviceOption = Device.auto) -> Summary:
+    """Score the text of crawled wiki pages."""
+    return _annotate(run, "wiki", precision, device)
+
+
+@command(app, examples=[
+    "kb annotate reddit --precision int8     faster; what lies near the threshold is computed exactly",
+    "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
+])
+def reddit(run: Run, precision: PrecisionOption = Precision.fp32, device: DeviceOption = Device.auto) -> Summary:
+    """Score titles, bodies and comments."""
+    return _annotate(run, "reddit", precision, device)
