@@ -64,9 +64,9 @@ def crawl(
 @command(app, name="filter", examples=["kb youtube filter", "kb youtube filter --profile mine.toml"])
 def filter_(run: Run) -> Summary:
     """Sort raw answers into clean/youtube: kept, rejected with the reason, failed and pending."""
-    from kb.youtube.clean import clean
+    from kb.filters.clean import run_clean
 
-    return clean(run)
+    return run_clean(run, "youtube")
 
 
 @command(app, examples=["kb youtube export", "kb youtube export --format minedojo"])
@@ -75,6 +75,6 @@ def export(
     format: Annotated[Format, typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/.")] = Format.parquet,
 ) -> Summary:
     """Write clean/youtube as the released tables, or in another layout."""
-    from kb.youtube.export import export as write
+    from kb.core import pipeline
 
-    return write(run, format.value)
+    return pipeline.load(str(pipeline.locate("youtube", run.pipeline))).export(run, format.value)

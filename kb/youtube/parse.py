@@ -46,10 +46,13 @@ def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
     """Outcomes of transcripts → one row each.
 
     Columns: `video_id`, `outcome`, `kind`, `language`, `cues`, `player_width`, `player_height`
-    (px), `player_fps`, `game_label_id`, `game_label`, `fetched_at`, `problems`.
+    (px), `player_fps`, `game_label_id`, `game_label`, `fetched_at`, `problems`, and `final`: false
+    for an outcome that is tried again.
     """
+    import pyarrow.compute as pc
+
     for got, _ in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(lines, rows):
-        yield got
+        yield got.append_column("final", pc.fill_null(pc.not_equal(got["outcome"], "failed"), False))
 
 
 def requested(params: dict[str, Any]) -> list[str]:

@@ -1,0 +1,139 @@
+"""Raw segments → rows spread over buckets, so that all of one key meets in one small place.
+
+A bucket is a fixed share of the keys (by a hash of the key, the same on every machine). Its rows
+wait as Arrow files, one for each segment; memory is bounded by a piece of a segment here, and by
+a bucket afterwards. The number of buckets follows from the size of the raw data.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.filters.chain import Kind
+from kb.schema import raw
+from kb.store.rawlog import Frames
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+RAW_BYTES = 8 << 20   # compressed raw data a bucket, about 100,000 rows of small answers
+MOST = 512
+PIECE = 32_768        # rows that are spread at once
+LOOKED_AT = 20        # envelopes of a segment that are all searched for unknown keys; then every hundredth
+
+
+def how_many(paths: list[Path]) -> int:
+    """Buckets for these segments: a power of two, so that a little more data changes nothing."""
+    wanted = sum(path.stat().st_size for path in paths) // RAW_BYTES + 1
+    return min(MOST, 1 << (wanted - 1).bit_length())
+
+
+def bucket_of(key: object, buckets: int) -> int:
+    """The bucket of a key."""
+    return zlib.crc32(str(key).encode("utf-8", "replace")) % buckets
+
+
+def spread(kind: Kind, name: str, segment: Path, number: int, folder: Path, buckets: int) -> dict[str, Any]:
+    """Parse one segment and write `folder/<bucket>/<number>.arrow`; rows and unknown keys as they were seen."""
+    import pyarrow as pa
+
+    unknown: Counter[str] = Counter()
+    writers: dict[int, Any] = {}
+    rows, at = 0, 0
+    try:
+        for piece in _pieces(kind.parse(_lines(segment, name, unknown))):
+            rows += piece.num_rows
+            piece = piece.append_column("_at", pa.array(range(at, at + piece.num_rows), pa.int64()))
+            at += piece.num_rows
+            for bucket, part in _split(piece, kind.bucket, buckets):
+                if bucket not in writers:
+                    path = folder / str(bucket) / f"{number:06d}.arrow"
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    options = pa.ipc.IpcWriteOptions(compression="lz4")
+                    writers[bucket] = pa.ipc.new_file(str(path), part.schema, options=options)
+                writers[bucket].write_table(part)
+    finally:
+        for writer in writers.values():
+            writer.close()
+    return {"rows": rows, "unknown": dict(unknown)}
+
+
+def _lines(segment: Path, name: str, unknown: Counter[str]) -> Iterator[bytes]:
+    known = name in raw.kinds()
+    for number, (_, line) in enumerate(Frames(segment)):
+        if known and (number < LOOKED_AT or number % 100 == 0):
+            _look(line, name, unknown)
+        yield line
+
+
+def _look(line: bytes, name: str, unknown: Counter[str]) -> None:
+    import json
+
+    try:
+        response = json.loads(line).get("response")
+    except (ValueError, AttributeError):
+        return  # the parser says what is wrong with it
+    for path, count in raw.check(name, response).unknown.items():
+        unknown[f"{name.partition('/')[2]}.{path}"] += count
+
+
+def _pieces(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
+    import pyarrow as pa
+
+    waiting: list[pa.Table] = []
+    for rows in tables:
+        waiting.append(rows)
+        if sum(part.num_rows for part in waiting) >= PIECE:
+            yield pa.concat_tables(waiting)
+            waiting = []
+    if waiting:
+        yield pa.concat_tables(waiting)
+
+
+def _split(rows: pa.Table, column: str, buckets: int) -> Iterator[tuple[int, pa.Table]]:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if buckets == 1:
+        yield 0, rows
+        return
+    numbers = pa.array([bucket_of(key, buckets) for key in rows.column(column).to_pylist()], pa.int32())
+    places = pc.sort_indices(numbers)
+    counts = {entry["values"]: entry["counts"] for entry in pc.value_counts(numbers).to_pylist()}
+    rows = rows.take(places)
+    start = 0
+    for bucket in sorted(counts):
+        yield bucket, rows.slice(start, counts[bucket])
+        start += counts[bucket]
+
+
+def newest(folder: Path, kind: Kind) -> tuple[pa.Table | None, int]:
+    """The newest row of each key of one kind's bucket, sorted by key, and how many older ones were left out."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    paths = sorted(folder.glob("*.arrow")) if folder.is_dir() else []
+    if not paths:
+        return None, 0
+    parts = []
+    for number, path in enumerate(paths):
+        with pa.ipc.open_file(str(path)) as file:
+            part = file.read_all()
+        parts.append(part.append_column("_segment", pa.repeat(pa.scalar(number, pa.int32()), part.num_rows)))
+    rows = pa.concat_tables(parts)
+    by = [*kind.key, *([kind.prefer] if kind.prefer else []), "fetched_at", "_segment", "_at"]
+    # nulls first: an answer that doesn't say when it was read is older than any that does
+    order = pc.sort_indices(rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by])
+    keys = [rows.column(name).take(order).combine_chunks() for name in kind.key]
+    last = pa.array([True], pa.bool_())
+    if rows.num_rows > 1:
+        same = pa.array([True] * (rows.num_rows - 1), pa.bool_())
+        for column in keys:
+            same = pc.and_(same, pc.fill_null(pc.equal(column.slice(0, len(column) - 1), column.slice(1)), False))
+        last = pa.concat_arrays([pc.invert(same), last])
+    chosen = order.filter(last)
+    return rows.take(chosen).drop_columns(["_segment", "_at"]), rows.num_rows - len(chosen)

@@ -1,0 +1,172 @@
+"""What a pipeline's `clean(p)` returns, and how a chain of stages sorts rows into four answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+from kb.core.errors import SchemaMismatch
+from kb.filters.predicates import Judgement, Predicate
+from kb.schema.tables import table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from kb.core.context import Run
+
+VERDICTS = ("rejected", "failed", "pending")
+
+
+class Scorer(Protocol):
+    """Scores of texts, kept beside the rows (kb.annotate.toxicity)."""
+
+    def check(self, run: Run, source: str) -> str:
+        """A key that stands for the model in workers; "" when the profile scores nothing. Raises exit 2."""
+
+    def annotate(self, run: Run, source: str, texts: Iterable[pa.Array]) -> Any:
+        """Score the texts that have no score yet."""
+
+    def scores(self, key: str, root: Path, source: str, texts: pa.Array) -> pa.Table:
+        """The categories' scores of each text, float32, null for empty texts. Runs in workers."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A raw kind: how its lines become rows, which key names a record, which column decides its bucket.
+
+    Of several rows with one key the newest stays (`fetched_at`, then place in the raw log); with
+    `prefer` (a boolean column) a row where it is true beats one where it is not. Everything that is
+    joined must share its bucket, so `bucket` is the same thing in all kinds (a video's id).
+    """
+
+    parse: Callable[[Iterable[bytes]], Iterator[pa.Table]]
+    key: tuple[str, ...]
+    bucket: str
+    prefer: str = ""
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The stages of one table, in order.
+
+    `prefix` comes before the key in rejected, failed and pending ("t3_"). `scores` maps a text
+    column to the column of its largest toxicity category; `scored` names the stage before which
+    scores are joined. `helpers` are columns that stages use and no table has.
+    """
+
+    table: str
+    key: str
+    stages: tuple[Predicate, ...]
+    prefix: str = ""
+    scores: Mapping[str, str] = field(default_factory=dict)
+    scored: str = "toxicity"
+    helpers: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Follow:
+    """A table whose rows are kept when their row of the table `of` is: transcripts of kept videos."""
+
+    table: str
+    of: str
+    on: str
+
+
+@dataclass(frozen=True)
+class Clean:
+    """Raw answers → clean tables of one source.
+
+    `assemble` gets the newest rows of each kind (of one bucket) and returns rows by table name. It
+    may return a function of the tables that were kept before it instead (comments need to know
+    their posts). `unanswered` gives keys that have no row, with the reason: they count as failed.
+    """
+
+    source: str
+    kinds: Mapping[str, Kind]
+    assemble: Callable[[dict[str, pa.Table]], dict[str, Any]]
+    chains: tuple[Chain, ...]
+    follow: tuple[Follow, ...] = ()
+    scorer: Scorer | None = None
+    unanswered: Callable[[Path], Iterable[tuple[str, str]]] | None = None
+
+
+class Sorted(NamedTuple):
+    """Rows of one chain by answer; all but `kept` have the columns of shared/<verdict>."""
+
+    kept: pa.Table
+    rejected: pa.Table
+    failed: pa.Table
+    pending: pa.Table
+
+
+
+
+def sort_rows(rows: pa.Table, chain: Chain, join: Callable[[pa.Table], pa.Table], *, until: str = "") -> Sorted:
+    """Run the chain over rows. `join` adds the scores before the stage `chain.scored`.
+
+    `until` names a stage to stop before: the rows that reach it are `kept`. Raises SchemaMismatch
+    when a stage reads a column that is not there.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    out: dict[str, list[pa.Table]] = {verdict: [] for verdict in VERDICTS}
+    joined = False
+    for stage in chain.stages:
+        if until and stage.stage == until:
+            break
+        if stage.stage == chain.scored and not joined:
+            rows, joined = join(rows), True
+        if hasattr(stage, "fill"):
+            rows = stage.fill(rows)
+        lacking = stage.reads - set(rows.column_names)
+        if lacking:
+            raise SchemaMismatch(f"{chain.table}: stage {stage.stage} reads {', '.join(sorted(lacking))}, which no row has")
+        if not rows.num_rows:
+            continue
+        judged = stage.judge(rows)
+        out_of = pc.is_valid(judged.reason)
+        if pc.any(out_of).as_py():
+            for verdict, found in _verdicts(rows, judged, out_of, chain, stage.stage):
+                out[verdict].append(found)
+            rows = rows.filter(pc.invert(out_of))
+    if not until and not joined:
+        rows = join(rows)
+    done = [pa.concat_tables([table(f"shared/{verdict}").arrow().empty_table(), *out[verdict]]) for verdict in VERDICTS]
+    return Sorted(rows, *done)
+
+
+def _verdicts(rows: pa.Table, judged: Judgement, out_of: Any, chain: Chain, stage: str) -> Iterator[tuple[str, pa.Table]]:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    key = pc.binary_join_element_wise(chain.prefix, rows.column(chain.key).cast(pa.string()).combine_chunks(), "")
+    size = rows.num_rows
+    whole = pa.table({
+        "key": key, "stage": pa.repeat(stage, size), "reason": judged.reason, "value": judged.value,
+        "threshold": pa.repeat(pa.scalar(judged.threshold, pa.string()), size),
+    })
+    for verdict in VERDICTS:
+        hit = pc.and_(out_of, pc.equal(judged.verdict, verdict)) if isinstance(judged.verdict, pa.Array) else out_of
+        if isinstance(judged.verdict, str) and judged.verdict != verdict:
+            continue
+        schema = table(f"shared/{verdict}").arrow()
+        found = whole.filter(hit).select(schema.names)
+        if found.num_rows:
+            yield verdict, found.cast(schema)
+
+
+def declared_columns(rows: pa.Table, chain: Chain) -> pa.Table:
+    """The rows with the columns of their table: parse's inputs and helpers dropped, nullable ones that nobody made as null."""
+    import pyarrow as pa
+
+    declared = table(chain.table)
+    names = set(declared.names())
+    mine = {column.name for column in declared.inputs} | {"problems", *chain.helpers}
+    rows = rows.drop_columns([name for name in rows.column_names if name in mine and name not in names])
+    for column in declared.columns:
+        if column.name not in rows.column_names and column.nullable:
+            rows = rows.append_column(column.name, pa.nulls(rows.num_rows, column.parsed.arrow()))
+    return rows

@@ -1,0 +1,309 @@
+"""What a row must be like to be kept: declarative, vectorised, one object for value and threshold.
+
+A predicate has a `stage` (the contract's name), `reads` (the columns that it needs) and
+`judge(rows)`. A row that it does not pass gets a short reason, the value that decided and the
+threshold, as text. A value that is needed and not there gives `absent`, one that could not be
+read `malformed` with what was found (from the rows' `problems`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+class Judgement(NamedTuple):
+    """One answer a row. `reason` is null where the row passes.
+
+    `value` is text or null, `threshold` the same for every row. `verdict` is what becomes of rows
+    with a reason: "rejected", "pending" or "failed", one for all or one each.
+    """
+
+    reason: pa.Array
+    value: pa.Array
+    threshold: str | None = None
+    verdict: str | pa.Array = "rejected"
+
+
+class Predicate(Protocol):
+    """One stage of a chain."""
+
+    stage: str
+
+    @property
+    def reads(self) -> frozenset[str]: ...
+
+    def judge(self, rows: pa.Table) -> Judgement: ...
+
+
+@dataclass(frozen=True)
+class AtLeast:
+    """The column is `least` or more."""
+
+    column: str
+    least: float
+    stage: str
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.column})
+
+    def judge(self, rows: pa.Table) -> Judgement:
+        """`below`, `absent` or `malformed`."""
+        import pyarrow.compute as pc
+
+        values = one(rows, self.column)
+        return compared(rows, values, pc.less(values, self.least), "below", self.least, (self.column,))
+
+
+@dataclass(frozen=True)
+class RatioAtLeast:
+    """`top` / `bottom` is `least` or more; a bottom of 0 can't be read as a ratio."""
+
+    top: str
+    bottom: str
+    least: float
+    stage: str
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.top, self.bottom})
+
+    def judge(self, rows: pa.Table) -> Judgement:
+        """`below`, `absent` or `malformed`; the value is the ratio, or "top x bottom" of what is malformed."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        top, bottom = one(rows, self.top).cast(pa.float64()), one(rows, self.bottom).cast(pa.float64())
+        usable = pc.fill_null(pc.and_(pc.greater(top, 0), pc.greater(bottom, 0)), False)
+        ratio = pc.if_else(usable, pc.divide(top, pc.if_else(usable, bottom, 1.0)), None)
+        below = pc.less(ratio, self.least)
+        judged = compared(rows, pc.round(ratio, 4), below, "below", self.least, (self.top, self.bottom))
+        empty = pc.and_(pc.and_(pc.is_valid(top), pc.is_valid(bottom)), pc.invert(usable))
+        shape = pc.binary_join_element_wise(text(one(rows, self.top)), text(one(rows, self.bottom)), " x ")
+        reason = pc.if_else(empty, "malformed", judged.reason)
+        return Judgement(reason, pc.if_else(empty, shape, judged.value), judged.threshold)
+
+
+@dataclass(frozen=True)
+class AtMost:
+    """The column is `most` or less. With `null_passes` a row without a value is kept."""
+
+    column: str
+    most: float
+    stage: str
+    null_passes: bool = False
+    reason: str = "above"
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.column})
+
+    def judge(self, rows: pa.Table) -> Judgement:
+        """`reason`, and without `null_passes` also `absent` or `malformed`."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        values = one(rows, self.column)
+        limit = pa.scalar(self.most, values.type)  # a float32 score of 0.5 is no more than 0.5
+        needed = () if self.null_passes else (self.column,)
+        return compared(rows, values, pc.greater(values, limit), self.reason, self.most, needed)
+
+
+@dataclass(frozen=True)
+class NotTrue:
+    """The column is not true; null passes."""
+
+    column: str
+    stage: str
+    reason: str
+    threshold: str | None = None
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.column})
+
+    def judge(self, rows: pa.Table) -> Judgement:
+        """`reason` where the column is true."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        hit = pc.fill_null(one(rows, self.column), False)
+        return Judgement(pc.if_else(hit, self.reason, None).cast(pa.string()), nothing(rows), self.threshold)
+
+
+@dataclass(frozen=True)
+class Present:
+    """The column is not null."""
+
+    column: str
+    stage: str
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.column})
+
+    def judge(self, rows: pa.Table) -> Judgement:
+        """`absent` or `malformed`."""
+        import pyarrow as pa
+
+        never = pa.array([False] * rows.num_rows, pa.bool_())
+        return compared(rows, one(rows, self.column), never, "", None, (self.column,))
+
+
+@dataclass(frozen=True)
+class NotIn:
+    """The column is none of `values`; null passes. The reason is the value's own, or `reason`."""
+
+    column: str
+    values: tuple[Any, ...]
+    stage: str
+    reason: str | None = None
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.column})
+
+    def judge(self, rows: pa.Table) -> Judgement:
+        """`reason`, else the value itself as the reason."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        values = one(rows, self.column)
+        hit = pc.is_in(values, pa.array(self.values, values.type))
+        shown = text(values)
+        reason = pc.if_else(hit, shown if self.reason is None else self.reason, None).cast(pa.string())
+        return Judgement(reason, pc.if_else(hit, shown, None).cast(pa.string()))
+
+
+@dataclass(frozen=True)
+class In:
+    """The column is one of `values`."""
+
+    column: str
+    values: tuple[Any, ...]
+    stage: str
+    reason: str = "other"
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.column})
+
+    def judge(self, rows: pa.Table) -> Judgement:
+        """`reason`, `absent` or `malformed`."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        values = one(rows, self.column)
+        other = pc.invert(pc.is_in(values, pa.array(self.values, values.type)))
+        allowed = ", ".join(str(value) for value in self.values)
+        return compared(rows, values, other, self.reason, allowed, (self.column,))
+
+
+@dataclass(frozen=True)
+class Waits:
+    """Rows whose column is one of `values` are not rejected: they are pending, or failed, with `reason`."""
+
+    column: str
+    values: tuple[Any, ...]
+    stage: str
+    reason: str
+    verdict: str = "pending"
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.column})
+
+    def judge(self, rows: pa.Table) -> Judgement:
+        """`reason`."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        hit = pc.is_in(one(rows, self.column), pa.array(self.values, rows.schema.field(self.column).type))
+        return Judgement(pc.if_else(hit, self.reason, None).cast(pa.string()), nothing(rows), verdict=self.verdict)
+
+
+def passes(predicates: Sequence[Predicate], rows: pa.Table) -> pa.Array:
+    """Which rows pass all of them: the crawl asks this before it fetches what is dear."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    good = pa.array([True] * rows.num_rows, pa.bool_())
+    for predicate in predicates:
+        good = pc.and_(good, pc.is_null(predicate.judge(rows).reason))
+    return good
+
+
+def compared(
+    rows: pa.Table, values: pa.Array, outside: pa.Array, reason: str, threshold: float | str | None,
+    needed: Sequence[str],
+) -> Judgement:
+    """`reason` where `outside`; where a `needed` value is null, `malformed` or `absent` by the rows' problems."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    out = pc.fill_null(outside, False)
+    reasons = pc.if_else(out, reason, None).cast(pa.string())
+    value = text(pc.if_else(out, values, pa.scalar(None, values.type)))
+    gone = pc.is_null(values)
+    if needed and pc.any(gone).as_py():
+        bad = nothing(rows)
+        for name in needed:
+            bad = pc.coalesce(bad, malformed(rows, name))
+        reasons = pc.if_else(gone, pc.if_else(pc.is_valid(bad), "malformed", "absent"), reasons)
+        value = pc.if_else(gone, bad, value)
+    return Judgement(reasons, value, None if threshold is None else number(threshold))
+
+
+def malformed(rows: pa.Table, column: str) -> pa.Array:
+    """The text of what could not be read as `column`, null where all is well."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if "problems" not in rows.column_names or not rows.num_rows:
+        return nothing(rows)
+    problems = one(rows, "problems")
+    found = pc.list_flatten(problems)
+    if not len(found):
+        return nothing(rows)
+    hit = pc.and_(pc.equal(found.field("column"), column), pc.equal(found.field("reason"), "malformed"))
+    parents = pc.list_parent_indices(problems).filter(hit)
+    at = pc.index_in(pa.array(range(rows.num_rows), parents.type), value_set=parents)
+    return found.field("value").filter(hit).take(at)
+
+
+def one(rows: pa.Table, name: str) -> pa.Array:
+    """A column as one array."""
+    import pyarrow as pa
+
+    column = rows.column(name)
+    whole = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
+    return pa.concat_arrays(whole.chunks) if isinstance(whole, pa.ChunkedArray) else whole
+
+
+def text(values: pa.Array) -> pa.Array:
+    """Values as `rejected.value` shows them."""
+    import pyarrow as pa
+    import pyarrow.types as kinds
+
+    if kinds.is_floating(values.type):
+        return pa.array([None if value is None else number(value) for value in values.to_pylist()], pa.string())
+    return values.cast(pa.string())
+
+
+def number(value: float | str) -> str:
+    """A threshold or value as text: 1 rather than 1.0, six digits at most."""
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.6g}" if abs(value) < 1e6 else f"{value:.0f}"
+
+
+def nothing(rows: pa.Table) -> pa.Array:
+    """A text column of nulls."""
+    import pyarrow as pa
+
+    return pa.nulls(rows.num_rows, pa.string())

@@ -1,0 +1,123 @@
+"""The topic of a video: a known game label decides, else category and keywords.
+
+MineDojo keeps "the Minecraft category"; the Data API has no such field. The watch page names the
+game, so it decides wherever it was read. Without a label a video is on topic when it is in one of
+the profile's categories and a profile keyword stands as a whole word in title, tags or description.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from kb.filters.predicates import Judgement, Predicate, malformed, nothing, one, passes, text
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_EDGE = r"[^\pL\pN_]"
+
+
+def whole_words(phrases: Sequence[str]) -> str:
+    """An RE2 pattern that finds any of the phrases as whole words, whatever their case and spaces."""
+    inner = "|".join(r"\s+".join(_escaped(word) for word in phrase.split()) for phrase in phrases)
+    return rf"(?i)(?:^|{_EDGE})(?:{inner})(?:$|{_EDGE})"
+
+
+def _escaped(word: str) -> str:
+    return re.sub(r"([^\w])", r"\\\1", word, flags=re.ASCII) if word.isascii() else re.sub(r"([\\.^$|?*+()\[\]{}-])", r"\\\1", word)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """Rows of the topic, with what showed it in `topic_evidence` (game_label or keywords).
+
+    `gate` are the stages that a video passes before its label is read: as long as the label of
+    such a video was not read, its topic is pending (`label`), or failed where reading it failed.
+    `game_ids` empty: labels decide nothing.
+    """
+
+    game_ids: tuple[str, ...]
+    category_ids: tuple[int, ...]
+    keywords: tuple[str, ...]
+    gate: tuple[Predicate, ...] = field(default=())
+    stage: str = "topic"
+
+    @property
+    def reads(self) -> frozenset[str]:
+        own = {"category_id", "title", "tags", "description", "game_label_id", "game_label", "transcript_outcome"}
+        return frozenset(own).union(*(predicate.reads for predicate in self.gate))
+
+    def fill(self, rows: pa.Table) -> pa.Table:
+        """The rows with `topic_evidence`; null for those that are off topic."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        named = self._named(rows)
+        ours = pc.and_(named, self._ours(rows))
+        candidate = pc.and_(pc.invert(named), self._categorised(rows))
+        hit = pc.and_(candidate, self._keyword(rows, candidate))
+        evidence = pc.if_else(ours, "game_label", pc.if_else(hit, "keywords", pa.scalar(None, pa.string())))
+        return rows.append_column("topic_evidence", evidence)
+
+    def judge(self, rows: pa.Table) -> Judgement:
+        """`label` (pending or failed), `other_game`, `category`, `keywords`, `absent` or `malformed`."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        outcome = one(rows, "transcript_outcome")
+        failed = pc.fill_null(pc.equal(outcome, "failed"), False)
+        named, categorised = self._named(rows), self._categorised(rows)
+        waiting = pc.and_(pc.or_(pc.is_null(outcome), failed), pc.and_(categorised, pc.invert(named)))
+        waiting = pc.and_(waiting, passes(self.gate, rows)) if self.game_ids else pc.and_(waiting, False)
+        off = pc.is_null(one(rows, "topic_evidence"))
+        category = one(rows, "category_id")
+        bad = malformed(rows, "category_id")
+        lost = pc.if_else(pc.is_valid(bad), "malformed", "absent")
+        why = pc.case_when(
+            pc.make_struct(waiting, pc.invert(off), named, pc.is_null(category), pc.invert(categorised)),
+            pa.scalar("label"), pa.scalar(None, pa.string()), pa.scalar("other_game"), lost, pa.scalar("category"), pa.scalar("keywords"),
+        )
+        label = pc.coalesce(one(rows, "game_label"), one(rows, "game_label_id"))
+        value = pc.case_when(
+            pc.make_struct(pc.equal(why, "other_game"), pc.equal(why, "malformed"), pc.equal(why, "category")),
+            label, bad, text(category), nothing(rows),
+        )
+        threshold = ", ".join(str(each) for each in self.category_ids)
+        return Judgement(why, value, threshold, pc.if_else(waiting, pc.if_else(failed, "failed", "pending"), "rejected"))
+
+    def _named(self, rows: pa.Table) -> pa.Array:
+        import pyarrow.compute as pc
+
+        return pc.and_(pc.is_valid(one(rows, "game_label_id")), bool(self.game_ids))
+
+    def _ours(self, rows: pa.Table) -> pa.Array:
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        return pc.is_in(one(rows, "game_label_id"), pa.array(self.game_ids, pa.string()))
+
+    def _categorised(self, rows: pa.Table) -> pa.Array:
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        return pc.is_in(one(rows, "category_id"), pa.array(self.category_ids, pa.int64()))
+
+    def _keyword(self, rows: pa.Table, candidate: pa.Array) -> pa.Array:
+        """Whether a keyword is in the title, else in the tags, else in the description; asked of candidates only."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        pattern = whole_words(self.keywords)
+        found = pa.array([False] * rows.num_rows, pa.bool_())
+        for name in ("title", "tags", "description"):
+            open_ = pc.and_(candidate, pc.invert(found))
+            texts = one(rows, name).filter(open_)
+            if pa.types.is_list(texts.type):
+                texts = pc.binary_join(texts, "\n")
+            if len(texts):
+                hit = pc.fill_null(pc.match_substring_regex(texts, pattern), False)
+                found = pc.replace_with_mask(found, open_, hit)
+        return found

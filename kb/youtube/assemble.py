@@ -1,0 +1,122 @@
+"""Newest answers about videos and transcripts → the rows that the stages judge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from kb.schema.tables import table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+WATCH = "https://www.youtube.com/watch?v="
+
+
+def assemble(newest: dict[str, pa.Table], words: Callable[[Any], pa.Array]) -> dict[str, pa.Table]:
+    """Videos joined with what is known of their transcripts, and the transcripts that were had.
+
+    `words` counts the words of each list of texts. Adds to the parsed columns: `link`, `width`,
+    `height` (px; the largest stream's when known, else the embed frame's), `fps`,
+    `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null: not asked),
+    `transcript_kind`, `word_count`.
+    """
+    videos = newest.get("videos")
+    found = _usable(newest.get("transcripts"))
+    if videos is None:
+        return {"youtube/transcripts": _tracks(found)}
+    return {"youtube/videos": _joined(videos, found, words), "youtube/transcripts": _tracks(found)}
+
+
+def _joined(videos: pa.Table, found: pa.Table, words: Callable[[Any], pa.Array]) -> pa.Table:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    at = pc.index_in(videos["video_id"].combine_chunks(), value_set=found["video_id"].combine_chunks())
+    side = found.take(at).combine_chunks() if found.num_rows else _nothing(found, videos.num_rows)
+    outcome = _column(side, "outcome")
+    sized = pc.and_(pc.is_valid(_column(side, "player_width")), pc.is_valid(_column(side, "player_height")))
+    had = pc.fill_null(pc.equal(outcome, "ok"), False)
+    final = pc.fill_null(pc.not_equal(outcome, "failed"), False)
+    kind = pc.if_else(had, _column(side, "kind"), pc.if_else(final, "none", "unknown"))
+    restricted = pc.or_(pc.equal(pc.fill_null(_column(videos, "yt_rating"), ""), "ytAgeRestricted"),
+                        pc.equal(pc.fill_null(outcome, ""), "age_restricted"))
+    counted = _words(_column(side, "cues"), words)
+    own: dict[str, Any] = {
+        "link": pc.binary_join_element_wise(WATCH, _column(videos, "video_id"), ""),
+        "width": pc.if_else(sized, _column(side, "player_width"), _column(videos, "embed_width")),
+        "height": pc.if_else(sized, _column(side, "player_height"), _column(videos, "embed_height")),
+        "fps": _column(side, "player_fps"),
+        "age_restricted": restricted,
+        "game_label_id": _column(side, "game_label_id"),
+        "game_label": _column(side, "game_label"),
+        "transcript_outcome": outcome,
+        "transcript_kind": kind,
+        "word_count": pc.if_else(had, counted, pa.scalar(None, pa.int64())),
+        "problems": _renamed(_column(videos, "problems")),
+    }
+    for name, column in own.items():
+        if name in videos.column_names:
+            videos = videos.set_column(videos.column_names.index(name), name, column)
+        else:
+            videos = videos.append_column(name, column)
+    return videos
+
+
+def _usable(found: pa.Table | None) -> pa.Table:
+    """Outcomes with a readable video id; an `ok` whose kind, language or cues can't be read counts as failed."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if found is None:
+        names = table("youtube/transcripts")
+        return pa.schema([(column.name, column.parsed.arrow()) for column in (*names.columns, *names.inputs)]).empty_table()
+    found = found.filter(pc.is_valid(found["video_id"]))
+    whole = pc.and_(pc.and_(pc.is_valid(found["cues"]), pc.is_valid(found["kind"])), pc.is_valid(found["language"]))
+    broken = pc.and_(pc.equal(found["outcome"], "ok"), pc.invert(whole))
+    outcome = pc.fill_null(pc.if_else(broken, "failed", found["outcome"]), "failed")
+    return found.set_column(found.column_names.index("outcome"), "outcome", outcome)
+
+
+def _tracks(found: pa.Table) -> pa.Table:
+    import pyarrow.compute as pc
+
+    return found.filter(pc.equal(found["outcome"], "ok")).select(table("youtube/transcripts").names())
+
+
+def _words(cues: pa.Array, words: Callable[[Any], pa.Array]) -> pa.Array:
+    """Words of the texts of each list of cues."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    flat = pc.list_flatten(cues)
+    counts = pc.list_value_length(cues)
+    starts = pc.cumulative_sum(pc.fill_null(counts, 0).cast(pa.int32()))
+    offsets = pa.concat_arrays([pa.array([0], pa.int32()), starts]) if len(cues) else pa.array([0], pa.int32())
+    return words(pa.ListArray.from_arrays(offsets, flat.field("text")))
+
+
+def _renamed(problems: pa.Array) -> pa.Array:
+    """What could not be read as embed_width was needed as width."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    flat = pc.list_flatten(problems)
+    if not len(flat):
+        return problems
+    column = pc.replace_substring_regex(flat.field("column"), "^embed_", "")
+    renamed = pa.StructArray.from_arrays([column, flat.field("reason"), flat.field("value")], names=["column", "reason", "value"])
+    lengths = pc.fill_null(pc.list_value_length(problems), 0).cast(pa.int32())
+    offsets = pa.concat_arrays([pa.array([0], pa.int32()), pc.cumulative_sum(lengths)])
+    return pa.ListArray.from_arrays(offsets, renamed)
+
+
+def _nothing(found: pa.Table, rows: int) -> pa.Table:
+    import pyarrow as pa
+
+    return pa.table({field.name: pa.nulls(rows, field.type) for field in found.schema})
+
+
+def _column(rows: pa.Table, name: str) -> Any:
+    column = rows.column(name)
+    return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()

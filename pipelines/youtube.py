@@ -1,0 +1,74 @@
+"""YouTube (MineDojo paper, appendix "YouTube": data collection and filtering).
+
+1. search channels by keywords; 2. list every video that each channel uploaded; 3. read their
+metadata, keep the domain's game; 4. English transcripts of those that pass the cheap stages;
+5. drop by views, aspect ratio, duration, age restriction; score titles and descriptions with
+Detoxify and drop above the threshold. Released: ids and metadata, never videos or transcripts.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+from kb.annotate import toxicity
+from kb.annotate.words import word_count_of_lists
+from kb.core.context import Run
+from kb.core.profile import Profile
+from kb.core.verdict import Summary
+from kb.filters.chain import Chain, Clean, Follow, Kind
+from kb.filters.predicates import AtLeast, AtMost, NotIn, NotTrue, Predicate, RatioAtLeast, Waits
+from kb.filters.topic import Topic
+from kb.youtube import parse
+from kb.youtube.assemble import assemble
+
+NO_TRANSCRIPT = ("none", "disabled", "unavailable", "age_restricted")
+
+
+def gate(p: Profile) -> tuple[Predicate, ...]:
+    """What a video of the profile's categories must pass before its transcript is worth three requests."""
+    return (
+        AtLeast("view_count", p.youtube.min_views, stage="views"),
+        RatioAtLeast("width", "height", p.youtube.min_aspect_ratio, stage="aspect_ratio"),
+        AtLeast("duration_s", p.youtube.min_duration_s, stage="duration"),
+        NotTrue("age_restricted", stage="age_restricted", reason="age_restricted"),
+    )
+
+
+def clean(p: Profile) -> Clean:
+    """Raw answers to videos and transcripts, stages in the paper's order."""
+    limit = p.toxicity.threshold("youtube")
+    scored = {"title": "toxicity_title", "description": "toxicity_description"}
+    stages = (
+        NotTrue("missing", stage="missing", reason="missing"),
+        Topic(p.youtube.game_ids, p.youtube.category_ids, p.youtube.words, gate(p)),
+        *gate(p),
+        *(AtMost(column, limit, stage="toxicity", null_passes=True, reason=text) for text, column in scored.items() if limit is not None),
+        *(required() if p.youtube.transcripts == "required" else ()),
+    )
+    return Clean(
+        source="youtube",
+        kinds={
+            "videos": Kind(parse.videos, key=("video_id",), bucket="video_id"),
+            "transcripts": Kind(parse.transcripts, key=("video_id",), bucket="video_id", prefer="final"),
+        },
+        assemble=partial(assemble, words=word_count_of_lists),
+        chains=(Chain("youtube/videos", "video_id", stages, scores=scored, helpers=("missing", "game_label_id", "game_label", "transcript_outcome")),),
+        follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),
+        scorer=toxicity,
+    )
+
+
+def required() -> tuple[Predicate, ...]:
+    """A video without English transcript is dropped; one whose transcript was not asked for yet waits."""
+    return (
+        Waits("transcript_outcome", ("failed",), stage="transcript", reason="transcript", verdict="failed"),
+        Waits("transcript_kind", ("unknown",), stage="transcript", reason="transcript"),
+        NotIn("transcript_outcome", NO_TRANSCRIPT, stage="transcript"),
+    )
+
+
+def export(run: Run, format: str) -> Summary:
+    """Clean to release/youtube, or to export/minedojo."""
+    from kb.export import minedojo, parquet
+
+    return minedojo.youtube(run) if format == "minedojo" else parquet.export(run, "youtube")
