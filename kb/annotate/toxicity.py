@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from kb.core.context import Run
 
 CHUNK_TEXTS, CHUNK_CHARACTERS = 1024, 1_000_000  # what is scored, and lost at worst, between two files
+LOOKUP_TEXTS, LOOKUP_CHARACTERS = 50_000, 50_000_000  # what is looked up at once, because each look-up reads all scores
 
 
 @dataclass(frozen=True)
@@ -185,26 +186,40 @@ class _Chunks:
             yield hashes, texts
 
     def _unscored(self, batches: Iterable[Any]) -> Iterable[tuple[str, str]]:
+        hashes: list[str] = []
+        texts: list[str] = []
+        size = 0
+        for key, text in self._distinct(batches):
+            hashes.append(key)
+            texts.append(text)
+            size += len(text)
+            if len(texts) == LOOKUP_TEXTS or size >= LOOKUP_CHARACTERS:
+                yield from self._without_score(hashes, texts)
+                hashes, texts, size = [], [], 0
+        yield from self._without_score(hashes, texts)
+
+    def _distinct(self, batches: Iterable[Any]) -> Iterable[tuple[str, str]]:
+        """(hash, text) of each text that is not empty and was not seen before."""
         import pyarrow as pa
 
         for batch in batches:
             column = batch if isinstance(batch, (pa.Array, pa.ChunkedArray)) else pa.array(batch, pa.string())
-            if isinstance(column, pa.ChunkedArray):
-                column = column.combine_chunks()
-            column = column.cast(pa.string())
-            hashes = text_hashes(column)
-            fresh: list[int] = []
-            for place, key in enumerate(hashes.to_pylist()):
+            for key, text in zip(text_hashes(column).to_pylist(), column.to_pylist(), strict=True):
                 if key is not None and (short := bytes.fromhex(key[:32])) not in self._seen:
                     self._seen.add(short)
-                    fresh.append(place)
-            self.texts += len(fresh)
-            chosen = hashes.take(pa.array(fresh, pa.int64()))
-            missing = self._scores.missing(chosen, self._threshold, REACH).to_pylist()
-            self._task.advance(len(missing) - sum(missing))
-            for place, key, wanted in zip(fresh, chosen.to_pylist(), missing, strict=True):
-                if wanted:
-                    yield key, column[place].as_py()
+                    self.texts += 1
+                    yield key, text
+
+    def _without_score(self, hashes: list[str], texts: list[str]) -> Iterable[tuple[str, str]]:
+        import pyarrow as pa
+
+        if not texts:
+            return
+        missing = self._scores.missing(pa.array(hashes, pa.string()), self._threshold, REACH).to_pylist()
+        self._task.advance(len(missing) - sum(missing))
+        for key, text, wanted in zip(hashes, texts, missing, strict=True):
+            if wanted:
+                yield key, text
 
 
 def score_chunk(job: _Job, texts: Sequence[str]) -> dict[str, Any]:

@@ -6,13 +6,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kb.cli.command import command, group
+from kb.cli.command import Group, command, group
 
 if TYPE_CHECKING:
     from kb.core.context import Run
     from kb.core.verdict import Summary
 
 app = group("The toxicity model's files.")
+
+
+@app.callback(cls=Group)
+def models() -> None:
+    """The toxicity model's files."""
 
 
 @command(app, examples=[
