@@ -9,6 +9,8 @@ Detoxify and drop above the threshold. Released: ids and metadata, never videos 
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from kb.annotate import toxicity
 from kb.annotate.words import word_count_of_lists
@@ -16,10 +18,13 @@ from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.verdict import Summary
 from kb.filters.chain import Chain, Clean, Follow, Kind
-from kb.filters.predicates import AtLeast, AtMost, NotIn, NotTrue, Predicate, RatioAtLeast, Waits
+from kb.filters.predicates import AtLeast, AtMost, In, NotIn, NotTrue, Predicate, RatioAtLeast, Waits, passes
 from kb.filters.topic import Topic
 from kb.youtube import parse
 from kb.youtube.assemble import assemble
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 NO_TRANSCRIPT = ("none", "disabled", "unavailable", "age_restricted")
 
@@ -32,6 +37,20 @@ def gate(p: Profile) -> tuple[Predicate, ...]:
         AtLeast("duration_s", p.youtube.min_duration_s, stage="duration"),
         NotTrue("age_restricted", stage="age_restricted", reason="age_restricted"),
     )
+
+
+def crawl(run: Run, only: str | None, ids: Path | None, part: tuple[int, int] | None) -> Summary:
+    """Channels, uploads, metadata and transcripts, as raw answers."""
+    from kb.youtube.crawl import crawl
+
+    return crawl(run, partial(promising, run.profile), only=only, ids=ids, part=part)
+
+
+def promising(p: Profile, videos: pa.Table) -> list[str]:
+    """Of videos as parsed, the ids that are worth asking for a transcript: of the categories, and through the gate."""
+    rows = assemble({"videos": videos}, words=word_count_of_lists)["youtube/videos"]
+    stages = (NotTrue("missing", stage="missing", reason="missing"), In("category_id", p.youtube.category_ids, stage="topic"), *gate(p))
+    return rows.filter(passes(stages, rows))["video_id"].to_pylist()
 
 
 def clean(p: Profile) -> Clean:

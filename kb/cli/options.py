@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
+    from types import ModuleType
+
     from kb.core.context import Run
 
 
@@ -111,3 +113,10 @@ def parse_part(text: str | None) -> tuple[int, int] | None:
     if not (number.isdigit() and count.isdigit() and 1 <= int(number) <= int(count)):
         raise SettingError(f"--part is {text!r}", hint="write it like 1/4, from 1/4 to 4/4")
     return int(number), int(count)
+
+
+def pipeline(run: Run, name: str) -> ModuleType:
+    """The shipped pipeline of that name, or the file of `--pipeline`."""
+    from kb.core.pipeline import load, locate
+
+    return load(str(locate(name, run.pipeline)))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
-from kb.cli.options import Part, parse_part
+from kb.cli.options import Part, parse_part, pipeline
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -54,11 +54,11 @@ def crawl(
     Needs YOUTUBE_API_KEY. Stops with exit code 3 when a quota is spent; the same command goes on.
     """
     which = parse_part(part)
-    from kb.youtube import crawl as room
-
     if plan:
-        return room.plan(run, ids=ids, part=which)
-    return room.crawl(run, only=only.value if only else None, ids=ids, part=which)
+        from kb.youtube.plan import plan as estimate
+
+        return estimate(run, ids=ids, part=which)
+    return pipeline(run, "youtube").crawl(run, only.value if only else None, ids, which)
 
 
 @command(app, name="filter", examples=["kb youtube filter", "kb youtube filter --profile mine.toml"])

@@ -199,6 +199,12 @@ class Frontier:
         with self._lock:
             return dict(self._db.execute("SELECT status, count(*) FROM items WHERE kind = ? GROUP BY status", (kind,)).fetchall())
 
+    def ready(self, kind: str, most: int = 1) -> int:
+        """How many items of a kind are to do, counted up to `most`: quick however many there are."""
+        with self._lock:
+            row = self._db.execute("SELECT count(*) FROM (SELECT 1 FROM items WHERE kind = ? AND status = 'todo' LIMIT ?)", (kind, most)).fetchone()
+        return int(row[0])
+
     def kinds(self) -> dict[str, dict[str, int]]:
         """Counts by status of every kind, by name."""
         found: dict[str, dict[str, int]] = {}

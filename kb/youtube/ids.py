@@ -1,0 +1,63 @@
+"""Video ids from a file, and the share of one machine of several."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from kb.core.errors import SettingError
+
+_ID = re.compile(r"(?:^|[=/])([A-Za-z0-9_-]{11})(?:$|[?&#])")
+
+
+def read_ids(path: Path) -> tuple[list[str], int]:
+    """(ids in the file's order without doubles, lines without one).
+
+    Lines (ids or addresses), a Parquet file with `video_id`, or MineDojo's JSON (objects with `id`).
+    Raises SettingError.
+    """
+    try:
+        if path.suffix == ".parquet":
+            values = _parquet(path)
+        elif path.suffix == ".json":
+            values = _minedojo(path)
+        else:
+            values = [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    except OSError as error:
+        raise SettingError(f"--ids {path}: {error.strerror or error}") from None
+    except ValueError as error:
+        raise SettingError(f"--ids {path} can't be read: {str(error).splitlines()[0]}") from None
+    found = [match[1] if (match := _ID.search(value)) else None for value in values]
+    return list(dict.fromkeys(key for key in found if key)), found.count(None)
+
+
+def _parquet(path: Path) -> list[str]:
+    import pyarrow.parquet as pq
+
+    names = pq.read_schema(path).names
+    column = next((name for name in ("video_id", "id", "key") if name in names), None)
+    if column is None:
+        raise SettingError(f"--ids {path} has no column video_id; it has {', '.join(names)}")
+    return [str(value) for value in pq.read_table(path, columns=[column])[column].to_pylist()]
+
+
+def _minedojo(path: Path) -> list[str]:
+    data = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(data, list):
+        raise SettingError(f"--ids {path} is no list", hint="MineDojo's files are lists of objects with an id")
+    return [str(entry.get("id", "")) if isinstance(entry, dict) else str(entry) for entry in data]
+
+
+def share(part: tuple[int, int] | None) -> Callable[[str], bool]:
+    """Whether a key belongs to part (i, n): the same on every machine, and every key to one part."""
+    if part is None:
+        return lambda key: True
+    number, count = part
+
+    def mine(key: str) -> bool:
+        return int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], "big") % count == number - 1
+
+    return mine

@@ -1,0 +1,153 @@
+"""One video's transcript through youtube-transcript-api, with the facts of the player answer that comes with it.
+
+Three requests a video (watch page, player, timed text) and no further one. Preference: manual track of the
+language, automatic one, manual of another language translated, automatic translated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+from xml.etree.ElementTree import ParseError
+
+from kb.core.errors import Blocked, Retryable
+from kb.core.profile.youtube import YouTube
+from kb.core.settings import Settings
+from kb.net.client import make_session
+from kb.net.rate import Pace
+from kb.net.retry import attempt, retry_after
+from kb.youtube import player
+
+if TYPE_CHECKING:
+    import requests
+
+SITE = "https://www.youtube.com/"
+
+
+class Fetcher:
+    """Fetches transcripts, one at a time: one for each thread, as sessions are not thread-safe."""
+
+    def __init__(self, settings: Settings, profile: YouTube, pace: Pace, before: Callable[[str], None]) -> None:
+        """`before` is called with the endpoint's name before each request (the ledger)."""
+        from youtube_transcript_api import YouTubeTranscriptApi
+
+        self._profile, self._pace = profile, pace
+        self._session = make_session(settings)
+        # The library's own User-Agent would be Python's; the site serves any, so ours says who we are.
+        self._session.mount(SITE, _adapter(settings.kb_youtube_web, before))
+        self._session.hooks["response"].append(self._look)
+        self._page, self._answer = "", None
+        self._api = YouTubeTranscriptApi(http_client=self._session)
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._session.close()
+
+    def fetch(self, video_id: str) -> dict[str, Any]:
+        """The `response` of a transcripts envelope; `outcome` says what became of it.
+
+        Raises Blocked or Unreachable, which are no facts about the video, and Retryable after the last try.
+        """
+        self._pace.wait()
+        try:
+            return attempt(lambda: self._once(video_id), tries=self._profile.max_tries)
+        except Retryable as error:
+            if error.reason.startswith("429"):
+                raise Blocked("YouTube answers 429 without end", hint="go on later or from another address; the same command goes on") from error
+            raise
+
+    def _once(self, video_id: str) -> dict[str, Any]:
+        import requests
+        import youtube_transcript_api as lib
+
+        self._page, self._answer = "", None
+        found: dict[str, Any] = {"video_id": video_id, "outcome": "ok", "reason": None, "kind": None, "language": None,
+                                 "original_kind": None, "cues": None}
+        try:
+            found |= self._read(self._api.list(video_id))
+        except (lib.RequestBlocked, lib.IpBlocked) as error:
+            raise Blocked(f"YouTube blocks this address ({type(error).__name__})",
+                          hint="go on later or from another address; the same command goes on") from None
+        except lib.FailedToCreateConsentCookie:
+            raise Blocked("YouTube shows a consent wall instead of the watch page", hint="go on from another address") from None
+        except lib.NoTranscriptFound:
+            found |= {"outcome": "none"}
+        except lib.TranscriptsDisabled:
+            found |= {"outcome": "disabled"}
+        except lib.AgeRestricted:
+            found |= {"outcome": "age_restricted"}
+        except (lib.VideoUnavailable, lib.InvalidVideoId, lib.VideoUnplayable) as error:
+            found |= {"outcome": "unavailable", "reason": getattr(error, "reason", None) or type(error).__name__}
+        except (lib.YouTubeRequestFailed, lib.YouTubeDataUnparsable, lib.PoTokenRequired, ParseError, requests.JSONDecodeError) as error:
+            # An empty body of the timed text raises the parser's own error.
+            raise Retryable(_reason(error)) from None
+        except (KeyError, IndexError, TypeError, AttributeError) as error:
+            raise Retryable(f"unreadable ({type(error).__name__})") from None    # an answer of another form than the library expects
+        except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError) as error:
+            raise Retryable(f"{type(error).__name__} at www.youtube.com", unreachable=True) from None
+        found["player"] = player.facts(self._answer, self._page, self._profile.game_ids)
+        return found
+
+    def _read(self, tracks: Any) -> dict[str, Any]:
+        """The best track there is; NoTranscriptFound when none is in the language or can be translated."""
+        import youtube_transcript_api as lib
+
+        language = self._profile.language
+        for track, translate in self._by_preference(tracks):
+            try:
+                shown = track.translate(language) if translate else track
+            except (lib.NotTranslatable, lib.TranslationLanguageNotAvailable):
+                continue
+            original = "asr" if track.is_generated else "manual"
+            return {
+                "kind": "translated" if translate else original, "original_kind": original, "language": track.language_code,
+                "cues": [[cue.start, cue.duration, cue.text] for cue in shown.fetch()],
+            }
+        raise lib.NoTranscriptFound(tracks.video_id, [language], tracks)
+
+    def _by_preference(self, tracks: Any) -> Iterator[tuple[Any, bool]]:
+        language = self._profile.language
+        listed = list(tracks)
+        own = [track for track in listed if track.language_code == language or track.language_code.startswith(f"{language}-")]
+        own.sort(key=lambda track: (track.is_generated, track.language_code != language, track.language_code))
+        yield from ((track, False) for track in own)
+        if self._profile.translate:
+            other = sorted((track for track in listed if track not in own), key=lambda track: track.is_generated)
+            yield from ((track, True) for track in other)
+
+    def _look(self, response: requests.Response, *_: Any, **__: Any) -> None:
+        """Sees every answer before the library does."""
+        if response.status_code == 429:
+            # The library calls every 429 a block; with a wish to wait it is none yet.
+            raise Retryable("429 from YouTube", after=retry_after(response.headers.get("Retry-After")))
+        path = urlsplit(response.url).path
+        if path == "/watch":
+            self._page = response.text
+        elif path == "/youtubei/v1/player":
+            try:
+                self._answer = response.json()
+            except ValueError:
+                self._answer = None
+
+
+def _adapter(root: str | None, before: Callable[[str], None]) -> Any:
+    """Writes the ledger, and sends to `root` what is for the web site."""
+    from requests.adapters import HTTPAdapter
+
+    names = {"/watch": "watch", "/youtubei/v1/player": "player", "/api/timedtext": "timedtext"}
+
+    class Adapter(HTTPAdapter):
+        def send(self, request: Any, *arguments: Any, **options: Any) -> Any:
+            before(names.get(urlsplit(request.url).path, "web"))
+            if root:
+                request.url = root + "/" + request.url.removeprefix(SITE)
+            return super().send(request, *arguments, **options)
+
+    return Adapter()
+
+
+def _reason(error: Exception) -> str:
+    """A short reason without the address, which holds the page's key."""
+    code = str(getattr(error, "reason", "")).split(" ")[0]
+    return f"HTTP {code} from YouTube" if code.isdigit() else type(error).__name__
