@@ -1,9 +1,43 @@
-"""[reddit] of a profile."""
+"""[reddit]: which subreddit, which posts are kept, what links are pictures or films."""
 
 from __future__ import annotations
+
+from pydantic import Field, field_validator
 
 from kb.core.profile.base import Section
 
 
+class Links(Section):
+    """How the address of a link post tells what it shows. Endings decide first, then hosts.
+
+    A host counts with its subdomains `www`, `m`, `old`, `new` and `i`. `video_paths` are sites
+    where only some pages are films: the path starts with one of these.
+    """
+
+    image_endings: tuple[str, ...] = ("jpg", "jpeg", "png", "gif", "webp", "bmp")
+    video_endings: tuple[str, ...] = ("gifv", "mp4", "webm", "mov")
+    image_hosts: tuple[str, ...] = ("i.redd.it", "preview.redd.it", "i.reddituploads.com", "imgur.com")
+    video_hosts: tuple[str, ...] = ("v.redd.it", "streamable.com", "gfycat.com")
+    video_paths: dict[str, tuple[str, ...]] = Field(default_factory=dict)
+
+
 class Reddit(Section):
-    """The reddit part of a profile."""
+    """The Reddit part of a profile (MineDojo paper, data collection appendix: Reddit)."""
+
+    subreddit: str = Field(pattern=r"^[A-Za-z0-9_]{2,21}$", description="name without r/")
+    search: tuple[str, ...] = Field((), description="words searched in the subreddit, beside its listings")
+    listings: tuple[str, ...] = Field(("new", "top", "controversial", "hot", "rising"), description="listings that are read")
+    spans: tuple[str, ...] = Field(("all", "year", "month", "week", "day", "hour"), description="time spans of top and controversial")
+    min_score: int = Field(5, description="points of a post")
+    links: Links = Links()
+    max_age_days: int = Field(30, ge=1, description="live figures older than this are read again by `kb refresh reddit`")
+    requests_per_minute: float = Field(100, gt=0, description="most requests a minute towards the public service")
+    max_tries: int = Field(5, ge=1, le=20, description="tries of one request before its items count as failed")
+
+    @field_validator("listings")
+    @classmethod
+    def _known(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        allowed = {"new", "top", "controversial", "hot", "rising"}
+        if set(value) - allowed:
+            raise ValueError(f"allowed: {', '.join(sorted(allowed))}")
+        return value

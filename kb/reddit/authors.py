@@ -1,0 +1,73 @@
+"""Names of people leave an answer before it is written: only keyed hashes stay.
+
+The key is made once in `state/reddit.key` (mode 0600) and never released, so that the hashes of a
+release can't be tried out against lists of names.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import os
+import secrets
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from kb.core.errors import DamagedData
+from kb.store.atomic import write_bytes
+
+# Besides everything that starts with "author": who wrote, moderated, reported.
+_NAMES = frozenset({"link_author", "approved_by", "banned_by", "removed_by", "mod_reason_by", "display_name_prefixed"})
+_KEPT = frozenset({"", "[deleted]", "[removed]"})
+_PROFILE = ("subreddit", "subreddit_name_prefixed", "permalink", "link_permalink", "domain")
+
+
+def load_key(root: Path) -> bytes:
+    """The data root's key; made when there is none. Raises DamagedData when it is cut off."""
+    path = root / "state" / "reddit.key"
+    if not path.exists():
+        write_bytes(path, secrets.token_hex(32).encode(), mode=0o600)
+    os.chmod(path, 0o600)
+    key = path.read_bytes().strip()
+    if len(key) != 64:
+        raise DamagedData(f"{path} is damaged", hint="put the key of this data root back: hashes of other keys don't match")
+    return key
+
+
+class Scrubber:
+    """Replaces names in raw answers by keyed hashes, the same for the same name."""
+
+    def __init__(self, key: bytes) -> None:
+        self._key = key
+        self.hash = lru_cache(maxsize=1 << 16)(self._hash)
+
+    def _hash(self, name: str) -> str:
+        """32 hexadecimal digits for a name; `[deleted]` stays as it is."""
+        return name if name in _KEPT else hmac.digest(self._key, name.encode("utf-8", "replace"), hashlib.sha256).hex()[:32]
+
+    def scrub(self, value: Any) -> Any:
+        """The answer with every author field hashed, in place where it can be; safe to repeat only on fresh answers."""
+        if isinstance(value, list):
+            for inner in value:
+                if isinstance(inner, (dict, list)):
+                    self.scrub(inner)
+            return value
+        if not isinstance(value, dict):
+            return value
+        if str(value.get("subreddit", "")).startswith("u_"):
+            # A profile's own "subreddit" carries the name in each of these.
+            for name in _PROFILE:
+                if isinstance(value.get(name), str):
+                    value[name] = "u_" + self.hash(value[name])
+        for name, inner in value.items():
+            if name.startswith("author") or name in _NAMES:
+                if isinstance(inner, str):
+                    value[name] = self.hash(inner)
+                elif isinstance(inner, (list, dict)):
+                    value[name] = []
+            elif name in ("user_reports", "mod_reports", "awarders", "all_awardings", "user_reports_dismissed", "mod_reports_dismissed"):
+                value[name] = []
+            elif isinstance(inner, (dict, list)):
+                self.scrub(inner)
+        return value
