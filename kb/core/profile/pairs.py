@@ -1,9 +1,51 @@
-"""[pairs] of a profile."""
+"""[pairs]: which words are matched in transcripts, how text and clips grow around them, which pairs are kept."""
 
 from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, field_validator, model_validator
 
 from kb.core.profile.base import Section
 
 
 class Pairs(Section):
-    """The pairs part of a profile."""
+    """The pairs part of a profile (MineDojo paper, data collection appendix: video-text pairs)."""
+
+    keyword_files: tuple[str, ...] = Field((), description="keyword lists (.tsv), beside the profile")
+    include: tuple[str, ...] = Field((), description="further phrases to match; their kind is `phrase`")
+    exclude: tuple[str, ...] = Field((), description="phrases that are never a match, nor the keywords inside them")
+    near_words: int = Field(20, ge=1, le=1000, description="words around an everyday word in which an unmistakable keyword must stand")
+    min_tokens: int = Field(16, ge=3, le=77, description="CLIP tokens of a text, start and end tokens counted")
+    max_tokens: int = Field(77, ge=3, le=77, description="CLIP tokens of a text, start and end tokens counted")
+    center: Literal["segment", "grown"] = Field(
+        "segment", description="the clip's centre is drawn inside the cues that hold the phrase, or inside the grown text (VideoCLIP)")
+    min_clip_s: float = Field(8, gt=0, le=3600, description="seconds")
+    max_clip_s: float = Field(16, gt=0, le=3600, description="seconds")
+    min_gap_s: float = Field(0, ge=-3600, le=3600, description="seconds between two clips of a video; negative: they may overlap by that much")
+    max_pairs_per_video: int = Field(0, ge=0, description="pairs of one video, 0 for all")
+
+    @field_validator("include", "exclude")
+    @classmethod
+    def _words(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if any(not phrase.strip() for phrase in value):
+            raise ValueError("holds an empty phrase")
+        return value
+
+    @field_validator("keyword_files")
+    @classmethod
+    def _beside(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for name in value:
+            if not name.endswith(".tsv") or name.startswith("/") or ".." in name.split("/"):
+                raise ValueError(f"names {name!r}; it must be a .tsv file in the profile's folder")
+        return value
+
+    @model_validator(mode="after")
+    def _ranges(self) -> Pairs:
+        if self.min_tokens > self.max_tokens:
+            raise ValueError("min_tokens is above max_tokens")
+        if self.min_clip_s > self.max_clip_s:
+            raise ValueError("min_clip_s is above max_clip_s")
+        if not (self.keyword_files or self.include):
+            raise ValueError("names neither keyword_files nor include: there is nothing to match")
+        return self

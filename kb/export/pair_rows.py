@@ -1,0 +1,37 @@
+"""Pairs in the order of videos and clips, for the layouts made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any
+
+from kb.core.errors import FatalError
+from kb.export.parquet import clean_parts
+from kb.schema.tables import table
+from kb.store.merge import Merge
+from kb.store.shards import order
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+
+
+def pair_rows(run: Run, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """Rows of pairs/ one by one, sorted by video and clip. Raises FatalError when there is no index."""
+    declared = table("pairs/pairs")
+    parts = clean_parts(run.root, declared)
+    if not parts:
+        raise FatalError(f"nothing to export: {run.root / 'pairs'} has no index", hint="run `kb pairs` first")
+    merge = Merge(parts, order(declared), list(columns))
+    try:
+        for rows in merge:
+            yield from rows.to_pylist()
+    finally:
+        merge.close()
+
+
+def by_video(run: Run, columns: Sequence[str]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """The rows of each video."""
+    for video, rows in groupby(pair_rows(run, ["video_id", *columns]), key=itemgetter("video_id")):
+        yield video, list(rows)

@@ -1,0 +1,180 @@
+"""Every transcript of clean/youtube → pairs/*.parquet.
+
+Transcripts are worked on in stretches of a file; what a stretch gave is kept under `state/pairs/`
+until all are done, so that a run that was stopped goes on. The stretches are merged into globally
+sorted files, which therefore don't depend on how the work was cut, on workers or on the engine.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import Counter
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from kb.core.engine import make_executor, map_in_order
+from kb.core.errors import LimitReached
+from kb.core.profile.pairs import Pairs
+from kb.core.verdict import Summary
+from kb.pairs import keywords as lists
+from kb.pairs import source
+from kb.pairs.index import Counts, Tools, make_tools, pairs_of
+from kb.store.atomic import replacing_folder, write_text
+from kb.store.lock import writer
+from kb.store.shards import ShardWriter, sorted_shards, write_table
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+
+_RULES = "2"  # raised when the same input gives other rows
+_STRETCH = 4096  # transcripts: some seconds of work
+SUMMARY = "summary.json"
+_TOTALS = ("videos", "words", "matches", "ambiguous", "ambiguous_alone", "excluded", "outside", "pairs")
+
+
+def build(run: Run) -> Summary:
+    """Make the pairs that are not made yet. The same input gives the same bytes.
+
+    Raises ProfileError, MissingExtra, FatalError without transcripts, LimitReached, Interrupted.
+    """
+    section = run.profile.section("pairs")
+    keywords = lists.load(run.profile)
+    make_tools(section, run.seed, keywords)  # what is missing is said before anything is written
+    plan = json.dumps({"section": section.model_dump(mode="json"), "seed": run.seed, "keywords": _plain(keywords)}, sort_keys=True)
+    with writer(run.root, "pairs"):
+        mark = source.fingerprint(run.root, _RULES, plan)
+        known = read_summary(run.root)
+        if known.get("fingerprint") == mark and known.get("complete") and not run.again:
+            run.progress.say("pairs are made of all transcripts; nothing is new")
+            return _summary(known, run.root)
+        work = run.root / "state" / "pairs" / mark
+        if run.again:
+            shutil.rmtree(work, ignore_errors=True)
+        for other in (run.root / "state" / "pairs").glob("*"):  # of other transcripts or rules
+            if other != work:
+                shutil.rmtree(other, ignore_errors=True)
+        write_text(work / "plan.json", plan)
+        complete = _work(run, work)
+        counts = _finish(run, work, mark, complete)
+        if complete:
+            shutil.rmtree(work)
+    summary = _summary(counts, run.root)
+    if not complete:
+        error = LimitReached(f"--limit {run.limit} transcripts are done")
+        error.summary = summary
+        raise error
+    return summary
+
+
+def read_summary(root: Path) -> dict[str, Any]:
+    """What the last run left beside the pairs; empty when there was none."""
+    try:
+        return dict(json.loads((root / "pairs" / SUMMARY).read_text()))
+    except (OSError, ValueError):
+        return {}
+
+
+class Stretch(NamedTuple):
+    """Rows `first` up to `after` of a file of transcripts."""
+
+    path: Path
+    first: int
+    after: int
+
+    @property
+    def name(self) -> str:
+        return f"{self.path.stem}.{self.first:09d}-{self.after:09d}"
+
+
+def _work(run: Run, work: Path) -> bool:
+    """Do what is left, up to the limit; whether all is done."""
+    todo, complete = _todo(run, work)
+    task = run.progress.task("pairs", total=sum(one.after - one.first for one in todo), unit="transcripts")
+    pairs = words = 0
+    try:
+        with make_executor(run.engine, run.workers, run.scheduler) as executor:
+            arguments = ((str(work), str(one.path), one.first, one.after, one.name) for one in todo)
+            for videos, more_words, more in map_in_order(executor, do_stretch, arguments, window=2 * run.workers):
+                pairs, words = pairs + more, words + more_words
+                task.advance(videos, words=f"{words:,}", pairs=f"{pairs:,}")
+    finally:
+        task.close()
+    return complete
+
+
+def _todo(run: Run, work: Path) -> tuple[list[Stretch], bool]:
+    """Stretches that are not done, no more than the limit, and whether they are all."""
+    done: dict[str, int] = {}
+    for path in work.glob("*.parquet"):
+        stem, _, span = path.stem.rpartition(".")
+        done[stem] = max(done.get(stem, 0), int(span.partition("-")[2]))
+    left = run.limit
+    todo: list[Stretch] = []
+    for path in source.parts(run.root):
+        first, total = done.get(path.stem, 0), source.rows(path)
+        while first < total:
+            if left == 0:
+                return todo, False
+            after = min(first + _STRETCH, total, *([first + left] if left is not None else []))
+            todo.append(Stretch(path, first, after))
+            left = left - (after - first) if left is not None else None
+            first = after
+    return todo, True
+
+
+def do_stretch(work: str, path: str, first: int, after: int, name: str) -> tuple[int, int, int]:
+    """One task: make the pairs of a stretch; how many transcripts, words and pairs. Counts are written before rows."""
+    import pyarrow as pa
+
+    tools, counts, tables = _tools(f"{work}/plan.json"), Counts(), []
+    for text in source.texts(Path(path), first, after):
+        rows, more = pairs_of(text, tools)
+        counts.add(more)
+        tables.append(rows)
+    write_text(Path(work, f"{name}.json"), json.dumps({"totals": counts.totals, "keywords": counts.keywords}))
+    out = Path(work, f"{name}.parquet")
+    if tables:
+        write_table(out, pa.concat_tables(tables), "pairs/pairs")
+    else:
+        with ShardWriter(out, "pairs/pairs", in_order=True):
+            pass
+    return counts.totals["videos"], counts.totals["words"], counts.totals["pairs"]
+
+
+@lru_cache(maxsize=2)
+def _tools(plan: str) -> Tools:
+    """Automaton and tokenizer of a plan, made once in each worker."""
+    data = json.loads(Path(plan).read_text())
+    every = tuple(lists.Keyword(name, kind, reach) for name, kind, reach in data["keywords"]["every"])
+    keywords = lists.Keywords(every, tuple(data["keywords"]["phrases"]), tuple(data["keywords"]["of"]))
+    return make_tools(Pairs(**data["section"]), data["seed"], keywords)
+
+
+def _plain(keywords: lists.Keywords) -> dict[str, Any]:
+    return {"every": [[one.name, one.kind, one.reach] for one in keywords.every], "phrases": keywords.phrases, "of": keywords.of}
+
+
+def _finish(run: Run, work: Path, mark: str, complete: bool) -> dict[str, Any]:
+    """Merge what is done into pairs/, with the counts beside it."""
+    counts = Counts()
+    for path in sorted(work.glob("*.parquet")):
+        data = json.loads(path.with_suffix(".json").read_text())
+        counts.add(Counts(Counter(data["totals"]), {name: Counter(hits) for name, hits in data["keywords"].items()}))
+    known: dict[str, Any] = {"fingerprint": mark, "complete": complete}
+    known |= {name: counts.totals[name] for name in _TOTALS}
+    known["keywords"] = {name: dict(sorted(hits.items())) for name, hits in _by_hits(counts)}
+    with replacing_folder(run.root / "pairs") as fresh:
+        sorted_shards(sorted(work.glob("*.parquet")), fresh, "pairs/pairs", rows_per_shard=run.profile.release.rows_per_shard, released=False)
+        write_text(fresh / SUMMARY, json.dumps(known, indent=1, ensure_ascii=False) + "\n")
+    return known
+
+
+def _by_hits(counts: Counts) -> Iterator[tuple[str, Counter[str]]]:
+    yield from sorted(counts.keywords.items(), key=lambda item: (-item[1]["matches"], item[0]))
+
+
+def _summary(known: dict[str, Any], root: Path) -> Summary:
+    return Summary({name: known[name] for name in _TOTALS}, keywords_found=len(known["keywords"]), path=str(root / "pairs"))

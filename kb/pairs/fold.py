@@ -1,0 +1,96 @@
+"""Evens out case, punctuation and spaces of UTF-8 text, and knows where each byte came from.
+
+A word is a run of letters, digits and combining marks; everything else separates words. Invisible
+characters (soft hyphen, joiners, variation selectors) vanish. Scripts that don't write spaces form
+long words; a keyword is found in them only where something separates it.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+
+WALL = 0xFF  # between texts: no byte of UTF-8, so no phrase reaches across
+_GONE = 0x00
+
+# ASCII: letters to lower case, digits kept, all else to a space. Bytes of longer characters stay for now.
+ASCII = bytes(
+    byte if byte >= 0x80 else ord(chr(byte).lower()) if chr(byte).isalnum() else 0x20 for byte in range(256)
+)
+
+
+@lru_cache(maxsize=65_536)
+def character(char: str) -> bytes:
+    """What one character beyond ASCII becomes, in as many bytes as it had."""
+    size = len(char.encode())
+    kind = unicodedata.category(char)
+    if (kind == "Cf" and char != "\u200b") or "\ufe00" <= char <= "\ufe0f":
+        return bytes([_GONE]) * size
+    if kind[0] not in "LNM":
+        return b" " * size
+    for folded in (char.casefold(), char.lower(), char.casefold()[:1]):
+        if len(folded.encode()) <= size and all(part.isalnum() or unicodedata.category(part)[0] == "M" for part in folded):
+            return folded.encode().ljust(size, bytes([_GONE]))
+    return char.encode()
+
+
+def phrase(text: str) -> str:
+    """A keyword as it stands in folded text: its words, with one space between them."""
+    out = b"".join(bytes([ASCII[ord(char)]]) if ord(char) < 0x80 else character(char) for char in text)
+    return " ".join(out.replace(bytes([_GONE]), b"").decode().split())
+
+
+class Folded:
+    """Folded bytes of a buffer that begins and ends with a space. `origin` maps positions back."""
+
+    def __init__(self, raw: bytes) -> None:
+        import numpy as np
+
+        data = raw.translate(ASCII)
+        codes = np.frombuffer(data, np.uint8)
+        wide = np.flatnonzero(codes >= 0xC2)
+        wide = wide[codes[wide] != WALL]
+        if len(wide):
+            codes = _fold_wide(codes.copy(), wide)
+        space = codes == 0x20
+        drop = np.zeros(len(codes), bool)
+        if len(wide):
+            gone = codes == _GONE
+            if gone.any():  # what vanishes must not part a run of spaces
+                kept = np.flatnonzero(~gone)
+                drop[kept[1:]] = space[kept[1:]] & space[kept[:-1]]
+                drop |= gone
+            else:
+                np.logical_and(space[1:], space[:-1], out=drop[1:])
+        else:
+            np.logical_and(space[1:], space[:-1], out=drop[1:])
+        dropped = np.flatnonzero(drop)
+        self._before = dropped - np.arange(len(dropped))  # place of each dropped byte in the folded text
+        self.bytes: bytes = codes[~drop].tobytes() if len(dropped) else (codes.tobytes() if len(wide) else data)
+
+    def origin(self, positions: np.ndarray) -> np.ndarray:
+        """Positions in the buffer of positions in `bytes`."""
+        import numpy as np
+
+        return positions + np.searchsorted(self._before, positions, "right")
+
+
+def _fold_wide(codes: np.ndarray, leads: np.ndarray) -> np.ndarray:
+    """Fold characters of two to four bytes in place, each different one once."""
+    import numpy as np
+
+    first = codes[leads]
+    size = np.where(first >= 0xF0, 4, np.where(first >= 0xE0, 3, 2))
+    for length in (2, 3, 4):
+        at = leads[size == length]
+        if not len(at):
+            continue
+        places = at[:, None] + np.arange(length)
+        seen, which = np.unique(np.ascontiguousarray(codes[places]).view(f"V{length}").ravel(), return_inverse=True)
+        new = np.frombuffer(b"".join(character(bytes(one).decode("utf-8", "replace")[:1]) for one in seen.tolist()), np.uint8)
+        codes[places] = new.reshape(-1, length)[which]
+    return codes

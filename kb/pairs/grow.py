@@ -1,0 +1,100 @@
+"""The text around a match, grown word by word on both sides to a drawn number of CLIP tokens.
+
+A share of the tokens that are left is drawn for the left side; the right side takes the rest, and
+each gives the other what its end of the transcript can't use. A text has at least `low` tokens
+where its transcript has them and never more than `high`: it ends inside a word only where a word
+alone is longer than that (text without spaces, addresses).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from kb.pairs.tokens import ENDS, Tokens
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from kb.pairs.text import Text
+
+
+class Grown(NamedTuple):
+    """Texts: first byte, byte after the last (white space may be before it), tokens with both ends."""
+
+    start: np.ndarray
+    end: np.ndarray
+    tokens: np.ndarray
+
+
+def grow(
+    text: Text, counter: Tokens, start: np.ndarray, end: np.ndarray, video: np.ndarray, *,
+    goal: np.ndarray, side: np.ndarray, low: int, high: int,
+) -> Grown:
+    """`start` and `end`: the phrase's bytes; `goal`: tokens drawn; `side`: tokens out of `goal` for the left, at most."""
+    import numpy as np
+
+    first, after = text.word_of(start), text.word_of(end - 1) + 1
+    begin, stop = text.first_word(video), text.last_word(video)
+    least, most = np.maximum(begin, first - high), np.minimum(stop, after + high)
+    counts = counter.of_words(text.spaced, text.words, _within(least, most, len(text.words)))
+    total = np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
+    goal = goal - ENDS
+    own = total[after] - total[first]
+    a = np.maximum(np.searchsorted(total, total[first] - np.minimum(side, np.maximum(goal - own, 0)), "left"), least)
+    a = np.minimum(a, first)
+    b = np.clip(np.searchsorted(total, total[a] + goal, "left"), after, most)
+    b -= (total[b] - total[a] > high - ENDS) & (b > after)
+    short = total[b] - total[a] < goal  # the right side has ended: more from the left
+    further = np.clip(np.searchsorted(total, total[b] - goal, "right") - 1, least, a)
+    further += (total[b] - total[further] > high - ENDS) & (further < a)
+    a = np.where(short, further, a)
+    tokens = total[b] - total[a] + ENDS
+    grown = Grown(text.words[a], np.append(text.words, len(text.raw))[b], tokens)
+    hard = (tokens > high) | ((tokens < low) & ((a > begin) | (b < stop)))
+    for one in np.flatnonzero(hard).tolist():
+        begins = (int(start[one]), int(end[one])) if tokens[one] > high else (int(grown.start[one]), int(grown.end[one]))
+        bounds = (int(text.video_at[video[one]]), int(text.video_end[video[one]]))
+        grown.start[one], grown.end[one], grown.tokens[one] = _cut(
+            text, counter, begins, bounds, goal=max(low, int(goal[one]) + ENDS), high=high)
+    return grown
+
+
+def _within(low: np.ndarray, high: np.ndarray, size: int) -> np.ndarray:
+    """A mask of what lies in any of the ranges."""
+    import numpy as np
+
+    edges = np.bincount(low, minlength=size + 1) - np.bincount(high, minlength=size + 1)
+    return np.cumsum(edges)[:size] > 0
+
+
+def _cut(
+    text: Text, counter: Tokens, begins: tuple[int, int], bounds: tuple[int, int], *, goal: int, high: int,
+) -> tuple[int, int, int]:
+    """The rare text beside words too long to take whole: grown on, character by character, right and then left."""
+    start, end = begins
+    low, top = bounds
+
+    def size(begin: int, finish: int) -> int:
+        return counter.count(text.spaced[begin:finish].tobytes().decode("utf-8", "replace")) + ENDS
+
+    def inside(place: int) -> bool:
+        return low < place < top and bool(text.spaced[place] & 0xC0 == 0x80)
+
+    tokens = size(start, end)
+    while tokens < goal and end < top:
+        place = end + 1
+        while inside(place):
+            place += 1
+        more = size(start, place)
+        if more > high:
+            break
+        end, tokens = place, more
+    while tokens < goal and start > low:
+        place = start - 1
+        while inside(place):
+            place -= 1
+        more = size(place, end)
+        if more > high:
+            break
+        start, tokens = place, more
+    return start, end, tokens

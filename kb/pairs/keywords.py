@@ -1,0 +1,142 @@
+"""The profile's keywords: forms, kinds, and rules for everyday words.
+
+A list is a tab-separated file with the columns `keyword`, `kind`, `rule`, `forms`; lines that begin
+with # are comments. Plural and joined forms follow by rule (kb.pairs.forms); `forms` adds others,
+separated by commas. A rule says what an everyday word ("bed", "chest") needs to count:
+
+    near       an unmistakable keyword within the profile's `near_words`
+    near:30    the same within 30 words
+    never      nothing helps: the word is counted, and makes no pair
+
+Of equal forms a keyword's own name wins over forms that follow by rule, then the earlier line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kb.core.errors import ProfileError
+from kb.pairs.fold import phrase
+from kb.pairs.forms import forms
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from kb.core.profile import Profile
+
+COLUMNS = ("keyword", "kind", "rule", "forms")
+NEVER = -1
+EXCLUDED = -1
+_LONGEST = 64  # characters of a phrase, so that it always fits in a text
+
+
+@dataclass(frozen=True)
+class Keyword:
+    """`reach`: words around it in which it needs an unmistakable keyword; None: it needs none; NEVER: it makes no pair."""
+
+    name: str
+    kind: str
+    reach: int | None = None
+    more: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Keywords:
+    """Keywords and the folded phrases that stand for them; `of` gives a phrase's keyword or EXCLUDED."""
+
+    every: tuple[Keyword, ...]
+    phrases: tuple[str, ...]
+    of: tuple[int, ...]
+
+    @cached_property
+    def certain(self) -> np.ndarray:
+        """Which keywords need no other."""
+        import numpy as np
+
+        return np.asarray([keyword.reach is None for keyword in self.every], bool)
+
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """Words within which the others need a certain one; NEVER for those that no other helps."""
+        import numpy as np
+
+        return np.asarray([keyword.reach or 0 for keyword in self.every], np.int64)
+
+    @cached_property
+    def owner(self) -> np.ndarray:
+        """`of` as an array."""
+        import numpy as np
+
+        return np.asarray(self.of, np.int64)
+
+
+def load(profile: Profile) -> Keywords:
+    """The keywords of [pairs]. Raises ProfileError naming the file and line."""
+    section = profile.section("pairs")
+    listed = [one for name in section.keyword_files for one in read(profile.beside(name), section.near_words)]
+    listed += [Keyword(" ".join(text.split()), "phrase") for text in section.include]
+    return make(listed, section.exclude, f"profile {profile.path}")
+
+
+def make(listed: list[Keyword], exclude: tuple[str, ...] | list[str] = (), where: str = "the list") -> Keywords:
+    """Keywords with all their forms. Raises ProfileError when a name has no word or there are none."""
+    every: dict[str, Keyword] = {}
+    for keyword in listed:
+        folded = phrase(keyword.name)
+        if not folded or len(folded) > _LONGEST:
+            raise ProfileError(f"{where}: the keyword {keyword.name!r} has {'no word' if not folded else 'too many letters'}")
+        every.setdefault(folded, keyword)
+    banned = {form for text in exclude for form in forms(phrase(text)) if form}
+    names = [name for name in every if name not in banned]
+    known = {word for name in names for word in name.split(" ")}
+    owner: dict[str, int] = {name: index for index, name in enumerate(names)}
+    for index, name in enumerate(names):
+        for extra in every[name].more:
+            owner.setdefault(phrase(extra), index)
+    for index, name in enumerate(names):
+        for form in sorted(forms(name, known)):
+            owner.setdefault(form, index)
+    owner.pop("", None)
+    owner.update(dict.fromkeys(banned, EXCLUDED))
+    if not names:
+        raise ProfileError(f"{where}: there is no keyword to match")
+    ordered = sorted(owner)
+    return Keywords(tuple(every[name] for name in names), tuple(ordered), tuple(owner[form] for form in ordered))
+
+
+def read(path: Path, near_words: int) -> list[Keyword]:
+    """One keyword file. Raises ProfileError."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ProfileError(f"the keyword list {path} can't be read: {error}") from None
+    found, header = [], False
+    for number, line in enumerate(lines, start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        cells = [cell.strip() for cell in line.split("\t")]
+        if not header:
+            if tuple(cells) != COLUMNS:
+                raise ProfileError(f"{path}:{number}: the first line must read {', '.join(COLUMNS)}, separated by tabs")
+            header = True
+            continue
+        if not 2 <= len(cells) <= 4 or not cells[0] or not cells[1]:
+            raise ProfileError(f"{path}:{number}: a line has a keyword, a kind, perhaps a rule and forms, separated by tabs")
+        cells += [""] * (4 - len(cells))
+        more = tuple(form.strip() for form in cells[3].split(",") if form.strip())
+        found.append(Keyword(cells[0], cells[1], _rule(cells[2], near_words, f"{path}:{number}"), more))
+    return found
+
+
+def _rule(text: str, near_words: int, where: str) -> int | None:
+    name, _, number = text.partition(":")
+    if not text:
+        return None
+    if name == "near" and (not number or number.isdigit() and int(number) > 0):
+        return int(number) if number else near_words
+    if text == "never":
+        return NEVER
+    raise ProfileError(f"{where}: the rule is {text!r}; known: near, near:WORDS, never, or nothing")

@@ -1,0 +1,102 @@
+"""`kb pairs --from-index`: a released index and one's own transcripts → pairs/*.parquet with text.
+
+A text is cut out of the transcript by its released character positions and taken when it has the
+released number of tokens; another transcript (edited since, another language) gives none.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kb.core import signals
+from kb.core.errors import DamagedData, SettingError
+from kb.core.verdict import Summary
+from kb.pairs import source
+from kb.pairs.build import SUMMARY
+from kb.pairs.tokens import ENDS, Tokens
+from kb.store.atomic import replacing_folder, write_text
+from kb.store.lock import writer
+from kb.store.shards import sorted_shards, write_table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from kb.core.context import Run
+    from kb.pairs.text import Text
+
+
+def refill(run: Run, index: Path) -> Summary:
+    """Write pairs/ with the index's rows; `text` is null where it can't be had, and counted.
+
+    `index` is a released Parquet file or its folder. Holds the index in memory, transcripts a batch
+    at a time. Raises SettingError, DamagedData, FatalError without transcripts.
+    """
+    rows = _read(index)
+    counter = Tokens()
+    places: dict[str, list[int]] = {}
+    for row, video in enumerate(rows["video_id"].to_pylist()):
+        places.setdefault(video, []).append(row)
+    texts: list[str | None] = [None] * rows.num_rows
+    starts, ends, tokens = (rows[name].to_pylist() for name in ("text_start_char", "text_end_char", "token_count"))
+    found = differing = 0
+    files = source.parts(run.root)
+    task = run.progress.task("fill pairs", total=sum(source.rows(path) for path in files), unit="transcripts")
+    with writer(run.root, "pairs"):
+        for path in files:
+            for batch in source.texts(path):
+                signals.stop.check()
+                for video, whole in _wanted(batch, places):
+                    for row in places[video]:
+                        text = " ".join(whole[starts[row]:ends[row]].split())
+                        if counter.count(text) + ENDS == tokens[row]:
+                            texts[row] = text
+                            found += 1
+                        else:
+                            differing += 1
+                task.advance(len(batch), filled=found)
+        task.close()
+        _write(run, rows, texts)
+    return Summary(pairs=rows.num_rows, filled=found, differing=differing, missing=rows.num_rows - found - differing, path=str(run.root / "pairs"))
+
+
+def _read(index: Path) -> pa.Table:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from kb.schema.conform import conform
+    from kb.schema.tables import table
+
+    files = sorted(index.glob("pairs-*.parquet")) if index.is_dir() else [index]
+    if not files or not all(file.is_file() for file in files):
+        raise SettingError(f"--from-index: there is no index at {index}", hint="give a released pairs-*.parquet or its folder")
+    names = table("pairs/pairs").names(released=True)
+    try:
+        schemas = [pq.read_schema(file) for file in files]
+        lacking = [name for name in names if any(name not in schema.names for schema in schemas)]
+        if lacking:
+            raise SettingError(f"--from-index: {index} is no index of pairs, it has no column {lacking[0]!r}")
+        rows = pa.concat_tables(pq.read_table(file, columns=names, partitioning=None) for file in files)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise DamagedData(f"the index {index} can't be read: {str(error).splitlines()[0]}") from None
+    return conform("pairs/pairs", rows, released=True)
+
+
+def _wanted(batch: Text, places: dict[str, list[int]]) -> list[tuple[str, str]]:
+    """Ids and whole texts of the transcripts that the index names."""
+    return [
+        (video, batch.raw[batch.video_at[row]:batch.video_end[row]].decode("utf-8", "replace"))
+        for row, video in enumerate(batch.ids.to_pylist()) if video in places
+    ]
+
+
+def _write(run: Run, rows: pa.Table, texts: list[str | None]) -> None:
+    import pyarrow as pa
+
+    with replacing_folder(run.root / "pairs") as fresh:
+        part = fresh / ".filled.parquet"
+        write_table(part, rows.append_column("text", pa.array(texts, pa.string())), "pairs/pairs")
+        sorted_shards([part], fresh, "pairs/pairs", rows_per_shard=run.profile.release.rows_per_shard, released=False)
+        part.unlink()
+        write_text(fresh / SUMMARY, json.dumps({"fingerprint": "index", "complete": False}) + "\n")

@@ -1,0 +1,206 @@
+"""Transcripts of a batch as one run of bytes, with the place and time of every cue.
+
+A transcript's text is its cues in order of their start, with one space between two. Positions in
+it are characters; inside a batch they are bytes. Times are whole milliseconds.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from kb.pairs.fold import WALL
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pyarrow as pa
+
+_WALL = b" " + bytes([WALL]) + b" "
+_SPACES = bytes(0x20 if byte in b" \t\n\v\f\r\x1c\x1d\x1e\x1f" else byte for byte in range(256))
+# Spaces beyond ASCII, as str.split() sees them
+_WIDE_SPACES = "\x85\xa0\u1680\u2000\u2001\u2002\u2003\u2004\u2005\u2006\u2007\u2008\u2009\u200a\u2028\u2029\u202f\u205f\u3000"
+_FAR = 1e9  # seconds; times beyond it are no times
+
+
+class Text:
+    """A batch of transcripts.
+
+    `raw` begins and ends with a space. Arrays a cue: `cue_at` (first byte; a last one more for the end),
+    `cue_start`, `cue_end` (ms), `cue_video`; arrays a video: `video_at`, `video_end` (bytes),
+    `length` (ms), and Arrow columns `ids`, `kinds`.
+    """
+
+    def __init__(self, transcripts: pa.Table, lengths: pa.Array | None = None) -> None:
+        """`transcripts` has the columns of youtube/transcripts; `lengths` the videos' seconds, null when unknown."""
+        import numpy as np
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        transcripts = transcripts.combine_chunks()
+        self.ids, self.kinds = _column(transcripts, "video_id"), _column(transcripts, "kind")
+        cues = _column(transcripts, "cues")
+        videos = len(cues)
+        counts = np.asarray(pc.fill_null(pc.list_value_length(cues), 0)).astype(np.int64)
+        cells = cues.flatten()
+        texts = pc.fill_null(pc.struct_field(cells, "text"), "").cast(pa.large_binary())
+        start, last = _seconds(cells, "start_s"), _seconds(cells, "duration_s")
+        video = np.repeat(np.arange(videos), counts)
+        if len(start) > 1 and ((start[1:] < start[:-1]) & (video[1:] == video[:-1])).any():
+            order = np.lexsort((np.arange(len(start)), start, video))
+            texts, start, last = texts.take(pa.array(order)), start[order], last[order]
+        self.cue_video = video
+        self._times(start, last, lengths)
+        self._places(texts, counts)
+
+    def _times(self, start: np.ndarray, last: np.ndarray, lengths: pa.Array | None) -> None:
+        """A cue of an automatic track is over when the next begins; nothing lasts longer than its video."""
+        import numpy as np
+
+        end = start + np.maximum(last, 0)
+        video, videos = self.cue_video, len(self.ids)
+        if len(start) > 1:
+            automatic = ~np.asarray([kind == "manual" for kind in self.kinds.to_pylist()], bool)
+            follows = np.flatnonzero((video[1:] == video[:-1]) & automatic[video[1:]])
+            end[follows] = np.minimum(end[follows], start[follows + 1])
+        spoken = np.zeros(videos, np.int64)
+        np.maximum.at(spoken, video, end)
+        length = spoken
+        if lengths is not None:
+            given = np.asarray(lengths.cast("float64").fill_null(0).to_numpy(zero_copy_only=False))
+            given = np.where(np.isfinite(given) & (given > 0) & (given < _FAR), given, 0)
+            length = np.where(given > 0, np.floor(given * 1000 + 1e-6).astype(np.int64), spoken)
+        self.length = length
+        limit = length[video]
+        self.beyond = start >= limit  # cues that begin when the video is over
+        self.cue_start, self.cue_end = np.minimum(start, limit), np.minimum(end, limit)
+
+    def _places(self, texts: pa.Array, counts: np.ndarray) -> None:
+        """Join cues by a space and transcripts by a wall, and note where each begins."""
+        import numpy as np
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        videos = len(counts)
+        sizes = np.asarray(pc.binary_length(texts)).astype(np.int64)
+        starts = np.concatenate(([0], np.cumsum(counts)))
+        byte_ends = np.concatenate(([0], np.cumsum(sizes)))
+        spoken = byte_ends[starts[1:]] - byte_ends[starts[:-1]] + np.maximum(counts - 1, 0)
+        self.video_at = 1 + np.concatenate(([0], np.cumsum(spoken + len(_WALL))))[:videos]
+        self.video_end = self.video_at + spoken
+        within = byte_ends[:-1] + np.arange(len(sizes))
+        first = np.minimum(starts[:-1], max(len(within) - 1, 0))
+        base = within[first] if len(within) else np.zeros(videos, np.int64)
+        self.cue_at = self.video_at[self.cue_video] + within - np.repeat(base, counts)
+        self.cue_size = sizes
+        together = pc.binary_join(pa.LargeListArray.from_arrays(pa.array(starts), texts), pa.scalar(b" ", pa.large_binary()))
+        whole = pc.binary_join(pa.LargeListArray.from_arrays([0, videos], together), pa.scalar(_WALL, pa.large_binary()))
+        self.raw: bytes = b" " + (whole[0].as_py() if videos else b"") + b" "
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def cue_of(self, places: np.ndarray) -> np.ndarray:
+        """The cue that holds each byte."""
+        import numpy as np
+
+        return np.searchsorted(self.cue_at, places, "right") - 1
+
+    def video_of(self, places: np.ndarray) -> np.ndarray:
+        """The video that holds each byte."""
+        import numpy as np
+
+        return np.searchsorted(self.video_at, places, "right") - 1
+
+    @cached_property
+    def spaced(self) -> np.ndarray:
+        """The bytes, with every kind of white space as plain spaces."""
+        import numpy as np
+
+        codes = np.frombuffer(self.raw.translate(_SPACES), np.uint8)
+        if not self._wide:
+            return codes
+        data = codes.tobytes()
+        for char in _WIDE_SPACES:
+            data = data.replace(char.encode(), b" " * len(char.encode()))
+        return np.frombuffer(data, np.uint8)
+
+    @cached_property
+    def _wide(self) -> bool:
+        """Whether there is a character beyond ASCII."""
+        import numpy as np
+
+        return bool(len(self._inner) or (np.frombuffer(self.raw, np.uint8) >= 0x80).sum() > max(len(self) - 1, 0))
+
+    @cached_property
+    def _inner(self) -> np.ndarray:
+        """Where bytes are that continue a character."""
+        import numpy as np
+
+        return np.flatnonzero((np.frombuffer(self.raw, np.uint8) & 0xC0) == 0x80)
+
+    def characters(self, places: np.ndarray, videos: np.ndarray) -> np.ndarray:
+        """Bytes of the batch as characters of their transcript's text."""
+        import numpy as np
+
+        begin = self.video_at[videos]
+        if not len(self._inner):
+            return places - begin
+        return places - begin - (np.searchsorted(self._inner, places) - np.searchsorted(self._inner, begin))
+
+    @cached_property
+    def words(self) -> np.ndarray:
+        """First byte of each word (walls between transcripts are among them)."""
+        import numpy as np
+
+        space = self.spaced == 0x20
+        return np.flatnonzero(space[:-1] & ~space[1:]) + 1
+
+    def word_of(self, places: np.ndarray) -> np.ndarray:
+        """The word that holds each byte."""
+        import numpy as np
+
+        return np.searchsorted(self.words, places, "right") - 1
+
+    def time_of(self, words: np.ndarray, *, after: bool = False) -> np.ndarray:
+        """When words begin (or end, with `after`), in ms: a cue's time is shared out evenly among its words."""
+        import numpy as np
+
+        cue = self.cue_of(self.words[words])
+        first = np.searchsorted(self.words, self.cue_at[cue])
+        count = np.searchsorted(self.words, self.cue_at[cue] + self.cue_size[cue]) - first
+        span = self.cue_end[cue] - self.cue_start[cue]
+        return self.cue_start[cue] + span * np.minimum(words - first + after, count) // np.maximum(count, 1)
+
+    def first_word(self, videos: np.ndarray) -> np.ndarray:
+        """The first word of each video."""
+        import numpy as np
+
+        return np.searchsorted(self.words, self.video_at[videos])
+
+    def last_word(self, videos: np.ndarray) -> np.ndarray:
+        """One past the last word of each video."""
+        import numpy as np
+
+        return np.searchsorted(self.words, self.video_end[videos])
+
+    @property
+    def word_count(self) -> int:
+        """Words of all transcripts."""
+        return max(0, len(self.words) - max(len(self) - 1, 0))
+
+
+def _column(rows: pa.Table, name: str) -> pa.Array:
+    import pyarrow as pa
+
+    column = rows.column(name)
+    return column.chunk(0) if column.num_chunks else pa.array([], column.type)
+
+
+def _seconds(cells: pa.Array, name: str) -> np.ndarray:
+    """A field of cues in ms; what is no time (null, NaN, infinite) counts as 0."""
+    import numpy as np
+    import pyarrow.compute as pc
+
+    values = pc.struct_field(cells, name).cast("float64").fill_null(0).to_numpy(zero_copy_only=False)
+    values = np.where(np.isfinite(values) & (np.abs(values) < _FAR), values, 0)
+    return np.rint(np.maximum(values, 0) * 1000).astype(np.int64)

@@ -1,0 +1,60 @@
+"""CLIP tokens of words. A text's tokens are those of its words, as CLIP's pattern never crosses white space.
+
+Source: Radford et al., "Learning Transferable Visual Models From Natural Language Supervision"
+(2021); the vocabulary ships with instant-clip-tokenizer.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kb.core.errors import MissingExtra
+
+if TYPE_CHECKING:
+    import numpy as np
+
+ENDS = 2  # start and end token, counted in every text
+_MOST_KNOWN = 1_000_000  # words remembered; rare ones beyond are counted anew
+
+
+class Tokens:
+    """Counts tokens and remembers the count of every word."""
+
+    def __init__(self) -> None:
+        try:
+            from instant_clip_tokenizer import Tokenizer
+        except ImportError:
+            raise MissingExtra("pairs need the package instant-clip-tokenizer", hint="install lorebase[pairs]") from None
+        self._encode = Tokenizer().encode
+        self._known: dict[bytes, int] = {}
+
+    def count(self, text: str) -> int:
+        """Tokens of a text without the two ends."""
+        return len(self._encode(text))
+
+    def of_words(self, codes: np.ndarray, words: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Tokens of each wanted word, 0 of the others.
+
+        `codes` are the text's bytes, `words` where each word begins (the last one ends with the
+        bytes), `wanted` a mask over words.
+        """
+        import numpy as np
+        import pyarrow as pa
+
+        offsets = np.append(words, len(codes))
+        kind, width = (pa.binary(), np.int32) if len(codes) < 2**31 else (pa.large_binary(), np.int64)
+        every = pa.Array.from_buffers(kind, len(words), [None, pa.py_buffer(offsets.astype(width)), pa.py_buffer(codes)])
+        chosen = every.filter(pa.array(wanted)).dictionary_encode()
+        different = np.fromiter((self._word(one) for one in chosen.dictionary.to_pylist()), np.int32, len(chosen.dictionary))
+        counts = np.zeros(len(words), np.int32)
+        if len(different):
+            counts[wanted] = different[np.asarray(chosen.indices)]
+        return counts
+
+    def _word(self, word: bytes) -> int:
+        count = self._known.get(word)
+        if count is None:
+            count = self.count(word.decode("utf-8", "replace"))
+            if len(self._known) < _MOST_KNOWN:
+                self._known[word] = count
+        return count

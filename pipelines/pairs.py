@@ -1,0 +1,50 @@
+"""Video-text pairs (MineDojo paper, data collection appendix, "video-text pairs"; 640K pairs there).
+
+A list of keywords is matched in the transcripts of the kept videos. The matched phrase is grown at
+random to 16–77 CLIP tokens; a moment inside the cues that hold it is the centre of a clip of
+8–16 s. What the paper leaves open is said by the profile: whole words, rules for everyday words,
+which of a video's overlapping clips are kept.
+
+    build      transcripts → pairs/*.parquet
+    release    pairs/ → release/pairs/, without text
+    layouts    pairs/ → export/<format>/
+    refill     a released index and one's own transcripts → pairs/*.parquet
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from kb.core.context import Run
+from kb.core.errors import LimitReached
+from kb.core.verdict import Summary
+
+
+def pairs(run: Run, layout: str) -> Summary:
+    """Make the pairs, then write them in the layout asked for."""
+    from kb.pairs.build import build
+
+    try:
+        made = build(run)
+    except LimitReached:
+        _write(run, layout)  # what is done so far is whole in itself
+        raise
+    return Summary(made, **_write(run, layout))
+
+
+def refill(run: Run, index: Path) -> Summary:
+    """Texts of a released index, from one's own transcripts."""
+    from kb.pairs.refill import refill
+
+    return refill(run, index)
+
+
+def _write(run: Run, layout: str) -> dict[str, object]:
+    """The release, or another layout: where it is."""
+    from kb.export import clip4mc, minedojo_pairs, parquet, video2dataset
+
+    if layout == "parquet":
+        parquet.export(run, "pairs")
+        return {"release": str(run.root / "release" / "pairs")}
+    layouts = {"minedojo": minedojo_pairs.write, "clip4mc": clip4mc.write, "video2dataset": video2dataset.write}
+    return {"format": layout, "export": str(layouts[layout](run))}
