@@ -36,12 +36,15 @@ class Wrong:
         self.value = value
 
 
-def coerce(values: Sequence[Any], kind: Type, schema: dict[str, Any]) -> tuple[pa.Array, Bad]:
-    """The column of `values` as the declared type, read as the raw field's `schema` says."""
+def coerce(values: Sequence[Any], kind: Type, schema: dict[str, Any], *, clean: bool = False) -> tuple[pa.Array, Bad]:
+    """The column of `values` as the declared type, read as the raw field's `schema` says.
+
+    `clean` is the caller's word that no text holds a NUL.
+    """
     if kind.item is not None and kind.item.fields:
         return records(values, kind)
     if kind.item is not None:
-        return lists(values, kind)
+        return lists(values, kind, clean=clean)
     if kind.text.startswith("timestamp"):
         return times(values)
     if kind.text == "bool":
@@ -52,10 +55,10 @@ def coerce(values: Sequence[Any], kind: Type, schema: dict[str, Any]) -> tuple[p
         return integers(values, types(schema))
     if kind.text.startswith("float"):
         return _each(values, kind.arrow(), _number)
-    return texts(values)
+    return texts(values, clean=clean)
 
 
-def texts(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
+def texts(values: Sequence[Any], *, clean: bool = False) -> tuple[pa.Array, Bad]:
     """Strings. NUL and lone surrogates become U+FFFD."""
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -64,7 +67,7 @@ def texts(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
         column = pa.array(values, pa.string())
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
         return _each(values, pa.string(), _text)
-    if pc.any(pc.match_substring(column, "\0")).as_py():
+    if not clean and pc.any(pc.match_substring(column, "\0")).as_py():
         return _each(values, pa.string(), _text)
     return column, []
 
@@ -138,7 +141,7 @@ def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array, Bad]:
     return _each(values, pa.bool_(), lambda value: value if native and isinstance(value, bool) else words[value])
 
 
-def lists(values: Sequence[Any], kind: Type) -> tuple[pa.Array, Bad]:
+def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array, Bad]:
     """Lists of strings; an absent one is empty."""
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -149,7 +152,7 @@ def lists(values: Sequence[Any], kind: Type) -> tuple[pa.Array, Bad]:
         if any(isinstance(value, str) for value in values):  # Arrow would take it as a list of letters
             raise pa.ArrowTypeError
         column = pa.array(values, kind.arrow())
-        if not pc.any(pc.match_substring(column.flatten(), "\0")).as_py():
+        if clean or not pc.any(pc.match_substring(column.flatten(), "\0")).as_py():
             return column, []
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
         pass

@@ -124,7 +124,7 @@ class Reader:
         found: dict[int, list[tuple[str, str, str | None]]] = {}
         for number, (column, schema) in enumerate(zip(self.columns, self._schemas, strict=True)):
             values = list(chain.from_iterable(answer.values[number] for answer in answers))
-            array, bad = coerce(values, column.parsed, schema)
+            array, bad = coerce(values, column.parsed, schema, clean=True)  # answer() saw to it
             for row, text in bad:
                 found.setdefault(row, []).append((column.name, "malformed", text))
             if self._note_absent and not column.nullable and array.null_count > len(bad):
