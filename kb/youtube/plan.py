@@ -1,0 +1,133 @@
+"""What is left of a crawl and what it costs, before anything is spent.
+
+What is not known yet (how many channels a search finds, how many videos a channel has) is taken from this
+data root as far as it was crawled, else from the assumptions below, and the plan says which.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from kb.core.context import Run
+from kb.core.verdict import Summary
+from kb.net.rate import is_loopback
+from kb.store import rawlog
+from kb.store.frontier import Frontier
+from kb.youtube import effects, quota
+from kb.youtube.crawl import PACK
+from kb.youtube.effects import CHANNELS, SEARCHES, TRANSCRIPTS, UPLOADS, VIDEOS
+from kb.youtube.ids import read_ids, share
+
+# Used only where this data root has nothing to measure.
+CHANNELS_A_PAGE = 25            # results without doubles
+VIDEOS_A_CHANNEL = 200
+WORTH_A_TRANSCRIPT = 0.6        # of videos, pass category, views, aspect ratio, duration, age
+BYTES = {effects.RAW_SEARCH: 6_000, effects.RAW_LIST: 3_000, effects.RAW_VIDEOS: 60_000, effects.RAW_TRANSCRIPTS: 12_000}     # a call or video
+REQUESTS_A_TRANSCRIPT = 3
+
+
+def plan(run: Run, ids: Path | None = None, part: tuple[int, int] | None = None) -> Summary:
+    """Units, calls, transcript hours, GB and days for what is left. Sends and writes nothing."""
+    profile = run.profile.section("youtube")
+    state = _state(run)
+    known, assumed = _measured(state)
+    left = _left_of_ids(run, ids, part, state) if ids else _left(profile, state, known)
+    calls = {"search": left["searches"], "playlist_items": left["pages"], "videos": math.ceil(left["videos"] / PACK)}
+    general = calls["playlist_items"] + calls["videos"]
+    hours = 0.0 if is_loopback(run.settings.kb_youtube_web or "") else left["transcripts"] / profile.transcripts_per_hour
+    sizes = _bytes_each(run, state)
+    size = (calls["search"] * sizes[effects.RAW_SEARCH] + calls["playlist_items"] * sizes[effects.RAW_LIST]
+            + calls["videos"] * sizes[effects.RAW_VIDEOS] + left["transcripts"] * sizes[effects.RAW_TRANSCRIPTS])
+    days = max(calls["search"] / profile.searches_per_day, general / profile.units_per_day, hours / 24)
+    return Summary(
+        channels=left["channels"], videos=left["videos"], transcripts=left["transcripts"],
+        searches=calls["search"], units=general, calls=sum(calls.values()) + left["transcripts"] * REQUESTS_A_TRANSCRIPT,
+        transcript_hours=round(hours, 1), gb=round(size / 1e9, 3), days=round(days, 2),
+        searches_left_today=max(0, profile.searches_per_day - state["spent"]["search"]),
+        units_left_today=max(0, profile.units_per_day - state["spent"]["general"]),
+        assumed=", ".join(assumed) if not ids and assumed else None,
+    )
+
+
+def _state(run: Run) -> dict[str, Any]:
+    """Counts of the frontier, as far as there is one."""
+    path = run.root / "state" / "youtube.sqlite"
+    empty: dict[str, Any] = {"kinds": {}, "spent": {"search": 0, "general": 0}, "open_searches": None, "frontier": {}}
+    if not path.is_file():
+        return empty
+    frontier = Frontier(path, readonly=True)
+    try:
+        day = quota.today()
+        return {
+            "kinds": frontier.kinds(),
+            "spent": {bucket: frontier.spent(bucket, day) for bucket in ("search", "general")},
+            "open_searches": [payload["page"] for *_, payload in frontier.items(SEARCHES, "todo", "in_progress", "error") if payload],
+            "keywords": {payload["q"] for *_, payload in frontier.items(SEARCHES) if payload},
+        }
+    finally:
+        frontier.close()
+
+
+def _measured(state: dict[str, Any]) -> tuple[dict[str, float], list[str]]:
+    """Rates that this data root shows, and the names of those that had to be assumed."""
+    def count(kind: str, *statuses: str) -> int:
+        return sum(n for status, n in state["kinds"].get(kind, {}).items() if not statuses or status in statuses)
+
+    rates, assumed = {}, []
+    for name, top, bottom, otherwise in (
+        ("channels_a_page", count(CHANNELS), count(SEARCHES, "done"), CHANNELS_A_PAGE),
+        ("videos_a_channel", count(VIDEOS), count(UPLOADS, "done", "skipped"), VIDEOS_A_CHANNEL),
+        ("worth_a_transcript", count(TRANSCRIPTS), count(VIDEOS, "done"), WORTH_A_TRANSCRIPT),
+    ):
+        rates[name] = top / bottom if bottom else otherwise
+        if not bottom:
+            assumed.append(f"{name.replace('_', ' ')} {otherwise:g}")
+    return rates, assumed
+
+
+def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[str, int]:
+    def todo(kind: str) -> int:
+        return sum(n for status, n in state["kinds"].get(kind, {}).items() if status in ("todo", "in_progress", "error"))
+
+    pages = profile.search_pages
+    if state["open_searches"] is None:
+        searches = len(profile.keywords) * pages
+    else:
+        new_words = len(set(profile.keywords) - state["keywords"])
+        searches = sum(max(0, pages - page + 1) for page in state["open_searches"]) + new_words * pages
+    channels = todo(UPLOADS) + round(searches * rates["channels_a_page"])
+    unlisted = round(channels * rates["videos_a_channel"])
+    videos = todo(VIDEOS) + unlisted
+    return {"searches": searches, "channels": channels, "pages": max(channels, math.ceil(unlisted / PACK)), "videos": videos,
+            "transcripts": todo(TRANSCRIPTS) + round(videos * rates["worth_a_transcript"])}
+
+
+def _left_of_ids(run: Run, ids: Path, part: tuple[int, int] | None, state: dict[str, Any]) -> dict[str, int]:
+    """A known list: no searches and no lists."""
+    mine = share(part)
+    wanted = {key for key in read_ids(ids)[0] if mine(key)}
+    rates, _ = _measured(state)
+    path = run.root / "state" / "youtube.sqlite"
+    pending = 0
+    if path.is_file():
+        frontier = Frontier(path, readonly=True)
+        try:
+            wanted -= {key for key, *_ in frontier.items(VIDEOS, "done")}
+            pending = frontier.counts(TRANSCRIPTS).get("todo", 0)
+        finally:
+            frontier.close()
+    return {"searches": 0, "channels": 0, "pages": 0, "videos": len(wanted),
+            "transcripts": pending + round(len(wanted) * rates["worth_a_transcript"])}
+
+
+def _bytes_each(run: Run, state: dict[str, Any]) -> dict[str, float]:
+    """Compressed bytes of one call (one video for transcripts), measured where there is something."""
+    answered = {effects.RAW_SEARCH: (SEARCHES, 1), effects.RAW_LIST: (UPLOADS, 1), effects.RAW_VIDEOS: (VIDEOS, PACK), effects.RAW_TRANSCRIPTS: (TRANSCRIPTS, 1)}
+    sizes = {}
+    for kind, (items, pack) in answered.items():
+        done = state["kinds"].get(items, {}).get("done", 0)
+        size = sum(path.stat().st_size for path in rawlog.segments(run.root, "youtube", kind))
+        sizes[kind] = size * pack / done if done and size else BYTES[kind]
+    return sizes
