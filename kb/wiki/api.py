@@ -48,17 +48,17 @@ class Api:
             yield len(answer.get("query", {}).get("allpages", []))
             going = answer.get("continue")
 
-    def details(self, number: int, *, titles: list[str] = (), ids: list[str] = ()) -> None:  # type: ignore[assignment]
+    def details(self, tag: str, *, titles: list[str] = (), ids: list[str] = ()) -> None:  # type: ignore[assignment]
         """Revision, address and contributors of up to 50 pages."""
         by = {"titles": "|".join(titles)} if titles else {"pageids": "|".join(ids)}
         status, answer = self.whole({"action": "query", **by, **_DETAILS})
-        self._record("pages", self.endpoint, {**by, "round": number}, status, answer)
+        self._record("pages", self.endpoint, {**by, "round": tag}, status, answer)
 
-    def revision(self, number: int, revision: int) -> None:
+    def revision(self, revision: int) -> None:
         """The same for one revision, when the wiki showed another than it had named."""
         params = {"action": "query", "revids": str(revision), "prop": "info|revisions", "inprop": "url", "rvprop": "ids|timestamp|user|sha1|size"}
         status, answer = self.ask(params)
-        self._record("pages", self.endpoint, {"revids": str(revision), "round": number}, status, answer)
+        self._record("pages", self.endpoint, {"revids": str(revision), "round": "r"}, status, answer)
 
     def files(self, titles: list[str]) -> dict[str, dict[str, Any]]:
         """What the wiki knows about up to 50 files, by the title that was asked for."""

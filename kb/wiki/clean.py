@@ -12,7 +12,8 @@ from __future__ import annotations
 import json
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,18 +41,21 @@ def clean(run: Run, filters: Sequence[Any], scorer: Any = None) -> Summary:
 
     Raises FatalError when nothing was crawled, CountMismatch, DamagedData, DiskFull.
     """
+    # Without a model nothing is read or written: exit 2.
+    model = scorer.check(run, "wiki") if scorer is not None else ""
     with writer(run.root, "wiki"):
         index = read_index(run.root)
         if not index.pages and not index.missing:
             raise FatalError(f"nothing to filter: {run.root / 'raw' / 'wiki'} has no pages", hint="run `kb wiki crawl` first")
         verdicts = Verdicts()
+        score = partial(scorer.scores, model, run.root, "wiki") if model else None
         with tempfile.TemporaryDirectory(prefix=".wiki-", dir=_made(run.root / "clean")) as scratch:
             parts = _assemble(run, index, verdicts, Path(scratch))
-            if scorer is not None:
+            if model:
                 scorer.annotate(run, "wiki", _texts(parts))
             with replacing_folder(run.root / "clean" / "wiki") as fresh:
                 for number, part in enumerate(parts):
-                    _write_part(run, fresh, f"part-{number:05d}.parquet", part, filters, scorer, verdicts)
+                    _write_part(fresh, f"part-{number:05d}.parquet", part, filters, score, verdicts)
                 verdicts.write(fresh)
                 tally = verdicts.tally().check("wiki pages")
                 summary = Summary(crawled=tally.crawled, kept=tally.kept, rejected=tally.rejected, failed=tally.failed,
@@ -178,7 +182,9 @@ def _texts(parts: list[Path]) -> Iterator[Any]:
         yield pa.array(msgspec.msgpack.decode(part.read_bytes())["texts"], pa.string())
 
 
-def _write_part(run: Run, folder: Path, name: str, part: Path, filters: Sequence[Any], scorer: Any, verdicts: Verdicts) -> None:
+def _write_part(
+    folder: Path, name: str, part: Path, filters: Sequence[Any], score: Callable[[pa.Array], pa.Table] | None, verdicts: Verdicts,
+) -> None:
     import pyarrow as pa
 
     from kb.schema import table
@@ -186,8 +192,8 @@ def _write_part(run: Run, folder: Path, name: str, part: Path, filters: Sequence
     held = msgspec.msgpack.decode(part.read_bytes())
     part.unlink()
     rows = held["rows"]
-    if scorer is not None:
-        scores = scorer.scores(run.settings.kb_toxicity_model, run.root, "wiki", pa.array(held["texts"], pa.string())).to_pylist()
+    if score is not None:
+        scores = score(pa.array(held["texts"], pa.string())).to_pylist()
         for row, found in zip(rows["pages"], scores, strict=True):
             row["toxicity"] = max((score for score in found.values() if score is not None), default=None)
     pages = pa.Table.from_pylist(rows["pages"], table("wiki/pages").arrow())

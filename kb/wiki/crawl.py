@@ -59,41 +59,45 @@ class Crawl:
         self.run, self.url, self.frontier, self.recorder, self.programs = run, url, frontier, recorder, programs
         self.section = run.profile.section("wiki")
         self.web = Web(run, url, self.section.hosts, self.section.seconds_between)
-        self.shown = self.finished = 0
+        self.shown = 0
 
     def go(self, wanted: list[str] | None) -> None:
         """All phases; each starts where an earlier run stopped."""
-        number = self._round(wanted)
-        if not self._work_left(number, wanted):
+        number, tag = self._round(wanted)
+        if not self._work_left(wanted):
             self.run.progress.say("the wiki crawl is finished; --again looks for what changed")
-            self.finished = 1
             return
         with Pool(self._browser, self.section.page_seconds + 15) as pool:
             self.web.read_robots()
             api = Api(self._endpoint(), self.web, self.recorder.record)
-            self._discover(api, number, wanted)
-            left = show.show_pages(self, pool, api, number)
+            self._discover(api, number, tag, wanted is None)
+            left = show.show_pages(self, pool, api)
         fetch.fetch_files(self, api)
         if left:
             raise LimitReached(f"--limit {self.run.limit} reached, {left} pages left", hint="run the same command to go on")
 
     # -- rounds ----------------------------------------------------------------------------------
 
-    def _round(self, wanted: list[str] | None) -> int:
-        """The number of the round to work on; --again starts a new one when the last is complete."""
-        held = self.frontier.cursor("round") or {"number": 1, "done": False}
-        if held["done"] and self.run.again:
+    def _round(self, wanted: list[str] | None) -> tuple[int, str]:
+        """Number and tag of the round to work on; --again starts a new one when the last is complete.
+
+        A round of named titles has number 0: it says nothing about what the wiki lists.
+        """
+        name = "round" if wanted is None else "named"
+        held = self.frontier.cursor(name) or {"number": 1, "done": False}
+        if self.run.again and held["done"]:
             held = {"number": held["number"] + 1, "done": False}
-        self.frontier.set_cursor("round", held)
-        number = int(held["number"])
+        self.frontier.set_cursor(name, held)
+        number = int(held["number"]) if wanted is None else 0
+        tag = str(number) if wanted is None else f"t{held['number']}"
         if wanted is not None:
-            self.frontier.add("info", [(f"{number}:{title}", {"title": title}) for title in wanted])
+            self.frontier.add("info", [(f"{tag}:{title}", {"title": title}) for title in wanted])
         # What failed in an earlier run is tried again, once a run.
         for kind in ("info", "pages", "files"):
             self.frontier.reopen(kind, "error")
-        return number
+        return number, tag
 
-    def _work_left(self, number: int, wanted: list[str] | None) -> bool:
+    def _work_left(self, wanted: list[str] | None) -> bool:
         listed = wanted is not None or (self.frontier.cursor("round") or {}).get("done")
         return not listed or any(self.frontier.counts(kind).get("todo") for kind in ("info", "pages", "files"))
 
@@ -107,24 +111,25 @@ class Crawl:
 
     # -- discovery -------------------------------------------------------------------------------
 
-    def _discover(self, api: Api, number: int, wanted: list[str] | None) -> None:
+    def _discover(self, api: Api, number: int, tag: str, listing: bool) -> None:
         complete = (self.frontier.cursor("round") or {}).get("done")
-        if not complete:
-            if not self.frontier.cursor(f"site:{number}"):
-                site = api.site()
-                content = [int(key) for key, space in site.get("namespaces", {}).items() if space.get("content")]
-                self.frontier.set_cursor(f"site:{number}", {"namespaces": sorted(self.section.namespaces or content or [0])})
-            if wanted is None:
-                self._list(api, number)
-        self._ask(api, number)
-        if wanted is None and not complete:
+        if not self.frontier.cursor(f"site:{tag}"):
+            site = api.site()
+            content = [int(key) for key, space in site.get("namespaces", {}).items() if space.get("content")]
+            self.frontier.set_cursor(f"site:{tag}", {"namespaces": sorted(self.section.namespaces or content or [0])})
+        if listing and not complete:
+            self._list(api, number, tag)
+        self._ask(api)
+        if listing and not complete:
             self._compare(api, number)
             self.frontier.set_cursor("round", {"number": number, "done": True})
+        elif not listing:
+            self.frontier.set_cursor("named", {"number": int(tag[1:]), "done": True})
         self._bury()
 
-    def _list(self, api: Api, number: int) -> None:
+    def _list(self, api: Api, number: int, tag: str) -> None:
         task = self.run.progress.task("titles", unit="pages")
-        for namespace in self.frontier.cursor(f"site:{number}")["namespaces"]:
+        for namespace in self.frontier.cursor(f"site:{tag}")["namespaces"]:
             start = self.frontier.cursor(f"list:{number}:{namespace}", {})
             if start == "done":
                 continue
@@ -133,13 +138,15 @@ class Crawl:
                 signals.stop.check()
         task.close()
 
-    def _ask(self, api: Api, number: int) -> None:
+    def _ask(self, api: Api) -> None:
         task = self.run.progress.task("revisions", self.frontier.counts("info").get("todo"), "pages")
         while items := self.frontier.take("info", BATCH):
-            # Long titles would make an address that servers refuse.
-            while len(items) > 1 and sum(len(item.payload["title"].encode()) * 2 for item in items) > 5000:
+            tag = items[0].key.partition(":")[0]
+            # One round a call; and long titles would make an address that servers refuse.
+            while len(items) > 1 and (items[-1].key.partition(":")[0] != tag
+                                      or sum(len(item.payload["title"].encode()) * 2 for item in items) > 5000):
                 self.frontier.release("info", items.pop().key)
-            api.details(number, titles=[item.payload["title"] for item in items])
+            api.details(tag, titles=[item.payload["title"] for item in items])
             for item in items:
                 if (self.frontier.get("info", item.key) or ("",))[0] == "in_progress":
                     self.frontier.error("info", item.key, "unanswered")
@@ -152,7 +159,7 @@ class Crawl:
         gone = [key for key, status, reason, payload in self.frontier.items("pages")
                 if payload["round"] < number and not (status == "skipped" and reason in ("deleted", "moved"))]
         for start in range(0, len(gone), BATCH):
-            api.details(number, ids=gone[start : start + BATCH])
+            api.details(str(number), ids=gone[start : start + BATCH])
             signals.stop.check()
 
     def _bury(self) -> None:

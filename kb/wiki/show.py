@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _ENCODER = msgspec.json.Encoder()
 
 
-def show_pages(crawl: Crawl, pool: Pool, api: Api, number: int) -> int:
+def show_pages(crawl: Crawl, pool: Pool, api: Api) -> int:
     """Show every page that is to do, at most --limit of them; how many are left. Raises Stopped."""
     frontier, run = crawl.frontier, crawl.run
     barred = tombstones.keys(run.root, "wiki")
@@ -54,7 +54,7 @@ def show_pages(crawl: Crawl, pool: Pool, api: Api, number: int) -> int:
                 item = flying.pop(future)
                 try:
                     answer = future.result()
-                    _keep(crawl, api, number, item, answer)
+                    _keep(crawl, api, item, answer)
                     crawl.shown += answer["outcome"] == "captured"
                     task.advance(1)
                 except BaseException as error:  # noqa: BLE001  the pages in flight are kept first
@@ -157,11 +157,11 @@ def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
     return list(found.values())
 
 
-def _keep(crawl: Crawl, api: Api, number: int, item: Item, answer: dict[str, Any]) -> None:
+def _keep(crawl: Crawl, api: Api, item: Item, answer: dict[str, Any]) -> None:
     """Record the answer; ask for the revision's facts when the wiki showed another than it had named."""
     revision = answer.get("revision_id")
     if revision and revision != item.payload["revision_id"]:
-        api.revision(number, revision)
+        api.revision(revision)
     crawl.recorder.record("renders", answer["url"], {"page_id": item.key}, 200 if answer["outcome"] == "captured" else 0, answer)
 
 

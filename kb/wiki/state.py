@@ -35,7 +35,8 @@ def _titles(frontier: Frontier, envelope: Envelope) -> None:
 def _pages(frontier: Frontier, envelope: Envelope) -> None:
     """Revision, address and place of up to 50 pages."""
     params, query = envelope.request.params, envelope.response.get("query", {})
-    number = params["round"]
+    tag = str(params["round"])  # "t1" for the first round of named titles, "r" for a single revision
+    number = int(tag) if tag.isdigit() else 0
     answered: set[str] = set()
     for page in query.get("pages", []):
         title, key = page.get("title"), str(page.get("pageid"))
@@ -46,14 +47,14 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
         elif page.get("missing") and page.get("pageid"):
             _gone(frontier, key, "deleted")
         elif revision and page.get("pageid"):
-            frontier.done("info", f"{number}:{title}")
+            frontier.done("info", f"{tag}:{title}")
             _note(frontier, number, page, revision)
             continue
         reason = "invalid" if page.get("invalid") else "redirect" if page.get("redirect") else "missing"
-        frontier.skip("info", f"{number}:{title}", reason)
+        frontier.skip("info", f"{tag}:{title}", reason)
     for change in query.get("normalized", []):
         if change["to"] in answered:
-            frontier.done("info", f"{number}:{change['from']}")
+            frontier.done("info", f"{tag}:{change['from']}")
 
 
 def _gone(frontier: Frontier, key: str, reason: str) -> None:

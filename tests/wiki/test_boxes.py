@@ -30,7 +30,7 @@ def check(found, expected: int) -> None:
             assert inner.getcolors(4) == [(inner.width * inner.height, COLOUR[int(element["text"])])], element
 
 
-@pytest.mark.parametrize(("name", "count", "height"), [("short", 4, 50.5), ("tall", 60, 380), ("very-tall", 12, 5600)])
+@pytest.mark.parametrize(("name", "count", "height"), [("short", 4, 50.5), ("tall", 60, 380)])
 def test_boxes_hold_their_colour(pages, look, name, count, height):
     body = "".join(block(n, f"height:{height}px;width:{300 + n}px") for n in range(count))
     found = look(pages.put(f"/boxes/{name}", f"<!DOCTYPE html><body style='margin:7.3px'><div id=content>{body}</div>"))

@@ -1,0 +1,267 @@
+"""The crawl on the sandbox's wiki: faults lose nothing, a kill costs nothing, limits and titles are kept."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from kb.core.errors import LimitReached, MissingExtra, OtherService, SettingError, Unreachable
+from kb.core.pipeline import load, locate
+from kb.sandbox.server import Sandbox
+from kb.sandbox.world import World
+from kb.store import rawlog, tombstones
+from kb.wiki import chromium
+from kb.wiki.crawl import crawl
+
+NOW = "2026-11-20T12:00:00Z"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_date():
+    """All crawls of this file say the same `fetched_at`, so that their tables can be compared."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("KB_NOW", NOW)
+        yield
+
+
+@pytest.fixture(scope="module")
+def sandbox(programs):
+    with Sandbox(World(), services=["wiki"]) as held:
+        yield held
+
+
+@pytest.fixture()
+def faults(sandbox):
+    yield sandbox.faults
+    sandbox.faults.clear()
+
+
+@pytest.fixture(scope="module")
+def make_run(run_on, sandbox):
+    def make(root: Path, **options):
+        run = run_on(root, sandbox.servers["wiki"].url, **options)
+        off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
+        return dataclasses.replace(run, profile=run.profile.model_copy(update={"toxicity": off}))
+
+    return make
+
+
+def tables(run) -> dict[str, list[dict]]:
+    """The clean tables, after filtering."""
+    load(str(locate("wiki"))).clean(run)
+    return {name: pq.read_table(run.root / "clean" / "wiki" / name).to_pylist() for name in ("pages", "elements", "cells", "images", "rejected")}
+
+
+@pytest.fixture(scope="module")
+def whole(make_run, tmp_path_factory):
+    """(run, summary, tables) of a crawl that nothing disturbed."""
+    run = make_run(tmp_path_factory.mktemp("whole"))
+    summary = crawl(run)
+    return run, summary, tables(run)
+
+
+def test_whole_crawl(whole, sandbox):
+    _, summary, found = whole
+    assert (summary["crawled"], summary["failed"], summary["pending"], summary["pictures"]) == (12, 0, 0, 15)
+    assert {row["title"] for row in found["pages"]} >= {"Saltstone", "Île d'Écume & 岩島 (100%)", "Long pier"}
+    assert [(row["key"], row["stage"]) for row in found["rejected"]] == [("31", "words")]
+    agents = {seen.agent for seen in sandbox.ledger.requests("")}
+    assert len(agents) == 1
+    assert "test@example.org" in agents.pop()
+
+
+def test_finished_crawl_asks_nothing(whole, sandbox):
+    before = len(sandbox.ledger.requests(""))
+    assert crawl(whole[0])["requests"] == 0
+    assert len(sandbox.ledger.requests("")) == before
+
+
+def test_faults_lose_nothing(whole, make_run, faults, tmp_path):
+    """500, 503 with Retry-After, resets, cut and slow answers, of the API, pages, styles and pictures."""
+    faults.add("/w/api.php", after=1, status=503, headers={"Retry-After": "1"}, times=2)
+    faults.add("list=allpages", reset=True)
+    faults.add("prop=imageinfo", status=500)
+    faults.add("/wiki/Saltstone", status=500, times=2)
+    faults.add("/wiki/Tide_table", reset=True)
+    faults.add("/wiki/Charts", status=503, headers={"Retry-After": "1"})
+    faults.add("/static/common.css", status=503, times=1)
+    faults.add("/images/Saltstone_face.png", reset=True, times=2)
+    faults.add("/images/Buoy_light.gif", cut=0.5)
+    slow = faults.add("/wiki/Net_loom", hold=True)
+    threading.Timer(1.5, slow.release).start()
+    run = make_run(tmp_path)
+    assert crawl(run)["failed"] == 0
+    assert tables(run) == whole[2]
+
+
+def test_sigkill_and_resume_give_the_same_tables(whole, sandbox, faults, tmp_path):
+    env = {**os.environ, **sandbox.settings(), "KB_NOW": NOW, "KB_CONTACT": "test@example.org", "PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, "-m", "kb", "wiki", "crawl", "--data", str(tmp_path), "--workers", "2", "--quiet", "--json"]
+    held = faults.add("/wiki/Long_pier", hold=True)
+    process = subprocess.Popen(command, env=env, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    assert held.arrived.wait(60)
+    leaders = [pid for pid in descendants(process.pid) if "chromedriver" in name_of(pid)]
+    families = {pid for leader in leaders for pid in descendants(leader)} | set(leaders)
+    assert families
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    held.release()
+    faults.clear()
+    gone(families)
+    done = subprocess.run(command, env=env, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1])["crawled"] == 12
+    run = dataclasses.replace(whole[0], root=tmp_path)
+    assert tables(run) == whole[2]
+
+
+def descendants(pid: int) -> list[int]:
+    """All processes below one."""
+    found, todo = [], [pid]
+    while todo:
+        for task in Path(f"/proc/{todo.pop()}/task").glob("*/children"):
+            children = [int(word) for word in task.read_text().split()]
+            found += children
+            todo += children
+    return found
+
+
+def name_of(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/comm").read_text().strip()
+    except OSError:
+        return ""
+
+
+def gone(pids: set[int]) -> None:
+    """Wait until the processes have ended; the guard ends them after we are gone."""
+    waiting = threading.Event()
+    for _ in range(200):
+        left = [pid for pid in pids if name_of(pid) and os.path.exists(f"/proc/{pid}/exe")]
+        if not left:
+            return
+        waiting.wait(0.05)
+    raise AssertionError(f"left behind: {[(pid, name_of(pid)) for pid in left]}")
+
+
+def test_limit_and_goes_on(make_run, tmp_path):
+    names = tmp_path / "titles.txt"
+    names.write_text("Charts\nSaltstone\nNet loom\n")
+    run = make_run(tmp_path / "data", limit=1, workers=1)
+    with pytest.raises(LimitReached) as stopped:
+        crawl(run, names)
+    assert (stopped.value.summary["crawled"], stopped.value.summary["pending"], stopped.value.exit_code) == (1, 2, 3)
+    assert [row["title"] for row in tables(run)["pages"]] == ["Charts"]
+    assert pq.read_table(run.root / "clean/wiki/pending")["reason"].to_pylist() == ["render", "render"]
+    assert crawl(dataclasses.replace(run, limit=None), names)["new"] == 2
+    assert len(tables(run)["pages"]) == 3
+
+
+def test_later_state_leaves_tombstones(whole, sandbox, make_run, tmp_path):
+    """Named titles first; a list later finds the rest, without showing a page twice."""
+    names = tmp_path / "titles.txt"
+    names.write_text("Saltstone\nRock salt\nlamp_buoy\nNo such page\nBad[title\nCharts\n")
+    run = make_run(tmp_path / "data")
+    summary = crawl(run, names)
+    assert (summary["crawled"], summary["missing"]) == (3, 3)
+    found = tables(run)
+    assert {(row["key"], row["stage"], row["reason"]) for row in found["rejected"]} >= {
+        ("No such page", "missing", "missing"), ("Bad[title", "missing", "invalid"), ("Rock salt", "missing", "redirect")}
+    sandbox.world.wiki_state = "later"
+    try:
+        assert crawl(dataclasses.replace(run, again=True))["new"] == 11
+        found = tables(run)
+        assert {"Charts", "Lamp buoy"}.isdisjoint(row["title"] for row in found["pages"])
+        assert "Lamp float" in {row["title"] for row in found["pages"]}
+        assert tombstones.keys(run.root, "wiki") == {"24", "Lamp buoy"}
+    finally:
+        sandbox.world.wiki_state = "first"
+    # Deleted pages can come back, and pages be moved back: what the wiki shows again is shown again.
+    crawl(dataclasses.replace(run, again=True))
+    assert {"Charts", "Lamp buoy"} <= {row["title"] for row in tables(run)["pages"]}
+    assert tombstones.keys(run.root, "wiki") == {"32", "Lamp float"}
+
+
+def test_page_that_hangs_is_tried_three_times_and_recorded(make_run, faults, tmp_path):
+    names = tmp_path / "titles.txt"
+    names.write_text("Charts\nSaltstone\n")
+    faults.add("/wiki/Charts", times=None, status=200, body="<!DOCTYPE html><script>while (true) {}</script>", headers={"Content-Type": "text/html"})
+    run = make_run(tmp_path / "data", wiki={"page_seconds": 3.0, "max_tries": 2})
+    assert crawl(run, names)["failed"] == 1
+    found = tables(run)
+    assert [row["title"] for row in found["pages"]] == ["Saltstone"]
+    assert [(row["key"], row["stage"], row["reason"]) for row in found["rejected"]] == [("24", "render", "page_timeout")]
+    faults.clear()
+    assert crawl(run, names)["failed"] == 0
+    assert {row["title"] for row in tables(run)["pages"]} == {"Saltstone", "Charts"}
+
+
+def test_robots_and_crawl_delay(make_run, faults, tmp_path, sandbox):
+    names = tmp_path / "titles.txt"
+    names.write_text("Charts\nFog\n")
+    faults.add("/robots.txt", times=None, status=200, body="User-agent: *\nDisallow: /wiki/Charts\nCrawl-delay: 1\n")
+    run = make_run(tmp_path / "data")
+    start = len(sandbox.ledger.requests(""))
+    crawl(run, names)
+    asked = sandbox.ledger.requests("")[start:]
+    assert not [seen for seen in asked if seen.path == "/wiki/Charts"]
+    times = [seen.time for seen in asked if seen.path.startswith(("/wiki/", "/w/api.php"))]
+    assert min(b - a for a, b in zip(times, times[1:], strict=False)) > 0.8
+    assert ("24", "robots", "disallowed") in {(row["key"], row["stage"], row["reason"]) for row in tables(run)["rejected"]}
+
+
+def test_maxlag_is_waited_for(make_run, faults, sandbox, tmp_path):
+    names = tmp_path / "titles.txt"
+    names.write_text("Fog\n")
+    lag = {"error": {"code": "maxlag", "info": "Waiting for a database server", "lag": 6}}
+    faults.add("titles=Fog", status=200, body=lag, headers={"Retry-After": "1"})
+    run = make_run(tmp_path / "data")
+    assert crawl(run, names)["crawled"] == 1
+    assert all("maxlag=5" in seen.query for seen in sandbox.ledger.requests("/w/api.php")[-3:])
+
+
+def test_unreachable_wiki_is_resumable(make_run, sandbox, tmp_path, monkeypatch):
+    monkeypatch.setattr("kb.wiki.web.TRIES", 2)
+    run = make_run(tmp_path)
+    sandbox.gone("wiki")
+    try:
+        with pytest.raises(Unreachable):
+            crawl(run)
+    finally:
+        sandbox.back("wiki")
+    assert not list(rawlog.read(tmp_path, "wiki", "renders"))
+
+
+def test_another_wiki_needs_another_data_root(whole, run_on):
+    with pytest.raises(OtherService):
+        crawl(run_on(whole[0].root, "http://elsewhere.example"))
+
+
+def test_usage_errors_come_first(make_run, tmp_path, monkeypatch):
+    run = make_run(tmp_path / "data")
+    with pytest.raises(SettingError, match="can't be read"):
+        crawl(run, tmp_path / "absent.txt")
+    fake = tmp_path / "bin"
+    fake.mkdir()
+    monkeypatch.setenv("PATH", str(fake))
+    monkeypatch.setenv("SE_CACHE_PATH", str(fake))
+    with pytest.raises(MissingExtra, match="Chromium and chromedriver not found") as error:
+        crawl(run)
+    assert (error.value.exit_code, "apt-get install chromium" in error.value.hint) == (2, True)
+    for name, version in (("chromium", "Chromium 156.0.1"), ("chromedriver", "ChromeDriver 120.0.9")):
+        (fake / name).write_text(f"#!/bin/sh\necho '{version}'\n")
+        (fake / name).chmod(0o755)
+    chromium._find.cache_clear()
+    with pytest.raises(MissingExtra, match=r"version 120.0.9 and can't drive .* version 156.0.1"):
+        crawl(run)
+    chromium._find.cache_clear()
+    assert not (tmp_path / "data" / "raw").exists()
