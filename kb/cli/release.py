@@ -23,10 +23,14 @@ class Target(StrEnum):
     zenodo = "zenodo"
 
 
-@command(app, main=True, examples=[
-    "kb release                               check every folder, then write all that surrounds the data",
-    "kb release publish --to zenodo-sandbox   a draft of each folder, to look at",
-])
+@command(
+    app,
+    main=True,
+    examples=[
+        "kb release                               check every folder, then write all that surrounds the data",
+        "kb release publish --to zenodo-sandbox   a draft of each folder, to look at",
+    ],
+)
 def release(run: Run) -> Summary:
     """Check what the exports wrote and make each folder whole: card, datasheet, metadata, sample, checksums.
 
@@ -35,16 +39,26 @@ def release(run: Run) -> Summary:
     return _listed(run, "release")
 
 
-@command(app, examples=[
-    "kb release publish --to zenodo-sandbox             upload drafts to the sandbox",
-    "kb release publish --to zenodo                     upload drafts",
-    "kb release publish --to zenodo --publish           publish the uploaded drafts: can't be undone",
-])
+@command(
+    app,
+    examples=[
+        "kb release publish --to zenodo-sandbox             upload drafts to the sandbox",
+        "kb release publish --to zenodo                     upload drafts",
+        "kb release publish --to zenodo --publish           publish the uploaded drafts: can't be undone",
+    ],
+)
 def publish(
     run: Run,
     to: Annotated[Target, typer.Option("--to", help="The service that takes the deposits.")],
     publish: Annotated[bool, typer.Option("--publish", help="Publish the drafts: can't be undone.")] = False,
-    only: Annotated[list[str] | None, typer.Option("--only", metavar="SOURCE", help="Deposit this folder alone (youtube, wiki, reddit, pairs); may be repeated.")] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--only",
+            metavar="SOURCE",
+            help="Deposit this folder alone (youtube, wiki, reddit, pairs); may be repeated.",
+        ),
+    ] = None,
 ) -> Summary:
     """Upload each folder of release/ as one deposit: a draft, until --publish makes it public.
 

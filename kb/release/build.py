@@ -1,7 +1,7 @@
 """`kb release`: the gate, then everything around the data of each folder.
 
-    release(run)     gate → describe each folder → gate over what was written
-    describe(run)    the files around the data alone (also after a purge)
+release(run)     gate → describe each folder → gate over what was written
+describe(run)    the files around the data alone (also after a purge)
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ def release(run: Run) -> Summary:
     facts = [write(run, folder) for folder in found]
     refuse(check.check_made(run, [folders.read(folder.path, folder.source) for folder in found]))
     return Summary(
-        folders=len(found), rows=sum(one.rows for one in facts), bytes=sum(one.size for one in facts),
+        folders=len(found),
+        rows=sum(one.rows for one in facts),
+        bytes=sum(one.size for one in facts),
         sandbox_model="yes, not for publication" if any(one.sandbox for one in facts) else None,
         sources={one.source: {table.table.short: table.rows for table in one.tables} for one in facts},
     )
@@ -52,7 +54,10 @@ def exported(run: Run) -> list[Folder]:
     """The folders to release. Raises ReleaseRefused when nothing was exported."""
     found = folders.find(run.root)
     if not found:
-        raise ReleaseRefused(f"there is nothing to release under {run.root / 'release'}", hint="run an export first, such as `kb youtube export`")
+        raise ReleaseRefused(
+            f"there is nothing to release under {run.root / 'release'}",
+            hint="run an export first, such as `kb youtube export`",
+        )
     return found
 
 
@@ -75,9 +80,17 @@ def write(run: Run, folder: Folder) -> Facts:
     for path in folder.path.glob("LICENSE-*.txt"):
         path.unlink()
     texts = {
-        "README.md": card(run, facts), "DATASHEET.md": datasheet(run, facts), "CITATION.cff": citation(run, facts),
-        "LICENSE": _licence(facts), "croissant.json": croissant(run, facts), folders.DEPOSIT: deposit(run, facts),
-        **{f"LICENSE-{name}.txt": KNOWN[name].text for name, _ in facts.licences if name in KNOWN and name != facts.licence},
+        "README.md": card(run, facts),
+        "DATASHEET.md": datasheet(run, facts),
+        "CITATION.cff": citation(run, facts),
+        "LICENSE": _licence(facts),
+        "croissant.json": croissant(run, facts),
+        folders.DEPOSIT: deposit(run, facts),
+        **{
+            f"LICENSE-{name}.txt": KNOWN[name].text
+            for name, _ in facts.licences
+            if name in KNOWN and name != facts.licence
+        },
     }
     for name, text in texts.items():
         write_text(folder.path / name, text)
@@ -96,7 +109,11 @@ def _licence(facts: Facts) -> str:
     law = licence(facts.licence)
     head = [f"{law.title} ({law.spdx})", law.url, "", ABOUT[facts.source].attribution]
     if len(facts.licences) > 1:
-        head += ["", "Rows name these licences in their licence column:", *(f"  {name} ({n:,} rows)" for name, n in facts.licences)]
+        head += [
+            "",
+            "Rows name these licences in their licence column:",
+            *(f"  {name} ({n:,} rows)" for name, n in facts.licences),
+        ]
     return "\n".join([*head, "", "-" * 72, "", law.text])
 
 

@@ -15,7 +15,14 @@ if TYPE_CHECKING:
     from kb.core.context import Run
     from kb.release.measure import Facts, TableFacts
 
-_SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"), (10**7, "1M<n<10M"), (10**8, "10M<n<100M"))
+_SIZES = (
+    (10**3, "n<1K"),
+    (10**4, "1K<n<10K"),
+    (10**5, "10K<n<100K"),
+    (10**6, "100K<n<1M"),
+    (10**7, "1M<n<10M"),
+    (10**8, "10M<n<100M"),
+)
 
 
 def card(run: Run, facts: Facts) -> str:
@@ -26,21 +33,42 @@ def card(run: Run, facts: Facts) -> str:
         _front(run, facts),
         f"# {title(run, facts)}\n\n{summary(run, facts)}\n",
         f"> **{SANDBOX_NOTE}**\n" if facts.sandbox else "",
-        rows(("", ""), [
-            ("Version", section.version), ("Built", day(facts.built)), ("Read from the source", span(facts.read)),
-            ("Material from", span(facts.made)), ("Rows", f"{facts.rows:,}"), ("Size", size(facts.size)),
-            ("Licence", f"[{law.title}]({law.url})"), ("Removed since collection", f"{facts.tombstones:,} (tombstones.parquet)"),
-        ]),
+        rows(
+            ("", ""),
+            [
+                ("Version", section.version),
+                ("Built", day(facts.built)),
+                ("Read from the source", span(facts.read)),
+                ("Material from", span(facts.made)),
+                ("Rows", f"{facts.rows:,}"),
+                ("Size", size(facts.size)),
+                ("Licence", f"[{law.title}]({law.url})"),
+                ("Removed since collection", f"{facts.tombstones:,} (tombstones.parquet)"),
+            ],
+        ),
         "## Tables\n",
         *[_table(table) for table in facts.tables],
         _others(facts),
         _use(facts),
-        "## How it was made\n\n" + about.on(run.profile.title, about.collection) + "\n\n" + "".join(f"- {line}\n" for line in about.processing),
+        "## How it was made\n\n"
+        + about.on(run.profile.title, about.collection)
+        + "\n\n"
+        + "".join(f"- {line}\n" for line in about.processing),
         _dropped(facts),
         "## Limits\n\n" + "".join(f"- {line}\n" for line in (*about.biases, *about.limits, about.absent)),
-        "## People and removal\n\n" + about.people + "\n\n" + about.upkeep + f"\n\nTo have something removed, write to {contact(run)}.\n",
-        f"## Licence and credit\n\n{about.attribution}\n\n{law.title} ({law.spdx}): {law.short} The full text is in LICENSE.\n",
-        f"## Citation\n\n```bibtex\n{bibtex(run, facts)}\n```\n\nCITATION.cff says the same for machines; DATASHEET.md answers the questions of *Datasheets for Datasets*.\n",
+        "## People and removal\n\n"
+        + about.people
+        + "\n\n"
+        + about.upkeep
+        + f"\n\nTo have something removed, write to {contact(run)}.\n",
+        (
+            f"## Licence and credit\n\n{about.attribution}\n\n{law.title} ({law.spdx}): {law.short} The full text is "
+            "in LICENSE.\n"
+        ),
+        (
+            f"## Citation\n\n```bibtex\n{bibtex(run, facts)}\n```\n\nCITATION.cff says the same for machines; "
+            "DATASHEET.md answers the questions of *Datasheets for Datasets*.\n"
+        ),
     ]
     return "\n".join(part for part in parts if part)
 
@@ -56,7 +84,12 @@ def _front(run: Run, facts: Facts) -> str:
     category = next((word for limit, word in _SIZES if facts.rows < limit), "n>100M")
     words = [run.profile.name, *about.words, *run.profile.release.keywords]
     lines = ["---", f"license: {licence(facts.licence).hugging_face}", f"pretty_name: {folded(title(run, facts))}"]
-    lines += ["language:", f"- {run.profile.youtube.language if run.profile.youtube else 'en'}", "size_categories:", f"- {category}"]
+    lines += [
+        "language:",
+        f"- {run.profile.youtube.language if run.profile.youtube else 'en'}",
+        "size_categories:",
+        f"- {category}",
+    ]
     lines += ["task_categories:", *[f"- {task}" for task in about.tasks]]
     lines += ["tags:", *[f"- {folded(word)}" for word in dict.fromkeys(words)], "configs:"]
     for index, table in enumerate(facts.tables):
@@ -73,7 +106,10 @@ def _main(facts: Facts) -> int:
 
 
 def _table(table: TableFacts) -> str:
-    head = f"### {table.table.short}\n\n{table.table.doc} {table.rows:,} rows, {size(table.size)} in {len(table.files)} {'file' if len(table.files) == 1 else 'files'};"
+    head = (
+        f"### {table.table.short}\n\n{table.table.doc} {table.rows:,} rows, {size(table.size)} in {len(table.files)} "
+        f"{'file' if len(table.files) == 1 else 'files'};"
+    )
     head += f" sorted by {', '.join(table.table.sort_by)}; key {', '.join(table.table.key)}.\n"
     lines = []
     for fact in table.columns:
@@ -82,16 +118,26 @@ def _table(table: TableFacts) -> str:
         if fact.top:
             values = ", ".join(f"{name} {n:,}" for name, n in fact.top)
         else:
-            values = " – ".join(dict.fromkeys(value(thing) for thing in (fact.low, fact.middle, fact.high) if thing is not None))
+            values = " – ".join(
+                dict.fromkeys(value(thing) for thing in (fact.low, fact.middle, fact.high) if thing is not None)
+            )
         lines.append((f"`{column.name}`", column.type, column.unit, doc, values))
-    return head + "\n" + rows(("column", "type", "unit", "what it is", "smallest – median – largest, or most frequent"), lines)
+    return (
+        head
+        + "\n"
+        + rows(("column", "type", "unit", "what it is", "smallest – median – largest, or most frequent"), lines)
+    )
 
 
 def _others(facts: Facts) -> str:
     if not facts.others:
         return ""
     head = "Path columns read `<tar>/<member>`: the file `<member>` inside the archive `<tar>` of this folder.\n\n"
-    return "### Archives\n\n" + head + rows(("file", "size"), [(f"`{file.name}`", size(file.size)) for file in facts.others])
+    return (
+        "### Archives\n\n"
+        + head
+        + rows(("file", "size"), [(f"`{file.name}`", size(file.size)) for file in facts.others])
+    )
 
 
 def _use(facts: Facts) -> str:

@@ -16,13 +16,25 @@ def citation(run: Run, facts: Facts) -> str:
     """The whole file. Strings are quoted as JSON, which YAML reads."""
     section = run.profile.release
     lines = [
-        "cff-version: 1.2.0", "message: If you use this data set, please cite it as below.", "type: dataset",
-        f"title: {folded(title(run, facts))}", f"abstract: {folded(summary(run, facts))}", f"version: {folded(section.version)}",
-        f"date-released: {day(facts.built)}", f"license: {facts.licence}",
+        "cff-version: 1.2.0",
+        "message: If you use this data set, please cite it as below.",
+        "type: dataset",
+        f"title: {folded(title(run, facts))}",
+        f"abstract: {folded(summary(run, facts))}",
+        f"version: {folded(section.version)}",
+        f"date-released: {day(facts.built)}",
+        f"license: {facts.licence}",
     ]
     if section.homepage:
         lines.append(f"url: {folded(section.homepage)}")
-    lines += ["keywords:", *[f"  - {folded(word)}" for word in dict.fromkeys((run.profile.name, *ABOUT[facts.source].words, *section.keywords))], "authors:"]
+    lines += [
+        "keywords:",
+        *[
+            f"  - {folded(word)}"
+            for word in dict.fromkeys((run.profile.name, *ABOUT[facts.source].words, *section.keywords))
+        ],
+        "authors:",
+    ]
     for creator in section.creators:
         family, comma, given = creator.name.partition(",")
         if comma:

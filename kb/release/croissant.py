@@ -21,19 +21,47 @@ PARQUET = "application/x-parquet"
 CONFORMS = ["http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0"]
 # The specification's context; "@language" tags names and descriptions.
 CONTEXT: dict[str, Any] = {
-    "@language": "en", "@vocab": "https://schema.org/", "arrayShape": "cr:arrayShape", "citeAs": "cr:citeAs",
-    "column": "cr:column", "conformsTo": "dct:conformsTo", "containedIn": "cr:containedIn",
-    "cr": "http://mlcommons.org/croissant/", "rai": "http://mlcommons.org/croissant/RAI/",
-    "data": {"@id": "cr:data", "@type": "@json"}, "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    "dct": "http://purl.org/dc/terms/", "description": {"@container": "@language"},
-    "equivalentProperty": "cr:equivalentProperty", "examples": {"@id": "cr:examples", "@type": "@json"},
-    "extract": "cr:extract", "field": "cr:field", "fileObject": "cr:fileObject", "fileProperty": "cr:fileProperty",
-    "fileSet": "cr:fileSet", "format": "cr:format", "includes": "cr:includes", "isArray": "cr:isArray",
-    "isLiveDataset": "cr:isLiveDataset", "jsonPath": "cr:jsonPath", "key": "cr:key", "md5": "cr:md5",
-    "name": {"@container": "@language"}, "parentField": "cr:parentField", "path": "cr:path",
-    "recordSet": "cr:recordSet", "references": "cr:references", "regex": "cr:regex", "repeated": "cr:repeated",
-    "replace": "cr:replace", "samplingRate": "cr:samplingRate", "sc": "https://schema.org/",
-    "separator": "cr:separator", "source": "cr:source", "subField": "cr:subField", "transform": "cr:transform",
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "arrayShape": "cr:arrayShape",
+    "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "conformsTo": "dct:conformsTo",
+    "containedIn": "cr:containedIn",
+    "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "dct": "http://purl.org/dc/terms/",
+    "description": {"@container": "@language"},
+    "equivalentProperty": "cr:equivalentProperty",
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "extract": "cr:extract",
+    "field": "cr:field",
+    "fileObject": "cr:fileObject",
+    "fileProperty": "cr:fileProperty",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format",
+    "includes": "cr:includes",
+    "isArray": "cr:isArray",
+    "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key",
+    "md5": "cr:md5",
+    "name": {"@container": "@language"},
+    "parentField": "cr:parentField",
+    "path": "cr:path",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references",
+    "regex": "cr:regex",
+    "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate",
+    "sc": "https://schema.org/",
+    "separator": "cr:separator",
+    "source": "cr:source",
+    "subField": "cr:subField",
+    "transform": "cr:transform",
 }
 
 
@@ -41,15 +69,26 @@ def croissant(run: Run, facts: Facts) -> str:
     """The whole document as text."""
     about, section = ABOUT[facts.source], run.profile.release
     document = {
-        "@context": CONTEXT, "@type": "sc:Dataset", "conformsTo": CONFORMS,
-        "name": name(run, facts), "description": summary(run, facts) + (f" {SANDBOX_NOTE}" if facts.sandbox else ""),
-        "license": licence(facts.licence).url, "version": section.version, "citeAs": bibtex(run, facts),
-        "creator": [{"@type": "sc:Organization" if "," not in one.name else "sc:Person", "name": one.name} for one in section.creators],
+        "@context": CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": CONFORMS,
+        "name": name(run, facts),
+        "description": summary(run, facts) + (f" {SANDBOX_NOTE}" if facts.sandbox else ""),
+        "license": licence(facts.licence).url,
+        "version": section.version,
+        "citeAs": bibtex(run, facts),
+        "creator": [
+            {"@type": "sc:Organization" if "," not in one.name else "sc:Person", "name": one.name}
+            for one in section.creators
+        ],
         "keywords": list(dict.fromkeys((run.profile.name, *about.words, *section.keywords))),
-        "datePublished": day(facts.built), "dateModified": day(facts.built), "inLanguage": run.profile.youtube.language if run.profile.youtube else "en",
+        "datePublished": day(facts.built),
+        "dateModified": day(facts.built),
+        "inLanguage": run.profile.youtube.language if run.profile.youtube else "en",
         **({"url": section.homepage} if section.homepage else {}),
         **_responsible(run, facts),
-        "distribution": [file for table in facts.tables for file in _files(table)] + [_archive(file) for file in facts.others],
+        "distribution": [file for table in facts.tables for file in _files(table)]
+        + [_archive(file) for file in facts.others],
         "recordSet": [_records(table) for table in facts.tables],
     }
     return json.dumps(document, ensure_ascii=False, indent=1) + "\n"
@@ -64,13 +103,23 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
         "rai:dataCollectionRawData": about.raw,
         "rai:dataCollectionMissingData": about.absent,
         "rai:dataPreprocessingProtocol": list(about.processing),
-        "rai:dataAnnotationProtocol": [f"Texts were scored by the toxicity model {model} ({revision}) in {precision}." for model, revision, precision in facts.models],
-        "rai:machineAnnotationTools": [f"Detoxify {model} {revision} {precision}" for model, revision, precision in facts.models],
-        "rai:dataBiases": list(about.biases), "rai:dataLimitations": [*about.limits, *(["not for: " + what for what in about.avoid])],
+        "rai:dataAnnotationProtocol": [
+            f"Texts were scored by the toxicity model {model} ({revision}) in {precision}."
+            for model, revision, precision in facts.models
+        ],
+        "rai:machineAnnotationTools": [
+            f"Detoxify {model} {revision} {precision}" for model, revision, precision in facts.models
+        ],
+        "rai:dataBiases": list(about.biases),
+        "rai:dataLimitations": [*about.limits, *(["not for: " + what for what in about.avoid])],
         "rai:dataUseCases": list(about.uses),
-        "rai:personalSensitiveInformation": [about.people, f"Measured in the released texts: {emails:,} rows with an e-mail address, {phones:,} with a phone number."],
+        "rai:personalSensitiveInformation": [
+            about.people,
+            f"Measured in the released texts: {emails:,} rows with an e-mail address, {phones:,} with a phone number.",
+        ],
         "rai:dataReleaseMaintenancePlan": about.upkeep,
-        "rai:dataSocialImpact": "Lets research on {topic} be repeated on stated data. Harm by exposure of people is limited by leaving names and deleted material out.".replace("{topic}", run.profile.title),
+        "rai:dataSocialImpact": f"Lets research on {run.profile.title} be repeated on stated data. "
+        "Harm by exposure of people is limited by leaving names and deleted material out.",
     }
     if facts.read:
         found["rai:dataCollectionTimeframe"] = [day(moment) for moment in facts.read]
@@ -80,31 +129,67 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
 def _files(table: TableFacts) -> list[dict[str, Any]]:
     """A file object for each shard, with its checksum; a file set where a table has several."""
     files = [
-        {"@type": "cr:FileObject", "@id": file.name, "name": file.name, "description": f"{file.rows:,} rows of {table.table.short}.",
-         "contentUrl": file.name, "contentSize": f"{file.size} B", "encodingFormat": PARQUET, "sha256": file.sha256}
+        {
+            "@type": "cr:FileObject",
+            "@id": file.name,
+            "name": file.name,
+            "description": f"{file.rows:,} rows of {table.table.short}.",
+            "contentUrl": file.name,
+            "contentSize": f"{file.size} B",
+            "encodingFormat": PARQUET,
+            "sha256": file.sha256,
+        }
         for file in table.files
     ]
     if len(files) > 1:
-        files.append({"@type": "cr:FileSet", "@id": f"{table.table.short}-files", "name": f"{table.table.short}-files",
-                      "description": f"All shards of {table.table.short}.", "encodingFormat": PARQUET, "includes": f"{table.table.short}-*-of-*.parquet"})
+        files.append(
+            {
+                "@type": "cr:FileSet",
+                "@id": f"{table.table.short}-files",
+                "name": f"{table.table.short}-files",
+                "description": f"All shards of {table.table.short}.",
+                "encodingFormat": PARQUET,
+                "includes": f"{table.table.short}-*-of-*.parquet",
+            }
+        )
     return files
 
 
 def _archive(file: Any) -> dict[str, Any]:
-    return {"@type": "cr:FileObject", "@id": file.name, "name": file.name, "description": "Files that path columns name as <tar>/<member>.",
-            "contentUrl": file.name, "contentSize": f"{file.size} B",
-            "encodingFormat": "application/x-tar" if file.name.endswith(".tar") else "application/octet-stream", "sha256": file.sha256}
+    return {
+        "@type": "cr:FileObject",
+        "@id": file.name,
+        "name": file.name,
+        "description": "Files that path columns name as <tar>/<member>.",
+        "contentUrl": file.name,
+        "contentSize": f"{file.size} B",
+        "encodingFormat": "application/x-tar" if file.name.endswith(".tar") else "application/octet-stream",
+        "sha256": file.sha256,
+    }
 
 
 def _records(table: TableFacts) -> dict[str, Any]:
     short = table.table.short
-    source = {"fileObject": {"@id": table.files[0].name}} if len(table.files) == 1 else {"fileSet": {"@id": f"{short}-files"}}
+    source = (
+        {"fileObject": {"@id": table.files[0].name}}
+        if len(table.files) == 1
+        else {"fileSet": {"@id": f"{short}-files"}}
+    )
     return {
-        "@type": "cr:RecordSet", "@id": short, "name": short, "description": f"{table.table.doc} {table.rows:,} rows.",
+        "@type": "cr:RecordSet",
+        "@id": short,
+        "name": short,
+        "description": f"{table.table.doc} {table.rows:,} rows.",
         "key": [{"@id": f"{short}/{column}"} for column in table.table.key],
         "field": [
-            {"@type": "cr:Field", "@id": f"{short}/{fact.column.name}", "name": fact.column.name, "description": _described(fact.column),
-             "dataType": fact.column.parsed.croissant(), "source": {**source, "extract": {"column": fact.column.name}}}
+            {
+                "@type": "cr:Field",
+                "@id": f"{short}/{fact.column.name}",
+                "name": fact.column.name,
+                "description": _described(fact.column),
+                "dataType": fact.column.parsed.croissant(),
+                "source": {**source, "extract": {"column": fact.column.name}},
+            }
             for fact in table.columns
         ],
     }

@@ -76,7 +76,12 @@ class Zenodo:
 
         def put() -> None:
             with path.open("rb") as file:
-                answer = self._request("PUT", f"{bucket}/{quote(path.name)}", data=file, headers={"Content-Type": "application/octet-stream"})
+                answer = self._request(
+                    "PUT",
+                    f"{bucket}/{quote(path.name)}",
+                    data=file,
+                    headers={"Content-Type": "application/octet-stream"},
+                )
             if answer.get("checksum", "").removeprefix("md5:") != md5:
                 raise Retryable(_DAMAGED)
 
@@ -84,7 +89,10 @@ class Zenodo:
             self._attempt(put)
         except Retryable as error:
             if error.reason == _DAMAGED:
-                raise FatalError(f"{path.name} arrived damaged {TRIES} times", hint="check the network, then run the same command again") from None
+                raise FatalError(
+                    f"{path.name} arrived damaged {TRIES} times",
+                    hint="check the network, then run the same command again",
+                ) from None
             raise
         sent(path.stat().st_size)
 
@@ -93,7 +101,10 @@ class Zenodo:
         answer = self._json("PUT", f"{self._base}/{number}", json={"metadata": metadata})
         taken = answer.get("metadata", {}).get("license")
         if str(taken).lower() != metadata["license"]:
-            raise FatalError(f"the deposit service took the licence {taken!r} instead of {metadata['license']!r}", hint="look at the draft; it was not published")
+            raise FatalError(
+                f"the deposit service took the licence {taken!r} instead of {metadata['license']!r}",
+                hint="look at the draft; it was not published",
+            )
         return answer
 
     def publish(self, number: int) -> dict[str, Any]:
@@ -149,19 +160,34 @@ class Zenodo:
             raise FatalError("the deposit service links to another host", hint="nothing was sent there")
         try:
             # Redirects would carry the token to wherever they point.
-            answer = self._session.request(method, url, headers={**self._headers, **(headers or {})}, timeout=TIMEOUT, allow_redirects=False, **what)
+            answer = self._session.request(
+                method,
+                url,
+                headers={**self._headers, **(headers or {})},
+                timeout=TIMEOUT,
+                allow_redirects=False,
+                **what,
+            )
         except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError) as error:
             raise Retryable(type(error).__name__, unreachable=True) from None
         if answer.status_code in (401, 403) and "locked" not in answer.text:
-            raise CredentialRefused("the deposit service does not accept ZENODO_TOKEN", hint="it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own")
+            raise CredentialRefused(
+                "the deposit service does not accept ZENODO_TOKEN",
+                hint="it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own",
+            )
         if answer.status_code == 429:
             raise self._limited(answer.headers)
         if answer.status_code >= 500:
             raise Retryable(f"status {answer.status_code}", unreachable=True)
         if answer.status_code in (404, 410):
-            raise Gone(f"the deposit service answered {answer.status_code}: {_message(answer)}", hint="the deposit may have been removed by hand")
+            raise Gone(
+                f"the deposit service answered {answer.status_code}: {_message(answer)}",
+                hint="the deposit may have been removed by hand",
+            )
         if not 200 <= answer.status_code < 300:
-            raise FatalError(f"the deposit service refused ({answer.status_code}): {_message(answer)}", hint="nothing was published")
+            raise FatalError(
+                f"the deposit service refused ({answer.status_code}): {_message(answer)}", hint="nothing was published"
+            )
         try:
             return answer.json() if answer.content else {}
         except ValueError:
@@ -171,14 +197,20 @@ class Zenodo:
         """A short wait is waited out, a long one ends the run with the time to come back (or --wait)."""
         now = datetime.now(UTC).timestamp()  # the service's own clock: KB_NOW does not move it
         try:
-            seconds = float(headers["Retry-After"]) if "Retry-After" in headers else float(headers["X-RateLimit-Reset"]) - now
+            seconds = (
+                float(headers["Retry-After"]) if "Retry-After" in headers else float(headers["X-RateLimit-Reset"]) - now
+            )
         except (KeyError, ValueError):
             seconds = 60.0
         seconds = max(seconds, 0.0)
         if seconds <= LONGEST_WAIT or self._wait:
             return Retryable(_LIMITED, after=seconds)
         reset = datetime.fromtimestamp(now + seconds, UTC)
-        return QuotaSpent(f"the deposit service's limit is spent until {clock.stamp(reset)}", hint="run the same command then", reset_at=reset)
+        return QuotaSpent(
+            f"the deposit service's limit is spent until {clock.stamp(reset)}",
+            hint="run the same command then",
+            reset_at=reset,
+        )
 
 
 def md5(path: Path) -> str:
@@ -192,5 +224,8 @@ def _message(answer: Any) -> str:
         body = answer.json()
     except ValueError:
         return answer.reason or "no message"
-    fields = [f"{one.get('field', '?')}: {one.get('message') or ' '.join(one.get('messages', []))}" for one in body.get("errors") or []]
+    fields = [
+        f"{one.get('field', '?')}: {one.get('message') or ' '.join(one.get('messages', []))}"
+        for one in body.get("errors") or []
+    ]
     return "; ".join([str(body.get("message", "")).strip(), *fields])[:600]

@@ -107,12 +107,19 @@ def measure(run: Run, folder: Folder) -> Facts:
     con = duckdb.connect()
     con.execute("SET TimeZone = 'UTC'")
     tables = tuple(_table(con, part) for part in folder.parts)
-    read = _span(con, folder, ("fetched_at",)) or _clean_span(con, run.root, "youtube" if folder.source == "pairs" else folder.source)
+    read = _span(con, folder, ("fetched_at",)) or _clean_span(
+        con, run.root, "youtube" if folder.source == "pairs" else folder.source
+    )
     made = _span(con, folder, ("published_at", "created_utc", "revision_timestamp"))
     facts = Facts(
-        source=folder.source, built=_built(run, read, made), tables=tables,
+        source=folder.source,
+        built=_built(run, read, made),
+        tables=tables,
         others=tuple(File(path.name, path.stat().st_size, None, digest(path)) for path in folder.others),
-        licence=_choose(con, run, folder), licences=_licences(con, folder, *(("pages", "images") if folder.source == "wiki" else ())), read=read, made=made,
+        licence=_choose(con, run, folder),
+        licences=_licences(con, folder, *(("pages", "images") if folder.source == "wiki" else ())),
+        read=read,
+        made=made,
         rejected=_rejected(con, run.root, folder.source),
         failed=_count(con, run.root / "clean" / folder.source / "failed"),
         pending=_count(con, run.root / "clean" / folder.source / "pending"),
@@ -140,7 +147,9 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     files = sorted((root / "annotations" / ("youtube" if source == "pairs" else source)).glob("**/*.parquet"))
     if not files:
         return ()
-    rows = duckdb.execute("SELECT DISTINCT model, revision, precision FROM read_parquet(?) ORDER BY ALL", [[str(file) for file in files]])
+    rows = duckdb.execute(
+        "SELECT DISTINCT model, revision, precision FROM read_parquet(?) ORDER BY ALL", [[str(file) for file in files]]
+    )
     return tuple(rows.fetchall())
 
 
@@ -166,8 +175,13 @@ def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tu
     for short in tables:
         for part in folder.parts:
             if part.table.short == short and "license" in part.table.names(released=True):
-                rows = con.execute("SELECT license, count(*) AS n FROM read_parquet(?) WHERE license IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1",
-                                   [[str(shard) for shard in part.shards]]).fetchall()
+                rows = con.execute(
+                    (
+                        "SELECT license, count(*) AS n FROM read_parquet(?) WHERE license IS NOT NULL GROUP BY 1 "
+                        "ORDER BY n DESC, 1"
+                    ),
+                    [[str(shard) for shard in part.shards]],
+                ).fetchall()
                 for name, n in rows:
                     found[name] = found.get(name, 0) + n
     return tuple(found.items())
@@ -176,7 +190,9 @@ def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tu
 def _table(con: DuckDBPyConnection, part: Part) -> TableFacts:
     import pyarrow.parquet as pq
 
-    files = tuple(File(shard.name, shard.stat().st_size, pq.read_metadata(shard).num_rows, digest(shard)) for shard in part.shards)
+    files = tuple(
+        File(shard.name, shard.stat().st_size, pq.read_metadata(shard).num_rows, digest(shard)) for shard in part.shards
+    )
     names = [str(shard) for shard in part.shards]
     columns = tuple(_column(con, names, column) for column in part.table.columns if column.released)
     return TableFacts(part.table, sum(file.rows or 0 for file in files), files, columns)
@@ -185,22 +201,38 @@ def _table(con: DuckDBPyConnection, part: Part) -> TableFacts:
 def _column(con: DuckDBPyConnection, names: list[str], column: Column) -> ColumnFacts:
     name = f'"{column.name}"'
     if column.type.startswith(("int", "float")) and not column.name.endswith("_id"):
-        row = con.execute(f"SELECT count(*) - count({name}), min({name}), quantile_disc({name}, 0.5), max({name}) FROM read_parquet(?)", [names]).fetchone()
+        row = con.execute(
+            (
+                f"SELECT count(*) - count({name}), min({name}), quantile_disc({name}, 0.5), max({name}) FROM "
+                "read_parquet(?)"
+            ),
+            [names],
+        ).fetchone()
         return ColumnFacts(column, *(row or (0,)))
     if column.type.startswith(("timestamp", "date")):
-        row = con.execute(f"SELECT count(*) - count({name}), {_LOW.format(name)}, {_HIGH.format(name)} FROM read_parquet(?)", [names]).fetchone() or (0, None, None)
+        row = con.execute(
+            f"SELECT count(*) - count({name}), {_LOW.format(name)}, {_HIGH.format(name)} FROM read_parquet(?)", [names]
+        ).fetchone() or (0, None, None)
         return ColumnFacts(column, row[0], _utc(row[1]), None, _utc(row[2]))
     nulls = (con.execute(f"SELECT count(*) - count({name}) FROM read_parquet(?)", [names]).fetchone() or (0,))[0]
     if not (column.dictionary or column.type == "bool"):
         return ColumnFacts(column, nulls)
-    top = con.execute(f"SELECT {name}::VARCHAR, count(*) AS n FROM read_parquet(?) WHERE {name} IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {_TOPS}", [names])
+    top = con.execute(
+        (
+            f"SELECT {name}::VARCHAR, count(*) AS n FROM read_parquet(?) WHERE {name} IS NOT NULL GROUP BY 1 ORDER BY "
+            f"n DESC, 1 LIMIT {_TOPS}"
+        ),
+        [names],
+    )
     return ColumnFacts(column, nulls, top=tuple(top.fetchall()))
 
 
 def _span(con: DuckDBPyConnection, folder: Folder, columns: tuple[str, ...]) -> tuple[datetime, datetime] | None:
     spans = [
         _extremes(con, [str(shard) for shard in part.shards], name)
-        for part in folder.parts for name in columns if name in part.table.names(released=True)
+        for part in folder.parts
+        for name in columns
+        if name in part.table.names(released=True)
     ]
     known = [span for span in spans if span]
     return (min(span[0] for span in known), max(span[1] for span in known)) if known else None
@@ -227,7 +259,10 @@ def _rejected(con: DuckDBPyConnection, root: Path, source: str) -> tuple[tuple[s
     files = sorted((root / "clean" / source / "rejected").glob("**/*.parquet"))
     if not files:
         return ()
-    rows = con.execute("SELECT stage, reason, count(*) AS n FROM read_parquet(?) GROUP BY ALL ORDER BY stage, n DESC, reason", [[str(file) for file in files]])
+    rows = con.execute(
+        "SELECT stage, reason, count(*) AS n FROM read_parquet(?) GROUP BY ALL ORDER BY stage, n DESC, reason",
+        [[str(file) for file in files]],
+    )
     return tuple(rows.fetchall())
 
 

@@ -41,7 +41,10 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
     endpoint = run.settings.kb_zenodo_endpoint or HOSTS[to]
     found = [folder for folder in exported(run) if not only or folder.source in only]
     if not found:
-        raise UsageError(f"there is no folder {', '.join(only or [])} to deposit", hint=f"exported: {', '.join(folder.source for folder in exported(run))}")
+        raise UsageError(
+            f"there is no folder {', '.join(only or [])} to deposit",
+            hint=f"exported: {', '.join(folder.source for folder in exported(run))}",
+        )
     loopback = urlsplit(endpoint).hostname in LOOPBACK
     if urlsplit(endpoint).scheme != "https" and not loopback:
         raise UsageError("KB_ZENODO_ENDPOINT is not https: the token would be sent in the clear")
@@ -53,8 +56,14 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
             signals.stop.check()
             deposits[folder.source] = _Upload(run, service, folder).go(publish=publish)
     states = [one["state"] for one in deposits.values()]
-    return Summary(deposits=len(found), drafts=states.count("draft"), published=states.count("published"), unchanged=states.count("unchanged"),
-                   uploaded=sum(one.pop("uploaded") for one in deposits.values()), sources=deposits)
+    return Summary(
+        deposits=len(found),
+        drafts=states.count("draft"),
+        published=states.count("published"),
+        unchanged=states.count("unchanged"),
+        uploaded=sum(one.pop("uploaded") for one in deposits.values()),
+        sources=deposits,
+    )
 
 
 def _marked(run: Run, found: list[Folder], loopback: bool) -> list[Problem]:
@@ -62,9 +71,17 @@ def _marked(run: Run, found: list[Folder], loopback: bool) -> list[Problem]:
     if loopback:
         return []
     return [
-        Problem("sandbox model", folder.source, "scored with the sandbox's tiny model, whose scores mean nothing about real texts; run `kb models fetch` and filter again")
+        Problem(
+            "sandbox model",
+            folder.source,
+            (
+                "scored with the sandbox's tiny model, whose scores mean nothing about real texts; run `kb models "
+                "fetch` and filter again"
+            ),
+        )
         for folder in found
-        if any(model == SANDBOX_MODEL for model, _, _ in models(run.root, folder.source)) or _document(folder).get("sandbox_model")
+        if any(model == SANDBOX_MODEL for model, _, _ in models(run.root, folder.source))
+        or _document(folder).get("sandbox_model")
     ]
 
 
@@ -81,9 +98,13 @@ def _limits(found: list[Folder]) -> list[Problem]:
         files = [*folder.files(), folder.path / SUMS]
         total = sum(path.stat().st_size for path in files if path.exists())
         if len(files) > MOST_FILES:
-            problems.append(Problem("size", folder.source, f"{len(files)} files, a record takes {MOST_FILES}; export larger shards"))
+            problems.append(
+                Problem("size", folder.source, f"{len(files)} files, a record takes {MOST_FILES}; export larger shards")
+            )
         if total > MOST_BYTES:
-            problems.append(Problem("size", folder.source, f"{total / 1e9:.1f} GB, a record takes {MOST_BYTES / 1e9:.0f}"))
+            problems.append(
+                Problem("size", folder.source, f"{total / 1e9:.1f} GB, a record takes {MOST_BYTES / 1e9:.0f}")
+            )
     return problems
 
 
@@ -112,7 +133,13 @@ class _Upload:
             signals.stop.check()
             shown = self.service.publish(draft["id"])
             self._write({"id": draft["id"], "published": self.digest, "doi": shown.get("doi")})
-        return {"state": "published" if publish else "draft", "id": draft["id"], "doi": shown.get("doi"), "page": shown.get("links", {}).get("html"), "uploaded": uploaded}
+        return {
+            "state": "published" if publish else "draft",
+            "id": draft["id"],
+            "doi": shown.get("doi"),
+            "page": shown.get("links", {}).get("html"),
+            "uploaded": uploaded,
+        }
 
     def _known(self) -> dict[str, Any]:
         """What the state says of this folder, as far as the service still has it."""
@@ -151,13 +178,22 @@ class _Upload:
         """A draft that an earlier run created without learning of it: ours by its title, still empty."""
         if not known.get("creating"):
             return None
-        return next((one for one in self.service.drafts() if one.get("title") == self.metadata["title"] and not one.get("files")), None)
+        return next(
+            (
+                one
+                for one in self.service.drafts()
+                if one.get("title") == self.metadata["title"] and not one.get("files")
+            ),
+            None,
+        )
 
     def _files(self, draft: dict[str, Any]) -> int:
         """Make the draft hold exactly the folder's files; how many were sent."""
         there = self.service.files(draft["id"])
         local = [*self.folder.files(), self.folder.path / SUMS]
-        task = self.run.progress.task(f"upload {self.folder.source}", total=sum(path.stat().st_size for path in local), unit="bytes")
+        task = self.run.progress.task(
+            f"upload {self.folder.source}", total=sum(path.stat().st_size for path in local), unit="bytes"
+        )
         for name in sorted(set(there) - {path.name for path in local}):
             self.service.remove(draft["id"], there[name]["id"])
         sent = 0
@@ -178,7 +214,9 @@ class _Upload:
         try:
             return dict(json.loads(self.path.read_text(encoding="utf-8")))
         except ValueError:
-            raise DamagedData(f"{self.path} can't be read", hint="move it away; the next run makes new drafts") from None
+            raise DamagedData(
+                f"{self.path} can't be read", hint="move it away; the next run makes new drafts"
+            ) from None
 
     def _read(self) -> dict[str, Any]:
         return dict(self._all().get(self.key, {}))

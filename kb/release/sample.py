@@ -29,8 +29,10 @@ def write(folder: Folder, megabytes: float) -> list[Path]:
         con.execute("SET TimeZone = 'UTC'")
         lead = next((part for part in folder.parts if part.table.key == (shared,)), folder.parts[0])
         con.execute(
-            f'CREATE TABLE chosen AS SELECT DISTINCT "{shared}" AS k, md5("{shared}"::VARCHAR) AS h FROM read_parquet(?) ORDER BY h',
-            [[str(shard) for shard in lead.shards]])
+            f'CREATE TABLE chosen AS SELECT DISTINCT "{shared}" AS k, md5("{shared}"::VARCHAR) AS h'
+            " FROM read_parquet(?) ORDER BY h",
+            [[str(shard) for shard in lead.shards]],
+        )
         total = con.execute("SELECT count(*) FROM chosen").fetchall()[0][0]
         budget = megabytes * 1e6
         take = min(_MOST, max(1, int(total * min(1.0, 0.8 * budget / max(1, data)))))
@@ -46,7 +48,8 @@ def write(folder: Folder, megabytes: float) -> list[Path]:
 def _part(con: DuckDBPyConnection, folder: Folder, part: Part, shared: str, take: int) -> Path:
     found = con.sql(
         f'SELECT t.* FROM read_parquet(?) t WHERE t."{shared}" IN (SELECT k FROM chosen ORDER BY h LIMIT {take})',
-        params=[[str(shard) for shard in part.shards]]).to_arrow_table()
+        params=[[str(shard) for shard in part.shards]],
+    ).to_arrow_table()
     path = folder.path / f"sample-{part.table.short}.parquet"
     write_table(path, found, part.table, released=True)
     return path

@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from kb.release.measure import Facts
 
 SANDBOX_NOTE = (
-    "Made with the sandbox's tiny toxicity model, whose scores mean nothing about real texts: for trying the software only, not for publication."
+    "Made with the sandbox's tiny toxicity model, whose scores mean nothing about real texts: for trying the "
+    "software only, not for publication."
 )
 
 
@@ -85,7 +86,12 @@ def bibtex(run: Run, facts: Facts) -> str:
     authors = " and ".join(creator.name for creator in run.profile.release.creators)
     key = name(run, facts).replace("-", "_")
     lines = [
-        f"@misc{{{key},", f"  title = {{{title(run, facts)}}},", f"  author = {{{authors}}},",
-        f"  year = {{{facts.built.year}}},", f"  version = {{{run.profile.release.version}}},", "  note = {Built with Lorebase}", "}",
+        f"@misc{{{key},",
+        f"  title = {{{title(run, facts)}}},",
+        f"  author = {{{authors}}},",
+        f"  year = {{{facts.built.year}}},",
+        f"  version = {{{run.profile.release.version}}},",
+        "  note = {Built with Lorebase}",
+        "}",
     ]
     return "\n".join(lines)

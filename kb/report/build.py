@@ -29,10 +29,17 @@ SAMPLES = {
     "pairs/pairs": ("keyword", "keyword_kind", "text", "token_count", "clip_start_s", "clip_end_s", "video_id"),
 }
 TITLES = {"youtube": "YouTube", "wiki": "Wiki", "reddit": "Reddit", "pairs": "Video-text pairs", "services": "Services"}
-TABLES = {"youtube": ("youtube/videos",), "wiki": ("wiki/pages", "wiki/elements", "wiki/images"), "reddit": ("reddit/posts", "reddit/comments"), "pairs": ("pairs/pairs",)}
+TABLES = {
+    "youtube": ("youtube/videos",),
+    "wiki": ("wiki/pages", "wiki/elements", "wiki/images"),
+    "reddit": ("reddit/posts", "reddit/comments"),
+    "pairs": ("pairs/pairs",),
+}
 NEXT = {
-    "youtube": "run `kb youtube crawl`, then `kb youtube filter`", "wiki": "run `kb wiki crawl`, then `kb wiki filter`",
-    "reddit": "run `kb reddit crawl` or `kb reddit import`, then `kb reddit filter`", "pairs": "run `kb pairs` after `kb youtube filter`",
+    "youtube": "run `kb youtube crawl`, then `kb youtube filter`",
+    "wiki": "run `kb wiki crawl`, then `kb wiki filter`",
+    "reddit": "run `kb reddit crawl` or `kb reddit import`, then `kb reddit filter`",
+    "pairs": "run `kb pairs` after `kb youtube filter`",
     "services": "nothing was asked of a service yet",
 }
 
@@ -40,12 +47,22 @@ NEXT = {
 def makers(source: str) -> list[Maker]:
     """The figures of a source, in the order of the page."""
     if source == "youtube":
-        return [_funnel("youtube/videos"), figures.durations, figures.views, lambda data, profile: cloud.words(data, profile, "youtube/videos", ("title",))]
+        return [
+            _funnel("youtube/videos"),
+            figures.durations,
+            figures.views,
+            lambda data, profile: cloud.words(data, profile, "youtube/videos", ("title",)),
+        ]
     if source == "wiki":
         return [wikipage.page, _funnel("wiki/pages"), figures.elements]
     if source == "reddit":
-        return [_funnel("reddit/posts"), figures.post_types, figures.scores, _funnel("reddit/comments"),
-                lambda data, profile: cloud.words(data, profile, "reddit/posts", ("title", "body"))]
+        return [
+            _funnel("reddit/posts"),
+            figures.post_types,
+            figures.scores,
+            _funnel("reddit/comments"),
+            lambda data, profile: cloud.words(data, profile, "reddit/posts", ("title", "body")),
+        ]
     return [figures.keywords, figures.lengths] if source == "pairs" else [figures.quota]
 
 
@@ -57,7 +74,12 @@ def report(run: Run) -> Summary:
     data = Data(run)
     try:
         sections = [_section(run, data, source) for source in TITLES]
-        cards = [(f"{name.partition('/')[2]}", data.count(name), TITLES[source]) for source, names in TABLES.items() for name in names if data.files(name)]
+        cards = [
+            (f"{name.partition('/')[2]}", data.count(name), TITLES[source])
+            for source, names in TABLES.items()
+            for name in names
+            if data.files(name)
+        ]
         notes = _notes(run)
         html = page(f"{run.profile.title}: what was collected", data.newest(), cards, sections, notes)
     finally:
@@ -68,8 +90,11 @@ def report(run: Run) -> Summary:
                 (folder / f"{figure.name}.svg").write_bytes(figure.svg)
                 (folder / f"{figure.name}.png").write_bytes(figure.png)
         (folder / "index.html").write_text(html, encoding="utf-8")
-    return Summary(figures=sum(len(section.figures) for section in sections), page=str(run.root / "report" / "index.html"),
-                   without=", ".join(section.title for section in sections if section.missing) or None)
+    return Summary(
+        figures=sum(len(section.figures) for section in sections),
+        page=str(run.root / "report" / "index.html"),
+        without=", ".join(section.title for section in sections if section.missing) or None,
+    )
 
 
 def _section(run: Run, data: Data, source: str) -> Section:
@@ -87,9 +112,15 @@ def _section(run: Run, data: Data, source: str) -> Section:
     for name in TABLES.get(source, ()):
         if name in SAMPLES and run.profile.report.samples and data.count(name):
             rows = data.samples(name, SAMPLES[name], run.profile.report.samples)
-            section.samples.append((f"Some {name.partition('/')[2]}", [_head(name, column) for column in SAMPLES[name]], rows))
+            section.samples.append(
+                (f"Some {name.partition('/')[2]}", [_head(name, column) for column in SAMPLES[name]], rows)
+            )
     if not section.figures:
-        section.missing.append(f"No data of {TITLES[source]} yet: {NEXT[source]}." if source != "services" else f"No ledger: {NEXT[source]}.")
+        section.missing.append(
+            f"No data of {TITLES[source]} yet: {NEXT[source]}."
+            if source != "services"
+            else f"No ledger: {NEXT[source]}."
+        )
     return section
 
 
@@ -111,7 +142,12 @@ def _notes(run: Run) -> list[str]:
     files = [str(path) for path in sorted((run.root / "annotations").glob("**/*.parquet"))]
     if not files:
         return []
-    models = [row[0] for row in duckdb.execute("SELECT DISTINCT model FROM read_parquet(?, union_by_name = true) ORDER BY 1", [files]).fetchall()]
+    models = [
+        row[0]
+        for row in duckdb.execute(
+            "SELECT DISTINCT model FROM read_parquet(?, union_by_name = true) ORDER BY 1", [files]
+        ).fetchall()
+    ]
     if any(model == "lorebase_tiny" for model in models):
         return ["Toxicity scores are those of the sandbox's tiny model: they mean nothing about real texts."]
     return []

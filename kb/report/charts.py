@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
 from kb.report.style import BLUE, GREY, canvas, counts, number, powers
 
 
-def lying_bars(labels: Sequence[str], values: Sequence[float], *, unit: str, notes: Sequence[str] | None = None, colors: Sequence[str] | str = BLUE) -> Any:
+def lying_bars(
+    labels: Sequence[str],
+    values: Sequence[float],
+    *,
+    unit: str,
+    notes: Sequence[str] | None = None,
+    colors: Sequence[str] | str = BLUE,
+) -> Any:
     """Horizontal bars, the first on top, each with its number written behind it."""
     sheet, axes = canvas(0.9 + 0.32 * max(2, len(labels)))
     places = range(len(labels))
@@ -19,17 +27,35 @@ def lying_bars(labels: Sequence[str], values: Sequence[float], *, unit: str, not
     counts(axes.xaxis)
     axes.set_xlim(0, max([*values, 1]) * 1.32)
     for place, value, note in zip(places, values, notes or [number(value) for value in values], strict=True):
-        axes.text(value + max([*values, 1]) * 0.012, place, note, va="center", ha="left", fontsize=9, color=GREY if not value else None)
+        axes.text(
+            value + max([*values, 1]) * 0.012,
+            place,
+            note,
+            va="center",
+            ha="left",
+            fontsize=9,
+            color=GREY if not value else None,
+        )
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.grid(axis="x")
     return sheet
 
 
-def histogram(edges: Sequence[float], values: Sequence[int], *, x: str, y: str, log: bool = False, color: str = BLUE, axes: Any = None, marks: Sequence[tuple[float, str]] = ()) -> Any:
+def histogram(
+    edges: Sequence[float],
+    values: Sequence[int],
+    *,
+    x: str,
+    y: str,
+    log: bool = False,
+    color: str = BLUE,
+    axes: Any = None,
+    marks: Sequence[tuple[float, str]] = (),
+) -> Any:
     """Bars between edges; `log` for a logarithmic x axis; `marks` are vertical lines with a word."""
     sheet, axes = canvas(2.9) if axes is None else (axes.figure, axes)
-    widths = [high - low for low, high in zip(edges, edges[1:], strict=False)]
+    widths = [high - low for low, high in itertools.pairwise(edges)]
     axes.bar(edges[:-1], values, widths, align="edge", color=color, edgecolor="white", linewidth=0.6)
     if log:
         axes.set_xscale("log")
@@ -44,5 +70,13 @@ def histogram(edges: Sequence[float], values: Sequence[int], *, x: str, y: str, 
     for place, word in marks:
         axes.axvline(place, color=GREY, linewidth=1.2, linestyle=(0, (4, 2)), ymax=0.86)
         far = place > (edges[0] * edges[-1]) ** 0.5 if log else place > (edges[0] + edges[-1]) / 2
-        axes.annotate(word, (place, top * 1.18), xytext=(-4 if far else 4, 0), textcoords="offset points", ha="right" if far else "left", va="top", fontsize=9)
+        axes.annotate(
+            word,
+            (place, top * 1.18),
+            xytext=(-4 if far else 4, 0),
+            textcoords="offset points",
+            ha="right" if far else "left",
+            va="top",
+            fontsize=9,
+        )
     return sheet

@@ -13,22 +13,35 @@ if TYPE_CHECKING:
 
 _W, _H = 1080, 640  # the cloud's own pixels
 _DARK = (BLUE, GREEN, RED, INK, PURPLE)  # readable on white
-_MORE = "just like get got can't don't i'm it's that's one would could also any anyone really make made want need know see im ive dont cant new use using still first even way much many thing things".split()
+_MORE = """
+just like get got can't don't i'm it's that's one would could also any anyone really make made want need know
+see im ive dont cant new use using still first even way much many thing things
+"""
 
 
 def words(data: Data, profile: Profile, table: str, columns: tuple[str, ...]) -> Figure | None:
     """The cloud of the words in some columns of a table (the paper shows Reddit's)."""
     from wordcloud import STOPWORDS
 
-    stop = {word.lower() for word in (*STOPWORDS, *_MORE, *profile.report.stop_words)}
+    stop = {word.lower() for word in (*STOPWORDS, *_MORE.split(), *profile.report.stop_words)}
     found = data.words(table, columns, stop, profile.report.cloud_words)
     if len(found) < 5:
         return None
     source, _, rows = table.partition("/")
     png, svg = _drawn(dict(found), profile.seed)
     return Figure(
-        f"{source}-words", f"What {rows} are about", f"The {len(found)} most frequent words of {' and '.join(columns)}; a word's size follows the number of {rows} that say it.",
-        "Word cloud; the largest words are " + ", ".join(f"{word} ({number(n)})" for word, n in found[:12]) + ".", png, svg, ("word", rows), found[:60])
+        f"{source}-words",
+        f"What {rows} are about",
+        (
+            f"The {len(found)} most frequent words of {' and '.join(columns)}; a word's size follows the number of "
+            f"{rows} that say it."
+        ),
+        "Word cloud; the largest words are " + ", ".join(f"{word} ({number(n)})" for word, n in found[:12]) + ".",
+        png,
+        svg,
+        ("word", rows),
+        found[:60],
+    )
 
 
 def _drawn(frequencies: dict[str, int], seed: int) -> tuple[bytes, bytes]:
@@ -40,8 +53,18 @@ def _drawn(frequencies: dict[str, int], seed: int) -> tuple[bytes, bytes]:
     from wordcloud import WordCloud
 
     font = str(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans-Bold.ttf")
-    cloud = WordCloud(width=_W, height=_H, font_path=font, prefer_horizontal=1.0, max_words=len(frequencies), min_font_size=16, max_font_size=130,
-                      relative_scaling=0.5, margin=10, random_state=seed)
+    cloud = WordCloud(
+        width=_W,
+        height=_H,
+        font_path=font,
+        prefer_horizontal=1.0,
+        max_words=len(frequencies),
+        min_font_size=16,
+        max_font_size=130,
+        relative_scaling=0.5,
+        margin=10,
+        random_state=seed,
+    )
     cloud.generate_from_frequencies(frequencies)
     sheet, axes = canvas(WIDTH * _H / _W)
     face = FontProperties(fname=font)

@@ -17,7 +17,16 @@ if TYPE_CHECKING:
 
 # The contract's stages in their order; a stage that is not named here comes last.
 STAGES = {
-    "youtube/videos": ("missing", "topic", "views", "aspect_ratio", "duration", "age_restricted", "toxicity", "transcript"),
+    "youtube/videos": (
+        "missing",
+        "topic",
+        "views",
+        "aspect_ratio",
+        "duration",
+        "age_restricted",
+        "toxicity",
+        "transcript",
+    ),
     "wiki/pages": ("missing", "robots", "render", "words", "toxicity"),
     "reddit/posts": ("missing", "removed", "nsfw", "score", "toxicity"),
     "reddit/comments": ("missing", "post", "removed", "toxicity"),
@@ -77,14 +86,20 @@ class Data:
 
     def histogram(self, name: str, column: str, edges: Sequence[float]) -> list[int]:
         """Rows between neighbouring edges; the last bin has its upper edge in it."""
-        tests = [f'count(*) FILTER ("{column}" >= {low!r} AND "{column}" {"<=" if last else "<"} {high!r})'
-                 for low, high, last in zip(edges[:-1], edges[1:], [False] * (len(edges) - 2) + [True], strict=True)]
+        tests = [
+            f'count(*) FILTER ("{column}" >= {low!r} AND "{column}" {"<=" if last else "<"} {high!r})'
+            for low, high, last in zip(edges[:-1], edges[1:], [False] * (len(edges) - 2) + [True], strict=True)
+        ]
         found = self.rows(name, f"SELECT {', '.join(tests)} FROM {{t}}")
         return [int(n) for n in found[0]] if found else []
 
     def top(self, name: str, column: str, n: int) -> list[tuple[str, int]]:
         """The most frequent values."""
-        return self.rows(name, f'SELECT "{column}"::VARCHAR, count(*) AS n FROM {{t}} WHERE "{column}" IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {n}')
+        return self.rows(
+            name,
+            f'SELECT "{column}"::VARCHAR, count(*) AS n FROM {{t}} WHERE "{column}" IS NOT NULL'
+            f" GROUP BY 1 ORDER BY n DESC, 1 LIMIT {n}",
+        )
 
     def funnel(self, name: str) -> Funnel | None:
         """The stages of a table, None when nothing was filtered."""
@@ -95,7 +110,9 @@ class Data:
         if not (kept or dropped or failed or pending):
             return None
         order = STAGES.get(name, ())
-        stages = [(stage, dropped.get(stage, 0)) for stage in order] + sorted((stage, n) for stage, n in dropped.items() if stage not in order)
+        stages = [(stage, dropped.get(stage, 0)) for stage in order] + sorted(
+            (stage, n) for stage, n in dropped.items() if stage not in order
+        )
         crawled = kept + sum(dropped.values()) + sum(failed.values()) + sum(pending.values())
         return Funnel(name, crawled, tuple(stages), sum(failed.values()), sum(pending.values()), kept)
 
@@ -123,24 +140,39 @@ class Data:
     def words(self, name: str, columns: Sequence[str], stop: set[str], n: int) -> list[tuple[str, int]]:
         """The most frequent words of some columns, in lower case, with how many rows say them."""
         text = " || ' ' || ".join(f"coalesce(\"{column}\", '')" for column in columns)
-        pattern = r"[a-z][a-z'’-]+[a-z]"
+        plain = f"lower(regexp_replace({text}, 'https?://\\S+', ' ', 'g'))"
+        word = "[a-z][a-z''’-]+[a-z]"
         found = self.rows(
             name,
-            f"SELECT w, count(*) AS n FROM (SELECT unnest(list_distinct(regexp_extract_all(lower(regexp_replace({text}, 'https?://\\S+', ' ', 'g')), '{pattern.replace(chr(39), chr(39) * 2)}'))) AS w FROM {{t}})"
-            f" GROUP BY 1 ORDER BY n DESC, w LIMIT {n + len(stop)}")
+            f"SELECT w, count(*) AS n FROM (SELECT unnest(list_distinct(regexp_extract_all({plain}, '{word}'))) AS w"
+            f" FROM {{t}}) GROUP BY 1 ORDER BY n DESC, w LIMIT {n + len(stop)}",
+        )
         return [(word, count) for word, count in found if word not in stop][:n]
 
     def newest(self) -> str:
         """The newest time at which anything was read, as text; empty when unknown."""
         names = ("youtube/videos", "wiki/pages", "reddit/posts", "reddit/comments")
-        moments = [row[0] for name in names if self.files(name) for row in self.rows(name, "SELECT strftime(max(fetched_at AT TIME ZONE 'UTC'), '%Y-%m-%d %H:%M UTC') FROM {t}") if row[0]]
+        moments = [
+            row[0]
+            for name in names
+            if self.files(name)
+            for row in self.rows(
+                name, "SELECT strftime(max(fetched_at AT TIME ZONE 'UTC'), '%Y-%m-%d %H:%M UTC') FROM {t}"
+            )
+            if row[0]
+        ]
         return max(moments, default="")
 
     def samples(self, name: str, columns: Sequence[str], n: int) -> list[tuple[Any, ...]]:
         """Rows spread over a table by the MD5 of their key: the same ones each time."""
         key = table(name).key[0]
         # Times as text: DuckDB hands them out only where pytz is installed.
-        shown = ", ".join(f"strftime(\"{column}\" AT TIME ZONE 'UTC', '%Y-%m-%d')" if table(name).column(column).type.startswith("timestamp") else f'"{column}"' for column in columns)
+        shown = ", ".join(
+            f"strftime(\"{column}\" AT TIME ZONE 'UTC', '%Y-%m-%d')"
+            if table(name).column(column).type.startswith("timestamp")
+            else f'"{column}"'
+            for column in columns
+        )
         return self.rows(name, f'SELECT {shown} FROM {{t}} ORDER BY md5("{key}"::VARCHAR), "{key}" LIMIT {n}')
 
     def path(self, relative: str) -> Path:

@@ -5,6 +5,7 @@ Each function takes the data and answers a finished Figure, or None when there i
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -21,7 +22,15 @@ NAMES = {"youtube/videos": "videos", "wiki/pages": "pages", "reddit/posts": "pos
 TYPE_COLORS = {"text": BLUE, "image": ORANGE, "video": GREEN, "link": PURPLE, "poll": SKY, "gallery": RED}
 
 
-def _figure(name: str, title: str, caption: str, alt: str, sheet: Any, head: Sequence[str] = (), rows: Sequence[Sequence[object]] = ()) -> Figure:
+def _figure(
+    name: str,
+    title: str,
+    caption: str,
+    alt: str,
+    sheet: Any,
+    head: Sequence[str] = (),
+    rows: Sequence[Sequence[object]] = (),
+) -> Figure:
     png, svg = saved(sheet)
     return Figure(name, title, caption, alt, png, svg, head, rows)
 
@@ -37,24 +46,59 @@ def durations(data: Data, profile: Profile) -> Figure | None:
     edges = _even(min(low, high), max(high, low + 60))
     values = data.histogram("youtube/videos", "duration_s", edges)
     minutes = [edge / 60 for edge in edges]
-    sheet = histogram(minutes, values, x="duration (minutes)", y="videos", marks=[(middle / 60, f"median {middle / 60:.1f} min")])
+    sheet = histogram(
+        minutes, values, x="duration (minutes)", y="videos", marks=[(middle / 60, f"median {middle / 60:.1f} min")]
+    )
     return _figure(
-        "youtube-durations", "How long the videos are", f"Durations up to the {percent:g}th percentile ({high / 60:.1f} minutes); the longest {100 - percent:g}% are left out, as in the paper.",
-        f"Histogram of video durations from {minutes[0]:.0f} to {minutes[-1]:.1f} minutes; half of the videos are shorter than {middle / 60:.1f} minutes.",
-        sheet, ("minutes", "videos"), [(f"{a:.1f} to {b:.1f}", n) for a, b, n in zip(minutes, minutes[1:], values, strict=False)])
+        "youtube-durations",
+        "How long the videos are",
+        (
+            f"Durations up to the {percent:g}th percentile ({high / 60:.1f} minutes); the longest {100 - percent:g}% "
+            "are left out, as in the paper."
+        ),
+        (
+            f"Histogram of video durations from {minutes[0]:.0f} to {minutes[-1]:.1f} minutes; half of the videos are "
+            f"shorter than {middle / 60:.1f} minutes."
+        ),
+        sheet,
+        ("minutes", "videos"),
+        [(f"{a:.1f} to {b:.1f}", n) for a, b, n in zip(minutes, minutes[1:], values, strict=False)],
+    )
 
 
 def views(data: Data, profile: Profile) -> Figure | None:
     """View counts on a logarithmic axis."""
-    return _logarithmic(data, "youtube/videos", "view_count", "youtube-views", "How often they were watched", "views of a video (logarithmic)", "videos", "views", BLUE)
+    return _logarithmic(
+        data,
+        "youtube/videos",
+        "view_count",
+        "youtube-views",
+        "How often they were watched",
+        "views of a video (logarithmic)",
+        "videos",
+        "views",
+        BLUE,
+    )
 
 
 def scores(data: Data, profile: Profile) -> Figure | None:
     """Reddit scores on a logarithmic axis."""
-    return _logarithmic(data, "reddit/posts", "score", "reddit-scores", "How posts were voted", "score of a post (logarithmic)", "posts", "points", PURPLE)
+    return _logarithmic(
+        data,
+        "reddit/posts",
+        "score",
+        "reddit-scores",
+        "How posts were voted",
+        "score of a post (logarithmic)",
+        "posts",
+        "points",
+        PURPLE,
+    )
 
 
-def _logarithmic(data: Data, table: str, column: str, name: str, title: str, x: str, y: str, unit: str, color: str) -> Figure | None:
+def _logarithmic(
+    data: Data, table: str, column: str, name: str, title: str, x: str, y: str, unit: str, color: str
+) -> Figure | None:
     high, middle, low = (data.quantile(table, column, share) for share in (1.0, 0.5, 0.0))
     if high is None or middle is None or low is None or high < 1:
         return None
@@ -62,11 +106,21 @@ def _logarithmic(data: Data, table: str, column: str, name: str, title: str, x: 
     steps = max(1, (last - first) * 6)
     edges = [10 ** (first + (last - first) * step / steps) for step in range(steps + 1)]
     values = data.histogram(table, column, edges)
-    sheet = histogram(edges, values, x=x, y=y, log=True, color=color, marks=[(max(middle, edges[0]), f"median {number(middle)}")])
+    sheet = histogram(
+        edges, values, x=x, y=y, log=True, color=color, marks=[(max(middle, edges[0]), f"median {number(middle)}")]
+    )
     return _figure(
-        name, title, f"Half of the {y} have {number(middle)} {unit} or fewer, the largest has {number(high)}.",
-        f"Histogram of {unit} per row on a logarithmic axis from {number(edges[0])} to {number(edges[-1])}, median {number(middle)}.",
-        sheet, (unit, y), [(f"{number(a)} to {number(b)}", n) for a, b, n in zip(edges, edges[1:], values, strict=False)])
+        name,
+        title,
+        f"Half of the {y} have {number(middle)} {unit} or fewer, the largest has {number(high)}.",
+        (
+            f"Histogram of {unit} per row on a logarithmic axis from {number(edges[0])} to {number(edges[-1])}, "
+            f"median {number(middle)}."
+        ),
+        sheet,
+        (unit, y),
+        [(f"{number(a)} to {number(b)}", n) for a, b, n in zip(edges, edges[1:], values, strict=False)],
+    )
 
 
 def post_types(data: Data, profile: Profile) -> Figure | None:
@@ -78,8 +132,15 @@ def post_types(data: Data, profile: Profile) -> Figure | None:
     names, values = [name for name, _ in found], [n for _, n in found]
     notes = [f"{number(n)}  ({n / total:.0%})" for n in values]
     sheet = lying_bars(names, values, unit="posts", notes=notes, colors=[TYPE_COLORS.get(name, BLUE) for name in names])
-    return _figure("reddit-types", "What kinds of posts there are", f"{total:,} kept posts by type; a crosspost has its parent's type.",
-                   "Bars of posts by type: " + ", ".join(f"{name} {n:,}" for name, n in found) + ".", sheet, ("type", "posts"), found)
+    return _figure(
+        "reddit-types",
+        "What kinds of posts there are",
+        f"{total:,} kept posts by type; a crosspost has its parent's type.",
+        "Bars of posts by type: " + ", ".join(f"{name} {n:,}" for name, n in found) + ".",
+        sheet,
+        ("type", "posts"),
+        found,
+    )
 
 
 def funnel(data: Data, name: str) -> Figure | None:
@@ -96,10 +157,14 @@ def funnel(data: Data, name: str) -> Figure | None:
     sheet = lying_bars(labels, left, unit=f"{what} left after the stage", notes=notes, colors=colors)
     share = found.kept / found.crawled if found.crawled else 0
     return _figure(
-        f"{name.replace('/', '-')}-funnel", f"What the filters leave of the {what}",
+        f"{name.replace('/', '-')}-funnel",
+        f"What the filters leave of the {what}",
         f"{found.kept:,} of {found.crawled:,} {what} are kept ({share:.0%}). In brackets: what each stage dropped.",
         f"Bars of {what} left after each stage: " + ", ".join(f"{label} {n:,}" for label, n, _ in lines) + ".",
-        sheet, ("stage", "left", "dropped"), [(label, n, gone) for label, n, gone in lines])
+        sheet,
+        ("stage", "left", "dropped"),
+        [(label, n, gone) for label, n, gone in lines],
+    )
 
 
 def _steps(found: Funnel) -> list[tuple[str, int, int]]:
@@ -116,7 +181,10 @@ def _steps(found: Funnel) -> list[tuple[str, int, int]]:
 
 def quota(data: Data, profile: Profile) -> Figure | None:
     """Units of YouTube's quota, or requests of the others, over days."""
-    rows = [(day, f"{source} {bucket}" if bucket != source else source, units or requests) for source, day, bucket, requests, units in data.ledgers()]
+    rows = [
+        (day, f"{source} {bucket}" if bucket != source else source, units or requests)
+        for source, day, bucket, requests, units in data.ledgers()
+    ]
     if not rows:
         return None
     days = sorted({day for day, _, _ in rows})[-60:]
@@ -125,7 +193,16 @@ def quota(data: Data, profile: Profile) -> Figure | None:
     base = [0.0] * len(days)
     for index, bucket in enumerate(buckets):
         values = [sum(n for day, name, n in rows if day == one and name == bucket) for one in days]
-        axes.bar(range(len(days)), values, bottom=base, width=0.6, color=SERIES[index % len(SERIES)], label=bucket, edgecolor="white", linewidth=0.6)
+        axes.bar(
+            range(len(days)),
+            values,
+            bottom=base,
+            width=0.6,
+            color=SERIES[index % len(SERIES)],
+            label=bucket,
+            edgecolor="white",
+            linewidth=0.6,
+        )
         base = [a + b for a, b in zip(base, values, strict=True)]
     axes.set_xlim(-0.5 - max(0, 3 - len(days)) / 2, len(days) - 0.5 + max(0, 3 - len(days)) / 2)
     shown = list(range(0, len(days), max(1, math.ceil(len(days) / 5))))
@@ -137,8 +214,15 @@ def quota(data: Data, profile: Profile) -> Figure | None:
     axes.grid(axis="y")
     axes.legend(loc="upper left", ncols=2)
     sums = [(bucket, sum(n for _, name, n in rows if name == bucket)) for bucket in buckets]
-    return _figure("quota", "What the services were asked", "Spent over days: units of YouTube's quota, requests of the other services.",
-                   "Stacked bars by day; in all " + ", ".join(f"{bucket} {n:,}" for bucket, n in sums) + ".", sheet, ("day", "bucket", "spent"), rows)
+    return _figure(
+        "quota",
+        "What the services were asked",
+        "Spent over days: units of YouTube's quota, requests of the other services.",
+        "Stacked bars by day; in all " + ", ".join(f"{bucket} {n:,}" for bucket, n in sums) + ".",
+        sheet,
+        ("day", "bucket", "spent"),
+        rows,
+    )
 
 
 def keywords(data: Data, profile: Profile) -> Figure | None:
@@ -149,27 +233,55 @@ def keywords(data: Data, profile: Profile) -> Figure | None:
     total = data.count("pairs/pairs")
     distinct = data.rows("pairs/pairs", "SELECT count(DISTINCT keyword) FROM {t}")[0][0]
     sheet = lying_bars([name for name, _ in found], [n for _, n in found], unit="pairs", colors=GREEN)
-    return _figure("pairs-keywords", "Which keywords are spoken", f"{total:,} pairs of {distinct:,} keywords; the {len(found)} most frequent.",
-                   "Bars of pairs by keyword: " + ", ".join(f"{name} {n:,}" for name, n in found[:10]) + ".", sheet, ("keyword", "pairs"), found)
+    return _figure(
+        "pairs-keywords",
+        "Which keywords are spoken",
+        f"{total:,} pairs of {distinct:,} keywords; the {len(found)} most frequent.",
+        "Bars of pairs by keyword: " + ", ".join(f"{name} {n:,}" for name, n in found[:10]) + ".",
+        sheet,
+        ("keyword", "pairs"),
+        found,
+    )
 
 
 def lengths(data: Data, profile: Profile) -> Figure | None:
     """Lengths of clips and texts of the pairs."""
-    found = data.rows("pairs/pairs", "SELECT min(token_count), max(token_count), min(clip_end_s - clip_start_s), max(clip_end_s - clip_start_s) FROM {t}")
+    found = data.rows(
+        "pairs/pairs",
+        (
+            "SELECT min(token_count), max(token_count), min(clip_end_s - clip_start_s), max(clip_end_s - "
+            "clip_start_s) FROM {t}"
+        ),
+    )
     if not found or found[0][0] is None:
         return None
     low, high, short, long = (float(value) for value in found[0])
     tokens = _even(low, max(high, low + 1) + 1, 20)
     clips = _even(short, max(long, short + 1), 20)
     by_token = data.histogram("pairs/pairs", "token_count", tokens)
-    tests = ", ".join(f"count(*) FILTER (d >= {a!r} AND d {'<=' if b == clips[-1] else '<'} {b!r})" for a, b in zip(clips, clips[1:], strict=False))
-    by_clip = [int(n) for n in data.rows("pairs/pairs", f"SELECT {tests} FROM (SELECT clip_end_s - clip_start_s AS d FROM {{t}})")[0]]
+    tests = ", ".join(
+        f"count(*) FILTER (d >= {a!r} AND d {'<=' if b == clips[-1] else '<'} {b!r})"
+        for a, b in itertools.pairwise(clips)
+    )
+    by_clip = [
+        int(n)
+        for n in data.rows("pairs/pairs", f"SELECT {tests} FROM (SELECT clip_end_s - clip_start_s AS d FROM {{t}})")[0]
+    ]
     sheet, axes = canvas(2.7, 2)
     histogram(clips, by_clip, x="clip (seconds)", y="pairs", color=GREEN, axes=axes[0])
     histogram(tokens, by_token, x="text (CLIP tokens)", y="", color=ORANGE, axes=axes[1])
-    return _figure("pairs-lengths", "How long clips and texts are", f"Clips last {short:.1f} to {long:.1f} seconds, texts have {low:.0f} to {high:.0f} CLIP tokens.",
-                   f"Two histograms: clip length from {short:.1f} to {long:.1f} seconds, text length from {low:.0f} to {high:.0f} tokens.", sheet,
-                   ("seconds", "pairs"), [(f"{a:.1f} to {b:.1f}", n) for a, b, n in zip(clips, clips[1:], by_clip, strict=False)])
+    return _figure(
+        "pairs-lengths",
+        "How long clips and texts are",
+        f"Clips last {short:.1f} to {long:.1f} seconds, texts have {low:.0f} to {high:.0f} CLIP tokens.",
+        (
+            f"Two histograms: clip length from {short:.1f} to {long:.1f} seconds, text length from {low:.0f} to "
+            f"{high:.0f} tokens."
+        ),
+        sheet,
+        ("seconds", "pairs"),
+        [(f"{a:.1f} to {b:.1f}", n) for a, b, n in zip(clips, clips[1:], by_clip, strict=False)],
+    )
 
 
 def elements(data: Data, profile: Profile) -> Figure | None:
@@ -179,10 +291,22 @@ def elements(data: Data, profile: Profile) -> Figure | None:
         return None
     from kb.report.wikipage import KINDS
 
-    sheet = lying_bars([name for name, _ in found], [n for _, n in found], unit="elements", colors=[KINDS.get(name, BLUE) for name, _ in found])
+    sheet = lying_bars(
+        [name for name, _ in found],
+        [n for _, n in found],
+        unit="elements",
+        colors=[KINDS.get(name, BLUE) for name, _ in found],
+    )
     total = sum(n for _, n in found)
-    return _figure("wiki-elements", "What is on the pages", f"{total:,} elements with a box, by kind.",
-                   "Bars of elements by kind: " + ", ".join(f"{name} {n:,}" for name, n in found) + ".", sheet, ("kind", "elements"), found)
+    return _figure(
+        "wiki-elements",
+        "What is on the pages",
+        f"{total:,} elements with a box, by kind.",
+        "Bars of elements by kind: " + ", ".join(f"{name} {n:,}" for name, n in found) + ".",
+        sheet,
+        ("kind", "elements"),
+        found,
+    )
 
 
 def _even(low: float, high: float, bins: int = _BINS) -> list[float]:

@@ -16,7 +16,13 @@ _TALLEST = 1.25  # height of what is shown, in widths of the page
 
 def page(data: Data, profile: Profile) -> Figure | None:
     """The page whose first screen shows most kinds of elements; without screenshot, boxes on white."""
-    found = data.rows("wiki/pages", "SELECT page_id, title, url, screenshot_path, page_width, page_height, device_pixel_ratio FROM {t} ORDER BY page_id")
+    found = data.rows(
+        "wiki/pages",
+        (
+            "SELECT page_id, title, url, screenshot_path, page_width, page_height, device_pixel_ratio FROM {t} ORDER "
+            "BY page_id"
+        ),
+    )
     if not found or not data.files("wiki/elements"):
         return None
     chosen = _chosen(data)
@@ -24,7 +30,15 @@ def page(data: Data, profile: Profile) -> Figure | None:
         return None
     number, title, url, shot, width, height, ratio = next((row for row in found if row[0] == chosen), found[0])
     shown = min(height, width * _TALLEST)
-    boxes = data.rows("wiki/elements", "SELECT kind, x, y, width, height FROM {t} WHERE page_id = ? AND visible AND width > 0 AND height > 0 AND y < ? ORDER BY reading_order", number, shown)
+    boxes = data.rows(
+        "wiki/elements",
+        (
+            "SELECT kind, x, y, width, height FROM {t} WHERE page_id = ? AND visible AND width > 0 AND height > 0 "
+            "AND y < ? ORDER BY reading_order"
+        ),
+        number,
+        shown,
+    )
     sheet, axes = canvas(WIDTH * shown / width + 0.35)
     image = _screenshot(data, shot, shown, ratio)
     if image is not None:
@@ -34,14 +48,26 @@ def page(data: Data, profile: Profile) -> Figure | None:
     counts = {kind: sum(box[0] == kind for box in boxes) for kind in KINDS}
     said = ", ".join(f"{n} {kind}" for kind, n in counts.items() if n)
     more = "" if shown >= height else f" The first {shown:.0f} of {height:,} pixels are shown."
-    return Figure("wiki-page", f"A page with its boxes: {title}", f"Boxes of visible elements as the browser laid them out, in CSS pixels.{more} Source: {url}",
-                  f"Screenshot of the page {title} with coloured boxes around its elements: {said}.", png, svg, ("kind", "boxes"), [(kind, n) for kind, n in counts.items() if n])
+    return Figure(
+        "wiki-page",
+        f"A page with its boxes: {title}",
+        f"Boxes of visible elements as the browser laid them out, in CSS pixels.{more} Source: {url}",
+        f"Screenshot of the page {title} with coloured boxes around its elements: {said}.",
+        png,
+        svg,
+        ("kind", "boxes"),
+        [(kind, n) for kind, n in counts.items() if n],
+    )
 
 
 def _chosen(data: Data) -> int | None:
     """The page with the most kinds of elements, then the most pictures, near its top."""
-    found = data.rows("wiki/elements", "SELECT page_id FROM {t} WHERE visible AND y < 1600 GROUP BY 1"
-                      " ORDER BY count(DISTINCT kind) DESC, least(count(*) FILTER (kind IN ('image', 'sprite', 'animation')), 12) DESC, least(count(*), 120) DESC, 1 LIMIT 1")
+    found = data.rows(
+        "wiki/elements",
+        "SELECT page_id FROM {t} WHERE visible AND y < 1600 GROUP BY 1 ORDER BY count(DISTINCT kind) DESC,"
+        " least(count(*) FILTER (kind IN ('image', 'sprite', 'animation')), 12) DESC, least(count(*), 120) DESC, 1"
+        " LIMIT 1",
+    )
     return found[0][0] if found else None
 
 
@@ -64,7 +90,11 @@ def _draw(axes: Any, boxes: list[tuple[Any, ...]], width: float, shown: float) -
     for kind, x, y, w, h in boxes:
         color = KINDS.get(kind, BLUE)
         axes.add_patch(Rectangle((x, y), w, min(h, shown - y), facecolor=color, alpha=0.10, linewidth=0))
-        axes.add_patch(Rectangle((x, y), w, min(h, shown - y), fill=False, edgecolor=color, linewidth=0.7 if kind == "cell" else 1.1))
+        axes.add_patch(
+            Rectangle(
+                (x, y), w, min(h, shown - y), fill=False, edgecolor=color, linewidth=0.7 if kind == "cell" else 1.1
+            )
+        )
     there = [kind for kind in KINDS if any(box[0] == kind for box in boxes)]
     axes.set_xlim(0, width)
     axes.set_ylim(shown, 0)
@@ -73,5 +103,10 @@ def _draw(axes: Any, boxes: list[tuple[Any, ...]], width: float, shown: float) -
     axes.set_yticks([])
     for side in axes.spines.values():
         side.set_visible(False)
-    axes.figure.legend(handles=[Patch(facecolor="none", edgecolor=KINDS[kind], linewidth=1.6, label=kind) for kind in there],
-                       loc="outside upper center", ncols=len(there), handlelength=1.2, columnspacing=1.1)
+    axes.figure.legend(
+        handles=[Patch(facecolor="none", edgecolor=KINDS[kind], linewidth=1.6, label=kind) for kind in there],
+        loc="outside upper center",
+        ncols=len(there),
+        handlelength=1.2,
+        columnspacing=1.1,
+    )

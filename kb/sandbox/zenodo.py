@@ -21,10 +21,21 @@ from werkzeug.exceptions import BadRequest, HTTPException
 from werkzeug.routing import Map, Rule
 from werkzeug.wrappers import Request, Response
 
-TOKEN = "sandbox-deposit-token"  # noqa: S105  an invented credential of an invented service
+TOKEN = "sandbox-deposit-token"
 MOST_FILES = 100
 MOST_BYTES = 50 * 10**9
-TYPES = {"dataset", "software", "publication", "image", "video", "poster", "presentation", "lesson", "physicalobject", "other"}
+TYPES = {
+    "dataset",
+    "software",
+    "publication",
+    "image",
+    "video",
+    "poster",
+    "presentation",
+    "lesson",
+    "physicalobject",
+    "other",
+}
 LICENCES = re.compile(r"(cc-by(-nc)?(-sa|-nd)?-[1-4]\.0|cc0-1\.0|cc-zero|mit|apache-2\.0|other-open)(-[a-z]{2})?")
 STAMP = "2026-11-20T12:00:00.000000+00:00"
 _UNAUTHORIZED = (
@@ -51,7 +62,13 @@ def app(world: Any = None, faults: Any = None) -> Any:
 class Answer(HTTPException):
     """An error in the API's own form."""
 
-    def __init__(self, status: int, message: str, errors: list[dict[str, Any]] | None = None, headers: dict[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        status: int,
+        message: str,
+        errors: list[dict[str, Any]] | None = None,
+        headers: dict[str, str] | None = None,
+    ) -> None:
         body = {"status": status, "message": message} | ({"errors": errors} if errors else {})
         super().__init__(response=Response(json.dumps(body), status, headers, mimetype="application/json"))
         self.code = status
@@ -79,19 +96,23 @@ class Deposits:
         self._numbers = itertools.count(100_001)
         self._lock = threading.RLock()
         base = "/api/deposit/depositions"
-        self._routes = Map([
-            Rule(base, endpoint=self._list, methods=["GET"]), Rule(base, endpoint=self._create, methods=["POST"]),
-            Rule(f"{base}/<int:number>", endpoint=self._get, methods=["GET"]),
-            Rule(f"{base}/<int:number>", endpoint=self._update, methods=["PUT"]),
-            Rule(f"{base}/<int:number>", endpoint=self._delete, methods=["DELETE"]),
-            Rule(f"{base}/<int:number>/files", endpoint=self._files, methods=["GET"]),
-            Rule(f"{base}/<int:number>/files/<file>", endpoint=self._remove, methods=["DELETE"]),
-            Rule(f"{base}/<int:number>/actions/publish", endpoint=self._publish, methods=["POST"]),
-            Rule(f"{base}/<int:number>/actions/newversion", endpoint=self._new_version, methods=["POST"]),
-            Rule("/api/files/<bucket>/<path:name>", endpoint=self._put, methods=["PUT"]),
-            Rule("/api/records/<int:number>", endpoint=self._record, methods=["GET"]),
-            Rule("/api/records/<int:number>/files/<path:name>/content", endpoint=self._content, methods=["GET"]),
-        ], strict_slashes=False)
+        self._routes = Map(
+            [
+                Rule(base, endpoint=self._list, methods=["GET"]),
+                Rule(base, endpoint=self._create, methods=["POST"]),
+                Rule(f"{base}/<int:number>", endpoint=self._get, methods=["GET"]),
+                Rule(f"{base}/<int:number>", endpoint=self._update, methods=["PUT"]),
+                Rule(f"{base}/<int:number>", endpoint=self._delete, methods=["DELETE"]),
+                Rule(f"{base}/<int:number>/files", endpoint=self._files, methods=["GET"]),
+                Rule(f"{base}/<int:number>/files/<file>", endpoint=self._remove, methods=["DELETE"]),
+                Rule(f"{base}/<int:number>/actions/publish", endpoint=self._publish, methods=["POST"]),
+                Rule(f"{base}/<int:number>/actions/newversion", endpoint=self._new_version, methods=["POST"]),
+                Rule("/api/files/<bucket>/<path:name>", endpoint=self._put, methods=["PUT"]),
+                Rule("/api/records/<int:number>", endpoint=self._record, methods=["GET"]),
+                Rule("/api/records/<int:number>/files/<path:name>/content", endpoint=self._content, methods=["GET"]),
+            ],
+            strict_slashes=False,
+        )
 
     def __call__(self, environ: Any, start_response: Any) -> Any:
         request = Request(environ)
@@ -123,7 +144,7 @@ class Deposits:
         status = request.args.get("status")
         wanted = [one for one in self.by_id.values() if status is None or one.submitted == (status == "published")]
         start = (request.args.get("page", 1, int) - 1) * (size := request.args.get("size", 10, int))
-        return _json([self._shown(one, request) for one in reversed(wanted)][start:start + size])
+        return _json([self._shown(one, request) for one in reversed(wanted)][start : start + size])
 
     def _create(self, request: Request) -> Response:
         body = _body(request)
@@ -151,7 +172,9 @@ class Deposits:
     def _update(self, request: Request, number: int) -> Response:
         found, body = self._draft(number), _body(request)
         if "metadata" not in body:
-            raise Answer(400, "Validation error.", [{"field": "metadata", "message": "Missing data for required field."}])
+            raise Answer(
+                400, "Validation error.", [{"field": "metadata", "message": "Missing data for required field."}]
+            )
         found.metadata = _metadata(body["metadata"], whole=False)
         return _json(self._shown(found, request))
 
@@ -189,8 +212,17 @@ class Deposits:
             raise Answer(413, "Quota limit exceeded.")
         found.files[name] = data
         shown = _file(found, name)
-        body = {"key": name, "mimetype": "application/octet-stream", "size": len(data), "checksum": f"md5:{shown['checksum']}",
-                "version_id": shown["id"], "is_head": True, "created": STAMP, "updated": STAMP, "links": {"self": f"{_root(request)}/api/files/{bucket}/{name}"}}
+        body = {
+            "key": name,
+            "mimetype": "application/octet-stream",
+            "size": len(data),
+            "checksum": f"md5:{shown['checksum']}",
+            "version_id": shown["id"],
+            "is_head": True,
+            "created": STAMP,
+            "updated": STAMP,
+            "links": {"self": f"{_root(request)}/api/files/{bucket}/{name}"},
+        }
         return _json(body, 201)
 
     # -- actions and records -----------------------------------------------------------------------
@@ -199,7 +231,9 @@ class Deposits:
         found = self._draft(number)
         found.metadata = _metadata(found.metadata, whole=True)
         if not found.files:
-            raise Answer(400, "Validation error.", [{"field": "files", "message": "Minimum one file must be provided."}])
+            raise Answer(
+                400, "Validation error.", [{"field": "files", "message": "Minimum one file must be provided."}]
+            )
         found.submitted = True
         found.metadata["doi"] = f"10.5072/zenodo.{found.id}"
         return _json(self._shown(found, request), 202)
@@ -210,11 +244,19 @@ class Deposits:
             raise Answer(400, "Invalid action", [{"field": "state", "message": "The deposition is not published."}])
         draft = self._open_draft(found)
         if draft is not None and draft.files:
-            raise Answer(400, "A validation error occurred.", [{"field": "files.enabled", "messages": ["Please remove all files first."]}])
+            raise Answer(
+                400,
+                "A validation error occurred.",
+                [{"field": "files.enabled", "messages": ["Please remove all files first."]}],
+            )
         if draft is None:
             number = next(self._numbers)
-            kept = {key: what for key, what in found.metadata.items() if key not in ("doi", "publication_date", "version")}
-            draft = Deposit(number, found.concept, str(uuid.uuid5(uuid.NAMESPACE_URL, str(number))), kept, dict(found.files))
+            kept = {
+                key: what for key, what in found.metadata.items() if key not in ("doi", "publication_date", "version")
+            }
+            draft = Deposit(
+                number, found.concept, str(uuid.uuid5(uuid.NAMESPACE_URL, str(number))), kept, dict(found.files)
+            )
             self.by_id[number] = draft
         return _json(self._shown(found, request), 201)
 
@@ -226,9 +268,24 @@ class Deposits:
         if not found.submitted:
             raise Answer(404, "PID does not exist.")
         root = _root(request)
-        files = [{"key": name, "size": len(data), "checksum": f"md5:{hashlib.md5(data).hexdigest()}",  # noqa: S324  the API's own checksum
-                  "links": {"self": f"{root}/api/records/{number}/files/{name}/content"}} for name, data in found.files.items()]
-        return _json({"id": number, "conceptrecid": str(found.concept), "doi": found.metadata["doi"], "metadata": found.metadata, "files": files})
+        files = [
+            {
+                "key": name,
+                "size": len(data),
+                "checksum": f"md5:{hashlib.md5(data).hexdigest()}",
+                "links": {"self": f"{root}/api/records/{number}/files/{name}/content"},
+            }
+            for name, data in found.files.items()
+        ]
+        return _json(
+            {
+                "id": number,
+                "conceptrecid": str(found.concept),
+                "doi": found.metadata["doi"],
+                "metadata": found.metadata,
+                "files": files,
+            }
+        )
 
     def _content(self, request: Request, number: int, name: str) -> Response:
         found = self._find(number)
@@ -238,25 +295,43 @@ class Deposits:
 
     def _shown(self, one: Deposit, request: Request) -> dict[str, Any]:
         own = f"{_root(request)}/api/deposit/depositions/{one.id}"
-        links = {"self": own, "html": f"{_root(request)}/deposit/{one.id}", "bucket": f"{_root(request)}/api/files/{one.bucket}", "files": f"{own}/files"}
+        links = {
+            "self": own,
+            "html": f"{_root(request)}/deposit/{one.id}",
+            "bucket": f"{_root(request)}/api/files/{one.bucket}",
+            "files": f"{own}/files",
+        }
         links |= {action: f"{own}/actions/{action}" for action in ("publish", "edit", "discard", "newversion")}
         if (draft := self._open_draft(one)) is not None:
             links["latest_draft"] = f"{_root(request)}/api/deposit/depositions/{draft.id}"
         shown = {
-            "id": one.id, "conceptrecid": str(one.concept), "created": STAMP, "modified": STAMP, "owner": 1, "record_id": one.id,
-            "state": "done" if one.submitted else "unsubmitted", "submitted": one.submitted, "title": one.metadata.get("title", ""),
+            "id": one.id,
+            "conceptrecid": str(one.concept),
+            "created": STAMP,
+            "modified": STAMP,
+            "owner": 1,
+            "record_id": one.id,
+            "state": "done" if one.submitted else "unsubmitted",
+            "submitted": one.submitted,
+            "title": one.metadata.get("title", ""),
             "metadata": {**one.metadata, "prereserve_doi": {"doi": f"10.5072/zenodo.{one.id}", "recid": one.id}},
-            "files": [_file(one, name) for name in one.files], "links": links,
+            "files": [_file(one, name) for name in one.files],
+            "links": links,
         }
-        return shown | ({"doi": one.metadata["doi"], "conceptdoi": f"10.5072/zenodo.{one.concept}"} if one.submitted else {})
+        return shown | (
+            {"doi": one.metadata["doi"], "conceptdoi": f"10.5072/zenodo.{one.concept}"} if one.submitted else {}
+        )
 
 
 def _metadata(given: dict[str, Any], *, whole: bool) -> dict[str, Any]:
     """The metadata as the service keeps it; 400 with every wrong field. `whole`: required ones must be there."""
     errors = []
     if whole:
-        errors = [{"field": f"metadata.{name}", "message": "Missing data for required field."}
-                  for name in ("title", "upload_type", "description", "creators") if not given.get(name)]
+        errors = [
+            {"field": f"metadata.{name}", "message": "Missing data for required field."}
+            for name in ("title", "upload_type", "description", "creators")
+            if not given.get(name)
+        ]
     if given.get("upload_type") and given["upload_type"] not in TYPES:
         errors.append({"field": "metadata.upload_type", "message": "Not a valid choice."})
     if given.get("license") and not LICENCES.fullmatch(str(given["license"])):
@@ -274,8 +349,13 @@ def _metadata(given: dict[str, Any], *, whole: bool) -> dict[str, Any]:
 
 def _file(one: Deposit, name: str) -> dict[str, Any]:
     data = one.files[name]
-    digest = hashlib.md5(data).hexdigest()  # noqa: S324  the API's own checksum
-    return {"id": str(uuid.uuid5(uuid.NAMESPACE_URL, f"{one.id}/{name}/{digest}")), "filename": name, "filesize": len(data), "checksum": digest}
+    digest = hashlib.md5(data).hexdigest()
+    return {
+        "id": str(uuid.uuid5(uuid.NAMESPACE_URL, f"{one.id}/{name}/{digest}")),
+        "filename": name,
+        "filesize": len(data),
+        "checksum": digest,
+    }
 
 
 def _body(request: Request) -> dict[str, Any]:

@@ -13,7 +13,12 @@ from kb.core.settings import load_settings
 from kb.release.build import release
 from tests.release.made import build
 
-SECRETS = {"youtube_api_key": "y-key-1234567", "reddit_client_id": "r-id-1234567", "reddit_client_secret": "r-secret-1234567", "zenodo_token": "z-token-1234567"}
+SECRETS = {
+    "youtube_api_key": "y-key-1234567",
+    "reddit_client_id": "r-id-1234567",
+    "reddit_client_secret": "r-secret-1234567",
+    "zenodo_token": "z-token-1234567",
+}
 
 
 def a_run(root: Path, profile: str | Path = "minecraft", **settings: object) -> Run:
@@ -34,4 +39,4 @@ def released(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
         root = build(tmp_path_factory.mktemp("released"))
         release(a_run(root))
-    yield root
+    return root

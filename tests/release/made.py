@@ -18,10 +18,12 @@ from kb.schema import Table, table
 from kb.store.shards import sorted_shards, write_table
 
 START = datetime(2026, 11, 1, tzinfo=UTC)
-WORDS = (
-    "how to build a small house with oak logs find diamonds craft an iron pickaxe tame the wolf farm wheat cave castle tower bridge torch"
-    " furnace bread village trade emerald horse saddle boat river ocean island ship chest barrel stairs roof garden flower bee honey"
-).split()
+VOCABULARY = (
+    "how to build a small house with oak logs find diamonds craft an iron pickaxe tame the wolf farm wheat cave castle"
+    " tower bridge torch furnace bread village trade emerald horse saddle boat river ocean island ship chest barrel"
+    " stairs roof garden flower bee honey"
+)
+WORDS = VOCABULARY.split()
 KEYWORDS = ("oak log", "diamond", "iron pickaxe", "wolf", "wheat")
 Edit = Callable[[str, list[dict[str, Any]]], None]
 
@@ -58,64 +60,145 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
     made: dict[str, list[dict[str, Any]]] = {}
     made["youtube/videos"] = [
         {
-            "video_id": f"vid{i:08d}", "title": words(5, "t", i), "link": f"https://www.youtube.com/watch?v=vid{i:08d}",
-            "description": words(9, "d", i), "channel_id": f"UC{i % 7:022d}", "published_at": START - timedelta(days=30 * i),
-            "view_count": 100 + int(10 ** (2 + spread("v", i) % 400 / 100)), "like_count": None if i % 9 == 0 else spread("l", i) % 900,
-            "duration_s": 61 + int(1800 * (spread("dur", i) % 1000 / 1000) ** 3), "width": 1280, "height": 720, "category_id": 20,
-            "topic_evidence": "game_label" if i % 3 else "keywords", "transcript_kind": ("manual", "asr", "translated")[i % 3],
-            "word_count": 500 + spread("w", i) % 3000, "license": "youtube", "fetched_at": START + timedelta(hours=i),
+            "video_id": f"vid{i:08d}",
+            "title": words(5, "t", i),
+            "link": f"https://www.youtube.com/watch?v=vid{i:08d}",
+            "description": words(9, "d", i),
+            "channel_id": f"UC{i % 7:022d}",
+            "published_at": START - timedelta(days=30 * i),
+            "view_count": 100 + int(10 ** (2 + spread("v", i) % 400 / 100)),
+            "like_count": None if i % 9 == 0 else spread("l", i) % 900,
+            "duration_s": 61 + int(1800 * (spread("dur", i) % 1000 / 1000) ** 3),
+            "width": 1280,
+            "height": 720,
+            "category_id": 20,
+            "topic_evidence": "game_label" if i % 3 else "keywords",
+            "transcript_kind": ("manual", "asr", "translated")[i % 3],
+            "word_count": 500 + spread("w", i) % 3000,
+            "license": "youtube",
+            "fetched_at": START + timedelta(hours=i),
         }
         for i in range(n)
     ]
     made["wiki/pages"] = [
         {
-            "page_id": i + 1, "title": f"Page {i}", "url": f"https://wiki.example.org/wiki/Page_{i}", "revision_id": 1000 + i,
-            "license": "CC-BY-NC-SA-3.0", "contributors_url": f"https://wiki.example.org/index.php?title=Page_{i}&action=history",
-            "screenshot_path": f"raw/wiki/pages/{i + 1}.png", "page_width": 1280, "page_height": 900, "viewport_width": 1280,
-            "word_count": 200, "fetched_at": START + timedelta(minutes=i), "revision_timestamp": START - timedelta(days=i),
+            "page_id": i + 1,
+            "title": f"Page {i}",
+            "url": f"https://wiki.example.org/wiki/Page_{i}",
+            "revision_id": 1000 + i,
+            "license": "CC-BY-NC-SA-3.0",
+            "contributors_url": f"https://wiki.example.org/index.php?title=Page_{i}&action=history",
+            "screenshot_path": f"raw/wiki/pages/{i + 1}.png",
+            "page_width": 1280,
+            "page_height": 900,
+            "viewport_width": 1280,
+            "word_count": 200,
+            "fetched_at": START + timedelta(minutes=i),
+            "revision_timestamp": START - timedelta(days=i),
         }
         for i in range(max(3, n // 10))
     ]
     made["wiki/elements"] = [
         {
-            "page_id": page["page_id"], "element_id": k, "parent_id": None if k == 0 else 0, "visible": True, "reading_order": k,
-            "kind": ("text", "image", "table", "cell", "sprite")[k % 5], "tag": ("h1", "img", "table", "td", "span")[k % 5],
-            "region": ("content", "infobox", "navbox")[k % 3], "text": words(6, "e", page["page_id"], k) if k % 5 in (0, 3) else None,
-            "x": 40.0 + 150 * (k % 5), "y": 30.0 + 70 * k, "width": 140.0, "height": 55.0,
+            "page_id": page["page_id"],
+            "element_id": k,
+            "parent_id": None if k == 0 else 0,
+            "visible": True,
+            "reading_order": k,
+            "kind": ("text", "image", "table", "cell", "sprite")[k % 5],
+            "tag": ("h1", "img", "table", "td", "span")[k % 5],
+            "region": ("content", "infobox", "navbox")[k % 3],
+            "text": words(6, "e", page["page_id"], k) if k % 5 in (0, 3) else None,
+            "x": 40.0 + 150 * (k % 5),
+            "y": 30.0 + 70 * k,
+            "width": 140.0,
+            "height": 55.0,
         }
-        for page in made["wiki/pages"] for k in range(12)
+        for page in made["wiki/pages"]
+        for k in range(12)
     ]
     made["wiki/cells"] = [
-        {"page_id": page["page_id"], "table_id": 2, "row_index": r, "column_index": c, "row_span": 1, "column_span": 1,
-         "is_header": r == 0, "text": words(2, "c", r, c), "x": 40.0 + 90 * c, "y": 170.0 + 20 * r, "width": 90.0, "height": 20.0}
-        for page in made["wiki/pages"] for r in range(3) for c in range(2)
+        {
+            "page_id": page["page_id"],
+            "table_id": 2,
+            "row_index": r,
+            "column_index": c,
+            "row_span": 1,
+            "column_span": 1,
+            "is_header": r == 0,
+            "text": words(2, "c", r, c),
+            "x": 40.0 + 90 * c,
+            "y": 170.0 + 20 * r,
+            "width": 90.0,
+            "height": 20.0,
+        }
+        for page in made["wiki/pages"]
+        for r in range(3)
+        for c in range(2)
     ]
     made["wiki/images"] = [
-        {"page_id": page["page_id"], "element_id": 1, "src": f"https://wiki.example.org/images/{page['page_id']}.png",
-         "path": f"raw/wiki/images/{page['page_id']}.png", "sha256": hashlib.sha256(b"%d" % page["page_id"]).hexdigest(),
-         "media_type": "image/png", "width": 16, "height": 16, "alt_text": "a block", "license": None}
+        {
+            "page_id": page["page_id"],
+            "element_id": 1,
+            "src": f"https://wiki.example.org/images/{page['page_id']}.png",
+            "path": f"raw/wiki/images/{page['page_id']}.png",
+            "sha256": hashlib.sha256(b"%d" % page["page_id"]).hexdigest(),
+            "media_type": "image/png",
+            "width": 16,
+            "height": 16,
+            "alt_text": "a block",
+            "license": None,
+        }
         for page in made["wiki/pages"]
     ]
     made["reddit/posts"] = [
         {
-            "post_id": f"p{i:05x}", "type": ("text", "image", "image", "video", "link", "poll", "gallery")[i % 7],
-            "created_utc": START - timedelta(days=i), "score": 5 + spread("s", i) % 500, "num_comments": spread("nc", i) % 60, "upvote_ratio": 0.9,
-            "score_source": "live", "fetched_at": START + timedelta(seconds=i), "title": words(6, "rt", i), "body": words(20, "rb", i),
+            "post_id": f"p{i:05x}",
+            "type": ("text", "image", "image", "video", "link", "poll", "gallery")[i % 7],
+            "created_utc": START - timedelta(days=i),
+            "score": 5 + spread("s", i) % 500,
+            "num_comments": spread("nc", i) % 60,
+            "upvote_ratio": 0.9,
+            "score_source": "live",
+            "fetched_at": START + timedelta(seconds=i),
+            "title": words(6, "rt", i),
+            "body": words(20, "rb", i),
             "author_hash": f"{spread('a', i % 11):012x}",
         }
         for i in range(n)
     ]
     made["reddit/comments"] = [
-        {"comment_id": f"c{i:05x}{j}", "post_id": f"p{i:05x}", "parent_id": f"t3_p{i:05x}" if j == 0 else f"t1_c{i:05x}{j - 1}", "depth": j,
-         "created_utc": START, "score": j, "score_source": "live", "fetched_at": START, "body": words(8, "cb", i, j)}
-        for i in range(n) for j in range(3)
+        {
+            "comment_id": f"c{i:05x}{j}",
+            "post_id": f"p{i:05x}",
+            "parent_id": f"t3_p{i:05x}" if j == 0 else f"t1_c{i:05x}{j - 1}",
+            "depth": j,
+            "created_utc": START,
+            "score": j,
+            "score_source": "live",
+            "fetched_at": START,
+            "body": words(8, "cb", i, j),
+        }
+        for i in range(n)
+        for j in range(3)
     ]
     made["pairs/pairs"] = [
         {
-            "pair_id": f"{spread('p', i):012x}", "video_id": f"vid{i % n:08d}", "keyword": KEYWORDS[spread("k", i) % 5 % (1 + i % 5)],
-            "keyword_kind": "item", "text": words(12, "pt", i), "token_count": 16 + spread("tok", i) % 62, "match_start_s": 10.0,
-            "match_end_s": 11.0, "segment_start_s": 9.0, "segment_end_s": 12.0, "text_start_s": 6.0, "text_end_s": 16.0, "center_s": 10.5,
-            "clip_start_s": 10.5 - (8 + spread("clip", i) % 80 / 10) / 2, "clip_end_s": 10.5 + (8 + spread("clip", i) % 80 / 10) / 2,
+            "pair_id": f"{spread('p', i):012x}",
+            "video_id": f"vid{i % n:08d}",
+            "keyword": KEYWORDS[spread("k", i) % 5 % (1 + i % 5)],
+            "keyword_kind": "item",
+            "text": words(12, "pt", i),
+            "token_count": 16 + spread("tok", i) % 62,
+            "match_start_s": 10.0,
+            "match_end_s": 11.0,
+            "segment_start_s": 9.0,
+            "segment_end_s": 12.0,
+            "text_start_s": 6.0,
+            "text_end_s": 16.0,
+            "center_s": 10.5,
+            "clip_start_s": 10.5 - (8 + spread("clip", i) % 80 / 10) / 2,
+            "clip_end_s": 10.5 + (8 + spread("clip", i) % 80 / 10) / 2,
             "transcript_kind": "asr",
         }
         for i in range(2 * n)
@@ -124,16 +207,39 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
 
 
 REJECTED = {
-    "youtube": [("missing", "not_found", None, None, 9), ("topic", "other_game", "UCother", None, 25), ("views", "below", "12", "100", 31),
-                ("aspect_ratio", "below", "0.56", "1.0", 8), ("duration", "below", "31", "60", 12), ("age_restricted", "true", "true", None, 2),
-                ("toxicity", "above", "0.91", "0.5", 4), ("transcript", "none", "none", None, 11)],
-    "wiki": [("missing", "deleted", None, None, 1), ("render", "timeout", None, None, 1), ("words", "below", "7", "20", 3)],
-    "reddit": [("removed", "removed", None, None, 14), ("nsfw", "true", "true", None, 5), ("score", "below", "1", "5", 40), ("toxicity", "above", "0.8", "0.5", 3)],
+    "youtube": [
+        ("missing", "not_found", None, None, 9),
+        ("topic", "other_game", "UCother", None, 25),
+        ("views", "below", "12", "100", 31),
+        ("aspect_ratio", "below", "0.56", "1.0", 8),
+        ("duration", "below", "31", "60", 12),
+        ("age_restricted", "true", "true", None, 2),
+        ("toxicity", "above", "0.91", "0.5", 4),
+        ("transcript", "none", "none", None, 11),
+    ],
+    "wiki": [
+        ("missing", "deleted", None, None, 1),
+        ("render", "timeout", None, None, 1),
+        ("words", "below", "7", "20", 3),
+    ],
+    "reddit": [
+        ("removed", "removed", None, None, 14),
+        ("nsfw", "true", "true", None, 5),
+        ("score", "below", "1", "5", 40),
+        ("toxicity", "above", "0.8", "0.5", 3),
+    ],
 }
 PAIRS = "pairs/pairs"
 
 
-def build(root: Path, edit: Edit | None = None, sources: tuple[str, ...] = ("youtube", "wiki", "reddit", "pairs"), n: int = 60, *, export: bool = True) -> Path:
+def build(
+    root: Path,
+    edit: Edit | None = None,
+    sources: tuple[str, ...] = ("youtube", "wiki", "reddit", "pairs"),
+    n: int = 60,
+    *,
+    export: bool = True,
+) -> Path:
     """Write clean/, pairs/ and release/ under `root`. `edit(table, rows)` may change rows first."""
     for name, made in rows(n).items():
         if name.partition("/")[0] not in sources:
@@ -149,10 +255,23 @@ def build(root: Path, edit: Edit | None = None, sources: tuple[str, ...] = ("you
     for source, lines in REJECTED.items():
         if source not in sources:
             continue
-        made = [{"key": f"{'t3_' if source == 'reddit' else ''}{stage}{i}", "stage": stage, "reason": reason, "value": value, "threshold": threshold}
-                for stage, reason, value, threshold, n_rows in lines for i in range(n_rows)]
+        made = [
+            {
+                "key": f"{'t3_' if source == 'reddit' else ''}{stage}{i}",
+                "stage": stage,
+                "reason": reason,
+                "value": value,
+                "threshold": threshold,
+            }
+            for stage, reason, value, threshold, n_rows in lines
+            for i in range(n_rows)
+        ]
         declared = table("shared/rejected")
-        write_table(root / "clean" / source / "rejected" / "part-00000.parquet", pa.Table.from_pylist(made, declared.arrow()), declared)
+        write_table(
+            root / "clean" / source / "rejected" / "part-00000.parquet",
+            pa.Table.from_pylist(made, declared.arrow()),
+            declared,
+        )
     return root
 
 

@@ -45,7 +45,7 @@ def downloaded(released: Path, tmp_path_factory: pytest.TempPathFactory) -> Iter
             for file in record["files"]:
                 (folder / source / file["key"]).write_bytes(requests.get(file["links"]["self"], timeout=10).content)
         shutil.rmtree(root)
-    yield folder
+    return folder
 
 
 @pytest.fixture(scope="session")
@@ -60,7 +60,13 @@ def shards(folder: Path, name: str) -> str:
 
 @pytest.mark.parametrize("source", SOURCES)
 def test_sha256sum(downloaded: Path, source: str) -> None:
-    done = subprocess.run(["sha256sum", "-c", "--strict", "SHA256SUMS"], cwd=downloaded / source, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["sha256sum", "-c", "--strict", "SHA256SUMS"],
+        cwd=downloaded / source,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     listed = {line.partition(":")[0] for line in done.stdout.splitlines()}
     assert listed == {path.name for path in (downloaded / source).iterdir()} - {"SHA256SUMS"}
@@ -69,7 +75,9 @@ def test_sha256sum(downloaded: Path, source: str) -> None:
 @pytest.mark.parametrize("name", TABLES)
 def test_duckdb(downloaded: Path, expected: dict[str, int], name: str) -> None:
     key = ", ".join(tables()[name].key)
-    found = duckdb.execute(f"SELECT count(*), count(DISTINCT ({key})) FROM read_parquet(?)", [shards(downloaded, name)]).fetchone()
+    found = duckdb.execute(
+        f"SELECT count(*), count(DISTINCT ({key})) FROM read_parquet(?)", [shards(downloaded, name)]
+    ).fetchone()
     assert found == (expected[name], expected[name])
 
 
@@ -77,8 +85,19 @@ def test_kb_query(released: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from kb.cli.app import main
 
     with pytest.raises(SystemExit) as left:
-        main(["query", "SELECT v.video_id, count(*) AS n FROM release.youtube_videos v JOIN release.pairs p USING (video_id) GROUP BY 1 ORDER BY 1 LIMIT 1",
-              "--data", str(released), "--format", "json"])
+        main(
+            [
+                "query",
+                (
+                    "SELECT v.video_id, count(*) AS n FROM release.youtube_videos v JOIN release.pairs p USING "
+                    "(video_id) GROUP BY 1 ORDER BY 1 LIMIT 1"
+                ),
+                "--data",
+                str(released),
+                "--format",
+                "json",
+            ]
+        )
     assert not left.value.code
     assert '"vid00000000"' in capsys.readouterr().out
 
@@ -116,7 +135,9 @@ def datasets(tmp_path_factory: pytest.TempPathFactory) -> Any:
 @pytest.mark.parametrize("name", TABLES)
 def test_hugging_face_datasets(downloaded: Path, expected: dict[str, int], datasets: Any, name: str) -> None:
     source, _, table = name.partition("/")
-    found = datasets.load_dataset(str(downloaded / source), table, split="train", cache_dir=os.environ["HF_DATASETS_CACHE"])
+    found = datasets.load_dataset(
+        str(downloaded / source), table, split="train", cache_dir=os.environ["HF_DATASETS_CACHE"]
+    )
     assert found.num_rows == expected[name]
     assert found.column_names == tables()[name].names(released=True)
 
@@ -150,7 +171,10 @@ def test_croissant_is_valid_and_says_who_is_concerned(downloaded: Path, source: 
     assert list(metadata.ctx.issues.warnings) == []
     raw = json.loads((downloaded / source / "croissant.json").read_text())
     assert raw["conformsTo"] == ["http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0"]
-    assert metadata.data_biases and metadata.data_collection and metadata.personal_sensitive_information and metadata.data_use_cases
+    assert metadata.data_biases
+    assert metadata.data_collection
+    assert metadata.personal_sensitive_information
+    assert metadata.data_use_cases
     for file in raw["distribution"]:
         if file["@type"] == "cr:FileObject":
             path = downloaded / source / file["contentUrl"]
@@ -165,37 +189,70 @@ def test_cffconvert(downloaded: Path, source: str) -> None:
     command = shutil.which("cffconvert", path=f"{Path(__import__('sys').executable).parent}:{os.environ['PATH']}")
     if command is None:
         skip_or_fail("cffconvert is not installed")
-    valid = subprocess.run([command, "--validate", "-i", "CITATION.cff"], cwd=downloaded / source, capture_output=True, text=True, check=False)
+    valid = subprocess.run(
+        [command, "--validate", "-i", "CITATION.cff"],
+        cwd=downloaded / source,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert valid.returncode == 0, valid.stdout + valid.stderr
 
 
 @pytest.mark.parametrize("source", SOURCES)
 def test_a_sample_of_rows_that_belong_together(downloaded: Path, source: str) -> None:
     samples = sorted((downloaded / source).glob("sample-*.parquet"))
-    assert [path.stem.removeprefix("sample-") for path in samples] == [name.partition("/")[2] for name in TABLES if name.startswith(f"{source}/")]
+    assert [path.stem.removeprefix("sample-") for path in samples] == [
+        name.partition("/")[2] for name in TABLES if name.startswith(f"{source}/")
+    ]
     if source == "wiki":
-        pages, elements = (set(pq.read_table(downloaded / "wiki" / f"sample-{name}.parquet")["page_id"].to_pylist()) for name in ("pages", "elements"))
+        pages, elements = (
+            set(pq.read_table(downloaded / "wiki" / f"sample-{name}.parquet")["page_id"].to_pylist())
+            for name in ("pages", "elements")
+        )
         assert pages == elements
 
 
 def test_no_text_of_reddit_or_transcripts_leaves(downloaded: Path) -> None:
     made = rows()
-    texts = [row[name] for row in made["reddit/posts"] for name in ("title", "body", "author_hash")] + [row["body"] for row in made["reddit/comments"]] + [row["text"] for row in made["pairs/pairs"]]
+    texts = (
+        [row[name] for row in made["reddit/posts"] for name in ("title", "body", "author_hash")]
+        + [row["body"] for row in made["reddit/comments"]]
+        + [row["text"] for row in made["pairs/pairs"]]
+    )
     for source in ("reddit", "pairs"):
         for path in (downloaded / source).glob("*.parquet"):
-            values = {value for column in pq.read_table(path).itercolumns() for value in column.to_pylist() if isinstance(value, str)}
+            values = {
+                value
+                for column in pq.read_table(path).itercolumns()
+                for value in column.to_pylist()
+                if isinstance(value, str)
+            }
             assert not values & set(texts)
 
 
 def test_tombstones_have_their_columns_even_without_rows(downloaded: Path) -> None:
     for source in SOURCES:
-        assert pq.read_schema(downloaded / source / "tombstones.parquet").names == ["key", "source", "removed_at", "reason"]
+        assert pq.read_schema(downloaded / source / "tombstones.parquet").names == [
+            "key",
+            "source",
+            "removed_at",
+            "reason",
+        ]
 
 
 @pytest.mark.parametrize("source", SOURCES)
 def test_datasheet_answers_every_question_with_measured_figures(downloaded: Path, source: str) -> None:
     text = (downloaded / source / "DATASHEET.md").read_text(encoding="utf-8")
-    for heading in ("Motivation", "Composition", "Collection process", "Preprocessing, cleaning, labeling", "Uses", "Distribution", "Maintenance"):
+    for heading in (
+        "Motivation",
+        "Composition",
+        "Collection process",
+        "Preprocessing, cleaning, labeling",
+        "Uses",
+        "Distribution",
+        "Maintenance",
+    ):
         assert f"\n## {heading}\n" in text
     questions = [part for part in text.split("\n**")[1:] if "?**" in part]
     assert len(questions) >= 25

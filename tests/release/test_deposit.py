@@ -15,7 +15,15 @@ from typing import Any
 import duckdb
 import pytest
 
-from kb.core.errors import CredentialRefused, FatalError, MissingCredential, QuotaSpent, ReleaseRefused, Unreachable, UsageError
+from kb.core.errors import (
+    CredentialRefused,
+    FatalError,
+    MissingCredential,
+    QuotaSpent,
+    ReleaseRefused,
+    Unreachable,
+    UsageError,
+)
 from kb.core.verdict import Summary
 from kb.release.build import release
 from kb.release.publish import publish
@@ -43,7 +51,14 @@ def store(service: Sandbox) -> Deposits:
     return service.servers["zenodo"].application.deposits  # type: ignore[attr-defined, no-any-return]
 
 
-def send(root: Path, service: Sandbox | str, only: str = "pairs", token: str = TOKEN, to: str = "zenodo-sandbox", **options: Any) -> Summary:
+def send(
+    root: Path,
+    service: Sandbox | str,
+    only: str = "pairs",
+    token: str = TOKEN,
+    to: str = "zenodo-sandbox",
+    **options: Any,
+) -> Summary:
     endpoint = service if isinstance(service, str) else service.servers["zenodo"].url
     run = a_run(root, kb_zenodo_endpoint=endpoint, zenodo_token=token)
     return publish(run, to, only=[only] if only else None, **options)
@@ -61,7 +76,8 @@ def test_a_draft_for_each_folder_with_every_file(root: Path, service: Sandbox) -
         folder = root / "release" / source
         assert not deposit.submitted
         assert {name: hashlib.md5(data).hexdigest() for name, data in deposit.files.items()} == {
-            path.name: hashlib.md5(path.read_bytes()).hexdigest() for path in folder.iterdir()}
+            path.name: hashlib.md5(path.read_bytes()).hexdigest() for path in folder.iterdir()
+        }
         assert deposit.metadata["license"] == {"wiki": "cc-by-nc-sa-3.0"}.get(source, "cc-by-4.0")
         assert deposit.metadata["title"].startswith("Minecraft")
     assert not any(path.read_bytes().count(TOKEN.encode()) for path in root.rglob("*") if path.is_file())
@@ -95,7 +111,19 @@ def test_an_upload_that_broke_off_goes_on(root: Path, service: Sandbox) -> None:
 
 def test_a_killed_upload_goes_on_with_the_same_draft(root: Path, service: Sandbox) -> None:
     held = service.faults.add("/api/files/.*croissant", hold=True)
-    command = [sys.executable, "-m", "kb", "release", "publish", "--to", "zenodo-sandbox", "--only", "pairs", "--data", str(root)]
+    command = [
+        sys.executable,
+        "-m",
+        "kb",
+        "release",
+        "publish",
+        "--to",
+        "zenodo-sandbox",
+        "--only",
+        "pairs",
+        "--data",
+        str(root),
+    ]
     environment = {**os.environ, **service.settings(), "KB_NOW": "2026-11-10T00:00:00Z"}
     process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert held.arrived.wait(60)
@@ -106,7 +134,9 @@ def test_a_killed_upload_goes_on_with_the_same_draft(root: Path, service: Sandbo
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1])["drafts"] == 1
     assert len(store(service).by_id) == 1
-    assert set(next(iter(store(service).by_id.values())).files) == {path.name for path in (root / "release" / "pairs").iterdir()}
+    assert set(next(iter(store(service).by_id.values())).files) == {
+        path.name for path in (root / "release" / "pairs").iterdir()
+    }
     assert TOKEN not in done.stderr + done.stdout
 
 
@@ -152,7 +182,13 @@ def test_no_token_is_exit_2_before_anything(root: Path, service: Sandbox) -> Non
 
 
 def test_short_limit_is_waited_out_and_a_long_one_is_exit_3(root: Path, service: Sandbox) -> None:
-    service.faults.add("/api/files/", status=429, times=2, headers={"Retry-After": "0"}, body={"status": 429, "message": "Too many requests"})
+    service.faults.add(
+        "/api/files/",
+        status=429,
+        times=2,
+        headers={"Retry-After": "0"},
+        body={"status": 429, "message": "Too many requests"},
+    )
     assert send(root, service)["drafts"] == 1
     service.faults.add("/api/deposit", status=429, headers={"Retry-After": "3600"})
     with pytest.raises(QuotaSpent) as caught:
@@ -169,8 +205,16 @@ def test_service_down_is_exit_3(root: Path, service: Sandbox) -> None:
 
 
 def test_refused_metadata_is_said_field_by_field(root: Path, service: Sandbox) -> None:
-    service.faults.add("/api/deposit/depositions/", method="PUT", status=400,
-                       body={"status": 400, "message": "Validation error.", "errors": [{"field": "metadata.creators", "message": "Invalid ORCID."}]})
+    service.faults.add(
+        "/api/deposit/depositions/",
+        method="PUT",
+        status=400,
+        body={
+            "status": 400,
+            "message": "Validation error.",
+            "errors": [{"field": "metadata.creators", "message": "Invalid ORCID."}],
+        },
+    )
     with pytest.raises(FatalError, match=r"refused \(400\): Validation error\.; metadata\.creators: Invalid ORCID\."):
         send(root, service, publish=True)
     assert not any(deposit.submitted for deposit in store(service).by_id.values())
@@ -178,7 +222,7 @@ def test_refused_metadata_is_said_field_by_field(root: Path, service: Sandbox) -
 
 def test_another_licence_than_ours_is_never_published(root: Path, service: Sandbox) -> None:
     service.faults.add("/api/deposit/depositions/", method="PUT", status=200, body={"metadata": {"license": "cc-zero"}})
-    with pytest.raises(FatalError, match="took the licence 'cc-zero' instead of 'cc-by-4.0'"):
+    with pytest.raises(FatalError, match=r"took the licence 'cc-zero' instead of 'cc-by-4.0'"):
         send(root, service, publish=True)
     assert service.ledger.requests("/actions/publish") == []
 
@@ -203,13 +247,23 @@ def test_a_folder_that_changed_since_the_gate_is_refused(root: Path, service: Sa
 
 def test_token_goes_to_no_other_host(root: Path, service: Sandbox) -> None:
     with Sandbox(services=["zenodo"]) as other:
-        made = {"id": 7, "submitted": False, "metadata": {}, "links": {"bucket": f"{other.servers['zenodo'].url}/api/files/b"}}
+        made = {
+            "id": 7,
+            "submitted": False,
+            "metadata": {},
+            "links": {"bucket": f"{other.servers['zenodo'].url}/api/files/b"},
+        }
         service.faults.add("/api/deposit/depositions", method="POST", status=201, body=made)
         service.faults.add("/api/deposit/depositions/7/files", status=200, body="[]")
         with pytest.raises(FatalError, match="another host"):
             send(root, service)
         service.faults.clear()
-        service.faults.add("/api/deposit", status=302, times=None, headers={"Location": f"{other.servers['zenodo'].url}/api/deposit/depositions"})
+        service.faults.add(
+            "/api/deposit",
+            status=302,
+            times=None,
+            headers={"Location": f"{other.servers['zenodo'].url}/api/deposit/depositions"},
+        )
         with pytest.raises(FatalError):
             send(root, service, only="reddit")
         assert other.ledger.requests() == []
@@ -220,7 +274,10 @@ def test_changed_release_becomes_a_new_version(root: Path, service: Sandbox) -> 
     shutil.rmtree(root / "release" / "pairs")
     build(root, sources=("pairs",), n=70)
     profile = root / "mine.toml"
-    profile.write_text('name = "minecraft"\ntitle = "Minecraft"\n[release]\nversion = "1.1.0"\n[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\n')
+    profile.write_text(
+        'name = "minecraft"\ntitle = "Minecraft"\n[release]\nversion = "1.1.0"\n'
+        '[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\n'
+    )
     run = a_run(root, profile, kb_zenodo_endpoint=service.servers["zenodo"].url, zenodo_token=TOKEN)
     others = [root / "release" / name for name in ("youtube", "wiki", "reddit")]
     for folder in others:
@@ -232,7 +289,8 @@ def test_changed_release_becomes_a_new_version(root: Path, service: Sandbox) -> 
     assert second.concept == store(service).by_id[first].concept
     assert second.metadata["version"] == "1.1.0"
     assert {name: hashlib.sha256(data).hexdigest() for name, data in second.files.items()} == {
-        path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in (root / "release" / "pairs").iterdir()}
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in (root / "release" / "pairs").iterdir()
+    }
     assert summary["uploaded"] < len(second.files)  # what did not change was taken over by the service
 
 
@@ -241,7 +299,11 @@ def test_an_open_draft_of_a_new_version_is_used(root: Path, service: Sandbox) ->
 
     first = send(root, service, publish=True)["sources"]["pairs"]["id"]
     url = service.servers["zenodo"].url
-    by_hand = requests.post(f"{url}/api/deposit/depositions/{first}/actions/newversion", headers={"Authorization": f"Bearer {TOKEN}"}, timeout=10).json()
+    by_hand = requests.post(
+        f"{url}/api/deposit/depositions/{first}/actions/newversion",
+        headers={"Authorization": f"Bearer {TOKEN}"},
+        timeout=10,
+    ).json()
     shutil.rmtree(root / "release" / "pairs")
     build(root, sources=("pairs",), n=70)
     release(a_run(root))
@@ -253,7 +315,10 @@ def test_an_open_draft_of_a_new_version_is_used(root: Path, service: Sandbox) ->
 def test_release_of_the_tiny_model_goes_to_loopback_only(root: Path, service: Sandbox) -> None:
     folder = root / "annotations" / "youtube"
     folder.mkdir(parents=True)
-    duckdb.execute(f"COPY (SELECT 'lorebase_tiny' AS model, 'abc' AS revision, 'fp32' AS precision) TO '{folder / 'a.parquet'}' (FORMAT parquet)")
+    duckdb.execute(
+        "COPY (SELECT 'lorebase_tiny' AS model, 'abc' AS revision, 'fp32' AS precision) TO "
+        f"'{folder / 'a.parquet'}' (FORMAT parquet)"
+    )
     assert release(a_run(root))["sandbox_model"]
     assert "tiny toxicity model" in (root / "release" / "youtube" / "README.md").read_text()
     assert send(root, service, only="youtube")["drafts"] == 1

@@ -20,7 +20,11 @@ from tests.release.made import build
 
 
 def content(root: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(root)): path.read_bytes() for path in sorted((root / "release").rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(root)): path.read_bytes()
+        for path in sorted((root / "release").rglob("*"))
+        if path.is_file()
+    }
 
 
 def test_same_bytes_twice_later_and_with_more_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,14 +123,21 @@ def test_wiki_archives_belong_to_the_release(tmp_path: Path) -> None:
     (tmp_path / "release" / "wiki" / "images-00000.tar").write_bytes(b"\0" * 10240)
     release(a_run(tmp_path))
     raw = json.loads((tmp_path / "release" / "wiki" / "croissant.json").read_text())
-    assert any(file["@id"] == "images-00000.tar" and file["encodingFormat"] == "application/x-tar" for file in raw["distribution"])
+    assert any(
+        file["@id"] == "images-00000.tar" and file["encodingFormat"] == "application/x-tar"
+        for file in raw["distribution"]
+    )
     assert "images-00000.tar" in (tmp_path / "release" / "wiki" / "SHA256SUMS").read_text()
 
 
 def test_names_and_orcids_reach_citation_and_deposit(tmp_path: Path) -> None:
     profile = tmp_path / "mine.toml"
-    profile.write_text('name = "mine"\ntitle = "Mine: \\"quoted\\""\n[release]\nhomepage = "https://kb.example.org"\ncontact = "https://kb.example.org/remove"\nversion = "2.0.1"\n'
-                       'creators = [{ name = "Doe, Jane", affiliation = "A: B", orcid = "0000-0002-1825-0097" }, { name = "The group" }]\n')
+    profile.write_text(
+        'name = "mine"\ntitle = "Mine: \\"quoted\\""\n[release]\nhomepage = "https://kb.example.org"\n'
+        'contact = "https://kb.example.org/remove"\nversion = "2.0.1"\n'
+        'creators = [{ name = "Doe, Jane", affiliation = "A: B", orcid = "0000-0002-1825-0097" }, '
+        '{ name = "The group" }]\n'
+    )
     release(a_run(build(tmp_path, sources=("pairs",)), profile))
     folder = tmp_path / "release" / "pairs"
     from cffconvert import Citation
@@ -135,5 +146,8 @@ def test_names_and_orcids_reach_citation_and_deposit(tmp_path: Path) -> None:
     found.validate()
     assert found.cffobj["authors"][0]["family-names"] == "Doe"
     creators = json.loads((folder / "zenodo.json").read_text())["metadata"]["creators"]
-    assert creators == [{"name": "Doe, Jane", "affiliation": "A: B", "orcid": "0000-0002-1825-0097"}, {"name": "The group"}]
+    assert creators == [
+        {"name": "Doe, Jane", "affiliation": "A: B", "orcid": "0000-0002-1825-0097"},
+        {"name": "The group"},
+    ]
     assert "https://kb.example.org/remove" in (folder / "README.md").read_text()

@@ -20,8 +20,21 @@ from kb.store.frontier import Frontier
 from tests.release.made import build, rows
 
 FIGURES = {
-    "youtube-videos-funnel", "youtube-durations", "youtube-views", "youtube-words", "wiki-page", "wiki-pages-funnel", "wiki-elements",
-    "reddit-posts-funnel", "reddit-types", "reddit-scores", "reddit-comments-funnel", "reddit-words", "pairs-keywords", "pairs-lengths", "quota",
+    "youtube-videos-funnel",
+    "youtube-durations",
+    "youtube-views",
+    "youtube-words",
+    "wiki-page",
+    "wiki-pages-funnel",
+    "wiki-elements",
+    "reddit-posts-funnel",
+    "reddit-types",
+    "reddit-scores",
+    "reddit-comments-funnel",
+    "reddit-words",
+    "pairs-keywords",
+    "pairs-lengths",
+    "quota",
 }
 
 
@@ -91,7 +104,8 @@ def test_funnel_loses_exactly_what_the_stages_dropped(root: Path) -> None:
 def test_posts_and_comments_share_a_rejected_table_but_no_funnel(root: Path) -> None:
     data = Data(a_run(root))
     posts, comments = data.funnel("reddit/posts"), data.funnel("reddit/comments")
-    assert posts is not None and comments is not None
+    assert posts is not None
+    assert comments is not None
     assert (posts.kept, posts.crawled) == (120, 182)
     assert (comments.kept, comments.crawled) == (360, 360)
 
@@ -100,7 +114,12 @@ def test_quota_adds_up_by_day(root: Path) -> None:
     figure = figures.quota(Data(a_run(root)), load_profile("minecraft"))
     assert figure is not None
     assert sorted(tuple(row) for row in figure.rows) == sorted(
-        [(f"2026-11-0{day}", f"youtube {bucket}", day * units) for day in (1, 2, 3) for bucket, units in (("general", 5), ("search", 1))])
+        [
+            (f"2026-11-0{day}", f"youtube {bucket}", day * units)
+            for day in (1, 2, 3)
+            for bucket, units in (("general", 5), ("search", 1))
+        ]
+    )
 
 
 def test_pair_lengths_count_every_pair(root: Path) -> None:
@@ -145,7 +164,7 @@ def test_what_people_wrote_is_text_and_never_markup(tmp_path: Path) -> None:
 
 def test_page_needs_nothing_outside_itself(root: Path) -> None:
     page = (root / "report" / "index.html").read_text()
-    assert re.findall(r'<(?:script|link|iframe|object)', page) == []
+    assert re.findall(r"<(?:script|link|iframe|object)", page) == []
     assert all(source.startswith("data:") for source in re.findall(r'src="([^"]*)"', page))
     assert all(target.startswith("#") for target in re.findall(r'href="([^"]*)"', page))
     assert all(text.strip() for text in re.findall(r'alt="([^"]*)"', page))
