@@ -10,11 +10,12 @@ is only used when asked for; a score within its reach of the threshold is comput
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kb.annotate.backends import PRECISIONS, REACH, Runner, choose_device, open_runner
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
     from kb.core.context import Run
 
+_ONE = threading.Lock()  # one chunk at a time in a process
 CHUNK_TEXTS, CHUNK_CHARACTERS = 1024, 1_000_000  # what is scored, and lost at worst, between two files
 LOOKUP_TEXTS, LOOKUP_CHARACTERS = 50_000, 50_000_000  # what is looked up at once, because each look-up reads all scores
 
@@ -145,12 +147,11 @@ class Scorer:
         return Counts(chunks.texts, scored, chunks.texts - scored, again)
 
     def _threads(self) -> int:
-        return self.run.workers if self.run.engine == "local" else 1
+        return self.run.workers if self.run.engine == "local" else 0
 
 
-@dataclass(frozen=True)
-class _Job:
-    """How a worker is to score; what it loads is kept for the next task."""
+class _Job(NamedTuple):
+    """How a worker is to score; what it loads is kept for the next task. `threads` 0: as many as the worker has."""
 
     checkpoint: Checkpoint
     precision: str
@@ -224,6 +225,12 @@ class _Chunks:
 
 def score_chunk(job: _Job, texts: Sequence[str]) -> dict[str, Any]:
     """Scores of a chunk, in its order; runs in a worker. Near the threshold a reduced score is made exact."""
+    # A Dask worker with several threads takes several chunks: one at a time, with all threads.
+    with _ONE:
+        return _score_chunk(job._replace(threads=job.threads or _worker_threads()), texts)
+
+
+def _score_chunk(job: _Job, texts: Sequence[str]) -> dict[str, Any]:
     from kb.core import clock
 
     start = clock.monotonic()
@@ -239,6 +246,16 @@ def score_chunk(job: _Job, texts: Sequence[str]) -> dict[str, Any]:
             scores[n], precisions[n] = row, "fp32"
     return {"scores": scores, "precisions": precisions, "classes": runner.meta.classes, "again": len(near),
             "tokens": runner.tokens - before, "seconds": clock.monotonic() - start}
+
+
+def _worker_threads() -> int:
+    """Threads of the Dask worker that this runs on."""
+    from distributed import get_worker
+
+    try:
+        return get_worker().state.nthreads
+    except ValueError:  # not on a worker
+        return 1
 
 
 @cache

@@ -82,6 +82,10 @@ class Options:
         redact.know(loaded.secret_values())
         if self.scheduler and self.engine != Engine.dask:
             raise SettingError("--scheduler needs --engine dask")
+        if self.engine == Engine.dask:
+            from kb.core.dask_engine import check
+
+            check(self.scheduler)
         root = loaded.kb_data.expanduser().absolute()
         if root.exists() and not root.is_dir():
             raise SettingError(f"the data root {root} is not a folder", hint="choose another with --data or KB_DATA")

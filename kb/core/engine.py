@@ -33,7 +33,10 @@ class Inline(Executor):
 
 @contextlib.contextmanager
 def make_executor(engine: str = "local", workers: int = 1, scheduler: str | None = None) -> Iterator[Executor]:
-    """The executor of `--engine`: "local" (this process or a pool) or "dask" (`--scheduler ADDRESS`)."""
+    """The executor of `--engine`: "local" (this process or a pool) or "dask".
+
+    For "dask" the tasks go to the cluster at `scheduler`, or to one of `workers` processes on this machine.
+    """
     if engine == "local":
         if workers <= 1:
             yield Inline()
@@ -50,7 +53,7 @@ def make_executor(engine: str = "local", workers: int = 1, scheduler: str | None
     if engine == "dask":
         from kb.core.dask_engine import dask_executor
 
-        with dask_executor(scheduler) as pool:
+        with dask_executor(scheduler, workers) as pool:
             yield pool
         return
     raise SettingError(f"--engine is {engine!r}", hint="allowed: local, dask")

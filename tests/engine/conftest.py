@@ -1,0 +1,50 @@
+"""A Dask cluster of two worker processes on this machine, as a user would start one."""
+
+from __future__ import annotations
+
+import logging
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def cluster(tmp_path_factory):
+    distributed = pytest.importorskip("distributed")
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=":0", local_directory=str(tmp_path_factory.mktemp("dask")),
+        silence_logs=logging.CRITICAL, host="127.0.0.1",
+    ) as made:
+        yield made
+
+
+@pytest.fixture
+def kill_a_worker(cluster):
+    """Kills one worker process of the cluster once `when()` is true; Dask starts another."""
+    import os
+    import signal
+    import threading
+
+    killed: list[int] = []
+    threads = []
+
+    def arrange(when):
+        end = threading.Event()
+
+        def watch():
+            while not end.wait(0.01):
+                if when():
+                    pid = next(nanny.pid for nanny in cluster.workers.values() if nanny.pid)
+                    os.kill(pid, signal.SIGKILL)
+                    killed.append(pid)
+                    return
+
+        thread = threading.Thread(target=watch, daemon=True)
+        thread.start()
+        threads.append((end, thread))
+        return killed
+
+    yield arrange
+    for end, thread in threads:
+        end.set()
+        thread.join()

@@ -1,0 +1,33 @@
+"""Tasks that workers import by name."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from kb.core.errors import SettingError
+
+
+def square(number: int) -> int:
+    return number * number
+
+
+def now_there() -> str | None:
+    return os.environ.get("KB_NOW")
+
+
+def fails() -> None:
+    raise SettingError("not so", hint="but so")
+
+
+def die_once(folder: str, number: int) -> int:
+    """The first worker that takes number 3 dies of it."""
+    mark = Path(folder, "died")
+    if number == 3 and not mark.exists():
+        mark.touch()
+        os._exit(9)
+    return number
+
+
+def die() -> None:
+    os._exit(9)

@@ -1,0 +1,46 @@
+"""Scores of a two-worker cluster are the bytes of the local engine, also when a worker is killed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("distributed")
+pytest.importorskip("torch")
+pytest.importorskip("detoxify")
+
+from kb.annotate import toxicity as room  # noqa: E402
+from kb.annotate.toxicity import Scorer  # noqa: E402
+from kb.core import clock  # noqa: E402
+from kb.core.context import Run  # noqa: E402
+from kb.core.profile import load_profile  # noqa: E402
+from kb.core.settings import load_settings  # noqa: E402
+from kb.sandbox import toxicity as tiny  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def texts():
+    rng = clock.rng("texts of the engine test")
+    return [tiny.example(rng, 60)[0] for _ in range(600)]
+
+
+def score(root: Path, texts: list[str], **options) -> bytes:
+    settings = load_settings(dotenv=False, kb_toxicity_model=str(tiny.tiny_checkpoint()))
+    run = Run(settings=settings, profile=load_profile("minecraft"), root=root, **options)
+    counts = Scorer.open(run, "reddit").annotate([texts])
+    assert counts.scored == len(set(texts))
+    [file] = (root / "annotations/reddit").iterdir()
+    return file.read_bytes()
+
+
+def test_both_engines_and_any_number_of_workers_write_the_same_scores(cluster, kill_a_worker, texts, tmp_path, monkeypatch):
+    monkeypatch.setattr(room, "CHUNK_TEXTS", 40)
+    expected = score(tmp_path / "one", texts, workers=1)
+    assert score(tmp_path / "two", texts, workers=2) == expected
+    on_dask = {"workers": 2, "engine": "dask", "scheduler": cluster.scheduler_address}
+    assert score(tmp_path / "dask", texts, **on_dask) == expected
+    folder = tmp_path / "killed/annotations/reddit"
+    killed = kill_a_worker(lambda: any(folder.glob("part-*.parquet")))
+    assert score(tmp_path / "killed", texts, **on_dask) == expected
+    assert killed
