@@ -94,7 +94,9 @@ def graph_runner(compiled: Compiled, threads: int, prefer: str | None = None) ->
     meta = Meta.read(compiled.folder / "meta.json")
     for name in (prefer,) if prefer else ("openvino", "onnxruntime"):
         if _installed(name):
-            network = _openvino(compiled.graph, threads) if name == "openvino" else _onnxruntime(compiled.graph, threads)
+            network = (
+                _openvino(compiled.graph, threads) if name == "openvino" else _onnxruntime(compiled.graph, threads)
+            )
             return Runner(name, network, _tokenizer(compiled), meta)
     return None
 
@@ -117,7 +119,7 @@ def torch_network(model: Any, device: str, precision: str) -> Network:
 
 
 def choose_device(wanted: str) -> str:
-    """"cpu" or "cuda" for `--device auto|cpu|cuda`. Raises SettingError when there is no GPU to use."""
+    """ "cpu" or "cuda" for `--device auto|cpu|cuda`. Raises SettingError when there is no GPU to use."""
     import os
     import shutil
 
@@ -132,7 +134,9 @@ def choose_device(wanted: str) -> str:
         if torch.cuda.is_available():
             return "cuda"
     if wanted == "cuda":
-        raise SettingError("--device cuda: torch sees no GPU here", hint="use --device auto, or install a CUDA build of torch")
+        raise SettingError(
+            "--device cuda: torch sees no GPU here", hint="use --device auto, or install a CUDA build of torch"
+        )
     return "cpu"
 
 
@@ -194,10 +198,10 @@ def _int8_runner(compiled: Compiled, threads: int) -> Runner | None:
         with writing(quantized) as fresh:
             logging.getLogger().setLevel(logging.ERROR)
             quantize_dynamic(str(compiled.graph), str(fresh), weight_type=QuantType.QInt8)
-    return Runner("onnxruntime", _onnxruntime(quantized, threads), _tokenizer(compiled), Meta.read(compiled.folder / "meta.json"))
+    return Runner(
+        "onnxruntime", _onnxruntime(quantized, threads), _tokenizer(compiled), Meta.read(compiled.folder / "meta.json")
+    )
 
 
 def _installed(name: str) -> bool:
     return importlib.util.find_spec(name) is not None
-
-

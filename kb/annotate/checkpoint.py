@@ -135,7 +135,9 @@ def _known_digests(path: Path, setting: str | None) -> list[tuple[str, str]]:
         if beside.is_file():
             found = _DIGEST.search(beside.read_text(encoding="utf-8", errors="replace"))
             if not found:
-                raise MissingModel(f"{beside} holds no sha256", hint=f"write it with `sha256sum {path.name} > {beside.name}`")
+                raise MissingModel(
+                    f"{beside} holds no sha256", hint=f"write it with `sha256sum {path.name} > {beside.name}`"
+                )
             known.append((beside.name, found.group().lower()))
     in_name = _PREFIX.search(path.name)
     if in_name:
@@ -148,7 +150,8 @@ def _verify(path: Path, expected: list[tuple[str, str]], what_to_do: str) -> str
     for who, wanted in expected:
         if not digest.startswith(wanted):
             raise MissingModel(
-                f"{path} is not the file it should be (or was cut off): its sha256 begins {digest[:12]}, {who} says {wanted[:12]}",
+                f"{path} is not the file it should be, or was cut off:"
+                f" its sha256 begins {digest[:12]}, {who} says {wanted[:12]}",
                 hint=what_to_do,
             )
     return digest
@@ -163,10 +166,23 @@ def _need_beside(folder: Path, what_to_do: str) -> None:
 
 def tokenizer_files(folder: Path) -> list[Path]:
     """The files of a tokenizer in a model's folder."""
-    names = ("vocab.txt", "tokenizer.json", "vocab.json", "merges.txt", "spiece.model", "sentencepiece.bpe.model",
-             "tokenizer_config.json", "special_tokens_map.json", "added_tokens.json")
+    names = (
+        "vocab.txt",
+        "tokenizer.json",
+        "vocab.json",
+        "merges.txt",
+        "spiece.model",
+        "sentencepiece.bpe.model",
+        "tokenizer_config.json",
+        "special_tokens_map.json",
+        "added_tokens.json",
+    )
     found = [folder / name for name in names if (folder / name).is_file()]
-    return found if any(path.name not in ("tokenizer_config.json", "special_tokens_map.json", "merges.txt") for path in found) else []
+    return (
+        found
+        if any(path.name not in ("tokenizer_config.json", "special_tokens_map.json", "merges.txt") for path in found)
+        else []
+    )
 
 
 def sha256_of(path: Path) -> str:

@@ -23,8 +23,13 @@ from kb.store.atomic import replacing_folder
 
 FORMAT = 2  # raise it when the folder's files change meaning
 TOLERANCE = 1e-4
-PROBES = ("hello", "How to build a house in Minecraft", "you are a stupid idiot, shut up!", "1 2 3 … ünïcode 方块",
-          "a longer text about redstone, pistons and hoppers; " * 4)
+PROBES = (
+    "hello",
+    "How to build a house in Minecraft",
+    "you are a stupid idiot, shut up!",
+    "1 2 3 … ünïcode 方块",
+    "a longer text about redstone, pistons and hoppers; " * 4,
+)
 
 
 @dataclass(frozen=True)
@@ -54,9 +59,15 @@ class Meta:
         tokenizer = detoxify.tokenizer
         bare = len(tokenizer("", add_special_tokens=False)["input_ids"])
         marks = tokenizer("")["input_ids"]
-        assert not bare and len(marks) == 2, "a model with another layout of marks"
-        return cls(tuple(detoxify.class_names), tuple(marks[:1]), tuple(marks[1:]), tokenizer.pad_token_id,
-                   min(WINDOW, tokenizer.model_max_length))
+        assert not bare
+        assert len(marks) == 2, "a model with another layout of marks"
+        return cls(
+            tuple(detoxify.class_names),
+            tuple(marks[:1]),
+            tuple(marks[1:]),
+            tokenizer.pad_token_id,
+            min(WINDOW, tokenizer.model_max_length),
+        )
 
     @classmethod
     def read(cls, path: Path) -> Meta:
@@ -120,15 +131,28 @@ def _export(detoxify: Any, folder: Path) -> None:
         warnings.simplefilter("ignore")
         # The exporter by tracing: the newer one needs onnxscript and gives the same graph for BERT.
         torch.onnx.export(
-            detoxify.model, (ids, mask), str(folder / "model.onnx"), dynamo=False, opset_version=17,
-            input_names=["input_ids", "attention_mask"], output_names=["logits"],
+            detoxify.model,
+            (ids, mask),
+            str(folder / "model.onnx"),
+            dynamo=False,
+            opset_version=17,
+            input_names=["input_ids", "attention_mask"],
+            output_names=["logits"],
             dynamic_axes={"input_ids": axes, "attention_mask": axes, "logits": {0: "windows"}},
         )
     detoxify.tokenizer.backend_tokenizer.save(str(folder / "tokenizer.json"))
     meta = Meta.of(detoxify)
     files = {path.name: sha256_of(path) for path in sorted(folder.iterdir())}
-    text = json.dumps({"classes": meta.classes, "prefix": meta.prefix, "suffix": meta.suffix, "pad": meta.pad,
-                       "window": meta.window, "files": files})
+    text = json.dumps(
+        {
+            "classes": meta.classes,
+            "prefix": meta.prefix,
+            "suffix": meta.suffix,
+            "pad": meta.pad,
+            "window": meta.window,
+            "files": files,
+        }
+    )
     (folder / "meta.json").write_text(text, encoding="utf-8")
 
 

@@ -43,13 +43,13 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
         except Exception as error:  # whatever unpickling a foreign file may raise
             raise MissingModel(
                 f"{checkpoint.path} is no Detoxify checkpoint ({type(error).__name__})",
-                hint="KB_TOXICITY_MODEL must be a Detoxify model name or checkpoint; `kb models fetch` gets the published one",
+                hint="KB_TOXICITY_MODEL must be a Detoxify model name or checkpoint; see `kb models fetch`",
             ) from error
         with _local_folder(checkpoint.folder, len(classes)) as folder:
             arguments["model_type"] = str(folder)
             try:
                 # Detoxify reads the file itself; it gets what was verified and is read already.
-                with mock.patch.object(source.torch, "load", lambda *_, **__: loaded):
+                with mock.patch.object(source.torch, "load", return_value=loaded):
                     model = source.Detoxify(
                         checkpoint=str(checkpoint.path), device=device, huggingface_config_path=str(folder)
                     )
@@ -101,7 +101,9 @@ def _same_weights(model: Any, state: dict[str, Any], checkpoint: Checkpoint) -> 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
     """No progress bars and no hub: everything is on this machine."""
-    before = {name: os.environ.get(name) for name in ("HF_HUB_OFFLINE", "TRANSFORMERS_VERBOSITY", "TOKENIZERS_PARALLELISM")}
+    before = {
+        name: os.environ.get(name) for name in ("HF_HUB_OFFLINE", "TRANSFORMERS_VERBOSITY", "TOKENIZERS_PARALLELISM")
+    }
     os.environ |= {"HF_HUB_OFFLINE": "1", "TRANSFORMERS_VERBOSITY": "error", "TOKENIZERS_PARALLELISM": "true"}
     try:
         import transformers

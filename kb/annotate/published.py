@@ -39,7 +39,13 @@ class Published:
         return [*found, (self.checkpoint, address, self.sha256)]
 
 
-_ROBERTA = (("config.json", ""), ("tokenizer_config.json", ""), ("vocab.json", ""), ("merges.txt", ""), ("tokenizer.json", ""))
+_ROBERTA = (
+    ("config.json", ""),
+    ("tokenizer_config.json", ""),
+    ("vocab.json", ""),
+    ("merges.txt", ""),
+    ("tokenizer.json", ""),
+)
 _ALBERT = (("config.json", ""), ("spiece.model", ""), ("tokenizer.json", ""))
 _XLM = (("config.json", ""), ("tokenizer_config.json", ""), ("sentencepiece.bpe.model", ""), ("tokenizer.json", ""))
 
@@ -47,22 +53,53 @@ PUBLISHED = {
     model.name: model
     for model in (
         Published(
-            "original", "v0.1-alpha", "toxic_original-c1212f89.ckpt",
+            "original",
+            "v0.1-alpha",
+            "toxic_original-c1212f89.ckpt",
             "c1212f89ac23307ab33932ce29dc446a6e030fb3f384a500890bbe662b7b544a",
-            "google-bert/bert-base-uncased", "86b5e0934494bd15c9632b12f734a8a67f723594",
+            "google-bert/bert-base-uncased",
+            "86b5e0934494bd15c9632b12f734a8a67f723594",
             (
                 ("config.json", "7160e1553ad2ca51d8c1cb066be533db31826e12d173824c1bb0cb1a4f187d20"),
                 ("tokenizer_config.json", "a025160ef0431f1a392f6f050c1310f4c5d9fb6f275932dbccba73c4d214bf10"),
                 ("vocab.txt", "07eced375cec144d27c900241f3e339478dec958f92fddbc551f295c992038a3"),
             ),
         ),
-        Published("unbiased", "v0.3-alpha", "toxic_debiased-c7548aa0.ckpt", "c7548aa0", "FacebookAI/roberta-base",
-                  "e2da8e2f811d1448a5b465c236feacd80ffbac7b", _ROBERTA),
-        Published("multilingual", "v0.4-alpha", "multilingual_debiased-0b549669.ckpt", "0b549669",
-                  "FacebookAI/xlm-roberta-base", "e73636d4f797dec63c3081bb6ed5c7b0bb3f2089", _XLM),
-        Published("original-small", "v0.1.2", "original-albert-0e1d6498.ckpt", "0e1d6498", "albert/albert-base-v2",
-                  "8e2f239c5f8a2c0f253781ca60135db913e5c80c", _ALBERT),
-        Published("unbiased-small", "v0.1.2", "unbiased-albert-c8519128.ckpt", "c8519128", "albert/albert-base-v2",
-                  "8e2f239c5f8a2c0f253781ca60135db913e5c80c", _ALBERT),
+        Published(
+            "unbiased",
+            "v0.3-alpha",
+            "toxic_debiased-c7548aa0.ckpt",
+            "c7548aa0",
+            "FacebookAI/roberta-base",
+            "e2da8e2f811d1448a5b465c236feacd80ffbac7b",
+            _ROBERTA,
+        ),
+        Published(
+            "multilingual",
+            "v0.4-alpha",
+            "multilingual_debiased-0b549669.ckpt",
+            "0b549669",
+            "FacebookAI/xlm-roberta-base",
+            "e73636d4f797dec63c3081bb6ed5c7b0bb3f2089",
+            _XLM,
+        ),
+        Published(
+            "original-small",
+            "v0.1.2",
+            "original-albert-0e1d6498.ckpt",
+            "0e1d6498",
+            "albert/albert-base-v2",
+            "8e2f239c5f8a2c0f253781ca60135db913e5c80c",
+            _ALBERT,
+        ),
+        Published(
+            "unbiased-small",
+            "v0.1.2",
+            "unbiased-albert-c8519128.ckpt",
+            "c8519128",
+            "albert/albert-base-v2",
+            "8e2f239c5f8a2c0f253781ca60135db913e5c80c",
+            _ALBERT,
+        ),
     )
 }

@@ -45,7 +45,12 @@ class Counts:
     exact_again: int = 0  # reduced scores near the threshold, computed again in fp32
 
     def __add__(self, other: Counts) -> Counts:
-        return Counts(self.texts + other.texts, self.scored + other.scored, self.known + other.known, self.exact_again + other.exact_again)
+        return Counts(
+            self.texts + other.texts,
+            self.scored + other.scored,
+            self.known + other.known,
+            self.exact_again + other.exact_again,
+        )
 
 
 @dataclass(frozen=True)
@@ -87,10 +92,17 @@ class Scorer:
         import pyarrow as pa
 
         if self.scores is None:
-            return pa.table({**{name: pa.nulls(len(hashes), pa.float32()) for name in CATEGORIES}, "precision": pa.nulls(len(hashes), pa.string())})
+            return pa.table(
+                {
+                    **{name: pa.nulls(len(hashes), pa.float32()) for name in CATEGORIES},
+                    "precision": pa.nulls(len(hashes), pa.string()),
+                }
+            )
         return self.scores.lookup(hashes)
 
-    def columns(self, texts: pa.Array | pa.ChunkedArray, prefix: str = "toxicity", categories: bool = True) -> dict[str, pa.ChunkedArray]:
+    def columns(
+        self, texts: pa.Array | pa.ChunkedArray, prefix: str = "toxicity", categories: bool = True
+    ) -> dict[str, pa.ChunkedArray]:
         """The largest category as `prefix`, and with `categories` each one as `prefix_<category>`."""
         import pyarrow.compute as pc
 
@@ -244,8 +256,14 @@ def _score_chunk(job: _Job, texts: Sequence[str]) -> dict[str, Any]:
         exact = _runner(job.checkpoint, "fp32", job.device, job.threads).score([texts[n] for n in near]) if near else []
         for n, row in zip(near, exact, strict=True):
             scores[n], precisions[n] = row, "fp32"
-    return {"scores": scores, "precisions": precisions, "classes": runner.meta.classes, "again": len(near),
-            "tokens": runner.tokens - before, "seconds": clock.monotonic() - start}
+    return {
+        "scores": scores,
+        "precisions": precisions,
+        "classes": runner.meta.classes,
+        "again": len(near),
+        "tokens": runner.tokens - before,
+        "seconds": clock.monotonic() - start,
+    }
 
 
 def _worker_threads() -> int:
@@ -287,4 +305,8 @@ def scores(key: str, root: Path | str, source: str, texts: pa.Array | pa.Chunked
     if not key:
         return pa.table({name: pa.nulls(len(texts), pa.float32()) for name in CATEGORIES})
     model, _, revision = key.rpartition("@")
-    return Scores(str(Path(root) / "annotations" / source), model, revision).lookup(text_hashes(texts)).select(list(CATEGORIES))
+    return (
+        Scores(str(Path(root) / "annotations" / source), model, revision)
+        .lookup(text_hashes(texts))
+        .select(list(CATEGORIES))
+    )

@@ -32,14 +32,21 @@ class Device(StrEnum):
     cuda = "cuda"
 
 
-PrecisionOption = Annotated[Precision, typer.Option(
-    "--precision", help="Reduced ones are faster, recorded with the scores, and exact again near the threshold.")]
-DeviceOption = Annotated[Device, typer.Option("--device", help="Where the model runs; auto takes a GPU when there is one.")]
+PrecisionOption = Annotated[
+    Precision,
+    typer.Option(
+        "--precision", help="Reduced ones are faster, recorded with the scores, and exact again near the threshold."
+    ),
+]
+DeviceOption = Annotated[
+    Device, typer.Option("--device", help="Where the model runs; auto takes a GPU when there is one.")
+]
 
 
 def _annotate(run: Run, source: str, precision: Precision, device: Device) -> Summary:
     from kb.annotate.toxicity import Scorer
     from kb.core.errors import KbError
+    from kb.core.pipeline import load, locate
     from kb.core.verdict import Summary
     from kb.filters.clean import texts
 
@@ -48,13 +55,21 @@ def _annotate(run: Run, source: str, precision: Precision, device: Device) -> Su
     if not scorer.on:
         return Summary(source=source, toxicity="off in the profile", scored=0)
     try:
-        counts = scorer.annotate(texts(run, source))
+        # A pipeline may know its texts itself (the wiki's are in files beside the raw log).
+        own = getattr(load(str(locate(source, run.pipeline))), "texts", None)
+        counts = scorer.annotate(own(run) if own else texts(run, source))
     except KbError as error:
         error.summary = Summary(source=source, precisions=scorer.scores.precisions())  # type: ignore[attr-defined, union-attr]
         raise
     return Summary(
-        source=source, texts=counts.texts, scored=counts.scored, known=counts.known, exact_again=counts.exact_again,
-        model=scorer.checkpoint.model, revision=scorer.checkpoint.revision, precisions=scorer.scores.precisions(),  # type: ignore[union-attr]
+        source=source,
+        texts=counts.texts,
+        scored=counts.scored,
+        known=counts.known,
+        exact_again=counts.exact_again,
+        model=scorer.checkpoint.model,
+        revision=scorer.checkpoint.revision,
+        precisions=scorer.scores.precisions(),  # type: ignore[union-attr]
     )
 
 
@@ -70,10 +85,13 @@ def wiki(run: Run, precision: PrecisionOption = Precision.fp32, device: DeviceOp
     return _annotate(run, "wiki", precision, device)
 
 
-@command(app, examples=[
-    "kb annotate reddit --precision int8     faster; what lies near the threshold is computed exactly",
-    "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
-])
+@command(
+    app,
+    examples=[
+        "kb annotate reddit --precision int8     faster; what lies near the threshold is computed exactly",
+        "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
+    ],
+)
 def reddit(run: Run, precision: PrecisionOption = Precision.fp32, device: DeviceOption = Device.auto) -> Summary:
     """Score titles, bodies and comments."""
     return _annotate(run, "reddit", precision, device)

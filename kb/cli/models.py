@@ -20,14 +20,19 @@ def models() -> None:
     """The toxicity model's files."""
 
 
-@command(app, examples=[
-    "kb models fetch                the model that the paper used, Detoxify `original`",
-    "kb models fetch unbiased       another one; then set KB_TOXICITY_MODEL=unbiased",
-])
+@command(
+    app,
+    examples=[
+        "kb models fetch                the model that the paper used, Detoxify `original`",
+        "kb models fetch unbiased       another one; then set KB_TOXICITY_MODEL=unbiased",
+    ],
+)
 def fetch(
     run: Run,
-    name: Annotated[str, typer.Argument(
-        metavar="[NAME]", help="original, unbiased, multilingual, original-small or unbiased-small.")] = "original",
+    name: Annotated[
+        str,
+        typer.Argument(metavar="[NAME]", help="original, unbiased, multilingual, original-small or unbiased-small."),
+    ] = "original",
 ) -> Summary:
     """Download the published checkpoint with its configuration and vocabulary, and verify it.
 

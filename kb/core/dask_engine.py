@@ -50,9 +50,16 @@ def dask_executor(scheduler: str | None, workers: int = 1) -> Iterator[Executor]
         stack.enter_context(dask.config.set({"distributed.comm.timeouts.connect": f"{CONNECT_S:.0f}s"}))
         if scheduler is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="kb-dask-"))
-            target: Any = stack.enter_context(LocalCluster(
-                n_workers=workers, threads_per_worker=1, dashboard_address=":0", local_directory=folder,
-                silence_logs=logging.CRITICAL, worker_dashboard_address=None))
+            target: Any = stack.enter_context(
+                LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    dashboard_address=":0",
+                    local_directory=folder,
+                    silence_logs=logging.CRITICAL,
+                    worker_dashboard_address=None,
+                )
+            )
         else:
             target = scheduler
         try:
@@ -114,7 +121,9 @@ class _Future(Future[Any]):
         return self._inner.done()
 
 
-def _call(environment: dict[str, str | None], fn: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+def _call(
+    environment: dict[str, str | None], fn: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]
+) -> Any:
     """Runs on a worker."""
     for name, value in environment.items():
         if value is None:
@@ -139,5 +148,7 @@ def _same_lorebase(pool: Executor) -> None:
             hint="install the same version on every machine of the cluster",
         ) from error
     if theirs != __version__:
-        raise FatalError(f"the Dask workers have Lorebase {theirs}, this is {__version__}",
-                         hint="install the same version on every machine of the cluster")
+        raise FatalError(
+            f"the Dask workers have Lorebase {theirs}, this is {__version__}",
+            hint="install the same version on every machine of the cluster",
+        )

@@ -37,9 +37,7 @@ def tiny_checkpoint(folder: Path | None = None) -> Path:
     """
     import hashlib
 
-    import_key = hashlib.sha256(
-        Path(__file__).read_bytes() + Path(words.__file__).read_bytes()
-    ).hexdigest()[:8]
+    import_key = hashlib.sha256(Path(__file__).read_bytes() + Path(words.__file__).read_bytes()).hexdigest()[:8]
     place = (folder or cache_root() / "models") / f"{SANDBOX}-v{VERSION}-{import_key}"
     checkpoint = place / f"{SANDBOX}.ckpt"
     if not checkpoint.is_file():
@@ -67,13 +65,26 @@ def example(rng: random.Random, longest: int) -> tuple[str, list[float]]:
         text.insert(rng.randrange(len(text) + 1), rng.choice(words.HARMLESS))
     labels = [0.0] * 6
     if rng.random() < 0.5:
-        kinds = rng.choice((("insult",), ("insult",), ("obscene",), ("threat",), ("identity",), ("insult", "obscene"),
-                            ("obscene", "threat")))
+        kinds = rng.choice(
+            (
+                ("insult",),
+                ("insult",),
+                ("obscene",),
+                ("threat",),
+                ("identity",),
+                ("insult", "obscene"),
+                ("obscene", "threat"),
+            )
+        )
         for kind in kinds:
             text.insert(rng.randrange(len(text) + 1), rng.choice(getattr(words, kind.upper())))
         if rng.random() < 0.15:
             text = [rng.choice(getattr(words, kind.upper())) for kind in kinds]
-        labels = [1.0, float(kinds == ("obscene", "threat")), *(float(kind in kinds) for kind in ("obscene", "threat", "insult", "identity"))]
+        labels = [
+            1.0,
+            float(kinds == ("obscene", "threat")),
+            *(float(kind in kinds) for kind in ("obscene", "threat", "insult", "identity")),
+        ]
     return " ".join(text), labels
 
 
@@ -92,14 +103,41 @@ def _train(folder: Path) -> None:
 
     names = vocabulary()
     config = BertConfig(
-        vocab_size=len(names), hidden_size=64, num_hidden_layers=2, num_attention_heads=2, intermediate_size=128,
-        max_position_embeddings=WINDOW, hidden_dropout_prob=0.0, attention_probs_dropout_prob=0.0, num_labels=6, initializer_range=0.1,
+        vocab_size=len(names),
+        hidden_size=64,
+        num_hidden_layers=2,
+        num_attention_heads=2,
+        intermediate_size=128,
+        max_position_embeddings=WINDOW,
+        hidden_dropout_prob=0.0,
+        attention_probs_dropout_prob=0.0,
+        num_labels=6,
+        initializer_range=0.1,
         problem_type="multi_label_classification",
     )
-    (folder / "config.json").write_text(json.dumps({"architectures": ["BertForMaskedLM"], "model_type": "bert", **{
-        key: getattr(config, key) for key in (
-            "vocab_size", "hidden_size", "num_hidden_layers", "num_attention_heads", "intermediate_size",
-            "max_position_embeddings", "hidden_dropout_prob", "attention_probs_dropout_prob")}}, indent=1), encoding="utf-8")
+    (folder / "config.json").write_text(
+        json.dumps(
+            {
+                "architectures": ["BertForMaskedLM"],
+                "model_type": "bert",
+                **{
+                    key: getattr(config, key)
+                    for key in (
+                        "vocab_size",
+                        "hidden_size",
+                        "num_hidden_layers",
+                        "num_attention_heads",
+                        "intermediate_size",
+                        "max_position_embeddings",
+                        "hidden_dropout_prob",
+                        "attention_probs_dropout_prob",
+                    )
+                },
+            },
+            indent=1,
+        ),
+        encoding="utf-8",
+    )
     (folder / "vocab.txt").write_text("\n".join(names) + "\n", encoding="utf-8")
     (folder / "tokenizer_config.json").write_text('{"do_lower_case": true, "model_max_length": 512}', encoding="utf-8")
     tokenizer = BertTokenizer.from_pretrained(folder, local_files_only=True)
@@ -115,15 +153,30 @@ def _train(folder: Path) -> None:
                 if _share_told(model, tokenizer) >= 0.93:
                     break
             else:
-                raise FatalError("the tiny toxicity model learned nothing", hint="remove it from the cache and try again")
+                raise FatalError(
+                    "the tiny toxicity model learned nothing", hint="remove it from the cache and try again"
+                )
     finally:
         torch.set_num_threads(threads)
-    arguments = {"model_type": "bert-base-uncased", "model_name": "BertForSequenceClassification",
-                 "tokenizer_name": "BertTokenizer", "num_classes": len(CLASSES)}
+    arguments = {
+        "model_type": "bert-base-uncased",
+        "model_name": "BertForSequenceClassification",
+        "tokenizer_name": "BertTokenizer",
+        "num_classes": len(CLASSES),
+    }
     state = {name: value.clone() for name, value in model.state_dict().items()}
     path = folder / f"{SANDBOX}.ckpt"
-    torch.save({"config": {"lorebase_sandbox": True, "arch": {"type": "BERT", "args": arguments},
-                           "dataset": {"args": {"classes": list(CLASSES)}}}, "state_dict": state}, path)
+    torch.save(
+        {
+            "config": {
+                "lorebase_sandbox": True,
+                "arch": {"type": "BERT", "args": arguments},
+                "dataset": {"args": {"classes": list(CLASSES)}},
+            },
+            "state_dict": state,
+        },
+        path,
+    )
     (folder / f"{SANDBOX}.ckpt.sha256").write_text(f"{sha256_of(path)}  {path.name}\n", encoding="utf-8")
 
 
@@ -141,8 +194,11 @@ def _fit(model: Any, tokenizer: Any) -> None:
         tokens = tokenizer(list(texts), return_tensors="pt", padding=True, truncation=True)
         width = tokens["input_ids"].shape[1]
         start = torch.tensor([[rng.randint(0, WINDOW - width) if rng.random() < 0.7 else 0] for _ in range(size)])
-        out = model(input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"],
-                    position_ids=start + torch.arange(width))
+        out = model(
+            input_ids=tokens["input_ids"],
+            attention_mask=tokens["attention_mask"],
+            position_ids=start + torch.arange(width),
+        )
         loss = torch.nn.functional.binary_cross_entropy_with_logits(out.logits, torch.tensor(labels))
         for group in optimizer.param_groups:
             group["lr"] = 3e-3 * min(1.0, step / 20, (STEPS - step) / 40)

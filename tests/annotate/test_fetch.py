@@ -27,16 +27,26 @@ def digest(data):
     return hashlib.sha256(data).hexdigest()
 
 
-MODEL = Published("mine", "v0", f"mine-{digest(BIG)[:8]}.ckpt", digest(BIG), "org/base", "abc123",
-                  (("config.json", digest(SMALL)), ("vocab.txt", "")))
+MODEL = Published(
+    "mine",
+    "v0",
+    f"mine-{digest(BIG)[:8]}.ckpt",
+    digest(BIG),
+    "org/base",
+    "abc123",
+    (("config.json", digest(SMALL)), ("vocab.txt", "")),
+)
 
 
 class Host:
     """Serves three files with ranges; `faults` maps a path's end to a list of what happens next."""
 
     def __init__(self):
-        self.files = {"/org/base/resolve/abc123/config.json": SMALL, "/org/base/resolve/abc123/vocab.txt": VOCAB,
-                      f"/unitaryai/detoxify/releases/download/v0/{MODEL.checkpoint}": BIG}
+        self.files = {
+            "/org/base/resolve/abc123/config.json": SMALL,
+            "/org/base/resolve/abc123/vocab.txt": VOCAB,
+            f"/unitaryai/detoxify/releases/download/v0/{MODEL.checkpoint}": BIG,
+        }
         self.faults: dict[str, list[str]] = {}
         self.requests: list[tuple[str, str | None]] = []
         host = self
@@ -98,7 +108,11 @@ def run(host, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     # Backoff is counted, not waited for.
     monkeypatch.setattr(clock, "sleep", lambda seconds: None)
-    return Run(settings=load_settings(dotenv=False, kb_models_endpoint=host.url), profile=load_profile("minecraft"), root=tmp_path / "data")
+    return Run(
+        settings=load_settings(dotenv=False, kb_models_endpoint=host.url),
+        profile=load_profile("minecraft"),
+        root=tmp_path / "data",
+    )
 
 
 def test_files_come_verified_and_only_once(run, host):
@@ -132,7 +146,10 @@ def test_another_file_is_exit_1_and_nothing_of_it_stays(run, host):
         fetch(run, published=MODEL)
     assert error.value.exit_code == 1
     assert "KB_MODELS_ENDPOINT" in error.value.hint
-    assert sorted(path.name for path in (run.root.parent / "cache").rglob("*") if path.is_file()) == ["config.json", "vocab.txt"]
+    assert sorted(path.name for path in (run.root.parent / "cache").rglob("*") if path.is_file()) == [
+        "config.json",
+        "vocab.txt",
+    ]
 
 
 def test_a_part_of_another_file_is_started_over(run, host, tmp_path):

@@ -12,8 +12,12 @@ def cluster(tmp_path_factory):
     distributed = pytest.importorskip("distributed")
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=":0", local_directory=str(tmp_path_factory.mktemp("dask")),
-        silence_logs=logging.CRITICAL, host="127.0.0.1",
+        n_workers=2,
+        threads_per_worker=1,
+        dashboard_address=":0",
+        local_directory=str(tmp_path_factory.mktemp("dask")),
+        silence_logs=logging.CRITICAL,
+        host="127.0.0.1",
     ) as made:
         yield made
 

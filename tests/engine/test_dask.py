@@ -10,12 +10,12 @@ import pytest
 
 pytest.importorskip("distributed")
 
-from kb.core import dask_engine  # noqa: E402
-from kb.core.engine import make_executor, map_in_order  # noqa: E402
-from kb.core.errors import FatalError, MissingExtra, SettingError, Unreachable  # noqa: E402
+from kb.core import dask_engine
+from kb.core.engine import make_executor, map_in_order
+from kb.core.errors import FatalError, MissingExtra, SettingError, Unreachable
 
 sys.path.insert(0, str(Path(__file__).parent))
-import tasks  # noqa: E402
+import tasks
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,10 @@ def test_a_wrong_address_is_exit_2_and_a_silent_one_exit_3(monkeypatch):
     monkeypatch.setattr(dask_engine, "CONNECT_S", 1.0)
     with socket.socket() as nobody:
         nobody.bind(("127.0.0.1", 0))
-        with pytest.raises(Unreachable) as error, make_executor("dask", 1, f"tcp://127.0.0.1:{nobody.getsockname()[1]}"):
+        with (
+            pytest.raises(Unreachable) as error,
+            make_executor("dask", 1, f"tcp://127.0.0.1:{nobody.getsockname()[1]}"),
+        ):
             pass
     assert error.value.exit_code == 3
 

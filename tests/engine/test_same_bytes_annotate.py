@@ -10,13 +10,13 @@ pytest.importorskip("distributed")
 pytest.importorskip("torch")
 pytest.importorskip("detoxify")
 
-from kb.annotate import toxicity as room  # noqa: E402
-from kb.annotate.toxicity import Scorer  # noqa: E402
-from kb.core import clock  # noqa: E402
-from kb.core.context import Run  # noqa: E402
-from kb.core.profile import load_profile  # noqa: E402
-from kb.core.settings import load_settings  # noqa: E402
-from kb.sandbox import toxicity as tiny  # noqa: E402
+from kb.annotate import toxicity as room
+from kb.annotate.toxicity import Scorer
+from kb.core import clock
+from kb.core.context import Run
+from kb.core.profile import load_profile
+from kb.core.settings import load_settings
+from kb.sandbox import toxicity as tiny
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,9 @@ def score(root: Path, texts: list[str], **options) -> bytes:
     return file.read_bytes()
 
 
-def test_both_engines_and_any_number_of_workers_write_the_same_scores(cluster, kill_a_worker, texts, tmp_path, monkeypatch):
+def test_both_engines_and_any_number_of_workers_write_the_same_scores(
+    cluster, kill_a_worker, texts, tmp_path, monkeypatch
+):
     monkeypatch.setattr(room, "CHUNK_TEXTS", 40)
     expected = score(tmp_path / "one", texts, workers=1)
     assert score(tmp_path / "two", texts, workers=2) == expected
