@@ -10,6 +10,7 @@ tables, pictures with captions, sprites, and all frames of what moves.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,13 @@ def clean(run: Run) -> Summary:
     if run.profile.toxicity.on:
         from kb.annotate import toxicity as scorer
     return clean(run, filters(run.profile), scorer)
+
+
+def texts(run: Run) -> Iterator[Any]:
+    """What `kb annotate wiki` scores."""
+    from kb.wiki.clean import texts
+
+    return texts(run)
 
 
 def export(run: Run, format: str = "parquet") -> Summary:

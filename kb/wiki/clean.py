@@ -23,7 +23,7 @@ from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary, Tally
-from kb.store.atomic import replacing_folder
+from kb.store.atomic import replacing_folder, write_text
 from kb.store.lock import writer
 from kb.wiki import tables
 from kb.wiki.index import Index, read_index
@@ -58,10 +58,20 @@ def clean(run: Run, filters: Sequence[Any], scorer: Any = None) -> Summary:
                     _write_part(fresh, f"part-{number:05d}.parquet", part, filters, score, verdicts)
                 verdicts.write(fresh)
                 tally = verdicts.tally().check("wiki pages")
-                summary = Summary(crawled=tally.crawled, kept=tally.kept, rejected=tally.rejected, failed=tally.failed,
-                                  pending=tally.pending, missing=len(index.missing), reasons=verdicts.reasons())
-                (fresh / "summary.json").write_text(json.dumps(summary, sort_keys=True) + "\n")
+                summary = Summary(source="wiki", crawled=tally.crawled, kept=tally.kept, rejected=tally.rejected, failed=tally.failed,
+                                  pending=tally.pending, missing=len(index.missing), stages=verdicts.stages(),
+                                  tables=dict(verdicts.rows), unknown_keys={})
+                if not model:
+                    summary["toxicity"] = "not scored"
+                write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
     return summary
+
+
+def texts(run: Run) -> Iterator[Any]:
+    """The visible text of every captured page, for `kb annotate wiki`."""
+    index = read_index(run.root)
+    with tempfile.TemporaryDirectory(prefix=".wiki-", dir=_made(run.root / "clean")) as scratch:
+        yield from _texts(_assemble(run, index, Verdicts(), Path(scratch)))
 
 
 class Verdicts:
@@ -70,6 +80,7 @@ class Verdicts:
     def __init__(self) -> None:
         self.kept = 0
         self.total = 0
+        self.rows: Counter[str] = Counter()
         self.rejected: list[Row] = []
         self.pending: list[Row] = []
 
@@ -86,9 +97,9 @@ class Verdicts:
         """The counts."""
         return Tally(self.total, self.kept, len(self.rejected), 0, len(self.pending))
 
-    def reasons(self) -> dict[str, int]:
-        """How many were rejected, by stage and reason."""
-        return dict(sorted(Counter(f"{row['stage']}: {row['reason']}" for row in self.rejected).items()))
+    def stages(self) -> dict[str, int]:
+        """How many were rejected, by stage."""
+        return dict(sorted(Counter(row["stage"] for row in self.rejected).items()))
 
     def write(self, folder: Path) -> None:
         """The tables beside the kept rows."""
@@ -200,7 +211,9 @@ def _write_part(
     kept = _judge(pages, filters, verdicts)
     verdicts.kept += len(kept)
     for short in TABLES:
-        _write(folder / short / name, f"wiki/{short}", [row for row in rows[short] if row["page_id"] in kept])
+        held_rows = [row for row in rows[short] if row["page_id"] in kept]
+        verdicts.rows[f"wiki/{short}"] += len(held_rows)
+        _write(folder / short / name, f"wiki/{short}", held_rows)
 
 
 def _judge(pages: pa.Table, filters: Sequence[Any], verdicts: Verdicts) -> set[int]:
