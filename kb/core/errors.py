@@ -157,10 +157,17 @@ class ItemFinal(ItemError):
 
 
 class Retryable(ItemError):
-    """May go well next time. `after` is the service's own wish in seconds (Retry-After)."""
+    """May go well next time. `after` is the service's own wish in seconds (Retry-After).
 
-    def __init__(self, reason: str, *, after: float | None = None, unreachable: bool = False) -> None:
+    `unreachable`: there was no connection. `throttled`: the service asked us to slow down; when
+    that does not end, it blocks us, which is no fact about an item.
+    """
+
+    def __init__(
+        self, reason: str, *, after: float | None = None, unreachable: bool = False, throttled: bool = False
+    ) -> None:
         super().__init__(reason)
         self.reason = reason
         self.after = after
         self.unreachable = unreachable
+        self.throttled = throttled

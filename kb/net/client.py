@@ -55,7 +55,8 @@ def send(session: requests.Session, method: str, url: str, **options: Any) -> re
             requests.exceptions.ContentDecodingError) as error:
         raise Retryable(redact.text(f"{type(error).__name__} at {_place(url)}"), unreachable=True) from None
     if response.status_code == 429 or response.status_code >= 500:
-        raise Retryable(f"HTTP {response.status_code} at {_place(url)}", after=retry_after(response.headers.get("Retry-After")))
+        raise Retryable(f"HTTP {response.status_code} at {_place(url)}", after=retry_after(response.headers.get("Retry-After")),
+                        throttled=response.status_code == 429)
     return response
 
 

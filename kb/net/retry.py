@@ -26,7 +26,8 @@ def attempt(call: Callable[[], Result], *, tries: int = TRIES, patience: float =
     """The result of `call`, tried again while it raises Retryable, at most `tries` times in all.
 
     After the last try: Unreachable when there was no connection, else the Retryable itself (the item failed
-    and the next run tries it again). Raises Blocked when the service asks to wait longer than `patience` seconds.
+    and the next run tries it again). Raises Blocked when the service asks to wait longer than `patience` seconds,
+    or turns every try away (429).
     """
     import tenacity
 
@@ -50,6 +51,9 @@ def attempt(call: Callable[[], Result], *, tries: int = TRIES, patience: float =
         if error.unreachable:
             raise Unreachable(f"no connection after {tries} tries: {error.reason}",
                               hint="check the network; the same command goes on where it stopped") from error
+        if error.throttled:
+            raise Blocked(f"the service turns us away {tries} times in a row ({error})",
+                          hint="run the same command later, or add --wait", after=error.after or patience) from error
         raise
 
 

@@ -1,0 +1,83 @@
+"""Newest rows of things → posts and comments as the stages judge them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from kb.reddit.parse import KINDS, schema
+from kb.reddit.tree import depths
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+def assemble(newest: dict[str, pa.Table]) -> dict[str, Any]:
+    """Posts, and a function from the kept posts to comments, of one bucket.
+
+    Of several kinds of answers the newest about a thing counts; a stub only where nothing else is
+    known. A comment's `post` is null when its post is kept, else why it is not.
+    """
+    import pyarrow.compute as pc
+
+    found = newest_of(newest)
+    is_post = pc.starts_with(found["fullname"], "t3_")
+    posts, comments = found.filter(is_post), found.filter(pc.invert(is_post))
+    posts = _named(posts).rename_columns([{"text": "body"}.get(name, name) for name in posts.column_names])
+
+    def with_posts(kept: dict[str, pa.Table]) -> pa.Table:
+        return _comments(comments, posts, kept.get("reddit/posts"))
+
+    return {"reddit/posts": posts, "reddit/comments": with_posts}
+
+
+def newest_of(newest: dict[str, pa.Table]) -> pa.Table:
+    """One row a thing over all kinds of answers, sorted by full name."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    tables = [newest[kind].select(schema().names).append_column("rank", pa.repeat(pa.scalar(rank, pa.int8()), newest[kind].num_rows))
+              for rank, kind in enumerate(KINDS) if kind in newest]
+    rows = pa.concat_tables(tables)
+    rows = rows.append_column("real", pc.not_equal(rows["state"], "stub"))
+    by = ["fullname", "real", "fetched_at", "rank"]
+    order = pc.sort_indices(rows.select(by), sort_keys=[(name, "ascending") for name in by], null_placement="at_start")
+    names = rows["fullname"].take(order).combine_chunks()
+    last = pa.concat_arrays([_differs(names), pa.array([True])]) if len(names) else pa.array([], pa.bool_())
+    return rows.take(order.filter(last)).drop_columns(["rank", "real"]).combine_chunks()
+
+
+def _differs(names: pa.Array) -> pa.Array:
+    import pyarrow.compute as pc
+
+    names = names.combine_chunks() if hasattr(names, "combine_chunks") else names
+    return pc.not_equal(names.slice(0, len(names) - 1), names.slice(1))
+
+
+def _named(rows: pa.Table) -> pa.Table:
+    """The columns both tables share: `missing`, `score_source`."""
+    import pyarrow.compute as pc
+
+    state = rows["state"]
+    rows = rows.append_column("missing", pc.equal(state, "missing"))
+    return rows.append_column("score_source", pc.if_else(rows["live"], "live", "dump"))
+
+
+def _comments(rows: pa.Table, posts: pa.Table, kept: pa.Table | None) -> pa.Table:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    rows = _named(rows).rename_columns([{"text": "body"}.get(name, name) for name in [*rows.column_names, "missing", "score_source"]])
+    rows = rows.append_column("comment_id", pc.utf8_slice_codeunits(rows["fullname"], 3))
+    known = depths(zip(rows["comment_id"].to_pylist(), rows["parent_id"].to_pylist(), strict=True))
+    rows = rows.append_column("depth", pa.array([known.get(key) for key in rows["comment_id"].to_pylist()], pa.int64()))
+    there = pc.is_in(rows["post_id"], value_set=_ids(posts))
+    good = pc.is_in(rows["post_id"], value_set=_ids(kept))
+    return rows.append_column("post", pc.if_else(good, pa.scalar(None, pa.string()), pc.if_else(there, "not_kept", "absent")))
+
+
+def _ids(posts: pa.Table | None) -> pa.Array:
+    import pyarrow as pa
+
+    return pa.array([], pa.string()) if posts is None else posts["post_id"].combine_chunks()
+
+

@@ -1,0 +1,177 @@
+"""Reddit through PRAW: token, requests, one rate limit. Answers are the service's own JSON.
+
+PRAW logs in and signs requests; retries and waiting are Lorebase's, so that every request is in
+the ledger before it is sent and a signal ends every wait.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from kb.core import clock
+from kb.core.errors import CredentialRefused, FatalError, ItemFinal, Retryable
+from kb.core.settings import Settings
+from kb.net.client import TIMEOUT_S, user_agent
+from kb.net.rate import Pace, is_loopback
+from kb.net.retry import attempt, retry_after
+
+if TYPE_CHECKING:
+    import requests
+
+ROOT = "https://www.reddit.com"
+OAUTH = "https://oauth.reddit.com"
+INFO = 100      # most ids of one info or morechildren call
+LISTED = 100    # most things of a listing's page
+
+Spend = Callable[[str, int], Callable[[str], None]]
+"""Writes a ledger row for (endpoint, units) and returns what notes the request's outcome."""
+
+
+class Limiter:
+    """Reddit's window as its headers announce it; stands in for prawcore's, whose sleep no signal ends."""
+
+    def __init__(self, pace: Pace) -> None:
+        self._pace = pace
+        self._until = 0.0
+        self.remaining: float | None = None
+
+    def call(self, *, method: str, request_function: Any, set_header_callback: Any, url: str, **options: Any) -> requests.Response:
+        """One signed request when there is room for it (prawcore's interface)."""
+        self.wait()
+        options["headers"] = set_header_callback()
+        response = request_function(method, url, **options)
+        self.heed(response.headers)
+        return response
+
+    def wait(self) -> None:
+        """Wait for the pace, and for the window's end when it is used up. Raises Interrupted."""
+        self._pace.wait()
+        clock.sleep(self._until - clock.monotonic())
+
+    def heed(self, headers: Any) -> None:
+        """Take in `x-ratelimit-*`; an answer without them changes nothing."""
+        try:
+            self.remaining = float(headers["x-ratelimit-remaining"])
+            reset = float(headers["x-ratelimit-reset"])
+        except (KeyError, ValueError):
+            return
+        # Below one there is no room for a whole request (the header is a decimal).
+        self._until = clock.monotonic() + max(reset, 1.0) if self.remaining < 1 else 0.0
+
+
+class Client:
+    """One connection to Reddit. Not for several threads: one request at a time keeps to the limit anyway."""
+
+    def __init__(self, settings: Settings, spend: Spend, *, requests_per_minute: float = 100, max_tries: int = 5) -> None:
+        """Raises MissingCredential before anything is sent."""
+        self._id = settings.need("reddit_client_id")
+        self._secret = settings.need("reddit_client_secret")
+        self._contact = settings.need("kb_contact")
+        self._root = settings.kb_reddit_endpoint or ""
+        self._spend = spend
+        self._tries = max_tries
+        public = not (self._root and is_loopback(self._root))
+        self._limiter = Limiter(Pace(60 / requests_per_minute if public else 0))
+        self._reddit: Any = None
+
+    def get(self, path: str, params: dict[str, Any]) -> Any:
+        """The JSON answer of a GET. Raises as `_ask`."""
+        return attempt(lambda: self._ask("GET", path, params, None), tries=self._tries)
+
+    def post(self, path: str, data: dict[str, Any]) -> Any:
+        """The JSON answer of a POST that only reads (morechildren). Raises as `_ask`."""
+        return attempt(lambda: self._ask("POST", path, None, data), tries=self._tries)
+
+    def info(self, fullnames: list[str]) -> Any:
+        """The Listing of up to 100 full names, posts and comments together; unknown ones are left out."""
+        return self.get("api/info/", {"id": ",".join(fullnames), "raw_json": 1})
+
+    def _ask(self, method: str, path: str, params: dict[str, Any] | None, data: dict[str, Any] | None) -> Any:
+        """One try. Raises CredentialRefused, ItemFinal ("not_found", "forbidden" …), FatalError, Retryable."""
+        import prawcore.exceptions as wrong
+
+        reddit = self._connected()
+        try:
+            try:
+                return reddit.request(method=method, path=path, params=params, data=data)
+            except wrong.InvalidToken:
+                # Tokens last a day at most; prawcore has dropped this one and gets another.
+                return reddit.request(method=method, path=path, params=params, data=data)
+        except wrong.OAuthException as error:
+            raise CredentialRefused(f"Reddit refuses the app's credentials ({error.error})",
+                                    hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET") from None
+        except wrong.InvalidToken:
+            raise CredentialRefused("Reddit refuses the app's token", hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET") from None
+        except wrong.RequestException as error:
+            raise Retryable(f"{type(error.original_exception).__name__} at {path}", unreachable=True) from None
+        except wrong.BadJSON:
+            raise Retryable(f"an answer at {path} was cut off or is no JSON") from None
+        except wrong.TooManyRequests as error:
+            raise Retryable(f"HTTP 429 at {path}", throttled=True, after=retry_after(error.response.headers.get("Retry-After"))) from None
+        except wrong.ServerError as error:
+            raise Retryable(f"HTTP {error.response.status_code} at {path}",
+                            after=retry_after(error.response.headers.get("Retry-After"))) from None
+        except wrong.NotFound:
+            raise ItemFinal("not_found", path) from None
+        except wrong.Forbidden:
+            raise ItemFinal("forbidden", path) from None
+        except wrong.Redirect as error:
+            raise ItemFinal("redirect", error.path) from None
+        except wrong.UnavailableForLegalReasons:
+            raise ItemFinal("legal", path) from None
+        except wrong.ResponseException as error:
+            status = error.response.status_code
+            if path == "api/v1/access_token" or "access_token" in (error.response.url or ""):
+                if status == 401:
+                    raise CredentialRefused("Reddit refuses the app's credentials (HTTP 401)",
+                                            hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET") from None
+            if status >= 500 or status in (408, 429):
+                raise Retryable(f"HTTP {status} at {path}", after=retry_after(error.response.headers.get("Retry-After"))) from None
+            raise FatalError(f"Reddit answers HTTP {status} at {path}") from None
+
+    def _connected(self) -> Any:
+        if self._reddit is None:
+            self._reddit = _praw(self._id, self._secret or None, user_agent(self._contact), self._root, self._limiter, self._spend)
+        return self._reddit
+
+
+def _praw(client_id: str, secret: str | None, agent: str, root: str, limiter: Limiter, spend: Spend) -> Any:
+    import praw
+    from prawcore.requestor import Requestor
+    from prawcore.sessions import FiniteRetryStrategy
+
+    class Ledgered(Requestor):
+        """Writes the ledger row before a request goes out; the outcome after it."""
+
+        def request(self, *arguments: Any, timeout: float | None = None, **options: Any) -> requests.Response:
+            url = str(arguments[1] if len(arguments) > 1 else options.get("url", ""))
+            note = spend(_endpoint(url), 0 if "access_token" in url else 1)
+            try:
+                response = super().request(*arguments, timeout=TIMEOUT_S, **options)
+            except BaseException as error:
+                note(type(error).__name__)
+                raise
+            note(str(response.status_code))
+            return response
+
+    class Once(FiniteRetryStrategy):
+        """No retries of prawcore's own: they would pass the ledger's back."""
+
+        def should_retry_on_failure(self) -> bool:
+            return False
+
+    roots = {"reddit_url": root, "oauth_url": root, "short_url": root} if root else {}
+    reddit = praw.Reddit(client_id=client_id, client_secret=secret, user_agent=agent, requestor_class=Ledgered,
+                         check_for_updates=False, check_for_async=False, **roots)
+    reddit.read_only = True
+    core = reddit._core
+    core._rate_limiter, core._retry_strategy_class = limiter, Once
+    return reddit
+
+
+def _endpoint(url: str) -> str:
+    """The path of a request with its ids taken out, for the ledger."""
+    path = url.partition("?")[0].partition("://")[2].partition("/")[2]
+    parts = [part for part in path.split("/") if part]
+    return "/".join(parts[:1] if parts[:1] == ["comments"] else parts[:3]) or "/"

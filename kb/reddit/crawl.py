@@ -1,0 +1,239 @@
+"""`kb reddit crawl`: listings of the subreddit, then every comment of every post in them.
+
+What is nearest to a whole post goes first: stubs, then threads, then the next post's page, and
+only then the next page of a listing. So `--limit N` reads no more listings than N posts need.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from typing import Any
+
+from kb.core import clock, signals
+from kb.core.context import Run
+from kb.core.errors import Blocked, FatalError, ItemFinal, KbError, LimitReached, Retryable, Unreachable
+from kb.core.progress import Task
+from kb.core.verdict import Summary
+from kb.reddit.authors import Scrubber, load_key
+from kb.reddit.client import INFO, LISTED, ROOT, Client
+from kb.reddit.state import apply
+from kb.store.frontier import Frontier, Item
+from kb.store.identity import remember
+from kb.store.lock import writer
+from kb.store.recorder import Recorder
+from kb.store.tombstones import keys as tombstones
+
+DOWN = 3
+KINDS = ("listing", "tree", "more", "thread")
+
+
+class Session:
+    """An open data root with a client: what crawl, refresh and reconstruct share."""
+
+    def __init__(self, run: Run, frontier: Frontier, recorder: Recorder, client: Client, scrubber: Scrubber) -> None:
+        self.run, self.frontier, self.recorder, self.client, self.scrubber = run, frontier, recorder, client, scrubber
+
+    def record(self, kind: str, endpoint: str, params: dict[str, Any], status: int, response: Any) -> None:
+        """Names out, then into the raw log and the frontier."""
+        self.recorder.record(kind, endpoint, params, status, self.scrubber.scrub(response))
+
+
+@contextmanager
+def session(run: Run) -> Iterator[Session]:
+    """Credentials and identity checked, the writer's lock held, the raw tail replayed.
+
+    Raises MissingCredential and OtherService before anything is sent or written.
+    """
+    section = run.profile.section("reddit")
+    for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
+        run.settings.need(name)
+    with writer(run.root, "reddit"):
+        remember(run.root, "reddit", host=run.settings.kb_reddit_endpoint or ROOT, subreddit=section.subreddit.lower())
+        frontier = Frontier(run.root / "state" / "reddit.sqlite")
+
+        def spend(endpoint: str, units: int) -> Any:
+            row = frontier.spend("requests" if units else "token", units, endpoint)
+            return lambda outcome: frontier.outcome(row, outcome)
+
+        try:
+            client = Client(run.settings, spend, requests_per_minute=section.requests_per_minute, max_tries=section.max_tries)
+            with Recorder(run.root, "reddit", frontier, apply) as recorder:
+                yield Session(run, frontier, recorder, client, Scrubber(load_key(run.root)))
+        finally:
+            frontier.close()
+
+
+def crawl(run: Run, since: datetime | None = None, until: datetime | None = None) -> Summary:
+    """Read what is left. `since` and `until` bound when posts were made (UTC, since included).
+
+    Raises LimitReached, Blocked, Unreachable, Interrupted (exit 3), CredentialRefused and FatalError
+    (exit 1); the summary so far is on the error.
+    """
+    with session(run) as at:
+        return Crawl(at, since, until).run()
+
+
+class Crawl:
+    """One run over the frontier."""
+
+    def __init__(self, at: Session, since: datetime | None, until: datetime | None) -> None:
+        self.at, self.frontier, self.since, self.until = at, at.frontier, since, until
+        self.section = at.run.profile.section("reddit")
+        self.base = f"r/{self.section.subreddit}"
+        self.gone = tombstones(at.run.root, "reddit")
+        self.posts = self.failures = 0
+        self.before = self.frontier.requests()
+        self.bar: Task = at.run.progress.task("reddit", unit="posts")
+
+    def run(self) -> Summary:
+        """Seed, then take what is nearest to done until nothing is left."""
+        self._seed()
+        try:
+            while self._step():
+                signals.stop.check()
+        except KbError as error:
+            error.summary = self.summary()
+            raise
+        finally:
+            self.bar.close()
+        return self.summary()
+
+    def summary(self) -> Summary:
+        """Figures of this run and what is left."""
+        counts = {kind: self.frontier.counts(kind) for kind in KINDS}
+        requests = self.frontier.requests()[0] - self.before[0]
+        return Summary(source="reddit", crawled=self.posts, requests=requests,
+                       pending=sum(counts[kind].get(status, 0) for kind in KINDS for status in ("todo", "in_progress")),
+                       failed=sum(counts[kind].get("error", 0) for kind in KINDS),
+                       missing=counts["tree"].get("skipped", 0),
+                       posts=sum(counts["tree"].values()), comments_by_stub=counts["more"].get("done", 0))
+
+    def _seed(self) -> None:
+        names = []
+        for listing in self.section.listings:
+            names += [f"{listing}:{span}" for span in self.section.spans] if listing in ("top", "controversial") else [listing]
+        names += [f"search:{word}" for word in self.section.search]
+        self.frontier.add("listing", names)
+        for kind in KINDS:
+            self.frontier.reopen(kind, "error")
+        if self.at.run.again and not self.frontier.counts("listing").get("todo"):
+            for name in names:
+                self.frontier.payload("listing", name, {"after": None, "pages": 0, "again": True})
+            self.frontier.reopen("listing", "done")
+
+    def _step(self) -> bool:
+        """One request, whatever is nearest to a whole post. False when nothing is left."""
+        more = self.frontier.take("more", INFO)
+        if more:
+            # One call reads one post's stubs; the rest goes back.
+            post = more[0].payload["post"]
+            self.frontier.release("more", *(item.key for item in more if item.payload["post"] != post))
+            self._more(post, [item.key for item in more if item.payload["post"] == post])
+            return True
+        for kind in ("thread", "tree", "listing"):
+            for item in self.frontier.take(kind):
+                if kind == "tree" and self.at.run.limit is not None and self.posts >= self.at.run.limit:
+                    self.frontier.release(kind, item.key)
+                    raise LimitReached(f"{self.posts} posts were read (--limit {self.at.run.limit})", hint="run the same command to go on")
+                {"thread": self._thread, "tree": self._tree, "listing": self._listing}[kind](item)
+                return True
+        return False
+
+    def _listing(self, item: Item) -> None:
+        state = item.payload or {"after": None, "pages": 0}
+        if self.since and item.key == "new" and state.get("oldest") and state["oldest"] < self.since.timestamp():
+            self.frontier.done("listing", item.key)
+            return
+        name, _, extra = item.key.partition(":")
+        params: dict[str, Any] = {"limit": LISTED, "raw_json": 1}
+        if name == "search":
+            params |= {"q": extra, "restrict_sr": 1, "sort": "new", "syntax": "lucene", "t": "all"}
+        elif extra:
+            params["t"] = extra
+        if state.get("after"):
+            params |= {"after": state["after"], "count": 100 * state["pages"]}
+        endpoint = f"{self.base}/{name}"
+        try:
+            answer = self._wait(lambda: self.at.client.get(endpoint, params))
+        except ItemFinal as error:
+            if name == "search":
+                self.frontier.skip("listing", item.key, error.reason)
+                return
+            why = {"forbidden": "is private or quarantined", "not_found": "does not exist or is banned",
+                   "redirect": "does not exist"}.get(error.reason, f"can't be read ({error.reason})")
+            raise FatalError(f"{self.base} {why}", hint="check [reddit] subreddit in the profile") from None
+        except Retryable as error:
+            self._failed("listing", [item.key], error)
+            return
+        self.at.record("listings", endpoint, params, 200, answer)
+
+    def _tree(self, item: Item) -> None:
+        made = (item.payload or {}).get("created_utc")
+        moment = datetime.fromtimestamp(float(made), UTC) if isinstance(made, (int, float)) else None
+        if moment and ((self.since and moment < self.since) or (self.until and moment >= self.until)):
+            self.frontier.skip("tree", item.key, "outside --since/--until")
+            return
+        if f"t3_{item.key}" in self.gone:
+            self.frontier.skip("tree", item.key, "purged")
+            return
+        self._page("tree", item, {"article": item.key})
+        self.posts += 1
+        self.bar.advance(1, requests=self.frontier.requests()[0] - self.before[0])
+
+    def _thread(self, item: Item) -> None:
+        post, _, comment = item.key.partition("/")
+        self._page("thread", item, {"article": post, "comment": comment})
+
+    def _page(self, kind: str, item: Item, about: dict[str, Any]) -> None:
+        endpoint = f"comments/{about['article']}" + (f"/_/{about['comment']}" if "comment" in about else "")
+        params = {"limit": 500, "sort": "old", "raw_json": 1}
+        status, answer = 200, None
+        try:
+            answer = self._wait(lambda: self.at.client.get(f"{endpoint}/", params))
+        except ItemFinal as error:
+            status = {"not_found": 404, "forbidden": 403, "legal": 451}.get(error.reason, 302)
+        except Retryable as error:
+            self._failed(kind, [item.key], error)
+            return
+        self.at.record("comments", endpoint, {**params, **about}, status, answer)
+
+    def _more(self, post: str, keys: list[str]) -> None:
+        data = {"link_id": f"t3_{post}", "children": ",".join(keys), "api_type": "json", "sort": "old", "raw_json": 1}
+        try:
+            answer = self._wait(lambda: self.at.client.post("api/morechildren/", data))
+        except Retryable as error:
+            self._failed("more", keys, error)
+            return
+        except ItemFinal as error:
+            self.frontier.mark("more", keys, "error", error.reason)
+            return
+        self.at.record("morechildren", "api/morechildren", data, 200, answer)
+
+    def _failed(self, kind: str, keys: list[str], error: Retryable) -> None:
+        """The next run tries these again. A service that fails for one item after the other is down."""
+        self.frontier.mark(kind, keys, "error", error.reason)
+        self.failures += 1
+        if self.failures >= DOWN:
+            raise Unreachable(f"Reddit failed for {self.failures} items in a row ({error.reason})",
+                              hint="run the same command later: it goes on where it stopped")
+
+    def _wait(self, call: Any) -> Any:
+        answer = patient(self.at.run, call)
+        self.failures = 0
+        return answer
+
+
+def patient(run: Run, call: Any) -> Any:
+    """The result of `call`; with --wait, sleeps through what the service asks and tries again."""
+    while True:
+        try:
+            return call()
+        except Blocked as error:
+            if not run.wait or error.after is None:
+                raise
+            run.progress.say(f"waiting {error.after:.0f} s: {error}")
+            clock.sleep(error.after)
+
+

@@ -1,0 +1,235 @@
+"""Raw answers of Reddit, live or from dumps, of any year → rows of things.
+
+One row a post, comment, stub or missing id. Fields drift over the years (recorded answers of 2016
+to 2026 are in the tests); what can't be read is null and named in `problems`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import html
+import json
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from kb.core.errors import DamagedData
+from kb.core.profile.reddit import Links
+from kb.reddit import tree
+from kb.reddit.types import is_crosspost, link_classifier, poll_options, post_type, removal
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+ROWS = 8_192
+KINDS = ("dumps", "info", "listings", "comments", "morechildren")
+_ENTITIES = ("title", "selftext", "body", "url", "url_overridden_by_dest")
+
+Row = dict[str, Any]
+
+
+def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
+    """Envelopes of one raw kind → tables of about 8,192 rows with the columns of `schema()`."""
+    read = Reader(kind, links)
+    waiting: list[Row] = []
+    for line in lines:
+        waiting += read.envelope(line)
+        if len(waiting) >= ROWS:
+            yield to_table(waiting)
+            waiting = []
+    if waiting:
+        yield to_table(waiting)
+
+
+class Reader:
+    """Reads the envelopes of one kind into plain rows."""
+
+    def __init__(self, kind: str, links: Links) -> None:
+        self._kind = kind
+        self._live = kind != "dumps"
+        self._classify: Callable[[str], str] = link_classifier(links)
+
+    def envelope(self, line: bytes) -> list[Row]:
+        """The rows of one line. Raises DamagedData when it is no envelope."""
+        try:
+            envelope = msgspec.json.decode(line)
+        except msgspec.DecodeError:
+            try:
+                envelope = json.loads(line)
+            except ValueError as error:
+                raise DamagedData(f"a raw line is no envelope: {error}") from None
+        fetched_at, params, status = envelope["fetched_at"], envelope["request"]["params"], envelope["status"]
+        found = list(self._things(envelope["response"])) if status == 200 else []
+        there = {row["fullname"] for row in found if row["state"] == "there"}
+        asked = asked_for(self._kind, params, status)
+        found += [_row(name, post, "missing") for name, post in asked if name not in there]
+        for row in found:
+            row["fetched_at"], row["live"] = fetched_at, self._live
+        return found
+
+    def _things(self, response: Any) -> Iterator[Row]:
+        for kind, data in tree.things(response):
+            if kind == tree.POST:
+                yield self.post(data)
+            elif kind == tree.COMMENT:
+                yield self.comment(data)
+            else:
+                post = tree.bare(data.get("link_id"))
+                yield from (_row(f"t1_{key}", post, "stub") for key in tree.stub_ids(data))
+
+    def post(self, data: dict[str, Any]) -> Row:
+        """The row of a post (a submission's fields of any year)."""
+        if not self._live:
+            data = _unescaped(data)
+        row, key = _identified("t3", data)
+        row["post_id"] = key
+        kind, link_kind, url = post_type(data, self._classify)
+        row |= {"type": kind, "link_kind": link_kind, "source_url": url, "is_crosspost": is_crosspost(data),
+                "poll_options": poll_options(data), "over_18": data.get("over_18") is True,
+                "title": _text(row, data, "title", needed=True), "text": _text(row, data, "selftext") or None,
+                "num_comments": _integer(row, data, "num_comments"), "upvote_ratio": _ratio(row, data)}
+        return _common(row, data)
+
+    def comment(self, data: dict[str, Any]) -> Row:
+        """The row of a comment."""
+        if not self._live:
+            data = _unescaped(data)
+        row, _ = _identified("t1", data)
+        row["post_id"] = tree.bare(data.get("link_id"))
+        parent = data.get("parent_id")
+        if not isinstance(parent, str) or not parent.startswith(("t1_", "t3_")):
+            # Some dump years give the parent of a comment as a number or leave it out.
+            row["found"].append(("parent_id", "absent" if parent is None else "malformed", None if parent is None else str(parent)))
+            parent = None
+        row |= {"parent_id": parent, "text": _text(row, data, "body", needed=True)}
+        return _common(row, data)
+
+
+def asked_for(kind: str, params: dict[str, Any], status: int) -> list[tuple[str, str]]:
+    """(full name, bare post id) of what a request named, for telling what is missing.
+
+    A post's page that answers 404 means that the post is gone.
+    """
+    if kind == "info" and status == 200:
+        names = [name for name in str(params.get("id", "")).split(",") if name]
+        posts = params.get("posts") or []
+        return [(name, tree.bare(name) if name.startswith("t3_") else (posts[n] if n < len(posts) else "")) for n, name in enumerate(names)]
+    if kind == "morechildren" and status == 200:
+        post = tree.bare(params.get("link_id"))
+        return [(f"t1_{key}", post) for key in str(params.get("children", "")).split(",") if key]
+    if kind == "comments" and status == 404 and "comment" not in params and params.get("article"):
+        return [(f"t3_{params['article']}", str(params["article"]))]
+    return []
+
+
+def schema() -> pa.Schema:
+    """Columns of `rows`."""
+    import pyarrow as pa
+
+    text, number, flag = pa.string(), pa.int64(), pa.bool_()
+    return pa.schema([
+        ("fullname", text), ("post_id", text), ("state", text), ("fetched_at", pa.timestamp("us", "UTC")), ("live", flag),
+        ("type", text), ("link_kind", text), ("source_url", text), ("is_crosspost", flag), ("poll_options", pa.list_(text)),
+        ("over_18", flag), ("title", text), ("text", text), ("author_hash", text), ("score", number), ("num_comments", number),
+        ("upvote_ratio", pa.float64()), ("created_utc", pa.timestamp("us", "UTC")), ("parent_id", text),
+        ("gone", text), ("gone_value", text),
+        ("problems", pa.list_(pa.struct([("column", text), ("reason", text), ("value", text)]))),
+    ])
+
+
+def to_table(found: list[Row]) -> pa.Table:
+    """Plain rows as a table of `schema()`."""
+    import pyarrow as pa
+
+    from kb.schema.coerce import times
+    from kb.schema.decode import problems
+
+    columns: dict[str, Any] = {}
+    for field in schema():
+        if field.name == "fetched_at":
+            columns[field.name] = times([row.get("fetched_at") for row in found])[0].cast(field.type)
+        elif field.name == "created_utc":
+            # whole seconds to microseconds
+            columns[field.name] = pa.array([None if (at := row.get("created_utc")) is None else at * 1_000_000 for row in found], pa.int64()).cast(field.type)
+        elif field.name == "problems":
+            columns[field.name] = problems({n: row["found"] for n, row in enumerate(found) if row["found"]}, len(found)).cast(field.type)
+        else:
+            columns[field.name] = pa.array([row.get(field.name) for row in found], field.type)
+    return pa.table(columns, schema=schema())
+
+
+def _row(fullname: str, post: str, state: str) -> Row:
+    return {"fullname": fullname, "post_id": post, "state": state, "found": []}
+
+
+def _identified(kind: str, data: dict[str, Any]) -> tuple[Row, str]:
+    """A row under the thing's id. One without an id can't be told from others: it gets a made-up key and is rejected."""
+    key = data.get("id")
+    if isinstance(key, str) and key:
+        return _row(f"{kind}_{key}", "", "there"), key
+    made = "unknown-" + hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()[:16]
+    row = _row(f"{kind}_{made}", "", "unknown")
+    row["found"].append(("state", "malformed" if key is not None else "absent", None if key is None else str(key)))
+    return row, made
+
+
+def _common(row: Row, data: dict[str, Any]) -> Row:
+    gone = removal(data)
+    author = data.get("author")
+    row |= {"score": _integer(row, data, "score"), "created_utc": _integer(row, data, "created_utc"),
+            "author_hash": author if isinstance(author, str) and author not in ("", "[deleted]", "[removed]") else None,
+            "gone": gone[0] if gone else None, "gone_value": gone[1] if gone else None}
+    if row["created_utc"] is not None and not 0 <= row["created_utc"] < 253402300800:
+        row["found"].append(("created_utc", "malformed", str(data.get("created_utc"))))
+        row["created_utc"] = None
+    return row
+
+
+def _integer(row: Row, data: dict[str, Any], name: str) -> int | None:
+    """A whole number; old dumps have times and scores as strings, some as floats."""
+    value = data.get(name)
+    if value is None:
+        return None
+    if isinstance(value, (int, float, str)) and not isinstance(value, bool):
+        try:
+            number = int(float(value)) if not isinstance(value, int) else value
+            if -(1 << 62) < number < 1 << 62:
+                return number
+        except (ValueError, OverflowError):
+            pass
+    row["found"].append((name, "malformed", str(value)[:200]))
+    return None
+
+
+def _ratio(row: Row, data: dict[str, Any]) -> float | None:
+    value = data.get("upvote_ratio")
+    if value is None or (isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value <= 1):
+        return None if value is None else float(value)
+    row["found"].append(("upvote_ratio", "malformed", str(value)[:200]))
+    return None
+
+
+def _text(row: Row, data: dict[str, Any], name: str, *, needed: bool = False) -> str | None:
+    value = data.get(name)
+    if isinstance(value, str):
+        return value if "\0" not in value else value.replace("\0", "�")
+    if value is not None:
+        row["found"].append(("text" if name != "title" else name, "malformed", str(value)[:200]))
+    elif needed:
+        row["found"].append(("text" if name != "title" else name, "absent", None))
+    return None
+
+
+def _unescaped(data: dict[str, Any]) -> dict[str, Any]:
+    """Dumps hold HTML entities, as Reddit gives them without raw_json=1."""
+    changed = {name: html.unescape(value) for name in _ENTITIES if isinstance(value := data.get(name), str) and "&" in value}
+    data = {**data, **changed} if changed else data
+    parents = data.get("crosspost_parent_list")
+    if isinstance(parents, list) and parents and isinstance(parents[0], dict):
+        data = {**data, "crosspost_parent_list": [_unescaped(parents[0]), *parents[1:]]}
+    poll = data.get("poll_data")
+    if isinstance(poll, dict) and isinstance(poll.get("options"), list):
+        options = [{**option, "text": html.unescape(str(option.get("text", "")))} for option in poll["options"] if isinstance(option, dict)]
+        data = {**data, "poll_data": {**poll, "options": options}}
+    return data

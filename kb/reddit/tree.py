@@ -1,0 +1,94 @@
+"""Answers of Reddit → the things in them, whatever their form, and how comments hang together.
+
+Forms (recorded in tests): a Listing (listings, search, info); two Listings (a post's page: the
+post, then nested comments); `json.data.things` (morechildren, flat); dumps are written as Listings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+POST, COMMENT = "t3", "t1"
+
+
+class Thing(NamedTuple):
+    """A post (`t3`), a comment (`t1`) or a stub (`more`) with its fields."""
+
+    kind: str
+    data: dict[str, Any]
+
+
+def things(response: Any) -> Iterator[Thing]:
+    """Every post, comment and stub of an answer, nested replies too, parents before replies.
+
+    Without recursion: trees are as deep as people wish.
+    """
+    stack: list[Any] = [response]
+    while stack:
+        value = stack.pop()
+        if isinstance(value, list):
+            stack.extend(reversed(value))
+            continue
+        if not isinstance(value, dict):
+            continue
+        kind, data = value.get("kind"), value.get("data")
+        if kind == "Listing" and isinstance(data, dict):
+            stack.append(data.get("children"))
+        elif kind in (POST, COMMENT, "more") and isinstance(data, dict):
+            yield Thing(kind, data)
+            if kind == COMMENT:
+                stack.append(data.get("replies"))
+        elif isinstance(value.get("json"), dict):
+            inner = value["json"].get("data")
+            stack.append(inner.get("things") if isinstance(inner, dict) else None)
+
+
+def after(response: Any) -> str | None:
+    """The next page of a listing; None on the last one."""
+    data = response.get("data") if isinstance(response, dict) else None
+    token = data.get("after") if isinstance(data, dict) else None
+    return token if isinstance(token, str) and token else None
+
+
+def stub_ids(data: Mapping[str, Any]) -> list[str]:
+    """Bare ids of the comments behind a `more` stub; none for "continue this thread"."""
+    children = data.get("children")
+    return [child for child in children if isinstance(child, str)] if isinstance(children, list) else []
+
+
+def is_continuation(data: Mapping[str, Any]) -> bool:
+    """Whether the stub means "continue this thread": its replies are under its parent's own page."""
+    return not stub_ids(data) and isinstance(data.get("parent_id"), str)
+
+
+def bare(fullname: Any) -> str:
+    """An id without its `t1_` or `t3_`; empty when there is none."""
+    return fullname.partition("_")[2] if isinstance(fullname, str) else ""
+
+
+def depths(parents: Iterable[tuple[str, str | None]]) -> dict[str, int | None]:
+    """Depth of each comment from (bare id, full name of the parent) pairs, any order.
+
+    0 for an answer to the post, null when an ancestor is unknown (or the chain is a ring).
+    """
+    parent = dict(parents)
+    known: dict[str, int | None] = {}
+    for start in parent:
+        chain: list[str] = []
+        walked: set[str] = set()
+        key, base = start, None
+        while key in parent and key not in known and key not in walked:
+            chain.append(key)
+            walked.add(key)
+            above = parent[key]
+            if above is None or above.startswith("t3_"):
+                key, base = "", None if above is None else -1
+            else:
+                key = bare(above)
+        if key in known:
+            base = known[key]
+        for name in reversed(chain):
+            base = None if base is None else base + 1
+            known[name] = base
+    return known
