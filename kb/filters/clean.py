@@ -49,6 +49,7 @@ class Job(NamedTuple):
     out: str
     buckets: int
     scores: str
+    tombstones: int  # when their file was changed, so that no process trusts an older one
 
 
 def run_clean(run: Run, source: str) -> Summary:
@@ -89,7 +90,9 @@ def texts(run: Run, source: str) -> Iterator[pa.Array]:
 
 def _job(run: Run, source: str) -> Job:
     path = str(pipeline.locate(source, run.pipeline))
-    return Job(path, run.profile.model_dump_json(), str(run.profile.path), source, str(run.root.absolute()), "", "", 1, "")
+    gone = tombstones.path(run.root, source)
+    stamp = gone.stat().st_mtime_ns if gone.exists() else 0
+    return Job(path, run.profile.model_dump_json(), str(run.profile.path), source, str(run.root.absolute()), "", "", 1, "", stamp)
 
 
 class _work:
@@ -222,7 +225,7 @@ def _walk(job: Job, spec: Clean, number: int, join: Any, dry: bool = False) -> t
         newest[kind], older = buckets.newest(Path(job.work, kind, str(number)), about)
         counts["duplicates"] += older
     rows = spec.assemble({kind: part for kind, part in newest.items() if part is not None})
-    gone = _tombstones(job.root, job.source)
+    gone = _tombstones(job.root, job.source, job.tombstones)
     kept: dict[str, pa.Table] = {}
     done = []
     for chain in spec.chains:
@@ -254,7 +257,7 @@ def _without(rows: pa.Table, chain: Chain, gone: frozenset[str]) -> pa.Table:
 
 
 @cache
-def _tombstones(root: str, source: str) -> frozenset[str]:
+def _tombstones(root: str, source: str, changed: int) -> frozenset[str]:
     return frozenset(tombstones.keys(Path(root), source))
 
 
@@ -294,7 +297,7 @@ def _unanswered(run: Run, job: Job, spec: Clean) -> dict[str, int]:
             column = "key" if name.startswith("shared/") else next(chain.key for chain in spec.chains if chain.table == name)
             prefix = "" if name.startswith("shared/") else next(chain.prefix for chain in spec.chains if chain.table == name)
             known |= {f"{prefix}{key}" for key in pq.read_table(path, columns=[column])[column].to_pylist()}
-    known |= _tombstones(job.root, job.source)
+    known |= _tombstones(job.root, job.source, job.tombstones)
     lost = {key: reason for key, reason in spec.unanswered(run.root) if key not in known}
     if lost:
         rows = pa.table({"key": list(lost), "reason": list(lost.values())})

@@ -1,7 +1,7 @@
 """Synthetic raw video records, and the job written as plain Python over dicts. Run as a script, so that memory is its own.
 
     python youtube_records.py make ROOT COUNT      raw/youtube/videos of COUNT records, 50 an envelope
-    python youtube_records.py ours ROOT            parse, filter and export by Lorebase
+    python youtube_records.py ours ROOT WORKERS    parse, filter and export by Lorebase
     python youtube_records.py plain ROOT           the same by json, dicts and lists
 
 The last two print one line of JSON: seconds, peak memory (MB), rows kept and rejected by stage.
@@ -79,24 +79,25 @@ def _item(number: int, chance: random.Random, texts: list[str]) -> dict[str, Any
     }
 
 
-def ours(root: Path) -> dict[str, Any]:
-    """`kb youtube filter` and `export` with one worker; neither label, transcripts nor model, so that the columns are what is measured."""
+def ours(root: Path, workers: int) -> dict[str, Any]:
+    """`kb youtube filter` and `export`; neither label, transcripts nor model, so that the columns are what is measured."""
     from kb.core.context import Run
     from kb.core.profile import load_profile
     from kb.core.settings import Settings
     from kb.export import parquet
-    from kb.youtube.clean import clean
+    from kb.filters.clean import run_clean
 
     profile = load_profile("minecraft")
     youtube = profile.youtube.model_copy(update={"game_ids": (), "transcripts": "optional", "topic_keywords": KEYWORDS})
-    toxicity = profile.toxicity.model_copy(update={"model": "off"})
-    run = Run(settings=Settings(), profile=profile.model_copy(update={"youtube": youtube, "toxicity": toxicity}), root=root, workers=1)
-    summary = clean(run)
+    toxicity = profile.toxicity.model_copy(update={"toxicity": "off"})
+    profile = profile.model_copy(update={"youtube": youtube, "toxicity": toxicity})
+    run = Run(settings=Settings(), profile=profile, root=root, workers=workers)
+    summary = run_clean(run, "youtube")
     parquet.export(run, "youtube")
-    return {"kept": summary["kept"], "rejected": summary["rejected"]}
+    return {"kept": summary["kept"], "rejected": summary["stages"]}
 
 
-def plain(root: Path) -> dict[str, Any]:
+def plain(root: Path, _: int) -> dict[str, Any]:
     """json.loads, dicts, a loop with ifs, one sorted list, the same released columns."""
     import re
 
@@ -123,7 +124,7 @@ def plain(root: Path) -> dict[str, Any]:
                         else:
                             kept[answer["video_id"]] = answer
     out = root / "plain"
-    out.mkdir()
+    out.mkdir(exist_ok=True)
     rows = sorted(kept.values(), key=lambda row: row["video_id"])
     pq.write_table(pa.Table.from_pylist(rows), out / "videos.parquet", compression="zstd", row_group_size=131_072)
     dropped.sort(key=lambda row: row["key"])
@@ -173,9 +174,9 @@ def main(what: str, root: Path, count: int = 0) -> None:
         make(root, count)
         return
     start = time.perf_counter()
-    result = {"ours": ours, "plain": plain}[what](root)
+    result = {"ours": ours, "plain": plain}[what](root, count)
     result["seconds"] = time.perf_counter() - start
-    # Peak of this process and of its largest worker; workers run at the same time, so theirs is counted for each.
+    # Peak of this process and of its largest worker.
     own, child = (resource.getrusage(who).ru_maxrss >> 10 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     print(json.dumps(result | {"peak_mb": own, "worker_mb": child}))
 
