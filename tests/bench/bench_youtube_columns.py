@@ -37,10 +37,11 @@ def test_rate_and_memory(tmp_path: Path) -> None:
         script("make", root, size)
         for name, what, workers in (("plain", "plain", 1), ("one worker", "ours", 1), ("two workers", "ours", 2)):
             figures[name, size] = script(what, root, workers)
-    print(f"\n{'':12} {'records':>10} {'seconds':>8} {'records/s':>10} {'ratio':>6} {'peak MB':>8} {'worker MB':>9}")
+    print(f"\n{'':12} {'records':>10} {'seconds':>8} {'CPU s':>7} {'records/s':>10} {'ratio':>6} {'peak MB':>8} {'worker MB':>9}")
     for (name, size), found in figures.items():
         ratio = figures["plain", size]["seconds"] / found["seconds"]
-        print(f"{name:12} {size:10,} {found['seconds']:8.1f} {size / found['seconds']:10,.0f} {ratio:6.2f} {found['peak_mb']:8} {found['worker_mb']:9}")
+        print(f"{name:12} {size:10,} {found['seconds']:8.1f} {found['cpu_s']:7.1f} {size / found['seconds']:10,.0f} {ratio:6.2f}"
+              f" {found['peak_mb']:8} {found['worker_mb']:9}")
     for size in (SMALL, LARGE):
         for name in ("one worker", "two workers"):
             for count in ("kept", "rejected"):

@@ -177,8 +177,9 @@ def main(what: str, root: Path, count: int = 0) -> None:
     result = {"ours": ours, "plain": plain}[what](root, count)
     result["seconds"] = time.perf_counter() - start
     # Peak of this process and of its largest worker.
-    own, child = (resource.getrusage(who).ru_maxrss >> 10 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    print(json.dumps(result | {"peak_mb": own, "worker_mb": child}))
+    own, child = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    result["cpu_s"] = own.ru_utime + own.ru_stime + child.ru_utime + child.ru_stime
+    print(json.dumps(result | {"peak_mb": own.ru_maxrss >> 10, "worker_mb": child.ru_maxrss >> 10}))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,123 @@
+"""Texts a second on a model of BERT-base's size, beside plain Detoxify on the same texts in the same run.
+
+    one by one       `Detoxify.predict(text)` for each text
+    arrival order    `Detoxify.predict(32 texts)` at a time, padded to the longest of them
+    ours             equal texts once, sorted by length, batches under a token budget, fastest exact backend
+
+All in fp32 with the same number of threads. Weights are random: the time is that of the real model.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("detoxify")
+
+from kb.annotate import backends  # noqa: E402
+from kb.annotate.checkpoint import find_checkpoint, sha256_of  # noqa: E402
+from kb.annotate.detoxify_model import load_detoxify  # noqa: E402
+from kb.annotate.hashes import text_hash  # noqa: E402
+from kb.core import clock  # noqa: E402
+from kb.core.settings import load_settings  # noqa: E402
+from kb.sandbox import toxicity as tiny  # noqa: E402
+from kb.sandbox import toxicity_words as words  # noqa: E402
+
+pytestmark = pytest.mark.bench
+TEXTS = int(os.environ.get("KB_BENCH_TEXTS", "240"))
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory):
+    """12 layers of 768, as `original`, with random weights and the tiny model's vocabulary filled up to BERT's size."""
+    from transformers import BertConfig, BertForSequenceClassification
+
+    os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
+    folder = tmp_path_factory.mktemp("base")
+    torch.manual_seed(0)
+    names = tiny.vocabulary()
+    names += [f"[unused{n}]" for n in range(30_522 - len(names))]
+    (folder / "vocab.txt").write_text("\n".join(names) + "\n")
+    (folder / "tokenizer_config.json").write_text('{"do_lower_case": true, "model_max_length": 512}')
+    # Wider weights than a fresh model's: else every text has the same score and agreement means nothing.
+    config = BertConfig(num_labels=6, initializer_range=0.05)
+    (folder / "config.json").write_text(json.dumps({"model_type": "bert"}))
+    args = {"model_type": "bert-base-uncased", "model_name": "BertForSequenceClassification", "tokenizer_name": "BertTokenizer", "num_classes": 6}
+    path = folder / "base.ckpt"
+    torch.save(
+        {"config": {"arch": {"args": args}, "dataset": {"args": {"classes": list(tiny.CLASSES)}}},
+         "state_dict": BertForSequenceClassification(config).state_dict()}, path)
+    return find_checkpoint(load_settings(dotenv=False, kb_toxicity_model=str(path), kb_toxicity_sha256=sha256_of(path)))
+
+
+@pytest.fixture(scope="module")
+def texts():
+    """Lengths as of comments and titles: half under 15 words, a few of hundreds; a fifth said before."""
+    rng = clock.rng("bench toxicity")
+    made: list[str] = []
+    for _ in range(TEXTS):
+        if made and rng.random() < 0.2:
+            made.append(rng.choice(made))
+        else:
+            length = min(400, max(1, int(rng.lognormvariate(2.7, 1.0))))
+            made.append(" ".join(rng.choice(words.PLAIN) for _ in range(length)))
+    return made
+
+
+def test_same_scores_at_three_times_the_rate(checkpoint, texts, record_property):
+    threads = len(os.sched_getaffinity(0))
+    torch.set_num_threads(threads)
+    detoxify = load_detoxify(checkpoint)
+    detoxify.predict(texts[0])
+
+    start = time.perf_counter()
+    plain = [detoxify.predict(text) for text in texts]
+    one_by_one = len(texts) / (time.perf_counter() - start)
+
+    start = time.perf_counter()
+    for first in range(0, len(texts), 32):
+        detoxify.predict(texts[first : first + 32])
+    arrival = len(texts) / (time.perf_counter() - start)
+
+    rates = {}
+    differences = {}
+    for name in ("chosen", "torch", "onnxruntime", "openvino", "bf16", "int8"):
+        runner = open_named(checkpoint, name, threads)
+        if runner is None:
+            continue
+        runner.score(texts[:2])
+        start = time.perf_counter()
+        distinct = {text_hash(text): text for text in texts}
+        scores = dict(zip(distinct, runner.score(list(distinct.values())), strict=True))
+        rates[name] = len(texts) / (time.perf_counter() - start)
+        differences[name] = max(
+            abs(row[name] - score)
+            for text, row in zip(texts, plain, strict=True)
+            for name, score in zip(runner.meta.classes, scores[text_hash(text)], strict=True)
+        )
+        if name == "chosen":
+            print(f"\nchosen: {runner.name}, {threads} threads, {len(texts)} texts, {len(distinct)} distinct")
+    print(f"one by one      {one_by_one:7.1f} texts/s   1.00×")
+    print(f"arrival order   {arrival:7.1f} texts/s   {arrival / one_by_one:.2f}×")
+    for name, rate in rates.items():
+        print(f"ours, {name:<11}{rate:6.1f} texts/s   {rate / one_by_one:.2f}×   largest difference {differences[name]:.1e}")
+    exact = [name for name in rates if name not in ("bf16", "int8")]
+    assert all(differences[name] < 1e-4 for name in exact)
+    assert all(differences[name] < backends.REACH[name] for name in ("bf16", "int8") if name in rates)
+    assert rates["chosen"] >= 3 * one_by_one
+
+
+def open_named(checkpoint, name, threads):
+    if name == "chosen":
+        return backends.open_runner(checkpoint, threads=threads)
+    if name in ("bf16", "int8"):
+        return backends.open_runner(checkpoint, name, threads=threads)
+    if name == "torch":
+        return backends._torch_runner(checkpoint, "fp32", "cpu", threads)
+    from kb.annotate.compiled import find_compiled
+
+    return backends.graph_runner(find_compiled(checkpoint), threads, prefer=name) if find_compiled(checkpoint) else None
