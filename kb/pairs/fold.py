@@ -32,7 +32,7 @@ def character(char: str) -> bytes:
         return bytes([_GONE]) * size
     if kind[0] not in "LNM":
         return b" " * size
-    for folded in (char.casefold(), char.lower(), char.casefold()[:1]):
+    for folded in (char.casefold(), char.lower()):
         if len(folded.encode()) <= size and all(part.isalnum() or unicodedata.category(part)[0] == "M" for part in folded):
             return folded.encode().ljust(size, bytes([_GONE]))
     return char.encode()

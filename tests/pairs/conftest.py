@@ -1,0 +1,60 @@
+"""Keywords, a section and ways to run a batch that the tests of pairs share."""
+
+from __future__ import annotations
+
+import pyarrow as pa
+import pytest
+
+from kb.core.profile import load_profile
+from kb.core.profile.pairs import Pairs
+from kb.pairs.index import Tools, make_tools, pairs_of
+from kb.pairs.keywords import NEVER, Keyword, Keywords, make
+from kb.pairs.text import Text
+from kb.schema import table
+
+LIST = [
+    Keyword("Creeper", "entity"), Keyword("Oak", "block"), Keyword("Oak Log", "block"), Keyword("Log", "block"), Keyword("Iron Golem", "entity"),
+    Keyword("Jack o'Lantern", "block"), Keyword("Block of Diamond", "block"), Keyword("Cobblestone", "block"), Keyword("Ender Dragon", "entity"),
+    Keyword("Café", "structure"), Keyword("苦力怕", "entity"), Keyword("Bed", "block", 5), Keyword("Chest", "block", 3), Keyword("Air", "block", NEVER),
+]
+
+
+@pytest.fixture(scope="session")
+def keywords() -> Keywords:
+    return make(LIST, ["chest day"])
+
+
+@pytest.fixture(scope="session")
+def tools(keywords: Keywords) -> Tools:
+    return make_tools(Pairs(include=("x",)), 0, keywords)
+
+
+@pytest.fixture(scope="session")
+def minecraft() -> Tools:
+    """The shipped profile's tools."""
+    from kb.pairs.keywords import load
+
+    profile = load_profile("minecraft")
+    return make_tools(profile.section("pairs"), profile.seed, load(profile))
+
+
+@pytest.fixture(scope="session")
+def with_section(tools: Tools):  # type: ignore[no-untyped-def]
+    """with_section(min_gap_s=5): the tools with other rules."""
+    return lambda **rules: tools._replace(section=Pairs(include=("x",), **rules))
+
+
+def transcripts(*videos: tuple[str, str, list]) -> pa.Table:  # type: ignore[type-arg]
+    """(id, kind, [(start, duration, text), …]) as rows of youtube/transcripts."""
+    rows = [
+        {"video_id": name, "kind": kind, "language": "en",
+         "cues": [{"start_s": start, "duration_s": last, "text": text} for start, last, text in cues]}
+        for name, kind, cues in videos
+    ]
+    return pa.Table.from_pylist(rows, table("youtube/transcripts").arrow())
+
+
+def rows_of(tools: Tools, rows: pa.Table, lengths: list | None = None) -> list[dict]:  # type: ignore[type-arg]
+    """Pairs of a batch, sorted as they are written."""
+    made, _ = pairs_of(Text(rows, pa.array(lengths, pa.float64()) if lengths else None), tools)
+    return sorted(made.to_pylist(), key=lambda row: (row["video_id"], row["clip_start_s"], row["pair_id"]))
