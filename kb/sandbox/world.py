@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from kb.core import clock
 
 if TYPE_CHECKING:
+    from kb.sandbox.subreddit import Subreddit
     from kb.sandbox.videos import Catalogue
 
 
@@ -39,6 +40,13 @@ class World:
         from kb.sandbox.videos import Catalogue
 
         return Catalogue(self.seed, self.n_channels, self.n_videos)
+
+    @cached_property
+    def reddit(self) -> Subreddit:
+        """Posts and comments."""
+        from kb.sandbox.subreddit import Subreddit
+
+        return Subreddit(self.seed)
 
     def pacific_day(self) -> str:
         """Today where YouTube counts its quota, "2026-11-20"."""

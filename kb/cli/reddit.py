@@ -1,0 +1,76 @@
+"""`kb reddit`: posts and comments of one subreddit, live and from dumps."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kb.cli.command import command, group
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.core.verdict import Summary
+
+app = group("Posts and comments of a subreddit.")
+
+
+class Format(StrEnum):
+    """Layouts of an export."""
+
+    parquet = "parquet"
+    minedojo = "minedojo"
+    convokit = "convokit"
+
+
+Since = Annotated[str | None, typer.Option("--since", metavar="DATE", help="Only posts made at this time or later (UTC).")]
+Until = Annotated[str | None, typer.Option("--until", metavar="DATE", help="Only posts made before this time (UTC).")]
+
+
+@command(app, examples=[
+    "kb reddit crawl                          every listing of the profile's subreddit, and all comments",
+    "kb reddit crawl --limit 100              100 posts with their comments",
+    "kb reddit crawl --since 2026-01-01       only posts of this year",
+])
+def crawl(run: Run, since: Since = None, until: Until = None) -> Summary:
+    """Crawl posts and whole comment trees, as raw JSON.
+
+    Needs REDDIT_CLIENT_ID, REDDIT_CLIENT_SECRET (empty for an installed app) and KB_CONTACT.
+    Names of people are hashed before anything is written.
+    """
+    from kb.reddit.crawl import crawl as room
+
+    return room(run, since=_moment("--since", since), until=_moment("--until", until))
+
+
+@command(app, name="filter", examples=["kb reddit filter", "kb reddit filter --profile mine.toml"])
+def filter_(run: Run) -> Summary:
+    """Sort raw answers into clean/reddit: kept, rejected with the reason, failed and pending."""
+    from kb.filters.clean import run_clean
+
+    return run_clean(run, "reddit")
+
+
+@command(app, examples=["kb reddit export", "kb reddit export --format convokit"])
+def export(
+    run: Run,
+    format: Annotated[Format, typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/.")] = Format.parquet,
+) -> Summary:
+    """Write clean/reddit as the released tables, or in another layout."""
+    from kb.core import pipeline
+
+    return pipeline.load(str(pipeline.locate("reddit", run.pipeline))).export(run, format.value)
+
+
+def _moment(name: str, text: str | None) -> datetime | None:
+    from kb.core import clock
+    from kb.core.errors import SettingError
+
+    if text is None:
+        return None
+    try:
+        return clock.parse(text)
+    except ValueError:
+        raise SettingError(f"{name} is {text!r}, not a date", hint="write it like 2026-01-31 or 2026-01-31T12:00:00Z") from None
