@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
+from kb.cli.options import pipeline
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -21,22 +22,16 @@ Ids = Annotated[Path | None, typer.Option("--ids", metavar="FILE", help="Also re
 @command(app, examples=["kb purge youtube", "kb purge youtube --ids gone.txt"])
 def youtube(run: Run, ids: Ids = None) -> Summary:
     """Remove videos that vanished from YouTube, or are named, from every folder, and remember them."""
-    from kb.youtube.purge import purge
-
-    return purge(run, ids)
+    return pipeline(run, "purge").purge(run, "youtube", ids)
 
 
 @command(app, examples=["kb purge wiki --ids pages.txt"])
 def wiki(run: Run, ids: Ids = None) -> Summary:
     """Remove pages that the wiki deleted, or that are named, from every folder, and remember them."""
-    from kb.wiki.purge import purge
-
-    return purge(run, ids)
+    return pipeline(run, "purge").purge(run, "wiki", ids)
 
 
 @command(app, examples=["kb purge reddit", "kb purge reddit --ids requests.txt"])
 def reddit(run: Run, ids: Ids = None) -> Summary:
     """Remove posts and comments that were deleted or removed, or are named, and remember them."""
-    from kb.reddit.purge import purge
-
-    return purge(run, ids)
+    return pipeline(run, "purge").purge(run, "reddit", ids)

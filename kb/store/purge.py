@@ -1,0 +1,123 @@
+"""Removing keys for good, from every file of a data root. Every step may be repeated, so a purge that was
+cut off goes on where it stopped: the list of keys stands in state/ until the last step is done.
+
+The order is the other way round than that of collecting: tombstones first, so that nothing that is removed
+can come back meanwhile; then raw, then what was made of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+import zstandard
+
+from kb.store import rawlog, tombstones
+from kb.store.atomic import write_bytes, writing
+from kb.store.frontier import Frontier
+from kb.store.rawlog import Envelope
+from kb.store.shards import ShardWriter
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Strip = Callable[[str, Envelope, Collection[str]], "Envelope | None"]
+"""(kind, envelope, keys) → the envelope without the keys, the same object when it holds none, None when nothing is left."""
+
+
+def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:
+    """Note what is to go (key → reason), together with what an unfinished purge left; its whole list."""
+    plan = _plan(root, source)
+    if plan.exists():
+        found = {**msgspec.json.decode(plan.read_bytes(), type=dict[str, str]), **found}
+    if found:
+        write_bytes(plan, msgspec.json.encode(found, order="sorted"))
+        tombstones.add(root, source, found.items())
+    return found
+
+
+def finish(root: Path, source: str) -> None:
+    """Everything is done: forget the list."""
+    _plan(root, source).unlink(missing_ok=True)
+
+
+def unfinished(root: Path, source: str) -> bool:
+    """Whether a purge was cut off."""
+    return _plan(root, source).exists()
+
+
+def rewrite_raw(root: Path, source: str, keys: Collection[str], strip: Strip, frontier: Frontier) -> int:
+    """Write raw segments again without the keys; how many envelopes changed.
+
+    Call it under the writer's lock, with every segment closed and taken into the frontier. A segment keeps its
+    name and place in the order; the new one takes the old one's place by a rename.
+    """
+    changed = 0
+    for kind in rawlog.kinds(root, source):
+        for path in rawlog.segments(root, source, kind):
+            changed += _rewrite(path, kind, keys, strip)
+            # Shorter now; what is behind the old offset must not be taken for unread, nor the other way round.
+            frontier.set_offset(kind, rawlog.base_name(path), path.stat().st_size)
+    return changed
+
+
+def _rewrite(path: Path, kind: str, keys: Collection[str], strip: Strip) -> int:
+    changed = 0
+    lines = []
+    for _, line in rawlog.Frames(path):
+        envelope = rawlog.decode(line)
+        left = strip(kind, envelope, keys)
+        changed += left is not envelope
+        if left is envelope:
+            lines.append(line)
+        elif left is not None:
+            lines.append(rawlog.encode(left))
+    if changed:
+        engine = zstandard.ZstdCompressor(level=3)
+        with writing(path) as temporary, temporary.open("wb") as file:
+            file.writelines(engine.compress(line) for line in lines)
+    return changed
+
+
+def drop_rows(files: Iterable[Path], declared: str, column: str, keys: Collection[str]) -> int:
+    """Write files of a table again without the rows whose `column` is one of `keys`; how many rows went.
+
+    Files without such rows are not touched; order and way of writing stay.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    wanted = pa.array(sorted(keys), pa.string())
+    return sum(_keep(path, declared, column, lambda values: pc.invert(pc.is_in(values, value_set=wanted))) for path in sorted(files))
+
+
+def drop_annotations(root: Path, source: str, used: pa.Array) -> int:
+    """Forget scores of texts that no row has any more; `used` are the hashes of those that rows still have."""
+    import pyarrow.compute as pc
+
+    files = sorted((root / "annotations" / source).glob("*.parquet"))
+    return sum(_keep(path, "shared/annotations", "text_hash", lambda values: pc.is_in(values, value_set=used)) for path in files)
+
+
+def _keep(path: Path, declared: str, column: str, good: Callable[[pa.Array], pa.Array]) -> int:
+    """Keep the rows that `good` says of a file; how many went. A batch at a time."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        kept = [good(batch.column(0).cast(pa.string())) for batch in file.iter_batches(columns=[column])]
+        gone = file.metadata.num_rows - sum(pc.sum(mask).as_py() or 0 for mask in kept)
+        if gone:
+            mask, start = pa.chunked_array(kept, pa.bool_()).combine_chunks(), 0
+            with ShardWriter(path, declared, in_order=True) as writer:
+                for batch in file.iter_batches():
+                    writer.write(pa.Table.from_batches([batch.filter(mask.slice(start, batch.num_rows))]))
+                    start += batch.num_rows
+    return gone
+
+
+def _plan(root: Path, source: str) -> Path:
+    return root / "state" / f"{source}.purge.json"

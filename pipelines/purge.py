@@ -1,0 +1,75 @@
+"""Purge (MineDojo paper, datasheet: maintenance, "if others want to be removed").
+
+What was deleted at its source, or named, leaves every folder for good; what was made of it is made again.
+
+    raw        tombstones, raw answers, frontier: the source's own
+    clean      rows of tables, of rejected, failed and pending; pairs
+    scores     annotations of texts that no row has any more
+    made       release/, export/ and report/ as far as they are there
+"""
+
+from __future__ import annotations
+
+import importlib
+import shutil
+from pathlib import Path
+
+from kb.core.context import Run
+from kb.core.errors import MissingExtra
+from kb.core.verdict import Summary
+from kb.store import purge as store
+
+
+def purge(run: Run, source: str, ids: Path | None) -> Summary:
+    """Everything, in the order above. Cut off, the same command goes on."""
+    room = importlib.import_module(f"kb.{source}.purge")
+    keys = room.purge_raw(run, ids)
+    if not keys:
+        return Summary(source=source, purged=0, rows=0, scores=0)
+    rows = sum(store.drop_rows((run.root / folder).glob("*.parquet"), *place, keys) for folder, place in room.ROWS.items())
+    scores = _scores(run, source)
+    _made(run, source)
+    store.finish(run.root, source)
+    return Summary(source=source, purged=len(keys), rows=rows, scores=scores)
+
+
+def _scores(run: Run, source: str) -> int:
+    """Scores of texts that are still somewhere stay."""
+    if not (run.root / "annotations" / source).is_dir():
+        return 0
+    import pyarrow as pa
+
+    from kb.annotate.hashes import text_hashes
+    from kb.core.pipeline import load, locate
+    from kb.filters.clean import texts
+
+    # A pipeline may know its texts itself (the wiki's are in files beside the raw log).
+    own = getattr(load(str(locate(source))), "texts", None)
+    hashes = [text_hashes(part) for part in (own(run) if own else texts(run, source))]
+    return store.drop_annotations(run.root, source, pa.chunked_array(hashes, pa.string()).unique() if hashes else pa.array([], pa.string()))
+
+
+def _made(run: Run, source: str) -> None:
+    """Exports are written again from clean, and everything around them; what can't be is removed."""
+    from kb.core.pipeline import load, locate
+    from kb.export import clip4mc, minedojo_pairs, parquet, video2dataset
+    from kb.release.build import describe
+
+    export = load(str(locate(source))).export
+    for format, files in {"parquet": f"release/{source}", "minedojo": f"export/minedojo/{source}*", "convokit": f"export/convokit/{source}*"}.items():
+        if any(run.root.glob(files)):
+            export(run, format)
+    if source == "youtube":
+        shutil.rmtree(run.root / "state" / "pairs", ignore_errors=True)
+        for files, write in {"release/pairs": lambda run: parquet.export(run, "pairs"), "export/minedojo/pairs.json": minedojo_pairs.write,
+                             "export/clip4mc/*": clip4mc.write, "export/video2dataset/*": video2dataset.write}.items():
+            if any(run.root.glob(files)):
+                write(run)
+    describe(run, [source, "pairs"])
+    if (run.root / "report").exists():
+        from kb.report.build import report
+
+        try:
+            report(run)
+        except MissingExtra:
+            shutil.rmtree(run.root / "report")
