@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from kb.core import clock
-from kb.store.atomic import writing
+from kb.schema.tables import table
+from kb.store.shards import write_table
 
 
 def path(root: Path, source: str) -> Path:
@@ -38,10 +39,7 @@ def add(root: Path, source: str, rows: Iterable[tuple[str, str]]) -> int:
         return 0
     merged = old + [{"key": key, "source": source, "removed_at": at, "reason": reason} for key, reason in new.items()]
     merged.sort(key=lambda row: row["key"])
-    schema = pa.schema([pa.field("key", pa.string(), False), pa.field("source", pa.string(), False),
-                        pa.field("removed_at", pa.timestamp("us", "UTC"), False), pa.field("reason", pa.string(), False)])
-    with writing(file) as temporary:
-        pq.write_table(pa.Table.from_pylist(merged, schema), temporary, compression="zstd")
+    write_table(file, pa.Table.from_pylist(merged, table("shared/tombstones").arrow()), "shared/tombstones")
     return len(new)
 
 
@@ -59,6 +57,5 @@ def lift(root: Path, source: str, back: Collection[str], reasons: Collection[str
     rows = old.to_pylist()
     kept = [row for row in rows if row["key"] not in back or row["reason"] not in reasons]
     if len(kept) < len(rows):
-        with writing(file) as temporary:
-            pq.write_table(old.from_pylist(kept, old.schema), temporary, compression="zstd")
+        write_table(file, old.from_pylist(kept, old.schema), "shared/tombstones")
     return len(rows) - len(kept)
