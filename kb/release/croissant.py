@@ -15,7 +15,7 @@ from kb.release.texts import SANDBOX_NOTE, bibtex, day, name, summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.release.measure import Facts, TableFacts
+    from kb.release.measure import Facts, File, TableFacts
 
 PARQUET = "application/x-parquet"
 CONFORMS = ["http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0"]
@@ -155,15 +155,23 @@ def _files(table: TableFacts) -> list[dict[str, Any]]:
     return files
 
 
-def _archive(file: Any) -> dict[str, Any]:
+_FORMATS = {
+    ".tar": ("application/x-tar", "Files that path columns name as <tar>/<member>."),
+    ".ndjson": ("application/jsonlines", "One JSON object a line: an index of what the archives hold."),
+}
+
+
+def _archive(file: File) -> dict[str, Any]:
+    suffix = "." + file.name.rpartition(".")[2]
+    kind, about = _FORMATS.get(suffix, ("application/octet-stream", "A file that belongs to the tables."))
     return {
         "@type": "cr:FileObject",
         "@id": file.name,
         "name": file.name,
-        "description": "Files that path columns name as <tar>/<member>.",
+        "description": about,
         "contentUrl": file.name,
         "contentSize": f"{file.size} B",
-        "encodingFormat": "application/x-tar" if file.name.endswith(".tar") else "application/octet-stream",
+        "encodingFormat": kind,
         "sha256": file.sha256,
     }
 

@@ -62,7 +62,7 @@ def _in_file(path: Path, literals: Sequence[str]) -> Iterator[tuple[str, str]]:
             tail = chunk[-longest:] if longest else b""
     if hit:
         yield "it", "the value of a setting"
-    if path.suffix in (".md", ".json", ".cff", ".txt", ""):
+    if path.suffix in (".md", ".json", ".ndjson", ".cff", ".txt", ""):
         text = path.read_text(encoding="utf-8", errors="replace")
         yield from (("it", name) for name, shape in KEY_SHAPES.items() if re.search(shape, text))
 

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from kb.core.profile import Profile
 
 KINDS = {"text": BLUE, "image": RED, "sprite": PURPLE, "animation": ORANGE, "table": GREEN, "cell": SKY}
+_MARGIN = 40  # CSS px below the last element
 _TALLEST = 1.25  # height of what is shown, in widths of the page
 
 
@@ -29,7 +30,8 @@ def page(data: Data, profile: Profile) -> Figure | None:
     if chosen is None:
         return None
     number, title, url, shot, width, height, ratio = next((row for row in found if row[0] == chosen), found[0])
-    shown = min(height, width * _TALLEST)
+    low = data.rows("wiki/elements", "SELECT max(y + height) FROM {t} WHERE page_id = ? AND visible", number)[0][0]
+    shown = min(height, width * _TALLEST, (low or height) + _MARGIN)  # pages often end in empty space
     boxes = data.rows(
         "wiki/elements",
         (
@@ -47,7 +49,11 @@ def page(data: Data, profile: Profile) -> Figure | None:
     png, svg = saved(sheet)
     counts = {kind: sum(box[0] == kind for box in boxes) for kind in KINDS}
     said = ", ".join(f"{n} {kind}" for kind, n in counts.items() if n)
-    more = "" if shown >= height else f" The first {shown:.0f} of {height:,} pixels are shown."
+    more = (
+        ""
+        if shown >= min(height, (low or height) + _MARGIN)
+        else f" The first {shown:.0f} of {height:,} pixels are shown."
+    )
     return Figure(
         "wiki-page",
         f"A page with its boxes: {title}",
