@@ -57,7 +57,7 @@ def read_index(root: Path) -> Index:
     for envelope in _by_time(root, "site"):
         index.site = envelope.response.get("query", {})
     for key in list(index.pages):
-        if str(key) in gone or key in left:
+        if str(key) in gone or index.pages[key].title in gone or key in left:
             del index.pages[key]
     titles = {page.title for page in index.pages.values()}
     index.missing = {title: reason for title, reason in index.missing.items() if title not in titles and title not in gone}

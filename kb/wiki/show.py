@@ -43,7 +43,7 @@ def show_pages(crawl: Crawl, pool: Pool, api: Api) -> int:
             while stop is None and len(flying) < run.workers and (run.limit is None or started < run.limit) \
                     and not signals.stop.requested() and (items := frontier.take("pages", 1)):
                 item = items[0]
-                if item.key in barred:
+                if item.key in barred or item.payload["title"] in barred:
                     frontier.skip("pages", item.key, "removed")
                     continue
                 started += 1

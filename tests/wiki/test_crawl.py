@@ -265,3 +265,31 @@ def test_usage_errors_come_first(make_run, tmp_path, monkeypatch):
         crawl(run)
     chromium._find.cache_clear()
     assert not (tmp_path / "data" / "raw").exists()
+
+
+def test_purge_leaves_nothing(whole, make_run, sandbox, tmp_path):
+    """A named page leaves raw, clean, release and export, with the pictures that only it shows; the rest stays."""
+    import shutil
+
+    root = tmp_path / "data"
+    shutil.copytree(whole[0].root, root)
+    run = dataclasses.replace(whole[0], root=root)
+    wiki, purge = load(str(locate("wiki"))), load(str(locate("purge")))
+    wiki.export(run)
+    wiki.export(run, "minedojo")
+    (tmp_path / "ids.txt").write_text("Net loom\n29\n")
+    summary = purge.purge(run, "wiki", tmp_path / "ids.txt")
+    assert summary["purged"] == 2
+    assert tombstones.keys(root, "wiki") == {"22", "29"}
+    left = {page["title"] for page in pq.read_table(next(root.glob("release/wiki/pages-*"))).to_pylist()}
+    assert {"Net loom", "Long pier"}.isdisjoint(left)
+    assert "Saltstone" in left
+    for path in root.rglob("*"):
+        assert "Net_loom" not in path.name
+    gone = {row["sha256"] for row in whole[2]["images"] if row["page_id"] == 22}
+    assert not [path for path in (root / "raw/wiki/images").iterdir() if path.stem in gone]
+    assert b"Net loom" not in b"".join(rawlog.encode(e) for kind in rawlog.kinds(root, "wiki") for e in rawlog.read(root, "wiki", kind))
+    kept = [row for row in whole[2]["pages"] if row["page_id"] not in (22, 29)]
+    assert tables(run)["pages"] == kept
+    assert crawl(dataclasses.replace(run, again=True))["new"] == 0
+    assert tables(run)["pages"] == kept

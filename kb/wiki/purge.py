@@ -1,0 +1,149 @@
+"""What of the wiki's raw data must go, and how a page leaves it: answers, captured folders, pictures of its own."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from kb.core.context import Run
+from kb.core.errors import SettingError
+from kb.store import lock, purge, rawlog
+from kb.store.frontier import Frontier
+from kb.store.rawlog import Envelope
+from kb.store.recorder import Recorder
+from kb.wiki import state, tables
+
+# Where rows of a page stand: folder under the data root → (table, column).
+ROWS = {
+    **{f"clean/wiki/{name}": (f"wiki/{name}", "page_id") for name in ("pages", "elements", "cells", "images")},
+    **{f"clean/wiki/{verdict}": (f"shared/{verdict}", "key") for verdict in ("rejected", "failed", "pending")},
+}
+
+
+def read_keys(path: Path) -> list[str]:
+    """Page ids or titles: one a line, or a Parquet file with `page_id`. Raises SettingError (exit 2)."""
+    try:
+        if path.open("rb").read(4) == b"PAR1":
+            import pyarrow.parquet as pq
+
+            if "page_id" not in pq.read_schema(path).names:
+                raise SettingError(f"{path} has no column page_id")
+            return [str(key) for key in dict.fromkeys(pq.read_table(path, columns=["page_id"])["page_id"].to_pylist())]
+        return [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise SettingError(f"--ids {path} can't be read: {error}") from None
+
+
+def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
+    """Tombstones, raw segments, captured files and frontier; the keys that must leave everything else as well."""
+    named = read_keys(ids) if ids else []
+    with lock.writer(run.root, "wiki"):
+        frontier = Frontier(run.root / "state" / "wiki.sqlite")
+        try:
+            # Opening the recorder cuts torn frames, closes segments and takes in what was not read yet.
+            Recorder(run.root, "wiki", frontier, state.apply).close()
+            titles = {payload["title"]: key for key, _, _, payload in frontier.items("pages")}
+            found = {key: str(reason) for key, _, reason, _ in frontier.items("pages", "skipped") if reason in ("deleted", "moved")}
+            found |= {titles.get(name.replace("_", " "), name): "named" for name in named}
+            keys = purge.begin(run.root, "wiki", found)
+            if keys:
+                _remove(run.root, frontier, keys)
+            return keys
+        finally:
+            frontier.close()
+
+
+def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
+    strip = Strip(keys, {payload["title"] for key, _, _, payload in frontier.items("pages") if key in keys}, *_own_files(root, keys))
+    for path in sorted(strip.paths):
+        (root / path).unlink(missing_ok=True)
+    for key in keys:
+        if key.isdigit():
+            shutil.rmtree(root / "raw" / "wiki" / "pages" / key, ignore_errors=True)
+    purge.rewrite_raw(root, "wiki", keys, strip, frontier)
+    frontier.remove("pages", keys)
+    frontier.remove("files", strip.files)
+    frontier.remove("info", [key for key, *_ in frontier.items("info") if key.partition(":")[2] in strip.titles])
+
+
+def _own_files(root: Path, keys: Collection[str]) -> tuple[set[str], set[str]]:
+    """Pictures that only these pages show: their addresses, and the paths of what was stored."""
+    mine: dict[bool, set[str]] = {True: set(), False: set()}
+    paths: dict[bool, set[str]] = {True: set(), False: set()}
+    for envelope in rawlog.read(root, "wiki", "renders"):
+        answer = envelope.response
+        if answer["outcome"] != "captured":
+            continue
+        gone = str(answer["page_id"]) in keys
+        mine[gone] |= {file["key"] for file in answer["files"]}
+        folder = root / answer["folder"]
+        if (folder / "extraction.json.zst").exists():
+            sprites = tables.read_extraction(folder).get("sprites", {})
+            paths[gone] |= {f"raw/wiki/images/{name}.png" for name in sprites.values()}
+    files = mine[True] - mine[False]
+    for envelope in rawlog.read(root, "wiki", "files"):
+        answer = envelope.response
+        if answer.get("path"):
+            paths[answer["key"] in files].add(answer["path"])
+    return files, paths[True] - paths[False]
+
+
+@dataclass
+class Strip:
+    """(kind, envelope, keys) → the envelope without the pages: entries of lists, whole captures, files of their own."""
+
+    keys: Collection[str]
+    titles: set[str]
+    files: set[str]
+    paths: set[str]
+
+    def __call__(self, kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | None:
+        """The same object when it holds none of the pages, None when nothing is left."""
+        answer = envelope.response
+        if kind == "renders":
+            return None if str(answer["page_id"]) in keys else envelope
+        if kind == "files":
+            return None if answer["key"] in self.files else envelope
+        if kind == "imageinfo":
+            return self._pages(envelope, {title for title in envelope.request.params["titles"] if self._file(title)})
+        if kind == "titles":
+            listed = answer.get("query", {}).get("allpages", [])
+            left = [page for page in listed if not self._is(page)]
+            return envelope if len(left) == len(listed) else _with(envelope, answer, {"allpages": left})
+        if kind == "pages":
+            return self._pages(envelope, self.titles | {page["title"] for page in answer.get("query", {}).get("pages", []) if self._is(page)})
+        return envelope
+
+    def _is(self, page: dict[str, Any]) -> bool:
+        return str(page.get("pageid")) in self.keys or page.get("title") in self.titles
+
+    def _file(self, title: str) -> bool:
+        return any(key.rsplit("/", 1)[-1] == title.removeprefix("File:").replace(" ", "_") for key in self.files)
+
+    def _pages(self, envelope: Envelope, titles: set[str]) -> Envelope | None:
+        """Without the pages of these titles, in the answer and in what was asked."""
+        query = envelope.response.get("query", {})
+        left = [page for page in query.get("pages", []) if page.get("title") not in titles and not self._is(page)]
+        if len(left) == len(query.get("pages", [])):
+            return envelope
+        if not left:
+            return None
+        renamed = [change for change in query.get("normalized", []) if change["to"] not in titles]
+        stripped = _with(envelope, envelope.response, {"pages": left, **({"normalized": renamed} if renamed else {})})
+        params = dict(envelope.request.params)
+        for name, gone in (("titles", titles), ("pageids", set(self.keys))):
+            if isinstance(params.get(name), str):
+                params[name] = "|".join(part for part in params[name].split("|") if part not in gone)
+            elif isinstance(params.get(name), list):
+                params[name] = [part for part in params[name] if part not in gone]
+        return msgspec.structs.replace(stripped, request=msgspec.structs.replace(envelope.request, params=params))
+
+
+def _with(envelope: Envelope, answer: dict[str, Any], change: dict[str, Any]) -> Envelope:
+    query = {name: value for name, value in answer["query"].items() if name != "normalized" or "pages" not in change}
+    return msgspec.structs.replace(envelope, response={**answer, "query": {**query, **change}})
