@@ -22,7 +22,7 @@ def assemble(newest: dict[str, pa.Table]) -> dict[str, Any]:
     found = newest_of(newest)
     is_post = pc.starts_with(found["fullname"], "t3_")
     posts, comments = found.filter(is_post), found.filter(pc.invert(is_post))
-    posts = _named(posts).rename_columns([{"text": "body"}.get(name, name) for name in posts.column_names])
+    posts, comments = _named(posts), _named(comments)
 
     def with_posts(kept: dict[str, pa.Table]) -> pa.Table:
         return _comments(comments, posts, kept.get("reddit/posts"))
@@ -40,7 +40,7 @@ def newest_of(newest: dict[str, pa.Table]) -> pa.Table:
     rows = pa.concat_tables(tables)
     rows = rows.append_column("real", pc.not_equal(rows["state"], "stub"))
     by = ["fullname", "real", "fetched_at", "rank"]
-    order = pc.sort_indices(rows.select(by), sort_keys=[(name, "ascending") for name in by], null_placement="at_start")
+    order = pc.sort_indices(rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by])
     names = rows["fullname"].take(order).combine_chunks()
     last = pa.concat_arrays([_differs(names), pa.array([True])]) if len(names) else pa.array([], pa.bool_())
     return rows.take(order.filter(last)).drop_columns(["rank", "real"]).combine_chunks()
@@ -54,19 +54,19 @@ def _differs(names: pa.Array) -> pa.Array:
 
 
 def _named(rows: pa.Table) -> pa.Table:
-    """The columns both tables share: `missing`, `score_source`."""
+    """The columns that both tables share: `missing`, `score_source`, and the text as `body`."""
     import pyarrow.compute as pc
 
     state = rows["state"]
     rows = rows.append_column("missing", pc.equal(state, "missing"))
-    return rows.append_column("score_source", pc.if_else(rows["live"], "live", "dump"))
+    rows = rows.append_column("score_source", pc.if_else(rows["live"], "live", "dump"))
+    return rows.rename_columns(["body" if name == "text" else name for name in rows.column_names])
 
 
 def _comments(rows: pa.Table, posts: pa.Table, kept: pa.Table | None) -> pa.Table:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    rows = _named(rows).rename_columns([{"text": "body"}.get(name, name) for name in [*rows.column_names, "missing", "score_source"]])
     rows = rows.append_column("comment_id", pc.utf8_slice_codeunits(rows["fullname"], 3))
     known = depths(zip(rows["comment_id"].to_pylist(), rows["parent_id"].to_pylist(), strict=True))
     rows = rows.append_column("depth", pa.array([known.get(key) for key in rows["comment_id"].to_pylist()], pa.int64()))

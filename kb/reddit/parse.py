@@ -215,9 +215,9 @@ def _text(row: Row, data: dict[str, Any], name: str, *, needed: bool = False) ->
     if isinstance(value, str):
         return value if "\0" not in value else value.replace("\0", "�")
     if value is not None:
-        row["found"].append(("text" if name != "title" else name, "malformed", str(value)[:200]))
+        row["found"].append(("body" if name in ("selftext", "body") else name, "malformed", str(value)[:200]))
     elif needed:
-        row["found"].append(("text" if name != "title" else name, "absent", None))
+        row["found"].append(("body" if name in ("selftext", "body") else name, "absent", None))
     return None
 
 

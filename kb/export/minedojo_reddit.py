@@ -1,0 +1,36 @@
+"""Reddit in MineDojo's published layout: `reddit.json`, a list of objects with `id` and `type`.
+
+Content is not in it: the published loader, and `kb reddit reconstruct`, bring it back by id.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from kb.core.errors import FatalError
+from kb.core.verdict import Summary
+from kb.store.atomic import writing
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+
+
+def export(run: Run) -> Summary:
+    """clean/reddit → export/minedojo/reddit.json, sorted by id. Raises FatalError without clean rows, DiskFull."""
+    import pyarrow.parquet as pq
+
+    parts = sorted((run.root / "clean" / "reddit" / "posts").glob("*.parquet"))
+    if not parts:
+        raise FatalError("nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first")
+    found: list[tuple[str, str]] = []
+    for part in parts:
+        rows = pq.read_table(part, columns=["post_id", "type"])
+        found += zip(rows["post_id"].to_pylist(), rows["type"].to_pylist(), strict=True)
+    path = run.root / "export" / "minedojo" / "reddit.json"
+    with writing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        file.write("[")
+        for number, (key, kind) in enumerate(sorted(found)):
+            file.write((",\n" if number else "\n") + json.dumps({"id": key, "type": kind}))
+        file.write("\n]\n")
+    return Summary(source="reddit", posts=len(found), path=str(path))
