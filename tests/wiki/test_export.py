@@ -1,0 +1,153 @@
+"""The released tar shards and MineDojo's layout, from rows made by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import tarfile
+
+import jsonschema
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+from kb.core.errors import DamagedData, FatalError
+from kb.export import minedojo_wiki, wiki_tar
+from kb.schema import table
+from kb.store.shards import write_table
+
+BOX = {"type": "array", "items": {"type": "integer"}, "minItems": 4, "maxItems": 4}
+CELLS = {"type": "object", "required": ["text", "bboxes"], "additionalProperties": False, "properties": {
+    "text": {"type": "array", "items": {"type": "string"}}, "bboxes": {"type": "array", "items": BOX}}}
+TEXT = {"type": "object", "required": ["text", "bbox"], "additionalProperties": False, "properties": {"text": {"type": "string"}, "bbox": BOX}}
+PUBLISHED = {  # the layout as published, see kb/export/minedojo_wiki.py
+    "type": "object", "required": ["metadata", "tables", "images", "sprites", "texts"], "additionalProperties": False, "properties": {
+        "metadata": {"type": "object", "required": ["url", "title", "time"], "additionalProperties": False, "properties": {
+            "url": {"type": "string"}, "title": {"type": "string"},
+            "time": {"type": "string", "pattern": r"^\d\d/\d\d/\d{4} \d\d:\d\d:\d\d$"}}},
+        "tables": {"type": "array", "items": {"type": "object", "required": ["bbox", "headers", "cells"], "additionalProperties": False,
+                                              "properties": {"bbox": BOX, "headers": CELLS, "cells": CELLS}}},
+        "images": {"type": "array", "items": {"type": "object", "required": ["src", "path", "alt_text", "caption", "bbox"],
+                                              "additionalProperties": False, "properties": {
+                                                  **{name: {"type": "string"} for name in ("src", "path", "alt_text", "caption")}, "bbox": BOX}}},
+        "sprites": {"type": "array", "items": TEXT}, "texts": {"type": "array", "items": TEXT}}}
+
+
+@pytest.fixture()
+def run(run_on, tmp_path, make_rows):
+    """Two pages; the second one's address wants to leave its folder."""
+    root = tmp_path / "data"
+    images = root / "raw/wiki/images"
+    images.mkdir(parents=True)
+    Image.new("RGB", (30, 20), (9, 9, 9)).save(images / "aaaa.png")
+    (images / "bbbb.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg' width='9' height='9'><script>x</script></svg>")
+    for page in (1, 2):
+        folder = root / f"raw/wiki/pages/{page}/5"
+        folder.mkdir(parents=True)
+        Image.new("RGB", (100, 300), (page * 50, 0, 0)).save(folder / "screenshot.png")
+    url = "https://wiki.example/wiki/"
+    put(root, make_rows("wiki/pages", 2, page_id=[1, 2], title=["One", "Two"], url=[url + "One", url + "..%2F..%2Fetc/.Two"],
+                        screenshot_path=[f"raw/wiki/pages/{n}/5/screenshot.png" for n in (1, 2)], toxicity=[0.1, None]), "wiki/pages")
+    kinds = ["text", "table", "cell", "cell", "image", "image", "sprite", "text"]
+    put(root, make_rows("wiki/elements", 8, page_id=[1] * 8, element_id=list(range(8)), parent_id=[None] * 8, kind=kinds,
+                        text=["Head", None, "H", "c", None, None, None, "hidden"], visible=[True] * 7 + [False], heading_level=[None] * 8,
+                        reading_order=list(range(8)), **{name: [10.4] * 8 for name in ("x", "y", "width", "height")}), "wiki/elements")
+    put(root, make_rows("wiki/cells", 2, page_id=[1, 1], table_id=[1, 1], row_index=[0, 0], column_index=[0, 1], is_header=[True, False],
+                        text=["H", "c"]), "wiki/cells")
+    put(root, make_rows("wiki/images", 4, page_id=[1] * 4, element_id=[4, 5, 6, 6], frame_index=[None, None, 0, 1], sha256=["aaaa", "bbbb", None, None],
+                        path=["raw/wiki/images/aaaa.png", "raw/wiki/images/bbbb.svg", None, None], media_type=["image/png", "image/svg+xml", None, None],
+                        caption=["a caption", None, None, None], alt_text=[None] * 4, license=["CC-BY-4.0", None, None, None]), "wiki/images")
+    return run_on(root, "https://wiki.example")
+
+
+def put(root, rows, name):
+    write_table(root / "clean" / "wiki" / table(name).short / "part-00000.parquet", rows, name)
+
+
+def test_tars_tables_and_index_agree(run):
+    wiki_tar.export(run)
+    folder = run.root / "release" / "wiki"
+    index = [json.loads(line) for line in (folder / "index.ndjson").read_text().splitlines()]
+    names = {f"{line['tar']}/{line['member']}" for line in index}
+    pages, images = (pq.read_table(folder / f"{name}-00000-of-00001.parquet") for name in ("pages", "images"))
+    assert pages["screenshot_path"].to_pylist() == [f"screenshots-00000-of-00001.tar/{n:09d}.png" for n in (1, 2)]
+    assert set(filter(None, images["path"].to_pylist())) == {f"images-00000-of-00001.tar/{name}" for name in ("aaaa.png", "bbbb.svg")}
+    assert {*pages["screenshot_path"].to_pylist(), *filter(None, images["path"].to_pylist())} <= names
+    for line in index:
+        data = (folder / line["tar"]).read_bytes()[line["offset"] : line["offset"] + line["size"]]
+        assert hashlib.sha256(data).hexdigest() == line["sha256"]
+        with tarfile.open(folder / line["tar"]) as tar:
+            member = tar.getmember(line["member"])
+            assert (member.mtime, member.uid, member.uname, member.mode) == (0, 0, "", 0o644)
+            assert tar.extractfile(member).read() == data
+    keys = [line["member"].split(".")[0] for line in index]
+    assert keys == sorted(keys, key=keys.index)
+    assert len(keys) == 2 * len(set(keys))
+
+
+def test_same_rows_same_bytes(run, tmp_path):
+    import shutil
+
+    wiki_tar.export(run)
+    other = tmp_path / "other"
+    shutil.copytree(run.root, other)
+    shutil.rmtree(other / "release")
+    wiki_tar.export(dataclasses.replace(run, root=other, workers=1))
+    for path in sorted((run.root / "release/wiki").iterdir()):
+        assert path.read_bytes() == (other / "release/wiki" / path.name).read_bytes(), path.name
+
+
+def test_tars_are_split_by_size(run, monkeypatch):
+    monkeypatch.setattr(wiki_tar, "TAR_BYTES", 1500)
+    assert wiki_tar.export(run)["tars"] == 4
+    assert {path.name for path in (run.root / "release/wiki").glob("*.tar")} == {
+        f"{kind}-0000{n}-of-00002.tar" for kind in ("images", "screenshots") for n in (0, 1)}
+
+
+def test_minedojo_layout(run):
+    minedojo_wiki.wiki(run)
+    root = run.root / "export/minedojo/wiki_full"
+    folders = sorted(path.parent.relative_to(root).as_posix() for path in root.rglob("data.json"))
+    assert folders == ["wiki/One", "wiki/_%2F_%2Fetc/_Two"] or len(folders) == 2
+    assert all(not part.startswith(".") for name in folders for part in name.split("/"))
+    for path in root.rglob("data.json"):
+        data = json.loads(path.read_text())
+        jsonschema.validate(data, PUBLISHED)
+        for image in data["images"]:
+            with Image.open(path.parent / image["path"]) as opened:
+                opened.load()
+        with Image.open(path.parent / "screenshot.png") as opened:
+            opened.load()
+    data = json.loads((root / "wiki/One/data.json").read_text())
+    assert [text["text"] for text in data["texts"]] == ["Head"]
+    assert data["tables"][0]["headers"]["text"] == ["H"]
+    assert data["tables"][0]["cells"]["text"] == ["c"]
+    assert [image["caption"] for image in data["images"]] == ["a caption", ""]
+    assert len(data["sprites"]) == 1
+
+
+def test_nothing_to_export_and_lost_files(run, run_on, tmp_path):
+    empty = run_on(tmp_path / "empty", "https://wiki.example")
+    for write in (wiki_tar.export, minedojo_wiki.wiki):
+        with pytest.raises(FatalError, match="run `kb wiki filter`|nothing to export"):
+            write(empty)
+    (run.root / "raw/wiki/images/aaaa.png").unlink()
+    with pytest.raises(DamagedData, match=r"aaaa.png is not there"):
+        wiki_tar.export(run)
+
+
+@pytest.mark.parametrize(("url", "expected"), [
+    ("https://w.example/wiki/Iron_Ore", "wiki/Iron_Ore"), ("https://w.example/wiki/A%2FB", "wiki/A_B"), ("https://w.example/wiki/..", "wiki/_"),
+    ("https://w.example/wiki/.hidden", "wiki/_hidden"), ("https://w.example/", "_"), ("https://w.example/wiki/%00x", "wiki/_x"),
+])
+def test_folder_name(url, expected):
+    assert minedojo_wiki.folder_name(url) == expected
+
+
+def test_long_names_stay_apart():
+    one, two = (minedojo_wiki.folder_name(f"https://w.example/wiki/{'é' * 300}{end}") for end in "ab")
+    assert one != two
+    assert max(len(part.encode()) for part in one.split("/")) < 255
+
+
