@@ -1,0 +1,106 @@
+"""The wiki's browser work: one call for a whole page against WebDriver's calls for each element, and
+pages a second with one and two browsers against nothing but loading them with the same browser.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from kb.core.profile import load_profile
+from kb.sandbox.server import Sandbox
+from kb.sandbox.world import World
+from kb.wiki import capture, chromium
+from kb.wiki.browser import Browser, host_and_port, origin
+from kb.wiki.pool import Pool
+
+pytestmark = pytest.mark.bench
+
+PAGES = ("Main_Page", "Saltstone", "Tide_table", "Net_loom", "Harbour_pictures", "Charts", "Weather", "Sailors'_words", "Lamp_buoy", "Long_pier")
+ROUNDS = 2
+
+
+@pytest.fixture(scope="module")
+def wiki():
+    with Sandbox(World(), services=["wiki"]) as sandbox:
+        yield sandbox.servers["wiki"].url
+
+
+@pytest.fixture(scope="module")
+def section():
+    return load_profile("minecraft").wiki
+
+
+@pytest.fixture()
+def make_pool(wiki, section):
+    programs = chromium.find()
+
+    def start(watcher):
+        return Browser(programs, watcher, hosts=[host_and_port(wiki)], origins=[origin(wiki)], user_agent="lorebase/bench (+bench@example.org)",
+                       viewport=(1280, 1024), page_seconds=60, before=capture.page_script("settle.js"))
+
+    return lambda: Pool(start, 600)
+
+
+def test_one_call_against_webdriver(make_pool, wiki, section):
+    """The same facts of the same page: text, box and visibility of every element."""
+    rows = "".join(f"<tr><th>Row {n}</th><td>{n}</td><td>some text {n}</td></tr>" for n in range(90))
+    body = f"<h2>Table</h2><table>{rows}</table>" + "".join(f"<p>Paragraph {n} says something.</p>" for n in range(30))
+
+    def work(browser):
+        browser.go(f"{wiki}/wiki/Main_Page")
+        browser.script("document.querySelector('.mw-parser-output').innerHTML = arguments[0]", body)
+        found, ours = None, []
+        for _ in range(5):
+            start = time.perf_counter()
+            found = browser.script(capture.page_script("extract.js"), section.rules)
+            ours.append(time.perf_counter() - start)
+        start = time.perf_counter()
+        by_driver = []
+        for element in browser.selenium.find_elements("css selector", "#content :is(h1, h2, p, table, th, td)"):
+            by_driver.append((element.tag_name, element.text, element.rect, element.is_displayed()))
+        return found["elements"], sorted(ours)[2], by_driver, time.perf_counter() - start
+
+    with make_pool() as pool:
+        elements, ours, by_driver, theirs = pool.use(work)
+    assert [(e["tag"], round(e["box"][2])) for e in elements] == [(tag, round(rect["width"])) for tag, _, rect, _ in by_driver]
+    print(f"\n{len(elements)} elements: one call {ours * 1000:.1f} ms, WebDriver {theirs:.2f} s: {theirs / ours:.0f} times")
+    assert theirs / ours >= 100
+
+
+def test_pages_a_second(make_pool, wiki, section, tmp_path):
+    urls = [f"{wiki}/wiki/{name}" for name in PAGES] * ROUNDS
+    parts: Counter[str] = Counter()
+
+    def bare(browser):
+        start = time.perf_counter()
+        for url in urls:
+            browser.go(url)
+        return len(urls) / (time.perf_counter() - start)
+
+    def show(pool, number, url):
+        picture = Path(tmp_path / f"{number}.png")
+        found = pool.use(lambda browser: capture.capture(browser, url, picture, section.rules, max_height=100_000))
+        return found.seconds
+
+    with make_pool() as pool:
+        pool.use(lambda browser: browser.go(urls[0]))
+        loads = pool.use(bare)
+    rates = {}
+    for workers in (1, 2):
+        with make_pool() as pool, ThreadPoolExecutor(workers) as threads:
+            list(threads.map(lambda url, pool=pool: pool.use(lambda browser: browser.go(url)), urls[:workers]))
+            start = time.perf_counter()
+            seconds = list(threads.map(lambda job, pool=pool: show(pool, *job), enumerate(urls)))
+            rates[workers] = len(urls) / (time.perf_counter() - start)
+            if workers == 1:
+                for held in seconds:
+                    parts.update(held)
+    total = sum(parts.values())
+    print(f"\nbare load {loads:.1f} pages/s; whole pages with 1 browser {rates[1]:.2f}, with 2 {rates[2]:.2f} ({rates[2] / rates[1]:.1f} times)")
+    print("where a page's time goes: " + ", ".join(f"{name} {value / len(urls) * 1000:.0f} ms ({value / total:.0%})" for name, value in parts.most_common()))
+    assert rates[2] > rates[1]
