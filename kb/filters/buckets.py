@@ -14,6 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from kb.filters.chain import Kind
 from kb.schema import raw
 from kb.store.rawlog import Frames
@@ -76,13 +78,11 @@ def _lines(segment: Path, name: str, unknown: Counter[str]) -> Iterator[bytes]:
 
 
 def _look(line: bytes, name: str, unknown: Counter[str]) -> None:
-    import json
-
     try:
-        response = json.loads(line).get("response")
+        response = msgspec.json.decode(line).get("response")
     except (ValueError, AttributeError):
         return  # the parser says what is wrong with it
-    for path, count in raw.check(name, response).unknown.items():
+    for path, count in raw.unknown_keys(name, response).items():
         unknown[f"{name.partition('/')[2]}.{path}"] += count
 
 
@@ -106,7 +106,8 @@ def _split(rows: pa.Table, column: str, buckets: int) -> Iterator[tuple[int, pa.
     if buckets == 1:
         yield 0, rows
         return
-    numbers = pa.array([bucket_of(key, buckets) for key in rows.column(column).to_pylist()], pa.int32())
+    keys = pc.fill_null(rows.column(column).cast(pa.string()), "None").cast(pa.binary()).to_pylist()
+    numbers = pa.array([zlib.crc32(key) % buckets for key in keys], pa.int32())  # bucket_of, inlined
     places = pc.sort_indices(numbers)
     counts = {entry["values"]: entry["counts"] for entry in pc.value_counts(numbers).to_pylist()}
     rows = rows.take(places)

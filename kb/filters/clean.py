@@ -206,7 +206,7 @@ def _sort_one(job: Job, number: int) -> dict[str, int]:
     for name, rows in follows.items():
         counts[f"kept {name}"] += rows.num_rows
         _write(job, name, number, rows)
-    for verdict in VERDICTS:
+    for verdict in VERDICTS if done else ():  # a bucket may be empty
         rows = pa.concat_tables([getattr(found, verdict) for _, found in done])
         counts[verdict] += rows.num_rows
         for entry in rows.group_by(["stage"]).aggregate([([], "count_all")]).to_pylist() if verdict == "rejected" else ():

@@ -75,6 +75,41 @@ def check(kind: str, response: Any) -> RawCheck:
     return found
 
 
+def unknown_keys(kind: str, response: Any) -> Counter[str]:
+    """Paths of undeclared keys and how often, and nothing else: many times faster than `check`."""
+    found: Counter[str] = Counter()
+    _keys(_shape(kind), response, "", found)
+    return found
+
+
+@cache
+def _shape(kind: str) -> dict[str, Any]:
+    return _outline(raw(kind)) or {}
+
+
+def _outline(schema: dict[str, Any]) -> dict[str, Any] | None:
+    """The parts of a schema that can hold keys: "keys" (each with its outline or None), or "items"."""
+    if "items" in schema and "properties" not in schema:
+        below = _outline(schema["items"])
+        return {"items": below} if below else None
+    if "properties" not in schema or schema.get("additionalProperties"):
+        return None
+    return {"keys": {name: _outline(inner) for name, inner in schema["properties"].items()}}
+
+
+def _keys(outline: dict[str, Any], value: Any, path: str, found: Counter[str]) -> None:
+    if "items" in outline:
+        for item in value if isinstance(value, list) else ():
+            _keys(outline["items"], item, f"{path}[]", found)
+    elif isinstance(value, dict):
+        known = outline["keys"]
+        for name, item in value.items():
+            if name not in known:
+                found[f"{path}.{name}" if path else name] += 1
+            elif (below := known[name]) is not None:
+                _keys(below, item, f"{path}.{name}" if path else name, found)
+
+
 def _walk(schema: dict[str, Any], value: Any, path: str, found: RawCheck) -> None:
     place = path or "the answer"
     allowed = types(schema)

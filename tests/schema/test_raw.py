@@ -72,6 +72,15 @@ def test_unknown_keys_are_counted_not_refused() -> None:
     assert dict(found.unknown) == {"items[].snippet.mood": 1, "items[].madeUp": 1, "more": 1}
 
 
+def test_the_fast_look_for_unknown_keys_sees_the_same(recorded: Path) -> None:
+    odd = video(snippet={"mood": 1, "thumbnails": {"vast": {}}}, contentDetails={"contentRating": {"x": 1}}, madeUp={"a": 1}) | {"more": 1}
+    answers = [("youtube/videos", odd), ("youtube/videos", "cut"), ("youtube/videos", {"items": "no list"})]
+    player = json.loads((recorded / "youtube/transcripts/youtube.innertube.json").read_text(encoding="utf-8"))
+    for kind, answer in [*answers, ("youtube/player", player)]:
+        assert raw.unknown_keys(kind, answer) == raw.check(kind, answer).unknown
+    assert raw.unknown_keys("youtube/player", player)["streamingData.adaptiveFormats[].url"] > 10
+
+
 @pytest.mark.parametrize("name", ["youtube.innertube.json", "youtube_age_restricted.innertube.json",
                                   "youtube_video_unavailable.innertube.json", "youtube_transcripts_disabled2.innertube.json"])
 def test_pick_keeps_no_address_of_anything(name: str, recorded: Path) -> None:
