@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -43,6 +44,25 @@ def crawl(run: Run, since: Since = None, until: Until = None) -> Summary:
     from kb.reddit.crawl import crawl as room
 
     return room(run, since=_moment("--since", since), until=_moment("--until", until))
+
+
+@command(app, name="import", examples=[
+    "kb reddit import RS_2024-01.zst RC_2024-01.zst       monthly dumps, all subreddits mixed",
+    "kb reddit import Minecraft_submissions.zst           a file of one subreddit",
+])
+def import_(
+    run: Run,
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Archive dumps (.zst).")],
+    since: Since = None,
+    until: Until = None,
+) -> Summary:
+    """Take posts and comments of the subreddit out of archive dumps. Sends nothing; needs no key.
+
+    Damaged lines and cut-off files are counted. Cut off, the same command goes on.
+    """
+    from kb.reddit.importing import import_dumps
+
+    return import_dumps(run, files, since=_moment("--since", since), until=_moment("--until", until))
 
 
 @command(app, name="filter", examples=["kb reddit filter", "kb reddit filter --profile mine.toml"])

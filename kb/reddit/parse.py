@@ -10,6 +10,7 @@ import hashlib
 import html
 import json
 from collections.abc import Callable, Iterable, Iterator
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -17,6 +18,7 @@ import msgspec
 from kb.core.errors import DamagedData
 from kb.core.profile.reddit import Links
 from kb.reddit import tree
+from kb.reddit.dumps import retrieved
 from kb.reddit.types import is_crosspost, link_classifier, poll_options, post_type, removal
 
 if TYPE_CHECKING:
@@ -65,7 +67,9 @@ class Reader:
         asked = asked_for(self._kind, params, status)
         found += [_row(name, post, "missing") for name, post in asked if name not in there]
         for row in found:
-            row["fetched_at"], row["live"] = fetched_at, self._live
+            # A dump's envelope holds records that were read at different times.
+            row.setdefault("fetched_at", fetched_at)
+            row["live"] = self._live
         return found
 
     def _things(self, response: Any) -> Iterator[Row]:
@@ -177,6 +181,8 @@ def _identified(kind: str, data: dict[str, Any]) -> tuple[Row, str]:
 def _common(row: Row, data: dict[str, Any]) -> Row:
     gone = removal(data)
     author = data.get("author")
+    if "retrieved_on" in data or "retrieved_utc" in data:
+        row["fetched_at"] = _retrieved(data)
     row |= {"score": _integer(row, data, "score"), "created_utc": _integer(row, data, "created_utc"),
             "author_hash": author if isinstance(author, str) and author not in ("", "[deleted]", "[removed]") else None,
             "gone": gone[0] if gone else None, "gone_value": gone[1] if gone else None}
@@ -184,6 +190,11 @@ def _common(row: Row, data: dict[str, Any]) -> Row:
         row["found"].append(("created_utc", "malformed", str(data.get("created_utc"))))
         row["created_utc"] = None
     return row
+
+
+def _retrieved(data: dict[str, Any]) -> str | None:
+    at = retrieved(data)
+    return None if at is None else datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def _integer(row: Row, data: dict[str, Any], name: str) -> int | None:

@@ -1,0 +1,153 @@
+"""Archive dumps: NDJSON in zstd with a 2^31 window, one line a post or comment, all subreddits mixed or one.
+
+A whole chunk is searched for the subreddit's name before anything is parsed; only lines that hold
+it are read as JSON, and looked at again then. What is cut off or damaged is counted, never fatal.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import orjson
+import zstandard
+
+CHUNK = 4 << 20         # decompressed bytes looked at in one go
+_BLOCK = 256 << 10       # compressed bytes; may swell to some megabytes
+
+
+@dataclass
+class Seen:
+    """What reading a dump met, so far."""
+
+    lines: int = 0
+    bad_lines: int = 0
+    truncated: bool = False
+    problem: str = ""
+
+
+def pieces(path: Path, seen: Seen) -> Iterator[bytes]:
+    """Decompressed bytes of all frames, in pieces of at least CHUNK (the last may be smaller).
+
+    A frame that ends early or is damaged sets `seen.truncated`: python-zstandard's stream reader
+    would end there without a word, and a plain decompressor after the first frame.
+    """
+    engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
+    frame, fresh = engine.decompressobj(), True
+    held: list[bytes] = []
+    size = 0
+    with path.open("rb") as file:
+        rest = file.read(_BLOCK)
+        while rest:
+            try:
+                data = frame.decompress(rest)
+            except zstandard.ZstdError as error:
+                seen.truncated, seen.problem = True, f"damaged frame: {error}"
+                break
+            fresh = False
+            held.append(data)
+            size += len(data)
+            rest = frame.unused_data if frame.eof else b""
+            if frame.eof:
+                frame, fresh = engine.decompressobj(), True
+            rest = rest or file.read(_BLOCK)
+            if size >= CHUNK:
+                yield b"".join(held)
+                held, size = [], 0
+    if not fresh and not seen.truncated:
+        seen.truncated, seen.problem = True, "the last frame is cut off"
+    if held:
+        yield b"".join(held)
+
+
+def chunks(path: Path, seen: Seen, skip: int = 0) -> Iterator[tuple[int, bytes]]:
+    """(offset, whole lines) from decompressed offset `skip` on, about CHUNK bytes each.
+
+    A last line without line break is given when the file is whole; in a cut file it is a part of
+    a line and counts as damaged.
+    """
+    rest = b""
+    at = 0
+    for piece in pieces(path, seen):
+        if at + len(rest) + len(piece) <= skip:
+            at += len(rest) + len(piece)
+            rest = b""
+            continue
+        chunk = rest + piece
+        if at < skip:
+            chunk, at = chunk[skip - at :], skip
+        end = chunk.rfind(b"\n") + 1
+        rest = chunk[end:]
+        if end:
+            yield at, chunk[:end]
+        at += end
+    if rest.strip() and seen.truncated:
+        seen.lines += 1
+        seen.bad_lines += 1
+    elif rest.strip():
+        yield at, rest + b"\n"
+
+
+class Found(NamedTuple):
+    """What a chunk holds: its lines, damaged ones, and the subreddit's records as (end in the chunk, object)."""
+
+    lines: int
+    bad_lines: int
+    records: list[tuple[int, dict[str, Any]]]
+
+
+def search(chunk: bytes, subreddit: str) -> Found:
+    """The records of a subreddit in a chunk of whole lines, in order."""
+    name = subreddit.lower()
+    needle = b'"' + name.encode() + b'"'
+    lines, bad = chunk.count(b"\n"), 0
+    ends_well = chunk.count(b"}\n{") + chunk.count(b"}\r\n{") == lines - 1 and chunk.startswith(b"{") and chunk.endswith((b"}\n", b"}\r\n"))
+    if not ends_well:
+        # Rare: some line is no object. Those that hold the name are counted where they are read.
+        bad = sum(1 for line in chunk.splitlines() if line.strip() and needle not in line.lower() and not _whole(line))
+    records: list[tuple[int, dict[str, Any]]] = []
+    folded = chunk.lower()
+    place = folded.find(needle)
+    while place >= 0:
+        end = chunk.find(b"\n", place)
+        record = _read(chunk[chunk.rfind(b"\n", 0, place) + 1 : end])
+        if record is None:
+            bad += 1
+        else:
+            # The name may stand in a title: only the field decides.
+            if isinstance(record, dict) and str(record.get("subreddit", "")).lower() == name:
+                records.append((end + 1, record))
+        place = folded.find(needle, end)
+    return Found(lines, bad, records)
+
+
+def _read(line: bytes) -> Any:
+    """The object of a line, None when it is none."""
+    try:
+        return orjson.loads(line)
+    except orjson.JSONDecodeError:
+        pass
+    try:
+        # The patient reader takes lone surrogates, which real titles hold.
+        return json.loads(line)
+    except ValueError:
+        return None
+
+
+def _whole(line: bytes) -> bool:
+    line = line.strip()
+    return line.startswith(b"{") and line.endswith(b"}")
+
+
+def retrieved(data: dict[str, Any]) -> int | None:
+    """When the archive read a record, in seconds since 1970; None when it doesn't say."""
+    for name in ("retrieved_utc", "retrieved_on"):
+        value = data.get(name)
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < 253402300800:
+            return int(value)
+        if isinstance(value, str) and value.isdigit():
+            return int(value)
+    return None
