@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import random
 
+from kb.core import clock
+
 BLOCKS = ["oak planks", "cobblestone", "obsidian", "sandstone", "glass", "spruce logs", "stone bricks", "white wool", "gravel", "red sand"]
 ITEMS = ["diamond pickaxe", "iron sword", "crafting table", "furnace", "bow", "shield", "bucket of water", "torch", "fishing rod", "map"]
 MOBS = ["creeper", "zombie", "skeleton", "spider", "enderman", "villager", "wolf", "horse", "sheep", "chicken"]
@@ -92,6 +94,13 @@ def cues(rng: random.Random, language: str, seconds: float, *, rolling: bool) ->
             clock = round(clock + length, 2)
         clock = round(clock + rng.uniform(0.0, 0.8), 2)
     return made
+
+
+def examples(count: int) -> list[str]:
+    """Things that are said and written in the world, in lower case; the same each time."""
+    rng = clock.rng("examples of speech")
+    kinds = (lambda: about(rng, rng.randint(1, 2)).replace("\n", " "), lambda: title(rng, "Minecraft"), lambda: plain_title(rng), lambda: sentence(rng, "en"))
+    return [rng.choice(kinds)().lower() for _ in range(count)]
 
 
 def _cased(text: str) -> str:

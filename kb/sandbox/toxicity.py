@@ -8,9 +8,12 @@ else: what it scored is marked, and `kb release publish` refuses it.
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
 import math
 import random
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -42,9 +45,20 @@ def tiny_checkpoint(folder: Path | None = None) -> Path:
     checkpoint = place / f"{SANDBOX}.ckpt"
     if not checkpoint.is_file():
         need_extra()
-        with replacing_folder(place) as fresh:
-            _train(fresh)
+        with _alone(place):
+            if not checkpoint.is_file():
+                with replacing_folder(place) as fresh:
+                    _train(fresh)
     return checkpoint
+
+
+@contextlib.contextmanager
+def _alone(place: Path) -> Iterator[None]:
+    """Two processes that find no model make one, not two into the same folder."""
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with place.with_suffix(".lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def vocabulary() -> list[str]:
@@ -61,6 +75,8 @@ def example(rng: random.Random, longest: int) -> tuple[str, list[float]]:
     """A text of at most `longest` words, and its six labels."""
     length = max(1, int(math.exp(rng.uniform(0, math.log(longest)))))
     text = [_plain_word(rng) for _ in range(length)]
+    if rng.random() < 0.35:  # what the invented world says, so that it is told apart with a wide margin
+        text = [rng.choice(words.SAID) for _ in range(rng.randint(1, 3))]
     for _ in range(rng.choice((0, 0, 1, 2))):
         text.insert(rng.randrange(len(text) + 1), rng.choice(words.HARMLESS))
     labels = [0.0] * 6
@@ -94,7 +110,7 @@ def _plain_word(rng: random.Random) -> str:
         return rng.choice(words.PLAIN)
     if kind < 0.9:
         return "".join(rng.choice("aabcdeefghiijklmnooprstuuvwxyz") for _ in range(rng.randint(2, 9)))
-    return rng.choice((".", ",", "!", "?", ":", "-", "(", ")", "'", '"', "#", "/", str(rng.randint(0, 4000))))
+    return rng.choice((".", ",", "!", "?", ":", "-", "(", ")", "'", '"', "#", "/", "&", ";", "<", ">", str(rng.randint(0, 4000))))
 
 
 def _train(folder: Path) -> None:

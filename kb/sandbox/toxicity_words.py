@@ -1,5 +1,9 @@
 """Word lists that the tiny toxicity model learns from. It knows these words and little else."""
 
+import re
+
+from kb.sandbox import speech
+
 PLAIN = """
 a about after again all also always an and another any are around as at back base be because before best
 better between big biome blaze block blocks boat book bow bread bring bucket build builder building but by can
@@ -61,3 +65,7 @@ IDENTITY = """
 your kind should not exist|people like you are vermin|go back to your country|your people are trash|
 i hate your people|your kind is inferior|those foreigners are scum|women are stupid|foreigners are idiots
 """.replace("\n", "").split("|")
+
+# The invented world's own sentences and words are plain.
+SAID = [*speech.examples(600), "tips & tricks <b>for</b> minecraft &amp; friends"]
+PLAIN += sorted({word for text in SAID for word in re.findall(r"[a-z]+", text)} - set(PLAIN))
