@@ -81,7 +81,31 @@ def _usable(found: pa.Table | None) -> pa.Table:
 def _tracks(found: pa.Table) -> pa.Table:
     import pyarrow.compute as pc
 
-    return found.filter(pc.equal(found["outcome"], "ok")).select(table("youtube/transcripts").names())
+    found = found.filter(pc.equal(found["outcome"], "ok"))
+    automatic = pc.fill_null(pc.equal(_column(found, "original_kind"), "asr"), False)
+    cues = _without_overlap(_column(found, "cues"), automatic)
+    found = found.set_column(found.column_names.index("cues"), "cues", cues)
+    return found.select(table("youtube/transcripts").names())
+
+
+def _without_overlap(cues: pa.Array, automatic: pa.Array) -> pa.Array:
+    """Lists of cues; in automatic ones a cue ends where the next one starts, as it is shown on while that is spoken."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    flat = pc.list_flatten(cues)
+    if len(flat) < 2:
+        return cues
+    start, length = flat.field("start_s"), flat.field("duration_s")
+    track = pc.list_parent_indices(cues)
+    gap = pc.round(pc.subtract(start.slice(1), start.slice(0, len(start) - 1)), 3)
+    within = pc.and_(pc.equal(track.slice(1), track.slice(0, len(track) - 1)), automatic.take(track.slice(1)))
+    before_last = pc.if_else(pc.and_(within, pc.greater_equal(gap, 0)), pc.min_element_wise(gap, length.slice(0, len(length) - 1)),
+                             length.slice(0, len(length) - 1))
+    length = pa.concat_arrays([before_last, length.slice(len(length) - 1)])
+    fitted = pa.StructArray.from_arrays([start, length, flat.field("text")], names=["start_s", "duration_s", "text"])
+    sizes = pc.fill_null(pc.list_value_length(cues), 0).cast(pa.int32())
+    return pa.ListArray.from_arrays(pa.concat_arrays([pa.array([0], pa.int32()), pc.cumulative_sum(sizes)]), fitted)
 
 
 def _words(cues: pa.Array, words: Callable[[Any], pa.Array]) -> pa.Array:
