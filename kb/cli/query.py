@@ -85,7 +85,7 @@ def _write(answer: pa.RecordBatchReader, format: Format, out: Path | None) -> No
     if format == Format.parquet:
         _write_parquet(answer, out)
         return
-    lines = {Format.table: _as_table, Format.csv: _as_csv, Format.json: _as_json}[format](answer)
+    lines = {Format.table: as_table, Format.csv: _as_csv, Format.json: _as_json}[format](answer)
     if out is None:
         sys.stdout.writelines(lines)
         sys.stdout.flush()
@@ -116,7 +116,7 @@ def _rows(answer: pa.RecordBatchReader) -> Iterator[list[Any]]:
         yield from zip(*(column.to_pylist() for column in batch.columns), strict=True)
 
 
-def _as_table(answer: pa.RecordBatchReader) -> Iterator[str]:
+def as_table(answer: pa.RecordBatchReader) -> Iterator[str]:
     """Aligned columns; long values are cut and rows beyond a hundred counted, and it says so."""
     head = answer.schema.names
     shown, total = [], 0

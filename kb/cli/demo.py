@@ -1,0 +1,132 @@
+"""`kb demo`: the whole job on the sandbox. No key, no network."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.cli.command import command, group
+
+if TYPE_CHECKING:
+    from kb.cli.options import Options
+    from kb.core.context import Run
+    from kb.core.verdict import Summary
+
+app = group("The whole job on the sandbox: no key, no network, minutes.")
+
+# Settings of the caller that the demo keeps; all others, credentials among them, are out of its sight.
+_KEPT = {"kb_data", "kb_now", "source_date_epoch"}
+_OURS = ("raw", "state", "annotations", "clean", "pairs", "release", "export", "report")
+_FINISHED = "demo-finished"
+
+
+@command(app, raw=True, examples=[
+    "kb demo                     under data/demo; a finished demo starts afresh, a stopped one goes on",
+    "kb demo --data /tmp/try     under /tmp/try/demo",
+])
+def demo(options: Options) -> Summary:
+    """Crawl invented services with the real clients, filter, export, pair, release and report, then query the shards.
+
+    Everything goes to DIR/demo. `.env` and credentials are ignored; nothing leaves this machine.
+    """
+    from kb.core.pipeline import load, locate
+    from kb.core.settings import Settings
+    from kb.sandbox.server import Sandbox
+
+    for name in set(Settings.model_fields) - _KEPT:
+        os.environ.pop(name.upper(), None)
+    with Sandbox() as services:
+        settings = services.settings() | _model(options)
+        os.environ |= settings    # worker processes read them too
+        run = _run(options, settings)
+        _begin(run.root)
+        pipeline = load(str(locate("demo", run.pipeline)))
+        return _all(pipeline, run, services.ledger)
+
+
+def _model(options: Options) -> dict[str, str]:
+    """The tiny toxicity model, made at the first time; nothing where its packages are not installed."""
+    from kb.core.errors import MissingExtra
+    from kb.sandbox import toxicity
+
+    _say(options, "the tiny toxicity model (made once, some seconds)")
+    try:
+        return toxicity.settings()
+    except MissingExtra as error:
+        _say(options, f"left out: {error}; {error.hint}")
+        return {}
+
+
+def _run(options: Options, settings: dict[str, str]) -> Run:
+    from dataclasses import replace
+
+    from kb.core.settings import load_settings
+
+    data = options.data or load_settings(dotenv=False).kb_data
+    run = replace(options, data=data / "demo", profile=options.profile).make_run(dotenv=False)
+    if "KB_TOXICITY_MODEL" in settings:
+        return run
+    off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
+    return replace(run, profile=run.profile.model_copy(update={"toxicity": off}))
+
+
+def _begin(root: Path) -> None:
+    """Room for a new demo where the last one was finished; one that was stopped goes on."""
+    if (root / _FINISHED).exists():
+        for name in _OURS:
+            shutil.rmtree(root / name, ignore_errors=True)
+        (root / _FINISHED).unlink()
+
+
+def _all(pipeline: Any, run: Run, ledger: Any) -> Summary:
+    from kb.core.errors import MissingExtra
+    from kb.core.verdict import Summary
+    from kb.store.atomic import write_text
+
+    done = Summary()
+    for step in pipeline.STEPS:
+        print(f"\n== kb {step}", flush=True)
+        try:
+            summary = Summary(_command(step)(run) or {})
+        except MissingExtra as error:
+            # An optional part of the installation: the other steps go on without it.
+            summary = Summary(left_out=f"{error}; {error.hint}")
+        done[step] = dict(summary)
+        print(summary.line(), flush=True)
+    _queries(pipeline.QUERIES, run.root)
+    print(f"\nTables, figures and releases are in {run.root}; open {run.root / 'report' / 'index.html'}")
+    write_text(run.root / _FINISHED, "")
+    return Summary({"steps": len(done), "requests": len(ledger), "root": str(run.root), **done})
+
+
+def _command(step: str) -> Any:
+    """The function behind a command, as kb/cli declares it."""
+    import importlib
+
+    from kb.cli.app import TREE
+
+    source, _, name = step.partition(" ")
+    module = importlib.import_module(TREE[source][0])
+    return getattr(module, {"filter": "filter_"}.get(name, name) or source)
+
+
+def _queries(queries: list[tuple[str, str, list[str]]], root: Path) -> None:
+    from kb.cli.query import as_table
+    from kb.schema import views
+
+    held = {f"{view.schema}.{view.name}" for view in views.found(root)}
+    with contextlib.closing(views.connect(root)) as db:
+        for question, sql, needed in queries:
+            if held.issuperset(needed):
+                print(f"\n== {question}")
+                print(f"kb query --data {root} \"{' '.join(sql.split())}\"")
+                sys.stdout.writelines(as_table(views.select(db, sql)))
+
+
+def _say(options: Options, text: str) -> None:
+    if not options.quiet:
+        print(text, file=sys.stderr, flush=True)

@@ -1,0 +1,111 @@
+"""A user's work on the sandbox: `kb` as a process of its own, with the settings that point at the services."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from kb.core.resources import folder
+from kb.sandbox.server import Sandbox
+from tests.cli.conftest import clean_environment
+
+NOW = "2026-11-20T12:00:00Z"
+
+
+class Job:
+    """One data root and one sandbox. `toxicity` False: a profile that scores no text, so that no model is loaded."""
+
+    def __init__(self, sandbox: Sandbox, place: Path, *, toxicity: bool = False, **env: str) -> None:
+        self.sandbox, self.place, self.root = sandbox, place, place / "data"
+        place.mkdir(parents=True, exist_ok=True)
+        self.env = clean_environment() | sandbox.settings(model=toxicity) | {"KB_DATA": str(self.root), "KB_NOW": NOW} | env
+        if not toxicity:
+            self.profile(('toxicity = "on"', 'toxicity = "off"'))
+
+    def profile(self, *changes: tuple[str, str]) -> Path:
+        """The shipped profile with some text replaced, as this job's own; a second call changes it further."""
+        shipped = folder("profiles") / "minecraft"
+        path = self.place / "profile" / "profile.toml"
+        if not path.exists():
+            path.parent.mkdir()
+            for file in shipped.iterdir():
+                if file.is_file():
+                    (path.parent / file.name).write_bytes(file.read_bytes())
+        text = path.read_text(encoding="utf-8")
+        for old, new in changes:
+            assert old in text, old
+            text = text.replace(old, new)
+        path.write_text(text, encoding="utf-8")
+        self.env["KB_PROFILE"] = str(path)
+        return path
+
+    def start(self, *words: str, **env: str) -> subprocess.Popen[str]:
+        """`kb WORDS` in the background."""
+        return subprocess.Popen([sys.executable, "-m", "kb", *words], cwd=self.place, env=self.env | env, text=True,
+                                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+    def kb(self, *words: str, timeout: float = 200, **env: str) -> subprocess.CompletedProcess[str]:
+        """`kb WORDS`, finished."""
+        child = self.start(*words, **env)
+        try:
+            out, err = child.communicate(timeout=timeout)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            raise AssertionError(f"kb {' '.join(words)} hangs: {child.communicate()[1][-2000:]}") from None
+        return subprocess.CompletedProcess(words, child.returncode, out, err)
+
+    def done(self, *words: str, code: int = 0, **env: str) -> dict[str, Any]:
+        """The summary of `kb WORDS --json`, which must end with `code`."""
+        result = self.kb(*words, "--json", **env)
+        assert result.returncode == code, f"kb {' '.join(words)} ended with {result.returncode}:\n{result.stderr[-3000:]}"
+        return json.loads(result.stdout.splitlines()[-1]) if result.stdout else {}
+
+    def stopped(self, *words: str, code: int, **env: str) -> str:
+        """The one line of a `kb WORDS` that ends with `code`, and no traceback."""
+        result = self.kb(*words, **env)
+        assert result.returncode == code, f"kb {' '.join(words)} ended with {result.returncode}:\n{result.stderr[-3000:]}"
+        assert "Traceback" not in result.stderr
+        lines = [line for line in result.stderr.splitlines() if line.startswith("kb: ")]
+        assert len(lines) == 1, result.stderr
+        return lines[0]
+
+    def rows(self, sql: str) -> list[dict[str, Any]]:
+        """The answer of `kb query`, asked in this process."""
+        from kb.schema import views
+
+        with views.connect(self.root) as db:
+            return views.select(db, sql).read_all().to_pylist()
+
+    def released(self) -> list[dict[str, Any]]:
+        """The released videos without the time that they were read at."""
+        return self.rows("SELECT * EXCLUDE (fetched_at) FROM release.youtube_videos ORDER BY video_id")
+
+    def digests(self, *parts: str) -> dict[str, str]:
+        """sha256 by path of every file below a folder of the data root."""
+        top = self.root.joinpath(*parts)
+        return {str(path.relative_to(top)): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(top.rglob("*")) if path.is_file()}
+
+    def raw(self, kind: str) -> list[dict[str, Any]]:
+        """Every envelope of a raw kind."""
+        import zstandard
+
+        found = []
+        for path in sorted((self.root / "raw" / "youtube" / kind).glob("*.ndjson.zst*")):
+            with path.open("rb") as file:
+                text = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True).read()
+            found += [json.loads(line) for line in text.splitlines()]
+        return found
+
+
+def plain_units(sandbox: Sandbox) -> int:
+    """What a whole crawl costs of the general bucket, reckoned from the world alone."""
+    def pages(count: int) -> int:
+        return -(-count // 50)
+
+    world = sandbox.world.youtube
+    lists = sum(max(1, pages(len(channel.entries))) if channel.listed else 1 for channel in world.channels)
+    return lists + pages(len(world.videos))
