@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 _RULES = "2"  # raised when the same input gives other rows
 _STRETCH = 4096  # transcripts: some seconds of work
-SUMMARY = "summary.json"
+SUMMARY = "_summary.json"  # the underscore hides it from readers of a folder of Parquet
 _TOTALS = ("videos", "words", "matches", "ambiguous", "ambiguous_alone", "excluded", "outside", "pairs")
 
 

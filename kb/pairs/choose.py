@@ -84,7 +84,7 @@ def _overlaps(start: np.ndarray, end: np.ndarray, video: np.ndarray, gap: int) -
         possible = (of[step:] == of[:-step]) & (begin[step:] < begin[:-step] + reach)
         if not possible.any():
             break
-        touch = np.flatnonzero(possible & (begin[step:] < finish[:-step] + gap))
+        touch = np.flatnonzero(possible & (begin[step:] < finish[:-step] + gap) & (begin[:-step] < finish[step:] + gap))
         ones.append(order[touch])
         others.append(order[touch + step])
         listed += len(touch)

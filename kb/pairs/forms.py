@@ -13,7 +13,7 @@ _SINGULAR = {plural: singular for singular, plural in _ODD.items()}
 
 def plural(word: str) -> str:
     """"berry" → "berries", "torch" → "torches", "wolf" → "wolves"; plurals and mass nouns stay."""
-    if word in _SAME or word in _SINGULAR or not word[-1:].isalpha():
+    if word in _SAME or word in _SINGULAR or not (word[-1:].isalpha() and word[:1].isascii()):
         return word
     if word in _ODD:
         return _ODD[word]

@@ -97,4 +97,6 @@ def _cut(
         if more > high:
             break
         start, tokens = place, more
+    while text.spaced[start] == 0x20:
+        start += 1
     return start, end, tokens

@@ -1,0 +1,151 @@
+"""`kb pairs` on a data root: the same bytes however the work is cut, resumed and refilled."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from kb.core.context import Run
+from kb.core.errors import FatalError, LimitReached, ProfileError, SettingError
+from kb.core.pipeline import load, locate
+from kb.core.profile import load_profile
+from kb.core.settings import load_settings
+from kb.pairs import build as building
+from kb.pairs.show import keyword_lines
+from tests.pairs.made import fill, tables
+
+pipeline = load(str(locate("pairs")))
+
+
+@pytest.fixture(scope="module")
+def data():  # type: ignore[no-untyped-def]
+    return tables(60, 400, ["creeper", "oak log", "Iron Golem", "bed", "nether portals", "chest"], share=0.06)
+
+
+@pytest.fixture
+def run(tmp_path: Path, data, make_rows) -> Run:  # type: ignore[no-untyped-def]
+    root = tmp_path / "data"
+    fill(root, *data, make_rows)
+    return Run(load_settings(dotenv=False), load_profile("minecraft"), root, workers=1)
+
+
+def _bytes(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.parquet"))}
+
+
+def test_the_whole_job(run: Run) -> None:
+    summary = pipeline.pairs(run, "parquet")
+    rows = pq.read_table(run.root / "pairs")
+    assert summary["videos"] == 60
+    assert summary["pairs"] == rows.num_rows > 100
+    assert rows["pair_id"].to_pylist() == rows.sort_by([("video_id", "ascending"), ("clip_start_s", "ascending"), ("pair_id", "ascending")])["pair_id"].to_pylist()
+    assert len(set(rows["pair_id"].to_pylist())) == rows.num_rows
+    released = pq.read_table(run.root / "release" / "pairs")
+    assert "text" not in released.column_names
+    assert released.equals(rows.drop_columns("text").cast(released.schema), check_metadata=False)
+    counts = json.loads((run.root / "pairs" / "_summary.json").read_text())["keywords"]
+    assert sum(hits["matches"] for hits in counts.values()) == summary["matches"]
+    assert not list((run.root / "state" / "pairs").iterdir())
+
+
+def test_workers_cuts_and_file_layout_change_no_byte(run: Run, data, make_rows, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    pipeline.pairs(run, "parquet")
+    first = _bytes(run.root / "pairs") | {"released": _bytes(run.root / "release" / "pairs")}
+    other = replace(run, root=run.root.with_name("other"), workers=2)
+    fill(other.root, *data, make_rows, files=3)
+    monkeypatch.setattr(building, "_STRETCH", 7)
+    pipeline.pairs(other, "parquet")
+    assert _bytes(other.root / "pairs") | {"released": _bytes(other.root / "release" / "pairs")} == first
+
+
+def test_a_limit_stops_and_the_next_run_goes_on(run: Run) -> None:
+    limited = replace(run, limit=25)
+    done = []
+    for _ in range(2):
+        with pytest.raises(LimitReached) as caught:
+            pipeline.pairs(limited, "parquet")
+        done.append(caught.value.summary["videos"])
+    assert pipeline.pairs(limited, "parquet")["videos"] == 60
+    assert done == [25, 50]
+    stopped = _bytes(run.root / "pairs")
+    pipeline.pairs(replace(run, again=True), "parquet")
+    assert _bytes(run.root / "pairs") == stopped
+
+
+def test_made_pairs_are_not_made_again_until_something_changes(run: Run, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    made = pipeline.pairs(run, "parquet")
+
+    def fail(*_: object) -> None:
+        raise AssertionError("worked again")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(building, "_work", fail)
+        assert pipeline.pairs(run, "minedojo")["pairs"] == made["pairs"]
+    section = run.profile.pairs.model_copy(update={"max_pairs_per_video": 2})
+    fewer = pipeline.pairs(replace(run, profile=run.profile.model_copy(update={"pairs": section})), "parquet")
+    assert fewer["pairs"] <= 120 < made["pairs"]
+
+
+def test_more_videos_change_no_pair(run: Run, make_rows) -> None:  # type: ignore[no-untyped-def]
+    pipeline.pairs(run, "parquet")
+    before = pq.read_table(run.root / "pairs").to_pylist()
+    more = replace(run, root=run.root.with_name("more"))
+    for seed, place in ((0, more.root), (500, more.root.with_name("rest"))):
+        fill(place, *tables(60 if not seed else 10, 400, ["creeper", "oak log", "Iron Golem", "bed", "nether portals", "chest"], share=0.06, seed=seed), make_rows)
+    for table in ("transcripts", "videos"):
+        (more.root.with_name("rest") / f"clean/youtube/{table}/part-00000.parquet").rename(more.root / f"clean/youtube/{table}/part-00009.parquet")
+    pipeline.pairs(more, "parquet")
+    after = {row["pair_id"]: row for row in pq.read_table(more.root / "pairs").to_pylist()}
+    assert len(after) > len(before)
+    assert all(after[row["pair_id"]] == row for row in before)
+
+
+def test_a_released_index_is_filled_again(run: Run) -> None:
+    pipeline.pairs(run, "parquet")
+    whole = _bytes(run.root / "pairs")
+    index = run.root / "release" / "pairs" / "pairs-00000-of-00001.parquet"
+    summary = pipeline.refill(run, index)
+    assert (summary["missing"], summary["differing"]) == (0, 0)
+    assert summary["filled"] == summary["pairs"]
+    assert _bytes(run.root / "pairs") == whole
+
+
+def test_texts_that_can_not_be_had_stay_null_and_are_counted(run: Run) -> None:
+    pipeline.pairs(run, "parquet")
+    (run.root / "clean/youtube/transcripts/part-00001.parquet").unlink()
+    summary = pipeline.refill(run, run.root / "release" / "pairs")
+    assert summary["missing"] == pq.read_table(run.root / "pairs")["text"].null_count > 0
+    assert summary["filled"] + summary["missing"] == summary["pairs"]
+    with pytest.raises(SettingError, match="no column 'pair_id'"):
+        pipeline.refill(run, run.root / "clean/youtube/videos/part-00000.parquet")
+    with pytest.raises(SettingError, match="no index"):
+        pipeline.refill(run, run.root / "nowhere.parquet")
+
+
+def test_keywords_with_examples(run: Run) -> None:
+    lines = {line.keyword: line for line in keyword_lines(run, examples=2)}
+    assert lines["Creeper"].matches > 50
+    assert len(lines["Creeper"].examples) == 2
+    assert "[creeper]" in lines["Creeper"].examples[0]
+    assert lines["Bed"].rule == "near:20"
+    assert lines["Bed"].alone > 0
+    assert list(keyword_lines(run, examples=2)) == list(lines.values())
+    assert {line.kind for line in keyword_lines(run, kind="entity")} == {"entity"}
+
+
+def test_without_transcripts_or_section(run: Run) -> None:
+    with pytest.raises(FatalError, match="no transcripts"):
+        pipeline.pairs(replace(run, root=run.root / "empty"), "parquet")
+    with pytest.raises(ProfileError, match=r"\[pairs\]"):
+        pipeline.pairs(replace(run, profile=run.profile.model_copy(update={"pairs": None})), "parquet")
+
+
+def test_transcripts_without_any_keyword_give_an_empty_index(run: Run, make_rows) -> None:  # type: ignore[no-untyped-def]
+    none = replace(run, root=run.root.with_name("none"))
+    fill(none.root, *tables(4, 60, ["xyzzy"]), make_rows)
+    assert pipeline.pairs(none, "parquet")["pairs"] == 0
+    assert pq.read_table(none.root / "pairs").num_rows == 0

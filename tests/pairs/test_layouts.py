@@ -1,0 +1,107 @@
+"""Other layouts of pairs, read by what they are made for."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from kb.core.context import Run
+from kb.core.errors import FatalError
+from kb.core.pipeline import load, locate
+from kb.core.profile import load_profile
+from kb.core.settings import load_settings
+from kb.export import clip4mc
+from tests.pairs.made import fill, tables
+
+# MineDojo's published pairs: {keyword: [[video_id, start, end], …]}
+MINEDOJO = {
+    "type": "object", "minProperties": 1,
+    "additionalProperties": {
+        "type": "array", "minItems": 1,
+        "items": {"type": "array", "minItems": 3, "maxItems": 3,
+                  "items": [{"type": "string", "minLength": 1}, {"type": "number", "minimum": 0}, {"type": "number", "exclusiveMinimum": 0}]},
+    },
+}
+CLIP4MC = {
+    "type": "array",
+    "items": {
+        "type": "object", "required": ["vid", "transcript clip", "size", "begin position", "end position"], "additionalProperties": False,
+        "properties": {
+            "vid": {"type": "string"}, "transcript clip": {"type": "string", "minLength": 1},
+            "size": {"type": "array", "minItems": 16, "maxItems": 16, "items": {"type": "number"}},
+            "begin position": {"type": "number", "minimum": 0}, "end position": {"type": "number"},
+        },
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory, make_rows) -> Run:  # type: ignore[no-untyped-def]
+    root = tmp_path_factory.mktemp("layouts")
+    fill(root, *tables(30, 300, ["creeper", "oak log", "iron golem"], share=0.05), make_rows)
+    return Run(load_settings(dotenv=False), load_profile("minecraft"), root, workers=1)
+
+
+def _export(run: Run, layout: str) -> Path:
+    return Path(load(str(locate("pairs"))).pairs(run, layout)["export"])
+
+
+def _pairs(run: Run) -> list[dict]:  # type: ignore[type-arg]
+    return pq.read_table(run.root / "pairs").to_pylist()
+
+
+def test_minedojo(run: Run) -> None:
+    path = _export(run, "minedojo")
+    assert path == run.root / "export" / "minedojo" / "pairs.json"
+    data = json.loads(path.read_text())
+    jsonschema.validate(data, MINEDOJO)
+    flat = {(keyword, *clip) for keyword, clips in data.items() for clip in clips}
+    assert flat == {(row["keyword"], row["video_id"], row["clip_start_s"], row["clip_end_s"]) for row in _pairs(run)}
+
+
+def test_clip4mc(run: Run) -> None:
+    data = json.loads(_export(run, "clip4mc").read_text())
+    jsonschema.validate(data, CLIP4MC)
+    assert [(one["vid"], one["transcript clip"], one["begin position"]) for one in data] == [
+        (row["video_id"], row["text"], row["clip_start_s"]) for row in _pairs(run)]
+
+
+def test_clip4mc_needs_texts(run: Run, tmp_path: Path) -> None:
+    other = replace(run, root=tmp_path)
+    (tmp_path / "pairs").mkdir()
+    rows = pq.read_table(run.root / "pairs")
+    empty = rows.set_column(rows.column_names.index("text"), "text", pa.nulls(rows.num_rows, pa.string()))
+    pq.write_table(empty, tmp_path / "pairs" / "pairs-00000-of-00001.parquet")
+    with pytest.raises(FatalError, match="no text"):
+        clip4mc.write(other)
+    with pytest.raises(FatalError, match="no index"):
+        clip4mc.write(replace(run, root=tmp_path / "none"))
+
+
+def test_video2dataset_reads_the_clips(run: Run, tmp_path: Path) -> None:
+    """By video2dataset's own reader; its package imports its downloaders, so the module is loaded alone."""
+    path = _export(run, "video2dataset")
+    found = importlib.util.find_spec("video2dataset")
+    if found is None:
+        pytest.skip("video2dataset is not installed (pip install --no-deps video2dataset==1.3.0)")
+    file = Path(next(iter(found.submodule_search_locations or [])), "input_sharder.py")
+    spec = importlib.util.spec_from_file_location("v2d_input_sharder", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    reader = module.InputSharder(str(path), "parquet", "url", "caption", "clips", ["video_id", "captions"], 7, set(), str(tmp_path))
+    rows = [row for file, _ in reader for row in pa.ipc.open_file(file).read_all().to_pylist()]
+    pairs = _pairs(run)
+    assert [row["url"] for row in rows] == [f"https://www.youtube.com/watch?v={video}" for video in sorted({row["video_id"] for row in pairs})]
+    assert [(row["video_id"], *clip) for row in rows for clip in row["clips"]] == [(row["video_id"], row["clip_start_s"], row["clip_end_s"]) for row in pairs]
+    assert [text for row in rows for text in row["captions"]] == [row["text"] for row in pairs]
+    assert all(row["caption"] == "\n".join(row["captions"]) for row in rows)
