@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
+import warnings
 from typing import Any
 
 from kb.net import redact
@@ -33,6 +35,10 @@ def configure(*, quiet: bool, debug: bool) -> None:
     """Set the level: --quiet shows warnings, --debug everything, otherwise information."""
     import structlog
 
+    if not debug:
+        # Deprecations inside of libraries say nothing to a user; worker processes read the variable.
+        warnings.simplefilter("ignore")
+        os.environ.setdefault("PYTHONWARNINGS", "ignore")
     level = logging.DEBUG if debug else logging.WARNING if quiet else logging.INFO
     processors: list[Any] = [
         structlog.contextvars.merge_contextvars,

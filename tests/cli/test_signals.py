@@ -25,11 +25,12 @@ app = group("Test.")
 def crawl(run):
     '''Crawl.'''
     done = 0
-    print("ready", flush=True)
     try:
         while True:
             signals.stop.check()
             done += 1
+            if done == 1:
+                print("ready", flush=True)
             clock.sleep(0.01)
     except signals.Interrupted as stopped:
         stopped.summary = Summary(crawled=done > 0)
@@ -39,6 +40,8 @@ def crawl(run):
 def deaf(run):
     '''An item that takes for ever.'''
     print("ready", flush=True)
+    signals.stop.wait(60)
+    print("asked", flush=True)
     threading.Event().wait()
 
 @command(app, examples=["x"], resumable=False)
@@ -81,12 +84,10 @@ def test_a_query_ends_at_once(tmp_path: Path, number: signal.Signals) -> None:
 
 def test_a_second_ctrl_c_does_not_wait_for_the_item(tmp_path: Path) -> None:
     process = start(tmp_path, "deaf")
-    while process.poll() is None:       # the first one sets the flag, each later one ends at once
-        process.send_signal(signal.SIGINT)
-        try:
-            process.wait(timeout=0.2)
-        except subprocess.TimeoutExpired:
-            continue
-    _, err = process.communicate()
+    process.send_signal(signal.SIGINT)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "asked\n"
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)
     assert process.returncode == 3
     assert "Traceback" not in err

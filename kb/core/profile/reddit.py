@@ -14,11 +14,11 @@ class Links(Section):
     where only some pages are films: the path starts with one of these.
     """
 
-    image_endings: tuple[str, ...] = ("jpg", "jpeg", "png", "gif", "webp", "bmp")
-    video_endings: tuple[str, ...] = ("gifv", "mp4", "webm", "mov")
-    image_hosts: tuple[str, ...] = ("i.redd.it", "preview.redd.it", "i.reddituploads.com", "imgur.com")
-    video_hosts: tuple[str, ...] = ("v.redd.it", "streamable.com", "gfycat.com")
-    video_paths: dict[str, tuple[str, ...]] = Field(default_factory=dict)
+    image_endings: tuple[str, ...] = Field(("jpg", "jpeg", "png", "gif", "webp", "bmp"), description="file endings of pictures")
+    video_endings: tuple[str, ...] = Field(("gifv", "mp4", "webm", "mov"), description="file endings of films")
+    image_hosts: tuple[str, ...] = Field(("i.redd.it", "preview.redd.it", "i.reddituploads.com", "imgur.com"), description="hosts that show pictures")
+    video_hosts: tuple[str, ...] = Field(("v.redd.it", "streamable.com", "gfycat.com"), description="hosts that show films")
+    video_paths: dict[str, tuple[str, ...]] = Field(default_factory=dict, description="by host, the beginnings of paths that are films")
 
 
 class Reddit(Section):
