@@ -149,7 +149,7 @@ def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa
     empty: list[str] = []
     values = [empty if value is None else value for value in values]
     try:
-        if any(isinstance(value, str) for value in values):  # Arrow would take it as a list of letters
+        if str in set(map(type, values)):  # Arrow would take it as a list of letters
             raise pa.ArrowTypeError
         column = pa.array(values, kind.arrow())
         if clean or not pc.any(pc.match_substring(column.flatten(), "\0")).as_py():

@@ -65,7 +65,7 @@ class Reader:
             "Envelope", [("fetched_at", str | None), ("request", request), ("status", int), ("response", response)]
         )
         self._decoder = msgspec.json.Decoder(envelope)
-        self._getters = [attrgetter(".".join(path)) for path in self._paths]
+        self._parents = sorted({tuple(path[:-1]) for path in self._paths}, key=len)
 
     def answer(self, line: bytes) -> Answer:
         """Decodes one envelope. Raises DamagedData when the line is no envelope at all."""
@@ -76,9 +76,16 @@ class Reader:
                 pass
             else:
                 records = got.response.items if self._listed else [got.response]
-                values = [list(map(get, records)) for get in self._getters]
-                return Answer(got.fetched_at, got.request.params, got.status, len(records), values)
+                return Answer(got.fetched_at, got.request.params, got.status, len(records), self._columns_of(records))
         return self._patient(line)
+
+    def _columns_of(self, records: list[Any]) -> list[list[Any]]:
+        """A list for each path; each parent object is reached once."""
+        parents: dict[tuple[str, ...], list[Any]] = {(): records}
+        for parent in self._parents:
+            if parent:
+                parents[parent] = list(map(attrgetter(".".join(parent)), records))
+        return [list(map(attrgetter(path[-1]), parents[tuple(path[:-1])])) for path in self._paths]
 
     def _patient(self, line: bytes) -> Answer:
         try:

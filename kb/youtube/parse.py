@@ -95,8 +95,11 @@ def _reader(name: str, kind: str, *, note_absent: bool = True) -> Reader:
 
 
 def _not_returned(answer: Answer, place: int) -> list[str]:
-    there = {value for value in answer.values[place] if isinstance(value, str)}
-    return [key for key in requested(answer.params) if key not in there]
+    asked, got = requested(answer.params), answer.values[place]
+    if asked == got:
+        return []
+    there = {value for value in got if isinstance(value, str)}
+    return [key for key in asked if key not in there]
 
 
 def _missing(gone: list[tuple[str, Answer]], schema: pa.Schema) -> pa.Table:
