@@ -24,16 +24,24 @@ class Format(StrEnum):
     minedojo = "minedojo"
 
 
-@command(app, examples=[
-    "kb wiki crawl --limit 100                100 pages, then exit code 3",
-    "kb wiki crawl --again --workers 2        what changed since, with two browsers",
-    "kb wiki crawl --titles titles.txt        named pages, no discovery",
-])
+@command(
+    app,
+    examples=[
+        "kb wiki crawl --limit 100                100 pages, then exit code 3",
+        "kb wiki crawl --again --workers 2        what changed since, with two browsers",
+        "kb wiki crawl --titles titles.txt        named pages, no discovery",
+    ],
+)
 def crawl(
     run: Run,
-    titles: Annotated[Path | None, typer.Option(
-        "--titles", metavar="FILE",
-        help="Page titles: lines, a released Parquet file or MineDojo's JSON; skips discovery.")] = None,
+    titles: Annotated[
+        Path | None,
+        typer.Option(
+            "--titles",
+            metavar="FILE",
+            help="Page titles: lines, a released Parquet file or MineDojo's JSON; skips discovery.",
+        ),
+    ] = None,
 ) -> Summary:
     """Show every content page in headless Chromium and keep what is seen.
 
@@ -55,8 +63,9 @@ def filter_(run: Run) -> Summary:
 @command(app, examples=["kb wiki export", "kb wiki export --format minedojo"])
 def export(
     run: Run,
-    format: Annotated[Format, typer.Option(
-        "--format", help="Parquet and tar shards go to release/, others to export/FORMAT/.")] = Format.parquet,
+    format: Annotated[
+        Format, typer.Option("--format", help="Parquet and tar shards go to release/, others to export/FORMAT/.")
+    ] = Format.parquet,
 ) -> Summary:
     """Write clean/wiki as the released tables with their pictures, or in another layout."""
     from kb.core.pipeline import load, locate

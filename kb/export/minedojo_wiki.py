@@ -45,11 +45,24 @@ def wiki(run: Run) -> Summary:
     target = run.root / "export" / "minedojo" / "wiki_full"
     count, taken = 0, set()
     pages = rows(run.root, "wiki/pages", ["page_id", "title", "url", "fetched_at", "screenshot_path"], ["page_id"])
-    elements = _Grouped(run.root, "wiki/elements", ["page_id", "element_id", "kind", "text", *_BOX, "visible", "reading_order"], ["page_id", "reading_order"])
-    cells = _Grouped(run.root, "wiki/cells", ["page_id", "table_id", "row_index", "column_index", "is_header", "text", *_BOX],
-                     ["page_id", "table_id", "row_index", "column_index"])
-    images = _Grouped(run.root, "wiki/images", ["page_id", "element_id", "frame_index", "src", "path", "sha256", "media_type", "alt_text", "caption"],
-                      ["page_id", "element_id", "frame_index"])
+    elements = _Grouped(
+        run.root,
+        "wiki/elements",
+        ["page_id", "element_id", "kind", "text", *_BOX, "visible", "reading_order"],
+        ["page_id", "reading_order"],
+    )
+    cells = _Grouped(
+        run.root,
+        "wiki/cells",
+        ["page_id", "table_id", "row_index", "column_index", "is_header", "text", *_BOX],
+        ["page_id", "table_id", "row_index", "column_index"],
+    )
+    images = _Grouped(
+        run.root,
+        "wiki/images",
+        ["page_id", "element_id", "frame_index", "src", "path", "sha256", "media_type", "alt_text", "caption"],
+        ["page_id", "element_id", "frame_index"],
+    )
     with replacing_folder(target) as fresh:
         for page in pages:
             name = folder_name(page["url"])
@@ -68,7 +81,11 @@ def wiki(run: Run) -> Summary:
 
 def folder_name(url: str) -> str:
     """The page's folder: the path of its address, each step a plain name that can't lead elsewhere."""
-    steps = [re.sub(r'[\x00-\x1f<>:"\\|?*]', "_", unquote(step).replace("/", "_")) for step in urlsplit(url).path.split("/") if step]
+    steps = [
+        re.sub(r'[\x00-\x1f<>:"\\|?*]', "_", unquote(step).replace("/", "_"))
+        for step in urlsplit(url).path.split("/")
+        if step
+    ]
     # The published loader skips names that start with a dot; no file system takes more than 255 bytes.
     return os.sep.join(_short(re.sub(r"^\.+", "_", step)) for step in steps) or "_"
 
@@ -105,19 +122,35 @@ def box(row: Row) -> list[int]:
 def _data(root: Path, folder: Path, page: Row, elements: list[Row], cells: list[Row], images: list[Row]) -> Row:
     seen = {row["element_id"]: row for row in elements if row["visible"]}
     of_table = {number: list(group) for number, group in groupby(cells, key=lambda row: row["table_id"])}
-    shown = [row for row in images if row["element_id"] in seen and seen[row["element_id"]]["kind"] != "sprite" and not row["frame_index"]]
+    shown = [
+        row
+        for row in images
+        if row["element_id"] in seen and seen[row["element_id"]]["kind"] != "sprite" and not row["frame_index"]
+    ]
     return {
-        "metadata": {"url": page["url"], "title": page["title"], "time": page["fetched_at"].strftime("%d/%m/%Y %H:%M:%S")},
+        "metadata": {
+            "url": page["url"],
+            "title": page["title"],
+            "time": page["fetched_at"].strftime("%d/%m/%Y %H:%M:%S"),
+        },
         "tables": [_table(row, of_table.get(row["element_id"], [])) for row in seen.values() if row["kind"] == "table"],
         "images": [held for row in shown if (held := _image(root, folder, row, seen[row["element_id"]]))],
         "sprites": [{"text": row["text"] or "", "bbox": box(row)} for row in seen.values() if row["kind"] == "sprite"],
-        "texts": [{"text": row["text"], "bbox": box(row)} for row in seen.values() if row["kind"] == "text" and row["text"]],
+        "texts": [
+            {"text": row["text"], "bbox": box(row)} for row in seen.values() if row["kind"] == "text" and row["text"]
+        ],
     }
 
 
 def _table(row: Row, cells: list[Row]) -> Row:
-    parts = {True: [cell for cell in cells if cell["is_header"]], False: [cell for cell in cells if not cell["is_header"]]}
-    held = {kind: {"text": [cell["text"] for cell in part], "bboxes": [box(cell) for cell in part]} for kind, part in parts.items()}
+    parts = {
+        True: [cell for cell in cells if cell["is_header"]],
+        False: [cell for cell in cells if not cell["is_header"]],
+    }
+    held = {
+        kind: {"text": [cell["text"] for cell in part], "bboxes": [box(cell) for cell in part]}
+        for kind, part in parts.items()
+    }
     return {"bbox": box(row), "headers": held[True], "cells": held[False]}
 
 
@@ -132,7 +165,13 @@ def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
         _crop(folder / "screenshot.png", box(element), folder / "images" / name)
     elif not (folder / "images" / name).exists():
         shutil.copyfile(source, folder / "images" / name)
-    return {"src": row["src"], "path": f"images/{name}", "alt_text": row["alt_text"] or "", "caption": row["caption"] or "", "bbox": box(element)}
+    return {
+        "src": row["src"],
+        "path": f"images/{name}",
+        "alt_text": row["alt_text"] or "",
+        "caption": row["caption"] or "",
+        "bbox": box(element),
+    }
 
 
 def _crop(screenshot: Path, where: list[int], target: Path) -> None:

@@ -39,7 +39,7 @@ _BLOCK = 512
 class Sample:
     """One file of the data root and what is said about it."""
 
-    name: str           # member name without its ending
+    name: str  # member name without its ending
     ending: str
     path: Path
     size: int
@@ -62,8 +62,12 @@ def export(run: Run) -> Summary:
     if not parquet.clean_parts(run.root, pages):
         raise FatalError("nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first")
     plan = {"screenshots": list(_shards(_screenshots(run.root))), "images": list(_shards(_images(run.root)))}
-    places = {str(sample.path.relative_to(run.root)): f"{_name(kind, number, len(shards))}/{sample.member}"
-              for kind, shards in plan.items() for number, samples in enumerate(shards) for sample in samples}
+    places = {
+        str(sample.path.relative_to(run.root)): f"{_name(kind, number, len(shards))}/{sample.member}"
+        for kind, shards in plan.items()
+        for number, samples in enumerate(shards)
+        for sample in samples
+    }
     changes = {"wiki/pages": _moved("screenshot_path", places), "wiki/images": _moved("path", places)}
 
     def write(folder: Path) -> None:
@@ -88,7 +92,17 @@ def rows(root: Path, name: str, columns: list[str], by: list[str]) -> Iterator[d
 
 
 def _screenshots(root: Path) -> Iterator[Sample]:
-    names = ["page_id", "title", "url", "revision_id", "license", "contributors_url", "page_width", "page_height", "device_pixel_ratio"]
+    names = [
+        "page_id",
+        "title",
+        "url",
+        "revision_id",
+        "license",
+        "contributors_url",
+        "page_width",
+        "page_height",
+        "device_pixel_ratio",
+    ]
     for row in rows(root, "wiki/pages", [*names, "screenshot_path"], ["page_id"]):
         about = {name: row[name] for name in names}
         yield _sample(root, f"{row['page_id']:09d}", row["screenshot_path"], about)
@@ -98,7 +112,12 @@ def _images(root: Path) -> Iterator[Sample]:
     """Every file once, by its hash, with what the first row says about it."""
     names = ["sha256", "media_type", "width", "height", "src", "license"]
     found: dict[str, tuple[str, dict[str, Any]]] = {}
-    for row in rows(root, "wiki/images", [*names, "path", "page_id", "element_id", "frame_index"], ["page_id", "element_id", "frame_index"]):
+    for row in rows(
+        root,
+        "wiki/images",
+        [*names, "path", "page_id", "element_id", "frame_index"],
+        ["page_id", "element_id", "frame_index"],
+    ):
         if row["path"]:
             found.setdefault(row["sha256"], (row["path"], {name: row[name] for name in names}))
     for sha256 in sorted(found):
@@ -111,7 +130,9 @@ def _sample(root: Path, name: str, path: str, about: dict[str, Any]) -> Sample:
     try:
         size = file.stat().st_size
     except OSError:
-        raise DamagedData(f"{file} is not there, but clean/wiki names it", hint="run `kb wiki crawl --again` and `kb wiki filter`") from None
+        raise DamagedData(
+            f"{file} is not there, but clean/wiki names it", hint="run `kb wiki crawl --again` and `kb wiki filter`"
+        ) from None
     text = json.dumps(about, ensure_ascii=False, sort_keys=True).encode()
     return Sample(name, file.suffix.removeprefix("."), file, size, text)
 
@@ -156,7 +177,13 @@ def _write_tar(path: Path, samples: list[Sample]) -> Iterator[dict[str, Any]]:
                 start = tar.offset + _BLOCK
                 with data.open("rb") if isinstance(data, Path) else io.BytesIO(data) as file:
                     tar.addfile(info, _Hashing(file, digest))  # type: ignore[arg-type]
-                yield {"tar": path.name, "member": member, "offset": start, "size": info.size, "sha256": digest.hexdigest()}
+                yield {
+                    "tar": path.name,
+                    "member": member,
+                    "offset": start,
+                    "size": info.size,
+                    "sha256": digest.hexdigest(),
+                }
 
 
 class _Hashing:

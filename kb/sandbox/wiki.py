@@ -61,7 +61,11 @@ def _page(title: str, later: bool, root: str) -> Response:
         file = folder / f"{stem}.html"
         if stem and file.is_file():
             return Response(file.read_text(encoding="utf-8").replace(HOST, root), mimetype="text/html")
-    return Response(f"<!DOCTYPE html><title>{title.replace('<', '')}</title><p>There is no such page.</p>", 404, mimetype="text/html")
+    return Response(
+        f"<!DOCTYPE html><title>{title.replace('<', '')}</title><p>There is no such page.</p>",
+        404,
+        mimetype="text/html",
+    )
 
 
 def _file(path: str) -> Response:
@@ -88,16 +92,30 @@ def _slugs() -> dict[str, str]:
 @cache
 def _pages(later: bool) -> dict[str, dict[str, Any]]:
     """The pages of a state by title, redirects too."""
-    pages = [page for page in _load("later/pages.json" if later else "pages.json")["query"]["pages"] if not page.get("missing")]
+    pages = [
+        page
+        for page in _load("later/pages.json" if later else "pages.json")["query"]["pages"]
+        if not page.get("missing")
+    ]
     if later:
         known = {page["title"] for page in pages}
         for part in (1, 2, 3):
             for page in _load(f"later/generator-{part}.json")["query"]["pages"]:
                 if page["title"] not in known:
                     pages.append({**page, "contributors": [{"userid": 3, "name": "Maren Holt"}]})
-    pages.append({"pageid": 27, "ns": 0, "title": "Rock salt", "redirect": True, "lastrevid": 30, "length": 23,
-                  "fullurl": f"{HOST}/wiki/Rock_salt", "canonicalurl": f"{HOST}/wiki/Rock_salt",
-                  "revisions": [{"revid": 30, "parentid": 0, "timestamp": "2024-01-11T10:10:00Z"}]})
+    pages.append(
+        {
+            "pageid": 27,
+            "ns": 0,
+            "title": "Rock salt",
+            "redirect": True,
+            "lastrevid": 30,
+            "length": 23,
+            "fullurl": f"{HOST}/wiki/Rock_salt",
+            "canonicalurl": f"{HOST}/wiki/Rock_salt",
+            "revisions": [{"revid": 30, "parentid": 0, "timestamp": "2024-01-11T10:10:00Z"}],
+        }
+    )
     return {page["title"]: page for page in pages}
 
 
@@ -105,11 +123,22 @@ def _api(query: dict[str, str], later: bool, root: str) -> Response:
     if query.get("action") == "rsd":
         return Response((DATA / "api" / "rsd.xml").read_text().replace(HOST, root), mimetype="application/rsd+xml")
     if query.get("action") != "query":
-        return _json({"error": {"code": "badvalue", "info": f"Unrecognized value for parameter \"action\": {query.get('action')}."}},
-                     root, {"MediaWiki-API-Error": "badvalue"})
+        return _json(
+            {
+                "error": {
+                    "code": "badvalue",
+                    "info": f'Unrecognized value for parameter "action": {query.get("action")}.',
+                }
+            },
+            root,
+            {"MediaWiki-API-Error": "badvalue"},
+        )
     if int(query.get("maxlag", 5)) < -1:
-        return _json({"error": {"code": "maxlag", "info": "Waiting for a database server.", "lag": -1, "type": "db"}},
-                     root, {"Retry-After": "5", "MediaWiki-API-Error": "maxlag"})
+        return _json(
+            {"error": {"code": "maxlag", "info": "Waiting for a database server.", "lag": -1, "type": "db"}},
+            root,
+            {"Retry-After": "5", "MediaWiki-API-Error": "maxlag"},
+        )
     answer: dict[str, Any] = {"batchcomplete": True, "query": {}}
     if query.get("meta") == "siteinfo":
         answer["query"] |= _load("siteinfo.json")["query"]
@@ -122,8 +151,12 @@ def _api(query: dict[str, str], later: bool, root: str) -> Response:
 
 def _allpages(query: dict[str, str], later: bool, answer: dict[str, Any]) -> None:
     filter_ = query.get("apfilterredir", "all")
-    pages = [page for page in _pages(later).values() if str(page["ns"]) == query.get("apnamespace", "0")
-             and (filter_ == "all" or bool(page.get("redirect")) == (filter_ == "redirects"))]
+    pages = [
+        page
+        for page in _pages(later).values()
+        if str(page["ns"]) == query.get("apnamespace", "0")
+        and (filter_ == "all" or bool(page.get("redirect")) == (filter_ == "redirects"))
+    ]
     pages.sort(key=lambda page: page["title"])
     pages = [page for page in pages if page["title"].replace(" ", "_") >= query.get("apcontinue", "")]
     limit = min(500, int(query.get("aplimit", 10)))
@@ -149,10 +182,18 @@ def _details(query: dict[str, str], later: bool, answer: dict[str, Any]) -> None
             normalized.append({"fromencoded": False, "from": wanted, "to": title})
         held = pages.get(title) or files.get(title)
         if any(char in title for char in "[]{}<>#"):
-            found.append({"title": title, "invalid": True, "invalidreason": "The requested page title contains invalid characters."})
+            found.append(
+                {
+                    "title": title,
+                    "invalid": True,
+                    "invalidreason": "The requested page title contains invalid characters.",
+                }
+            )
         else:
             found.append(held or {"ns": 6 if title.startswith("File:") else 0, "title": title, "missing": True})
-    found += [by_id.get(key) or {"pageid": int(key), "missing": True} for key in query.get("pageids", "").split("|") if key]
+    found += [
+        by_id.get(key) or {"pageid": int(key), "missing": True} for key in query.get("pageids", "").split("|") if key
+    ]
     found += [by_revision[key] for key in query.get("revids", "").split("|") if key in by_revision]
     if normalized:
         answer["query"]["normalized"] = normalized

@@ -24,7 +24,7 @@ def original(src: str) -> str:
 
 
 def file_title(src: str, file_page: str | None = None) -> str | None:
-    """"File:Name.png" of a picture: by its link to the file page, else by its address."""
+    """ "File:Name.png" of a picture: by its link to the file page, else by its address."""
     if file_page:
         parts = urlsplit(file_page)
         held = re.search(r"(?:/|title=)((?:File|Image):[^?&#]+)", f"{parts.path}?{parts.query}")
@@ -54,7 +54,13 @@ def by_name(name: str) -> str | None:
     plain = re.sub(r"[\s_-]+", "-", name.strip().upper()).strip("-")
     if match := re.fullmatch(r"CC-BY(-NC)?(-ND|-SA)?-(\d\.\d)", plain):
         return f"CC-BY{match[1] or ''}{match[2] or ''}-{match[3]}"
-    return {"CC0": "CC0-1.0", "CC0-1.0": "CC0-1.0", "CC-ZERO": "CC0-1.0", "GFDL": "GFDL-1.3-or-later", "MIT": "MIT"}.get(plain)
+    return {
+        "CC0": "CC0-1.0",
+        "CC0-1.0": "CC0-1.0",
+        "CC-ZERO": "CC0-1.0",
+        "GFDL": "GFDL-1.3-or-later",
+        "MIT": "MIT",
+    }.get(plain)
 
 
 def licence(url: str | None, text: str | None = None) -> str | None:

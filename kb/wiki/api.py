@@ -13,12 +13,23 @@ from urllib.parse import urljoin, urlsplit, urlunsplit
 
 import msgspec
 
-from kb.core.errors import Blocked, FatalError, Retryable
+from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable
 from kb.wiki.web import Web
 
 BATCH = 50
-_AGAIN = {"maxlag", "readonly", "ratelimited", "internal_api_error_DBQueryError", "internal_api_error_DBConnectionError"}
-_DETAILS = {"prop": "info|revisions|contributors", "inprop": "url", "rvprop": "ids|timestamp|user|sha1|size", "pclimit": "500"}
+_AGAIN = {
+    "maxlag",
+    "readonly",
+    "ratelimited",
+    "internal_api_error_DBQueryError",
+    "internal_api_error_DBConnectionError",
+}
+_DETAILS = {
+    "prop": "info|revisions|contributors",
+    "inprop": "url",
+    "rvprop": "ids|timestamp|user|sha1|size",
+    "pclimit": "500",
+}
 _FILES = {"prop": "imageinfo|extlinks", "iiprop": "url|size|mime|sha1|timestamp|extmetadata", "ellimit": "500"}
 
 Record = Callable[[str, str, dict[str, Any], int, Any], Any]
@@ -39,8 +50,13 @@ class Api:
 
     def listing(self, number: int, namespace: int, start: dict[str, str]) -> Iterator[int]:
         """All pages of a namespace without redirects, 500 a call, from `start` on; how many each call gave."""
-        params = {"action": "query", "list": "allpages", "apnamespace": str(namespace), "apfilterredir": "nonredirects",
-                  "aplimit": "500"}
+        params = {
+            "action": "query",
+            "list": "allpages",
+            "apnamespace": str(namespace),
+            "apfilterredir": "nonredirects",
+            "aplimit": "500",
+        }
         going: dict[str, str] | None = start
         while going is not None:
             status, answer = self.ask({**params, **going})
@@ -56,7 +72,13 @@ class Api:
 
     def revision(self, revision: int) -> None:
         """The same for one revision, when the wiki showed another than it had named."""
-        params = {"action": "query", "revids": str(revision), "prop": "info|revisions", "inprop": "url", "rvprop": "ids|timestamp|user|sha1|size"}
+        params = {
+            "action": "query",
+            "revids": str(revision),
+            "prop": "info|revisions",
+            "inprop": "url",
+            "rvprop": "ids|timestamp|user|sha1|size",
+        }
         status, answer = self.ask(params)
         self._record("pages", self.endpoint, {"revids": str(revision), "round": "r"}, status, answer)
 
@@ -85,7 +107,14 @@ class Api:
         return self._web.attempt(lambda: self._once(params))
 
     def _once(self, params: dict[str, str]) -> tuple[int, dict[str, Any]]:
-        answer = self._web.get(self.endpoint, {**params, "format": "json", "formatversion": "2", "maxlag": "5"})
+        try:
+            answer = self._web.get(self.endpoint, {**params, "format": "json", "formatversion": "2", "maxlag": "5"})
+        except ItemFinal as error:
+            if error.reason in ("http_401", "http_403"):
+                raise Blocked(
+                    f"the wiki's API refuses us ({error.reason})", hint="wait and run the same command again"
+                ) from None
+            raise FatalError(f"the wiki's API at {self.endpoint} does not answer: {error}") from None
         try:
             value = msgspec.json.decode(answer.body)
         except msgspec.DecodeError:
@@ -129,15 +158,20 @@ class _Links(HTMLParser):
 
 def find_endpoint(web: Web, url: str) -> str:
     """The address of `api.php` by the EditURI link of the wiki's front page. Raises FatalError."""
-    page = web.attempt(lambda: web.get(f"{url}/", {}))
+    try:
+        page = web.attempt(lambda: web.get(f"{url}/", {}))
+    except ItemFinal as error:
+        if error.reason in ("http_401", "http_403"):
+            raise Blocked(f"the wiki refuses us ({error.reason})", hint="wait and run the same command again") from None
+        raise FatalError(f"{url} does not answer as a wiki: {error}") from None
     links = _Links()
     links.feed(page.body.decode("utf-8", "replace"))
     if not links.found:
-        raise FatalError(f"{url} has no EditURI link, so its API is not known",
-                         hint="give the root of a MediaWiki as KB_WIKI_URL or wiki.url in the profile")
+        raise FatalError(
+            f"{url} has no EditURI link, so its API is not known",
+            hint="give the root of a MediaWiki as KB_WIKI_URL or wiki.url in the profile",
+        )
     found = urlsplit(urljoin(page.url, links.found))
     if found.hostname != urlsplit(page.url).hostname:
         raise FatalError(f"the EditURI link of {url} leads to another host, {found.hostname}")
     return urlunsplit((found.scheme, found.netloc, found.path, "", ""))
-
-

@@ -24,14 +24,32 @@ from kb.wiki import guard
 from kb.wiki.chromium import INSTALL, Programs
 
 FLAGS = (
-    "--headless=new", "--hide-scrollbars", "--force-device-scale-factor=1", "--force-color-profile=srgb",
-    "--disable-gpu", "--disable-dev-shm-usage", "--mute-audio", "--no-first-run", "--no-default-browser-check",
-    "--no-proxy-server", "--disable-component-update", "--disable-background-networking", "--disable-sync",
-    "--disable-default-apps", "--disable-extensions", "--disable-breakpad", "--disable-crash-reporter", "--no-pings",
-    "--disable-domain-reliability", "--disable-client-side-phishing-detection",
+    "--headless=new",
+    "--hide-scrollbars",
+    "--force-device-scale-factor=1",
+    "--force-color-profile=srgb",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--mute-audio",
+    "--no-first-run",
+    "--no-default-browser-check",
+    "--no-proxy-server",
+    "--disable-component-update",
+    "--disable-background-networking",
+    "--disable-sync",
+    "--disable-default-apps",
+    "--disable-extensions",
+    "--disable-breakpad",
+    "--disable-crash-reporter",
+    "--no-pings",
+    "--disable-domain-reliability",
+    "--disable-client-side-phishing-detection",
     "--disable-features=OptimizationHints,AutofillServerCommunication,MediaRouter,Translate,InterestFeedContentSuggestions,"
     "CertificateTransparencyComponentUpdater,HttpsUpgrades,OptimizationGuideModelDownloading",
-    "--blink-settings=imageAnimationPolicy=2", "--password-store=basic", "--use-mock-keychain", "--lang=en-US",
+    "--blink-settings=imageAnimationPolicy=2",
+    "--password-store=basic",
+    "--use-mock-keychain",
+    "--lang=en-US",
 )
 START_SECONDS = 30
 
@@ -39,8 +57,18 @@ START_SECONDS = 30
 class Browser:
     """A running browser. Every call ends within its time or raises Retryable; then `end` it."""
 
-    def __init__(self, programs: Programs, watcher: guard.Guard, *, hosts: Sequence[str], origins: Sequence[str],
-                 user_agent: str, viewport: tuple[int, int], page_seconds: float, before: str = "") -> None:
+    def __init__(
+        self,
+        programs: Programs,
+        watcher: guard.Guard,
+        *,
+        hosts: Sequence[str],
+        origins: Sequence[str],
+        user_agent: str,
+        viewport: tuple[int, int],
+        page_seconds: float,
+        before: str = "",
+    ) -> None:
         self.folder = tempfile.mkdtemp(prefix="lorebase-browser-")
         self._watcher, self._page_seconds = watcher, page_seconds
         self._driver: Any = None
@@ -56,18 +84,41 @@ class Browser:
             raise
 
     def _start(self, driver: str) -> subprocess.Popen[bytes]:
-        keep = {name: os.environ[name] for name in ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH") if name in os.environ}
-        home = {"HOME": self.folder, "TMPDIR": self.folder, "XDG_CONFIG_HOME": self.folder, "XDG_CACHE_HOME": self.folder,
-                "LANG": "C.UTF-8", "TZ": "UTC"}
+        keep = {
+            name: os.environ[name]
+            for name in ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH")
+            if name in os.environ
+        }
+        home = {
+            "HOME": self.folder,
+            "TMPDIR": self.folder,
+            "XDG_CONFIG_HOME": self.folder,
+            "XDG_CACHE_HOME": self.folder,
+            "LANG": "C.UTF-8",
+            "TZ": "UTC",
+        }
         try:
-            return subprocess.Popen([driver, "--port=0"], stdin=subprocess.DEVNULL,
-                                    stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True,
-                                    env={**keep, **home}, cwd=self.folder)
+            return subprocess.Popen(
+                [driver, "--port=0"],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+                env={**keep, **home},
+                cwd=self.folder,
+            )
         except OSError as error:
             raise MissingExtra(f"{driver} does not start: {error}", hint=INSTALL) from None
 
-    def _open(self, programs: Programs, port: int, hosts: Sequence[str], user_agent: str, viewport: tuple[int, int],
-              page_seconds: float) -> None:
+    def _open(
+        self,
+        programs: Programs,
+        port: int,
+        hosts: Sequence[str],
+        user_agent: str,
+        viewport: tuple[int, int],
+        page_seconds: float,
+    ) -> None:
         from selenium.common.exceptions import SessionNotCreatedException, WebDriverException
         from selenium.webdriver import ChromeOptions
         from selenium.webdriver.chrome.remote_connection import ChromeRemoteConnection
@@ -82,18 +133,27 @@ class Browser:
         options.set_capability("goog:loggingPrefs", {})
         # A host with a port stands for that port alone: on loopback, another port is another service.
         rules = ", ".join([*(f"MAP {host} {host}" for host in hosts), "MAP * ~NOTFOUND"])
-        flags = [*FLAGS, f"--window-size={viewport[0]},{viewport[1]}", f"--user-agent={user_agent}",
-                 f"--host-resolver-rules={rules}", f"--user-data-dir={self.folder}/profile"]
+        flags = [
+            *FLAGS,
+            f"--window-size={viewport[0]},{viewport[1]}",
+            f"--user-agent={user_agent}",
+            f"--host-resolver-rules={rules}",
+            f"--user-data-dir={self.folder}/profile",
+        ]
         if hasattr(os, "geteuid") and os.geteuid() == 0:
             flags.append("--no-sandbox")  # Chromium's own sandbox can't be set up by root
         for flag in flags:
             options.add_argument(flag)
         # Selenium waits longer than the page may take: the driver's own limits answer first.
-        config = ClientConfig(remote_server_addr=f"http://127.0.0.1:{port}", keep_alive=True, timeout=int(page_seconds) + 15)
+        config = ClientConfig(
+            remote_server_addr=f"http://127.0.0.1:{port}", keep_alive=True, timeout=int(page_seconds) + 15
+        )
         try:
             with self.within(START_SECONDS + 15):
-                self._driver = WebDriver(command_executor=ChromeRemoteConnection(f"http://127.0.0.1:{port}", client_config=config),
-                                         options=options)
+                self._driver = WebDriver(
+                    command_executor=ChromeRemoteConnection(f"http://127.0.0.1:{port}", client_config=config),
+                    options=options,
+                )
         except SessionNotCreatedException as error:
             said = (error.msg or "").splitlines()[0]
             raise MissingExtra(f"{programs.driver} can't start {programs.browser}: {said}", hint=INSTALL) from None
@@ -108,8 +168,10 @@ class Browser:
         patterns = [{"urlPattern": f"{origin}/*", "block": False} for origin in origins]
         patterns += [{"urlPattern": f"{scheme}://*:*/*", "block": True} for scheme in ("http", "https", "ws", "wss")]
         self.devtools("Network.setBlockedURLs", {"urlPatterns": patterns})
-        self.devtools("Emulation.setDeviceMetricsOverride",
-                      {"width": viewport[0], "height": viewport[1], "deviceScaleFactor": 1, "mobile": False})
+        self.devtools(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": viewport[0], "height": viewport[1], "deviceScaleFactor": 1, "mobile": False},
+        )
         self.devtools("Browser.setDownloadBehavior", {"behavior": "deny"})
         if before:
             self.devtools("Page.addScriptToEvaluateOnNewDocument", {"source": before})

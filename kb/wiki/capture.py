@@ -14,9 +14,11 @@ from kb.wiki import screenshot
 from kb.wiki.browser import Browser, origin
 
 _READY = "return await window.__kb.ready(arguments[0]);"
-_MEASURE = "return [Math.max(document.documentElement.scrollWidth, document.documentElement.clientWidth)," \
+_MEASURE = (
+    "return [Math.max(document.documentElement.scrollWidth, document.documentElement.clientWidth),"
     " Math.max(document.documentElement.scrollHeight, document.documentElement.clientHeight), document.images.length];"
-_HTML = "return '<!DOCTYPE html>\\n' + document.documentElement.outerHTML;"
+)
+_HTML = "return ('<!DOCTYPE html>\\n' + document.documentElement.outerHTML).toWellFormed();"
 # Style sheets and scripts decide where things stand; pictures were tried again while settling.
 _BROKEN = """
 return performance.getEntriesByType("resource")
@@ -61,7 +63,9 @@ class Stopwatch:
         self._last = now
 
 
-def capture(browser: Browser, url: str, picture: Path, rules: dict[str, Any], *, max_height: int, strict: bool = True) -> Captured:
+def capture(
+    browser: Browser, url: str, picture: Path, rules: dict[str, Any], *, max_height: int, strict: bool = True
+) -> Captured:
     """Load `url` and write its screenshot to `picture`.
 
     `strict` fails when a style sheet or script was not served; the last try takes the page as it
@@ -90,8 +94,11 @@ def capture(browser: Browser, url: str, picture: Path, rules: dict[str, Any], *,
         raise ItemFinal("too_tall", str(page["height"]))
     if page["truncated"]:
         raise ItemFinal("too_many_elements", str(rules["max_elements"]))
-    crops = {e["id"]: screenshot.snapped(e["box"]) for e in extraction["elements"]
-             if e["kind"] == "sprite" and e.get("css") and e["visible"]}
+    crops = {
+        e["id"]: screenshot.snapped(e["box"])
+        for e in extraction["elements"]
+        if e["kind"] == "sprite" and e.get("css") and e["visible"]
+    }
     html = browser.script(_HTML)
     watch.lap("html")
     sprites = screenshot.take(browser, picture, page["width"], page["height"], crops)

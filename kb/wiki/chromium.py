@@ -31,8 +31,10 @@ def find() -> Programs:
         import PIL  # noqa: F401
         import selenium  # noqa: F401
     except ImportError as error:
-        raise MissingExtra(f"the wiki crawl needs the Python package {error.name}",
-                           hint="install the extra: pip install 'lorebase[wiki]'") from None
+        raise MissingExtra(
+            f"the wiki crawl needs the Python package {error.name}",
+            hint="install the extra: pip install 'lorebase[wiki]'",
+        ) from None
     return _find(os.environ.get("PATH", os.defpath), os.environ.get("SE_CACHE_PATH", ""))
 
 
@@ -46,8 +48,10 @@ def _find(path: str, cache_path: str) -> Programs:
         raise MissingExtra(f"{' and '.join(missing)} not found; the wiki is read with a real browser", hint=INSTALL)
     versions = _version(browser), _version(driver)
     if versions[0].split(".")[0] != versions[1].split(".")[0]:
-        raise MissingExtra(f"{driver} is version {versions[1]} and can't drive {browser} version {versions[0]}",
-                           hint=f"the two must have the same major version: {INSTALL}")
+        raise MissingExtra(
+            f"{driver} is version {versions[1]} and can't drive {browser} version {versions[0]}",
+            hint=f"the two must have the same major version: {INSTALL}",
+        )
     return Programs(browser, driver, versions[0])
 
 

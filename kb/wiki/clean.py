@@ -10,6 +10,7 @@ same files whatever the number of workers. The folder is swapped in whole.
 from __future__ import annotations
 
 import json
+import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 PART = 256  # pages a part file
+SCRATCH = ".wiki-"
 TABLES = ("pages", "elements", "cells", "images")
 Row = dict[str, Any]
 
@@ -46,10 +48,14 @@ def clean(run: Run, filters: Sequence[Any], scorer: Any = None) -> Summary:
     with writer(run.root, "wiki"):
         index = read_index(run.root)
         if not index.pages and not index.missing:
-            raise FatalError(f"nothing to filter: {run.root / 'raw' / 'wiki'} has no pages", hint="run `kb wiki crawl` first")
+            raise FatalError(
+                f"nothing to filter: {run.root / 'raw' / 'wiki'} has no pages", hint="run `kb wiki crawl` first"
+            )
         verdicts = Verdicts()
+        for left in (run.root / "clean").glob(f"{SCRATCH}*"):  # of a run that was killed
+            shutil.rmtree(left, ignore_errors=True)
         score = partial(scorer.scores, model, run.root, "wiki") if model else None
-        with tempfile.TemporaryDirectory(prefix=".wiki-", dir=_made(run.root / "clean")) as scratch:
+        with tempfile.TemporaryDirectory(prefix=SCRATCH, dir=_made(run.root / "clean")) as scratch:
             parts = _assemble(run, index, verdicts, Path(scratch))
             if model:
                 scorer.annotate(run, "wiki", _texts(parts))
@@ -58,9 +64,18 @@ def clean(run: Run, filters: Sequence[Any], scorer: Any = None) -> Summary:
                     _write_part(fresh, f"part-{number:05d}.parquet", part, filters, score, verdicts)
                 verdicts.write(fresh)
                 tally = verdicts.tally().check("wiki pages")
-                summary = Summary(source="wiki", crawled=tally.crawled, kept=tally.kept, rejected=tally.rejected, failed=tally.failed,
-                                  pending=tally.pending, missing=len(index.missing), stages=verdicts.stages(),
-                                  tables=dict(verdicts.rows), unknown_keys={})
+                summary = Summary(
+                    source="wiki",
+                    crawled=tally.crawled,
+                    kept=tally.kept,
+                    rejected=tally.rejected,
+                    failed=tally.failed,
+                    pending=tally.pending,
+                    missing=len(index.missing),
+                    stages=verdicts.stages(),
+                    tables=dict(verdicts.rows),
+                    unknown_keys={},
+                )
                 if not model:
                     summary["toxicity"] = "not scored"
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
@@ -70,7 +85,7 @@ def clean(run: Run, filters: Sequence[Any], scorer: Any = None) -> Summary:
 def texts(run: Run) -> Iterator[Any]:
     """The visible text of every captured page, for `kb annotate wiki`."""
     index = read_index(run.root)
-    with tempfile.TemporaryDirectory(prefix=".wiki-", dir=_made(run.root / "clean")) as scratch:
+    with tempfile.TemporaryDirectory(prefix=SCRATCH, dir=_made(run.root / "clean")) as scratch:
         yield from _texts(_assemble(run, index, Verdicts(), Path(scratch)))
 
 
@@ -86,8 +101,15 @@ class Verdicts:
 
     def reject(self, key: object, stage: str, reason: str, value: object = None, threshold: object = None) -> None:
         """A page that a stage dropped."""
-        self.rejected.append({"key": str(key), "stage": stage, "reason": reason, "value": None if value is None else str(value),
-                              "threshold": None if threshold is None else str(threshold)})
+        self.rejected.append(
+            {
+                "key": str(key),
+                "stage": stage,
+                "reason": reason,
+                "value": None if value is None else str(value),
+                "threshold": None if threshold is None else str(threshold),
+            }
+        )
 
     def wait(self, key: object, reason: str) -> None:
         """A page that waits for something."""
@@ -150,8 +172,15 @@ def _assemble(run: Run, index: Index, verdicts: Verdicts, scratch: Path) -> list
         pages = shown[start : start + PART]
         wanted = {file["key"] for page in pages for file in page["render"]["files"]}
         task = scratch / f"{start // PART:05d}.json"
-        task.write_bytes(msgspec.json.encode(
-            {"pages": pages, "site": site, "files": {key: index.files[key] for key in sorted(wanted) if key in index.files}}))
+        task.write_bytes(
+            msgspec.json.encode(
+                {
+                    "pages": pages,
+                    "site": site,
+                    "files": {key: index.files[key] for key in sorted(wanted) if key in index.files},
+                }
+            )
+        )
         tasks.append((str(run.root), str(task)))
     bar = run.progress.task("pages", len(shown), "pages")
     done: list[Path] = []
@@ -194,7 +223,12 @@ def _texts(parts: list[Path]) -> Iterator[Any]:
 
 
 def _write_part(
-    folder: Path, name: str, part: Path, filters: Sequence[Any], score: Callable[[pa.Array], pa.Table] | None, verdicts: Verdicts,
+    folder: Path,
+    name: str,
+    part: Path,
+    filters: Sequence[Any],
+    score: Callable[[pa.Array], pa.Table] | None,
+    verdicts: Verdicts,
 ) -> None:
     import pyarrow as pa
 

@@ -1,10 +1,10 @@
 """`kb wiki crawl`: list, ask, show, fetch. One round reads what is new since the last one.
 
-    1 list     the titles of all content pages            raw kind titles
-    2 ask      revision, address, contributors            raw kind pages
-    3 compare  vanished and moved pages become tombstones
-    4 show     each new revision in the browser           raw kind renders, raw/wiki/pages/
-    5 fetch    the original pictures                      raw kinds imageinfo, files, raw/wiki/images/
+1 list     the titles of all content pages            raw kind titles
+2 ask      revision, address, contributors            raw kind pages
+3 compare  vanished and moved pages become tombstones
+4 show     each new revision in the browser           raw kind renders, raw/wiki/pages/
+5 fetch    the original pictures                      raw kinds imageinfo, files, raw/wiki/images/
 """
 
 from __future__ import annotations
@@ -74,7 +74,9 @@ class Crawl:
             left = show.show_pages(self, pool, api)
         fetch.fetch_files(self, api)
         if left:
-            raise LimitReached(f"--limit {self.run.limit} reached, {left} pages left", hint="run the same command to go on")
+            raise LimitReached(
+                f"--limit {self.run.limit} reached, {left} pages left", hint="run the same command to go on"
+            )
 
     # -- rounds ----------------------------------------------------------------------------------
 
@@ -143,8 +145,10 @@ class Crawl:
         while items := self.frontier.take("info", BATCH):
             tag = items[0].key.partition(":")[0]
             # One round a call; and long titles would make an address that servers refuse.
-            while len(items) > 1 and (items[-1].key.partition(":")[0] != tag
-                                      or sum(len(item.payload["title"].encode()) * 2 for item in items) > 5000):
+            while len(items) > 1 and (
+                items[-1].key.partition(":")[0] != tag
+                or sum(len(item.payload["title"].encode()) * 2 for item in items) > 5000
+            ):
                 self.frontier.release("info", items.pop().key)
             api.details(tag, titles=[item.payload["title"] for item in items])
             for item in items:
@@ -156,8 +160,11 @@ class Crawl:
 
     def _compare(self, api: Api, number: int) -> None:
         """Ask after the pages that the list no longer has: deleted, moved away, or made a redirect."""
-        gone = [key for key, status, reason, payload in self.frontier.items("pages")
-                if payload["round"] < number and not (status == "skipped" and reason in ("deleted", "moved"))]
+        gone = [
+            key
+            for key, status, reason, payload in self.frontier.items("pages")
+            if payload["round"] < number and not (status == "skipped" and reason in ("deleted", "moved"))
+        ]
         for start in range(0, len(gone), BATCH):
             api.details(str(number), ids=gone[start : start + BATCH])
             signals.stop.check()
@@ -185,20 +192,33 @@ class Crawl:
         section = self.section
         hosts = [browser.host_and_port(self.url), *section.hosts]
         scheme = urlsplit(self.url).scheme
-        origins = [browser.origin(self.url), *(f"{kind}://{host}" for host in section.hosts for kind in {scheme, "https"})]
+        origins = [
+            browser.origin(self.url),
+            *(f"{kind}://{host}" for host in section.hosts for kind in {scheme, "https"}),
+        ]
         return browser.Browser(
-            self.programs, watcher, hosts=hosts, origins=origins, user_agent=self.web.agent,
-            viewport=(section.viewport_width, section.viewport_height), page_seconds=section.page_seconds,
-            before=capture.page_script("settle.js"))
+            self.programs,
+            watcher,
+            hosts=hosts,
+            origins=origins,
+            user_agent=self.web.agent,
+            viewport=(section.viewport_width, section.viewport_height),
+            page_seconds=section.page_seconds,
+            before=capture.page_script("settle.js"),
+        )
 
     def summary(self) -> Summary:
         """The counts of the whole data root, and the requests of this run."""
         pages, files = self.frontier.counts("pages"), self.frontier.counts("files")
         info = self.frontier.counts("info")
         return Summary(
-            crawled=pages.get("done", 0), failed=pages.get("error", 0),
-            pending=pages.get("todo", 0) + pages.get("in_progress", 0), missing=info.get("skipped", 0),
-            gone=pages.get("skipped", 0), pictures=files.get("done", 0),
-            pictures_failed=files.get("error", 0) + files.get("skipped", 0), requests=self.web.requests, new=self.shown)
-
-
+            crawled=pages.get("done", 0),
+            failed=pages.get("error", 0),
+            pending=pages.get("todo", 0) + pages.get("in_progress", 0),
+            missing=info.get("skipped", 0),
+            gone=pages.get("skipped", 0),
+            pictures=files.get("done", 0),
+            pictures_failed=files.get("error", 0) + files.get("skipped", 0),
+            requests=self.web.requests,
+            new=self.shown,
+        )

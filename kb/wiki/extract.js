@@ -13,6 +13,8 @@ const elements = [], cells = [];
 const styles = new Map(), clips = new Map();
 let truncated = false;
 
+// What JSON and Arrow can't hold becomes U+FFFD.
+const sound = (s) => (typeof s === "string" ? s.toWellFormed().replaceAll("\0", "\uFFFD") : s);
 const style = (e) => styles.get(e) || (styles.set(e, getComputedStyle(e)), styles.get(e));
 const isChrome = (e) => SKIP.has(e.tagName) || e.matches(rules.chrome);
 const shown = (e) => e.checkVisibility({ opacityProperty: true, visibilityProperty: true });
@@ -62,6 +64,7 @@ function textOf(nodes, seen, pre) {
     if (block) line();
   };
   for (const node of nodes) take(node, pre);
+  out = sound(out);
   if (pre) return out.replace(/^\n+|\s+$/g, "");
   return out.split("\n").map((part) => part.replace(/\s+/g, " ").trim()).filter(Boolean).join("\n");
 }
@@ -93,13 +96,13 @@ function fileOf(img) {
     ? link.href : null;
 }
 function picture(img) {
-  return { src: img.currentSrc || img.src || null, alt: img.getAttribute("alt"), file: fileOf(img),
+  return { src: img.currentSrc || img.src || null, alt: sound(img.getAttribute("alt")), file: fileOf(img),
     natural: [img.naturalWidth, img.naturalHeight], loaded: img.complete && img.naturalWidth > 0 };
 }
 function nameOf(e) {
   const own = (x) => x && (x.getAttribute("alt") || x.getAttribute("title") || x.getAttribute("aria-label")
     || x.getAttribute("data-minetip-title"));
-  return own(e) || own(e.querySelector("[title], [alt], [aria-label]")) || own(e.closest("a[title], [title], [data-minetip-title]")) || null;
+  return sound(own(e) || own(e.querySelector("[title], [alt], [aria-label]")) || own(e.closest("a[title], [title], [data-minetip-title]")) || null);
 }
 function backgroundOf(e) {
   const found = /url\(["']?(.*?)["']?\)/.exec(style(e).backgroundImage || "");
@@ -239,7 +242,7 @@ walk(root, { parent: null, region: "content", covered: false }, null);
 const conf = window.mw?.config?.get ? { ...window.RLCONF, ...window.mw.config.get() } : window.RLCONF || {};
 return {
   page: { width: pageWidth, height: pageHeight, viewport_width: innerWidth, device_pixel_ratio: devicePixelRatio,
-    url: location.href, title: document.title, page_id: conf.wgArticleId ?? null, revision_id: conf.wgRevisionId ?? null,
+    url: location.href, title: sound(document.title), page_id: conf.wgArticleId ?? null, revision_id: conf.wgRevisionId ?? null,
     redirected_from: conf.wgRedirectedFrom ?? null, truncated },
   elements, cells,
 };

@@ -24,7 +24,10 @@ def fetch_files(crawl: Crawl, api: Api) -> None:
         while items := frontier.take("files", BATCH):
             try:
                 known = _ask(api, items)
-                jobs = [(item, threads.submit(_one, crawl, item, known.get(item.payload.get("title") or "", {}))) for item in items]
+                jobs = [
+                    (item, threads.submit(_one, crawl, item, known.get(item.payload.get("title") or "", {})))
+                    for item in items
+                ]
                 failed: BaseException | None = None
                 for item, job in jobs:
                     try:
@@ -58,8 +61,12 @@ def _one(crawl: Crawl, item: Item, page: dict[str, Any]) -> dict[str, Any]:
     """One file: the answer to be recorded. Raises Stopped when the wiki can't be reached at all."""
     section, web = crawl.section, crawl.web
     info = (page.get("imageinfo") or [{}])[0]
-    answer: dict[str, Any] = {"key": item.key, "title": item.payload.get("title") if info else None,
-                              "license": addresses.file_licence(page), "description": info.get("descriptionurl")}
+    answer: dict[str, Any] = {
+        "key": item.key,
+        "title": item.payload.get("title") if info else None,
+        "license": addresses.file_licence(page),
+        "description": info.get("descriptionurl"),
+    }
     folder = crawl.run.root / "raw" / "wiki" / "images"
     inspect = partial(pictures.inspect, max_pixels=section.max_pixels)
     reason, value = "", None
@@ -75,7 +82,16 @@ def _one(crawl: Crawl, item: Item, page: dict[str, Any]) -> dict[str, Any]:
         except Unreachable as error:
             # One picture that the server can't give is no reason to stop: the next run asks again.
             return {**answer, "outcome": "failed", "reason": str(error)}
-        return {**answer, "outcome": "stored", "url": url, "sha256": sha256, "bytes": size, "media_type": found.media_type,
-                "path": f"raw/wiki/images/{sha256}.{found.extension}", "width": found.width, "height": found.height,
-                "frames": list(found.frames)}
+        return {
+            **answer,
+            "outcome": "stored",
+            "url": url,
+            "sha256": sha256,
+            "bytes": size,
+            "media_type": found.media_type,
+            "path": f"raw/wiki/images/{sha256}.{found.extension}",
+            "width": found.width,
+            "height": found.height,
+            "frames": list(found.frames),
+        }
     return {**answer, "outcome": "final", "reason": reason, "value": value}

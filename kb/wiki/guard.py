@@ -70,8 +70,14 @@ class Guard:
     def __init__(self) -> None:
         # A session of its own: Ctrl-C in the terminal must not end the guard before us.
         self._process = subprocess.Popen(
-            [sys.executable, "-I", "-S", os.path.abspath(__file__)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL, start_new_session=True, env={"PATH": os.defpath}, cwd="/")
+            [sys.executable, "-I", "-S", os.path.abspath(__file__)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            env={"PATH": os.defpath},
+            cwd="/",
+        )
         self._lock = threading.Lock()
 
     def watch(self, leader: int, folder: str) -> None:

@@ -60,7 +60,9 @@ def read_index(root: Path) -> Index:
         if str(key) in gone or index.pages[key].title in gone or key in left:
             del index.pages[key]
     titles = {page.title for page in index.pages.values()}
-    index.missing = {title: reason for title, reason in index.missing.items() if title not in titles and title not in gone}
+    index.missing = {
+        title: reason for title, reason in index.missing.items() if title not in titles and title not in gone
+    }
     return index
 
 

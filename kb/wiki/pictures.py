@@ -12,11 +12,26 @@ import warnings
 from dataclasses import dataclass
 
 _MAGIC = (
-    (b"\x89PNG\r\n\x1a\n", "image/png"), (b"\xff\xd8\xff", "image/jpeg"), (b"GIF87a", "image/gif"), (b"GIF89a", "image/gif"),
-    (b"BM", "image/bmp"), (b"II*\x00", "image/tiff"), (b"MM\x00*", "image/tiff"), (b"\x00\x00\x01\x00", "image/vnd.microsoft.icon"),
+    (b"\x89PNG\r\n\x1a\n", "image/png"),
+    (b"\xff\xd8\xff", "image/jpeg"),
+    (b"GIF87a", "image/gif"),
+    (b"GIF89a", "image/gif"),
+    (b"BM", "image/bmp"),
+    (b"II*\x00", "image/tiff"),
+    (b"MM\x00*", "image/tiff"),
+    (b"\x00\x00\x01\x00", "image/vnd.microsoft.icon"),
 )
-_EXTENSION = {"image/png": "png", "image/jpeg": "jpg", "image/gif": "gif", "image/webp": "webp", "image/avif": "avif",
-              "image/svg+xml": "svg", "image/bmp": "bmp", "image/tiff": "tif", "image/vnd.microsoft.icon": "ico"}
+_EXTENSION = {
+    "image/png": "png",
+    "image/jpeg": "jpg",
+    "image/gif": "gif",
+    "image/webp": "webp",
+    "image/avif": "avif",
+    "image/svg+xml": "svg",
+    "image/bmp": "bmp",
+    "image/tiff": "tif",
+    "image/vnd.microsoft.icon": "ico",
+}
 MAX_FRAMES = 5000
 
 
@@ -101,7 +116,9 @@ def _header_size(kind: str, data: bytes) -> tuple[int | None, int | None]:
 def _svg_size(data: bytes) -> tuple[int | None, int | None]:
     """Width and height of the svg element where they are plain numbers of pixels."""
     head = re.search(rb"<svg\b[^>]*>", data)
-    found = [re.search(rb"\s" + name + rb"""\s*=\s*["']\s*(\d+(?:\.\d+)?)(?:px)?\s*["']""", head[0]) if head else None
-             for name in (b"width", b"height")]
+    found = [
+        re.search(rb"\s" + name + rb"""\s*=\s*["']\s*(\d+(?:\.\d+)?)(?:px)?\s*["']""", head[0]) if head else None
+        for name in (b"width", b"height")
+    ]
     width, height = (round(float(match[1])) if match else None for match in found)
     return width, height

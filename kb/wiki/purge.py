@@ -48,7 +48,11 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
             # Opening the recorder cuts torn frames, closes segments and takes in what was not read yet.
             Recorder(run.root, "wiki", frontier, state.apply).close()
             titles = {payload["title"]: key for key, _, _, payload in frontier.items("pages")}
-            found = {key: str(reason) for key, _, reason, _ in frontier.items("pages", "skipped") if reason in ("deleted", "moved")}
+            found = {
+                key: str(reason)
+                for key, _, reason, _ in frontier.items("pages", "skipped")
+                if reason in ("deleted", "moved")
+            }
             found |= {titles.get(name.replace("_", " "), name): "named" for name in named}
             keys = purge.begin(run.root, "wiki", found)
             if keys:
@@ -59,7 +63,11 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
 
 
 def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
-    strip = Strip(keys, {payload["title"] for key, _, _, payload in frontier.items("pages") if key in keys}, *_own_files(root, keys))
+    strip = Strip(
+        keys,
+        {payload["title"] for key, _, _, payload in frontier.items("pages") if key in keys},
+        *_own_files(root, keys),
+    )
     for path in sorted(strip.paths):
         (root / path).unlink(missing_ok=True)
     for key in keys:
@@ -116,7 +124,10 @@ class Strip:
             left = [page for page in listed if not self._is(page)]
             return envelope if len(left) == len(listed) else _with(envelope, answer, {"allpages": left})
         if kind == "pages":
-            return self._pages(envelope, self.titles | {page["title"] for page in answer.get("query", {}).get("pages", []) if self._is(page)})
+            return self._pages(
+                envelope,
+                self.titles | {page["title"] for page in answer.get("query", {}).get("pages", []) if self._is(page)},
+            )
         return envelope
 
     def _is(self, page: dict[str, Any]) -> bool:

@@ -19,7 +19,7 @@ from kb.wiki.png import PngWriter
 if TYPE_CHECKING:
     from kb.wiki.browser import Browser
 
-TILE = 4096   # CSS px, half of the lowest limit that was seen
+TILE = 4096  # CSS px, half of the lowest limit that was seen
 STRIP = 16
 MAX_CROP = 2048
 
@@ -38,7 +38,9 @@ def snapped(box: Iterable[float]) -> Box:
     return math.floor(x + 0.5), math.floor(y + 0.5), math.floor(x + width + 0.5), math.floor(y + height + 0.5)
 
 
-def take(browser: Browser, path: Path, width: int, height: int, crops: dict[int, Box] | None = None) -> dict[int, bytes]:
+def take(
+    browser: Browser, path: Path, width: int, height: int, crops: dict[int, Box] | None = None
+) -> dict[int, bytes]:
     """Write the picture to `path`; the PNG bytes of each crop.
 
     `width` and `height` are the page's (CSS px, one image px each). Raises Retryable when the
@@ -47,7 +49,8 @@ def take(browser: Browser, path: Path, width: int, height: int, crops: dict[int,
     from PIL import Image
 
     pieces: dict[int, Any] = {
-        key: Image.new("RGB", (right - left, bottom - top)) for key, (left, top, right, bottom) in (crops or {}).items()
+        key: Image.new("RGB", (right - left, bottom - top))
+        for key, (left, top, right, bottom) in (crops or {}).items()
         if 0 < right - left <= MAX_CROP and 0 < bottom - top <= MAX_CROP
     }
     with PngWriter(path, width, height) as png:
@@ -75,9 +78,15 @@ def encode(image: Any) -> bytes:
 def _capture(browser: Browser, top: int, width: int, rows: int) -> Any:
     from PIL import Image
 
-    answer = browser.devtools("Page.captureScreenshot", {
-        "format": "png", "captureBeyondViewport": True, "optimizeForSpeed": True,
-        "clip": {"x": 0, "y": top, "width": width, "height": rows, "scale": 1}})
+    answer = browser.devtools(
+        "Page.captureScreenshot",
+        {
+            "format": "png",
+            "captureBeyondViewport": True,
+            "optimizeForSpeed": True,
+            "clip": {"x": 0, "y": top, "width": width, "height": rows, "scale": 1},
+        },
+    )
     # The size is checked in the header before anything is decoded.
     image = Image.open(io.BytesIO(base64.b64decode(answer["data"])))
     if image.size != (width, rows):

@@ -13,9 +13,9 @@ import msgspec
 import zstandard
 
 from kb.core import clock, signals
-from kb.core.errors import ItemFinal, Retryable
+from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.store import tombstones
-from kb.store.atomic import replacing_folder, write_bytes
+from kb.store.atomic import full_disk_is_resumable, replacing_folder, write_bytes
 from kb.store.frontier import Item
 from kb.wiki import addresses
 from kb.wiki.capture import Captured, capture
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from kb.wiki.api import Api
     from kb.wiki.crawl import Crawl
 
+SCRATCH = ".shot-"
 _ENCODER = msgspec.json.Encoder()
 
 
@@ -33,6 +34,8 @@ def show_pages(crawl: Crawl, pool: Pool, api: Api) -> int:
     """Show every page that is to do, at most --limit of them; how many are left. Raises Stopped."""
     frontier, run = crawl.frontier, crawl.run
     barred = tombstones.keys(run.root, "wiki")
+    for left in _pages_folder(crawl).glob(f"{SCRATCH}*"):  # of a run that was killed
+        shutil.rmtree(left, ignore_errors=True)
     total = frontier.counts("pages").get("todo", 0)
     task = run.progress.task("pages", total if run.limit is None else min(total, run.limit), "pages")
     started = 0
@@ -40,8 +43,13 @@ def show_pages(crawl: Crawl, pool: Pool, api: Api) -> int:
     with ThreadPoolExecutor(run.workers, thread_name_prefix="wiki") as threads:
         flying: dict[Future[dict[str, Any]], Item] = {}
         while True:
-            while stop is None and len(flying) < run.workers and (run.limit is None or started < run.limit) \
-                    and not signals.stop.requested() and (items := frontier.take("pages", 1)):
+            while (
+                stop is None
+                and len(flying) < run.workers
+                and (run.limit is None or started < run.limit)
+                and not signals.stop.requested()
+                and (items := frontier.take("pages", 1))
+            ):
                 item = items[0]
                 if item.key in barred or item.payload["title"] in barred:
                     frontier.skip("pages", item.key, "removed")
@@ -70,24 +78,36 @@ def show_pages(crawl: Crawl, pool: Pool, api: Api) -> int:
 def _page(crawl: Crawl, pool: Pool, item: Item) -> dict[str, Any]:
     """All tries of one page: the answer to be recorded. Raises Stopped, MissingExtra."""
     section, url = crawl.section, item.payload["url"]
-    answer: dict[str, Any] = {"page_id": int(item.key), "title": item.payload["title"], "url": url,
-                              "wanted_revision": item.payload["revision_id"]}
+    answer: dict[str, Any] = {
+        "page_id": int(item.key),
+        "title": item.payload["title"],
+        "url": url,
+        "wanted_revision": item.payload["revision_id"],
+    }
     if not crawl.web.allowed(url):
         return {**answer, "outcome": "robots", "reason": "disallowed", "value": None}
     reason, value = "", None
-    with tempfile.TemporaryDirectory(prefix=".shot-", dir=_pages_folder(crawl)) as scratch:
+    with (
+        full_disk_is_resumable(crawl.run.root),
+        tempfile.TemporaryDirectory(prefix=SCRATCH, dir=_pages_folder(crawl)) as scratch,
+    ):
         picture = Path(scratch) / "screenshot.png"
         for number in range(1, section.max_tries + 1):
             crawl.web.pace.wait()
             try:
-                found = pool.use(lambda browser, last=number == section.max_tries: capture(
-                    browser, url, picture, section.rules, max_height=section.max_page_height, strict=not last))
+                found = pool.use(
+                    lambda browser, last=number == section.max_tries: capture(
+                        browser, url, picture, section.rules, max_height=section.max_page_height, strict=not last
+                    )
+                )
                 shown = found.extraction["page"]["page_id"]
                 if shown and shown != int(item.key):
                     raise ItemFinal("other_page", str(shown))
                 return {**answer, "tries": number, **_store(crawl, item, found, picture)}
             except ItemFinal as error:
                 reason, value = error.reason, error.value
+                if reason in ("http_401", "http_403"):
+                    _blocked(crawl)
                 break
             except Retryable as error:
                 reason, _, said = error.reason.partition(": ")
@@ -97,6 +117,14 @@ def _page(crawl: Crawl, pool: Pool, item: Item) -> dict[str, Any]:
                 elif number < section.max_tries:
                     clock.sleep(0.1 * number)
     return {**answer, "outcome": "failed", "reason": reason, "value": value, "tries": number}
+
+
+def _blocked(crawl: Crawl) -> None:
+    """A refused page may be that page's own matter; a refused front page is not. Raises Blocked."""
+    try:
+        crawl.web.attempt(lambda: crawl.web.get(f"{crawl.url}/", {}))
+    except ItemFinal as error:
+        raise Blocked(f"the wiki refuses us ({error.reason})", hint="wait and run the same command again") from None
 
 
 def _wait_for_wiki(crawl: Crawl, url: str) -> None:
@@ -132,10 +160,19 @@ def _store(crawl: Crawl, item: Item, found: Captured, picture: Path) -> dict[str
     with replacing_folder(folder) as fresh:
         shutil.move(picture, fresh / "screenshot.png")
         (fresh / "page.html.zst").write_bytes(pack.compress(found.html.encode("utf-8", "replace")))
-        (fresh / "extraction.json.zst").write_bytes(pack.compress(_ENCODER.encode({**found.extraction, "sprites": sprites})))
+        (fresh / "extraction.json.zst").write_bytes(
+            pack.compress(_ENCODER.encode({**found.extraction, "sprites": sprites}))
+        )
     seconds = {**found.seconds, "store": round(clock.monotonic() - watch, 4)}
-    return {"outcome": "captured", "revision_id": revision, "folder": str(folder.relative_to(crawl.run.root)),
-            "settled": found.settled, "elements": len(found.extraction["elements"]), "files": files, "seconds": seconds}
+    return {
+        "outcome": "captured",
+        "revision_id": revision,
+        "folder": str(folder.relative_to(crawl.run.root)),
+        "settled": found.settled,
+        "elements": len(found.extraction["elements"]),
+        "files": files,
+        "seconds": seconds,
+    }
 
 
 def _sha256(data: bytes) -> str:
@@ -162,6 +199,6 @@ def _keep(crawl: Crawl, api: Api, item: Item, answer: dict[str, Any]) -> None:
     revision = answer.get("revision_id")
     if revision and revision != item.payload["revision_id"]:
         api.revision(revision)
-    crawl.recorder.record("renders", answer["url"], {"page_id": item.key}, 200 if answer["outcome"] == "captured" else 0, answer)
-
-
+    crawl.recorder.record(
+        "renders", answer["url"], {"page_id": item.key}, 200 if answer["outcome"] == "captured" else 0, answer
+    )

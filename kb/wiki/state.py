@@ -1,9 +1,9 @@
 """What each raw answer means for the frontier. The same function takes live answers and replays.
 
-    kind        key            what is done with it
-    info        round:title    asked for revision, address, contributors (50 a call)
-    pages       page id        rendered when its revision is not the one that was rendered
-    files       address        the original picture is fetched
+kind        key            what is done with it
+info        round:title    asked for revision, address, contributors (50 a call)
+pages       page id        rendered when its revision is not the one that was rendered
+files       address        the original picture is fetched
 """
 
 from __future__ import annotations
@@ -67,8 +67,14 @@ def _note(frontier: Frontier, number: int, page: dict[str, Any], revision: dict[
     key = str(page["pageid"])
     known = frontier.get("pages", key)
     old = known[1] if known else {}
-    payload = {"title": page["title"], "url": page.get("fullurl"), "revision_id": revision["revid"],
-               "round": max(number, old.get("round", 0)), "rendered": old.get("rendered"), "former": old.get("former", [])}
+    payload = {
+        "title": page["title"],
+        "url": page.get("fullurl"),
+        "revision_id": revision["revid"],
+        "round": max(number, old.get("round", 0)),
+        "rendered": old.get("rendered"),
+        "former": old.get("former", []),
+    }
     if known is None:
         frontier.add("pages", [(key, payload)])
         return

@@ -54,13 +54,20 @@ def page_row(info: Row, render: Row, fetched_at: str, site: Row, extraction: Row
     revision = info["revisions"][0]
     text = page_text(extraction["elements"])
     return {
-        "page_id": int(render["page_id"]), "title": info["title"], "url": info["fullurl"],
-        "revision_id": int(render["revision_id"]), "revision_timestamp": clock.parse(revision["timestamp"]),
-        "fetched_at": clock.parse(fetched_at), "license": site.get("license"),
+        "page_id": int(render["page_id"]),
+        "title": info["title"],
+        "url": info["fullurl"],
+        "revision_id": int(render["revision_id"]),
+        "revision_timestamp": clock.parse(revision["timestamp"]),
+        "fetched_at": clock.parse(fetched_at),
+        "license": site.get("license"),
         "contributors_url": addresses.history(site["script"], info["title"]),
         "screenshot_path": f"{render['folder']}/screenshot.png",
-        "page_width": int(page["width"]), "page_height": int(page["height"]), "viewport_width": int(page["viewport_width"]),
-        "device_pixel_ratio": float(page["device_pixel_ratio"]), "word_count": len(text.split()),
+        "page_width": int(page["width"]),
+        "page_height": int(page["height"]),
+        "viewport_width": int(page["viewport_width"]),
+        "device_pixel_ratio": float(page["device_pixel_ratio"]),
+        "word_count": len(text.split()),
     }
 
 
@@ -70,11 +77,24 @@ def element_rows(page_id: int, extraction: Row) -> list[Row]:
     for order, element in enumerate(extraction["elements"]):
         x, y, width, height = map(float, element["box"])
         held = element["text"] if element["kind"] in ("text", "cell", "sprite") else None
-        rows.append({
-            "page_id": page_id, "element_id": element["id"], "parent_id": element["parent"], "kind": element["kind"],
-            "tag": element["tag"], "region": element["region"], "heading_level": element["level"], "text": held,
-            "x": x, "y": y, "width": width, "height": height, "visible": element["visible"], "reading_order": order,
-        })
+        rows.append(
+            {
+                "page_id": page_id,
+                "element_id": element["id"],
+                "parent_id": element["parent"],
+                "kind": element["kind"],
+                "tag": element["tag"],
+                "region": element["region"],
+                "heading_level": element["level"],
+                "text": held,
+                "x": x,
+                "y": y,
+                "width": width,
+                "height": height,
+                "visible": element["visible"],
+                "reading_order": order,
+            }
+        )
     return rows
 
 
@@ -83,11 +103,22 @@ def cell_rows(page_id: int, extraction: Row) -> list[Row]:
     rows = []
     for cell in extraction["cells"]:
         x, y, width, height = map(float, cell["box"])
-        rows.append({
-            "page_id": page_id, "table_id": cell["table"], "row_index": cell["row"], "column_index": cell["column"],
-            "row_span": cell["rowspan"], "column_span": cell["colspan"], "is_header": cell["header"], "text": cell["text"],
-            "x": x, "y": y, "width": width, "height": height,
-        })
+        rows.append(
+            {
+                "page_id": page_id,
+                "table_id": cell["table"],
+                "row_index": cell["row"],
+                "column_index": cell["column"],
+                "row_span": cell["rowspan"],
+                "column_span": cell["colspan"],
+                "is_header": cell["header"],
+                "text": cell["text"],
+                "x": x,
+                "y": y,
+                "width": width,
+                "height": height,
+            }
+        )
     return rows
 
 
@@ -98,14 +129,25 @@ def image_rows(page_id: int, extraction: Row, files: Files) -> list[Row]:
     for element in extraction["elements"]:
         if element["kind"] not in ("image", "sprite", "animation"):
             continue
-        base = {"page_id": page_id, "element_id": element["id"], "alt_text": element.get("alt") or None,
-                "caption": element.get("caption") or None}
+        base = {
+            "page_id": page_id,
+            "element_id": element["id"],
+            "alt_text": element.get("alt") or None,
+            "caption": element.get("caption") or None,
+        }
         if element.get("frames"):
             for index, frame in enumerate(element["frames"]):
                 if row := _file_row(frame.get("src"), files):
                     held = frame.get("duration")
-                    rows.append({**base, **row, "alt_text": frame.get("alt") or base["alt_text"], "frame_index": index,
-                                 "frame_duration_ms": None if held is None else round(held)})
+                    rows.append(
+                        {
+                            **base,
+                            **row,
+                            "alt_text": frame.get("alt") or base["alt_text"],
+                            "frame_index": index,
+                            "frame_duration_ms": None if held is None else round(held),
+                        }
+                    )
             continue
         row = _file_row(element.get("src"), files)
         if row is None:
@@ -114,11 +156,18 @@ def image_rows(page_id: int, extraction: Row, files: Files) -> list[Row]:
         if pixels:
             # An icon of a sheet: the cut-out pixels, not the sheet that it shares with all the others.
             box = [round(n) for n in element["crop"]] if element.get("crop") else None
-            row |= {"path": f"raw/wiki/images/{pixels}.png", "sha256": pixels, "media_type": "image/png",
-                    "width": box[0] if box else None, "height": box[1] if box else None}
+            row |= {
+                "path": f"raw/wiki/images/{pixels}.png",
+                "sha256": pixels,
+                "media_type": "image/png",
+                "width": box[0] if box else None,
+                "height": box[1] if box else None,
+            }
         durations = () if pixels else _durations(element.get("src"), files)
         if durations:
-            rows += [{**base, **row, "frame_index": index, "frame_duration_ms": held} for index, held in enumerate(durations)]
+            rows += [
+                {**base, **row, "frame_index": index, "frame_duration_ms": held} for index, held in enumerate(durations)
+            ]
         else:
             rows.append({**base, **row, "frame_index": None, "frame_duration_ms": None})
     return rows
@@ -130,8 +179,13 @@ def _file_row(src: str | None, files: Files) -> Row | None:
     key = addresses.original(src)
     held = files.get(key) or {}
     stored = held.get("outcome") == "stored"
-    return {"src": held["url"] if stored else key,
-            **{name: held.get(name) if stored else None for name in ("path", "sha256", "media_type", "width", "height", "license")}}
+    return {
+        "src": held["url"] if stored else key,
+        **{
+            name: held.get(name) if stored else None
+            for name in ("path", "sha256", "media_type", "width", "height", "license")
+        },
+    }
 
 
 def _durations(src: str | None, files: Files) -> list[int | None]:
@@ -145,5 +199,7 @@ def site_facts(site: Row, url: str) -> Row:
     server = general.get("server") or url
     if server.startswith("//"):
         server = url.split("//", 1)[0] + server
-    return {"license": addresses.licence(rights.get("url") or None, rights.get("text")),
-            "script": server + (general.get("script") or "/index.php")}
+    return {
+        "license": addresses.licence(rights.get("url") or None, rights.get("text")),
+        "script": server + (general.get("script") or "/index.php"),
+    }

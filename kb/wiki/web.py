@@ -78,7 +78,9 @@ class Web:
         except Retryable as error:
             if error.reason == "http_429":
                 raise Blocked("the wiki answers 429 without end", hint="wait and run the same command again") from None
-            raise Unreachable(f"the wiki does not answer: {error.reason}", hint="the same command goes on where it stopped") from None
+            raise Unreachable(
+                f"the wiki does not answer: {error.reason}", hint="the same command goes on where it stopped"
+            ) from None
 
     @property
     def _session(self) -> Any:
@@ -89,7 +91,12 @@ class Web:
 
     def _fetch(self, url: str, params: dict[str, str]) -> Answer:
         with self._open(url, params, stream=False) as response:
-            return Answer(response.status_code, response.content, response.url, retry.retry_after(response.headers.get("retry-after")))
+            return Answer(
+                response.status_code,
+                response.content,
+                response.url,
+                retry.retry_after(response.headers.get("retry-after")),
+            )
 
     def _open(self, url: str, params: dict[str, str], *, stream: bool) -> Any:
         import requests
@@ -114,7 +121,11 @@ class Web:
             raise ItemFinal("bad_address", type(error).__name__) from None
         if response.status_code == 429 or response.status_code >= 500:
             response.close()
-            raise Retryable(f"http_{response.status_code}", after=retry.retry_after(response.headers.get("retry-after")), unreachable=response.status_code != 429)
+            raise Retryable(
+                f"http_{response.status_code}",
+                after=retry.retry_after(response.headers.get("retry-after")),
+                unreachable=response.status_code != 429,
+            )
         if response.status_code >= 400:
             response.close()
             raise ItemFinal(f"http_{response.status_code}")
@@ -142,7 +153,12 @@ class Web:
                         raise ItemFinal("too_large", f"more than {limit}")
             except requests.RequestException as error:
                 raise Retryable(type(error).__name__, unreachable=True) from None
-            if wanted and wanted.isdigit() and not response.headers.get("content-encoding") and len(held) != int(wanted):
+            if (
+                wanted
+                and wanted.isdigit()
+                and not response.headers.get("content-encoding")
+                and len(held) != int(wanted)
+            ):
                 raise Retryable("cut_off", unreachable=True)
         data = bytes(held)
         found = inspect(data)
@@ -153,4 +169,3 @@ class Web:
             with writing(path) as temporary:
                 temporary.write_bytes(data)
         return digest.hexdigest(), found, len(data)
-
