@@ -18,8 +18,8 @@ from kb.annotate.windows import largest, windows
 from kb.core.errors import MissingExtra, SettingError
 
 PRECISIONS = ("fp32", "bf16", "int8")
-# Within this of a threshold a reduced score may fall on the other side; measured differences are a third of it.
-REACH = {"fp32": 0.0, "bf16": 0.02, "int8": 0.06}
+# Within this of a threshold a reduced score may fall on the other side; half of it was measured, on random weights.
+REACH = {"fp32": 0.0, "bf16": 0.04, "int8": 0.15}
 DECIMALS = 5
 
 
