@@ -19,13 +19,13 @@ QUERIES = [
      """SELECT transcript_kind, count(*) AS videos, round(sum(duration_s) / 3600, 1) AS hours, sum(word_count) AS words
         FROM release.youtube_videos GROUP BY ALL ORDER BY videos DESC""", ["release.youtube_videos"]),
     ("Why were videos left out?",
-     "SELECT stage, reason, count(*) AS videos FROM clean.youtube_rejected GROUP BY ALL ORDER BY videos DESC, ALL LIMIT 8",
+     "SELECT stage, reason, count(*) AS videos FROM clean.youtube_rejected GROUP BY ALL ORDER BY videos DESC, stage, reason LIMIT 8",
      ["clean.youtube_rejected"]),
     ("Which words match most clips, and how long are these?",
      """SELECT keyword, keyword_kind, count(*) AS clips, round(avg(clip_end_s - clip_start_s), 1) AS seconds
         FROM release.pairs GROUP BY ALL ORDER BY clips DESC, keyword LIMIT 8""", ["release.pairs"]),
     ("What does a wiki page consist of?",
-     "SELECT kind, region, count(*) AS elements FROM release.wiki_elements WHERE visible GROUP BY ALL ORDER BY elements DESC, ALL LIMIT 8",
+     "SELECT kind, region, count(*) AS elements FROM release.wiki_elements WHERE visible GROUP BY ALL ORDER BY elements DESC, kind, region LIMIT 8",
      ["release.wiki_elements"]),
     ("What is posted, and how much is it talked about?",
      """SELECT type, count(*) AS posts, round(avg(score)) AS score, sum(num_comments) AS comments
