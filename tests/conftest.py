@@ -14,6 +14,7 @@ hypothesis.settings.register_profile("lorebase", deadline=None, derandomize=True
 hypothesis.settings.load_profile("lorebase")
 
 ROOT = Path(__file__).resolve().parent.parent
+pytest_plugins = ["tests.installed"]
 
 
 def skip_or_fail(reason: str) -> NoReturn:

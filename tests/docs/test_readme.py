@@ -1,0 +1,82 @@
+"""README's blocks: what is shown with output is run and compared, what needs a real service is at least a real command."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from kb.cli.app import TREE
+from tests.cli.conftest import clean_environment
+from tests.cli.test_help import COMMANDS
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.M | re.S)
+
+
+def sessions() -> list[tuple[str, str]]:
+    """(command, output) of every `$ ` line of the console blocks; a command may go on over lines that end in a backslash."""
+    found = []
+    for block in blocks("console"):
+        for part in re.split(r"^\$ ", block, flags=re.M)[1:]:
+            match = re.match(r"((?:.*\\\n)*.*)\n(.*)", part, re.S)
+            assert match
+            found.append((match[1], match[2]))
+    return found
+
+
+SESSIONS = sessions()
+
+
+def test_there_are_queries_with_output() -> None:
+    assert len([command for command, _ in SESSIONS if "kb query" in command]) >= 3
+
+
+@pytest.mark.parametrize("number", range(len(SESSIONS)))
+def test_what_is_shown_is_what_comes(number: int, demo: Path, installed: Path) -> None:
+    command, wanted = SESSIONS[number]
+    done = subprocess.run(["bash", "-c", command], cwd=demo, env={**clean_environment(), "PATH": f"{installed}:{os.environ['PATH']}"},
+                          capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.rstrip() == wanted.rstrip()
+
+
+def test_commands_that_are_only_shown_exist() -> None:
+    lines = [line.split("  #")[0].split(" #")[0].strip() for block in (*blocks("bash"), *blocks("")) for line in block.splitlines()]
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M))
+    checked = 0
+    for line in lines:
+        words = shlex.split(line) if line.startswith(("kb ", "make ")) else []
+        if words[:1] == ["make"]:
+            assert {word for word in words[1:] if "=" not in word} <= targets, line
+            checked += 1
+        elif words:
+            name = " ".join(words[1:3]) if " ".join(words[1:3]) in COMMANDS else words[1]
+            assert name in COMMANDS, line
+            known = {option for parameter in COMMANDS[name].params for option in parameter.opts}
+            assert {word for word in words if word.startswith("--") and word != "--"} <= known, line
+            checked += 1
+    assert checked >= 8
+
+
+def test_the_table_of_commands_is_whole() -> None:
+    table = TEXT[TEXT.index("## Commands"):TEXT.index("## ", TEXT.index("## Commands") + 3)]
+    for name in TREE:
+        assert f"kb {name}" in table or "`kb … " in table, name
+    for target in re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text(), re.M):
+        if target not in ("help", "lock", "reference"):
+            assert target in TEXT, target
+
+
+def test_links_lead_somewhere() -> None:
+    for link in re.findall(r"\]\(([^)#]+)\)", TEXT):
+        if "://" not in link:
+            assert (ROOT / link).exists(), link

@@ -1,0 +1,77 @@
+"""The wheel as a user has it: built once, installed outside of the checkout, its demo run once.
+
+Test processes share one of each (the files are made under a lock), as building and the demo take their time.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import sysconfig
+import venv
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from filelock import FileLock
+
+from tests.cli.conftest import clean_environment
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def _once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
+    """A folder that the first test process makes and all use."""
+    base = factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        base = base.parent
+    folder = base / name
+    with FileLock(base / f"{name}.lock"):
+        if not (folder / ".made").exists():
+            folder.mkdir(exist_ok=True)
+            make(folder)
+            (folder / ".made").touch()
+    return folder
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built wheel."""
+
+    def build(folder: Path) -> None:
+        subprocess.run([sys.executable, "-m", "pip", "wheel", "-q", "-q", "--no-deps", "--no-build-isolation", "-w", folder, ROOT], check=True)
+
+    (built,) = _once(tmp_path_factory, "wheel", build).glob("lorebase-*.whl")
+    return built
+
+
+@pytest.fixture(scope="session")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The bin folder of an environment that has the wheel, and the dependencies of this one.
+
+    The dependencies are reached through a .pth file, in which this environment's own .pth files (and so
+    the editable checkout) don't count.
+    """
+
+    def install(folder: Path) -> None:
+        home = folder / "venv"
+        venv.create(home, with_pip=False)
+        subprocess.run([sys.executable, "-m", "pip", "-q", "-q", "--python", home / "bin" / "python", "install", "--no-deps", wheel], check=True)
+        (site,) = (home / "lib").glob("python*/site-packages")
+        (site / "dependencies.pth").write_text("\n".join({sysconfig.get_paths()["purelib"], sysconfig.get_paths()["platlib"]}) + "\n")
+
+    return _once(tmp_path_factory, "installed", install) / "venv" / "bin"
+
+
+@pytest.fixture(scope="session")
+def demo(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the installed `kb demo` was run: its data/demo, and what it printed in demo.out and demo.err."""
+
+    def run(folder: Path) -> None:
+        with (folder / "demo.out").open("w") as out, (folder / "demo.err").open("w") as err:
+            done = subprocess.run([installed / "kb", "demo", "--json"], cwd=folder, env=clean_environment(), stdin=subprocess.DEVNULL,
+                                  stdout=out, stderr=err, check=False)
+        assert done.returncode == 0, (folder / "demo.err").read_text()[-3000:]
+
+    return _once(tmp_path_factory, "demo", run)
