@@ -84,6 +84,25 @@ def export(
     return pipeline.load(str(pipeline.locate("reddit", run.pipeline))).export(run, format.value)
 
 
+@command(app, examples=[
+    "kb reddit reconstruct                                 the data root's own release",
+    "kb reddit reconstruct --ids posts-00000-of-00001.parquet --out full",
+    "kb reddit reconstruct --ids reddit.json --out full    MineDojo's published list: whole trees",
+])
+def reconstruct(
+    run: Run,
+    ids: Annotated[Path | None, typer.Option("--ids", metavar="FILE", help="Full names one a line, a released Parquet file, or MineDojo's reddit.json. [default: release/reddit]")] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Where the tables go. [default: export/reconstructed in the data root]")] = None,
+) -> Summary:
+    """Bring back full posts and comments from released ids, with your own app's key.
+
+    100 ids a request. What is gone is listed in missing.parquet. Cut off, the same command goes on.
+    """
+    from kb.reddit.reconstruction import OUT, rebuild
+
+    return rebuild(run, ids, (out or run.root / OUT).absolute())
+
+
 def _moment(name: str, text: str | None) -> datetime | None:
     from kb.core import clock
     from kb.core.errors import SettingError

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 from kb.core import clock, signals
@@ -41,17 +42,20 @@ class Session:
 
 
 @contextmanager
-def session(run: Run) -> Iterator[Session]:
+def session(run: Run, place: Path | None = None) -> Iterator[Session]:
     """Credentials and identity checked, the writer's lock held, the raw tail replayed.
 
-    Raises MissingCredential and OtherService before anything is sent or written.
+    `place` is where raw answers and state go, the data root when it is not given. Raises
+    MissingCredential and OtherService before anything is sent or written.
     """
     section = run.profile.section("reddit")
     for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
         run.settings.need(name)
-    with writer(run.root, "reddit"):
-        remember(run.root, "reddit", host=run.settings.kb_reddit_endpoint or ROOT, subreddit=section.subreddit.lower())
-        frontier = Frontier(run.root / "state" / "reddit.sqlite")
+    facts = {"host": run.settings.kb_reddit_endpoint or ROOT} | ({"subreddit": section.subreddit.lower()} if place is None else {})
+    place = place or run.root
+    with writer(place, "reddit"):
+        remember(place, "reddit", **facts)
+        frontier = Frontier(place / "state" / "reddit.sqlite")
 
         def spend(endpoint: str, units: int) -> Any:
             row = frontier.spend("requests" if units else "token", units, endpoint)
@@ -59,7 +63,7 @@ def session(run: Run) -> Iterator[Session]:
 
         try:
             client = Client(run.settings, spend, requests_per_minute=section.requests_per_minute, max_tries=section.max_tries)
-            with Recorder(run.root, "reddit", frontier, apply) as recorder:
+            with Recorder(place, "reddit", frontier, apply) as recorder:
                 yield Session(run, frontier, recorder, client, Scrubber(load_key(run.root)))
         finally:
             frontier.close()

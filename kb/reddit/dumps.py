@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import orjson
 import zstandard
 
-CHUNK = 4 << 20         # decompressed bytes looked at in one go
-_BLOCK = 256 << 10       # compressed bytes; may swell to some megabytes
+# Several passes go over a chunk, so it should fit the processor's cache (measured in the bench).
+CHUNK = 1024 << 10       # decompressed bytes looked at in one go
+_BLOCK = 64 << 10       # compressed bytes; mostly swell to one chunk
 
 
 @dataclass
@@ -36,7 +37,7 @@ def pieces(path: Path, seen: Seen) -> Iterator[bytes]:
     would end there without a word, and a plain decompressor after the first frame.
     """
     engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
-    frame, fresh = engine.decompressobj(), True
+    frame, fresh = engine.decompressobj(write_size=CHUNK), True
     held: list[bytes] = []
     size = 0
     with path.open("rb") as file:
@@ -52,7 +53,7 @@ def pieces(path: Path, seen: Seen) -> Iterator[bytes]:
             size += len(data)
             rest = frame.unused_data if frame.eof else b""
             if frame.eof:
-                frame, fresh = engine.decompressobj(), True
+                frame, fresh = engine.decompressobj(write_size=CHUNK), True
             rest = rest or file.read(_BLOCK)
             if size >= CHUNK:
                 yield b"".join(held)
@@ -104,8 +105,7 @@ def search(chunk: bytes, subreddit: str) -> Found:
     name = subreddit.lower()
     needle = b'"' + name.encode() + b'"'
     lines, bad = chunk.count(b"\n"), 0
-    ends_well = chunk.count(b"}\n{") + chunk.count(b"}\r\n{") == lines - 1 and chunk.startswith(b"{") and chunk.endswith((b"}\n", b"}\r\n"))
-    if not ends_well:
+    if chunk.count(b"}\n{") != lines - 1 or not chunk.startswith(b"{") or not chunk.endswith(b"}\n"):
         # Rare: some line is no object. Those that hold the name are counted where they are read.
         bad = sum(1 for line in chunk.splitlines() if line.strip() and needle not in line.lower() and not _whole(line))
     records: list[tuple[int, dict[str, Any]]] = []

@@ -95,10 +95,13 @@ def import_dumps(run: Run, files: Sequence[Path], since: datetime | None = None,
 
 def _run(run: Run, jobs: list[Job]) -> list[Place]:
     task = run.progress.task("import", total=len(jobs), unit="files")
-    places = []
+    places: list[Place] = []
+    before = {job.file: _place(Path(job.root), Path(job.file)).things for job in jobs}
     # With a limit one file after the other: it counts things over all of them.
     with make_executor(run.engine, 1 if run.limit else min(run.workers, len(jobs)), run.scheduler) as executor:
         for place in map_in_order(executor, import_file, _tasks(jobs, places), window=1 if run.limit else 2 * run.workers):
+            # Not the worker's own count: one that dies after its file is done is replaced by one that finds nothing to do.
+            place.fresh = place.things - before[place.file]
             places.append(place)
             task.advance(1, things=sum(done.things for done in places), bad_lines=sum(done.bad_lines for done in places))
             if place.problem:

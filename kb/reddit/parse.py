@@ -62,25 +62,26 @@ class Reader:
             except ValueError as error:
                 raise DamagedData(f"a raw line is no envelope: {error}") from None
         fetched_at, params, status = envelope["fetched_at"], envelope["request"]["params"], envelope["status"]
-        found = list(self._things(envelope["response"])) if status == 200 else []
-        there = {row["fullname"] for row in found if row["state"] == "there"}
+        # Stubs don't say which post they are of; the request does.
+        about = params.get("article") or tree.bare(params.get("link_id"))
+        found = list(self._things(envelope["response"], about)) if status == 200 else []
+        known = {row["fullname"] for row in found}
         asked = asked_for(self._kind, params, status)
-        found += [_row(name, post, "missing") for name, post in asked if name not in there]
+        found += [_row(name, post, "missing") for name, post in asked if name not in known]
         for row in found:
             # A dump's envelope holds records that were read at different times.
             row.setdefault("fetched_at", fetched_at)
             row["live"] = self._live
         return found
 
-    def _things(self, response: Any) -> Iterator[Row]:
+    def _things(self, response: Any, about: str) -> Iterator[Row]:
         for kind, data in tree.things(response):
             if kind == tree.POST:
                 yield self.post(data)
             elif kind == tree.COMMENT:
                 yield self.comment(data)
             else:
-                post = tree.bare(data.get("link_id"))
-                yield from (_row(f"t1_{key}", post, "stub") for key in tree.stub_ids(data))
+                yield from (_row(f"t1_{key}", about, "stub") for key in tree.stub_ids(data))
 
     def post(self, data: dict[str, Any]) -> Row:
         """The row of a post (a submission's fields of any year)."""

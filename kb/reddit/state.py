@@ -34,9 +34,13 @@ def apply(frontier: Frontier, kind: str, envelope: Envelope) -> None:
     elif kind == "comments":
         _page(frontier, params, envelope.status, response)
     elif kind == "morechildren":
-        post = tree.bare(params["link_id"])
-        _stubs(frontier, post, response)
-        frontier.done("more", *str(params["children"]).split(","))
+        _stubs(frontier, tree.bare(params["link_id"]), response)
+        asked = str(params["children"]).split(",")
+        # Some may come back as a stub again: they are asked once more as long as that brings anything.
+        again = {key for thing in tree.things(response) if thing.kind == "more" for key in tree.stub_ids(thing.data)}
+        brought = any(thing.kind == tree.COMMENT for thing in tree.things(response))
+        frontier.done("more", *(key for key in asked if not (brought and key in again)))
+        frontier.release("more", *(key for key in asked if brought and key in again))
     elif kind == "info":
         frontier.done("info", *str(params["id"]).split(","))
 

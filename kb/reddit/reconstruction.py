@@ -1,0 +1,211 @@
+"""`kb reddit reconstruct`: full posts and comments again from ids, with the user's own key.
+
+Known ids go through `info`, 100 full names a request, posts and comments together. Posts of the
+published `reddit.json` have no comment ids: their whole trees are read, with every nested reply.
+Answers wait in a work folder until every id is answered, so a run that was cut off asks again only
+for what was in flight; then tables are written and the work folder goes.
+
+    out/posts/*.parquet  out/comments/*.parquet     the clean tables' columns, scores of models null
+    out/missing.parquet                             key, reason: missing, deleted, removed, purged, forbidden, malformed, failed
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from collections.abc import Iterable, Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from kb.core.context import Run
+from kb.core.errors import FatalError, ItemFinal, KbError, LimitReached, Retryable
+from kb.core.verdict import Summary
+from kb.reddit import tables
+from kb.reddit.client import INFO
+from kb.reddit.crawl import Crawl, Session, session
+from kb.reddit.wanted import Wanted, read_names, read_wanted
+from kb.store.atomic import write_bytes
+from kb.store.tombstones import keys as tombstones
+
+OUT = Path("export", "reconstructed")   # below the data root
+_DONE = ".done.json"
+
+
+class Post(NamedTuple):
+    """A post that is still there; columns as in clean/reddit/posts."""
+
+    post_id: str
+    type: str
+    created_utc: datetime
+    score: int
+    num_comments: int | None
+    upvote_ratio: float | None
+    score_source: str
+    fetched_at: datetime
+    title: str
+    body: str | None
+    author_hash: str | None
+    source_url: str | None
+    link_kind: str | None
+    is_crosspost: bool
+    poll_options: list[str] | None
+
+
+class Comment(NamedTuple):
+    """A comment that is still there; columns as in clean/reddit/comments."""
+
+    comment_id: str
+    post_id: str
+    parent_id: str
+    depth: int | None
+    created_utc: datetime
+    score: int | None
+    score_source: str
+    fetched_at: datetime
+    body: str
+    author_hash: str | None
+
+
+class Missing(NamedTuple):
+    """A full name that was asked for and is gone, or (reason "failed") not answered yet."""
+
+    key: str
+    reason: str
+
+
+def reconstruct(ids: Path | str | Iterable[str] | None = None, *, out: Path | str | None = None, run: Run | None = None,
+                profile: str | None = None, **settings: Any) -> Iterator[Post | Comment | Missing]:
+    """Typed rows of released ids, for a notebook: `for row in kb.reddit.reconstruct("posts-00000-of-00001.parquet"): …`
+
+    `ids`: a file or folder as for `--ids`, or full names; by default the data root's own release. `settings`
+    are names of kb.core.settings (`reddit_client_id="…"`, `kb_data="…"`); the environment and `.env` count
+    as for the command. Everything is read first (cut off, the same call goes on), then posts, comments and
+    what is missing come in order. Raises as `rebuild`.
+    """
+    run = run or _run(profile, settings)
+    place = Path(out) if out else run.root / OUT
+    rebuild(run, ids, place)
+    return rows(place)
+
+
+def rows(out: Path) -> Iterator[Post | Comment | Missing]:
+    """The rows of a finished reconstruction."""
+    import pyarrow.parquet as pq
+
+    for name, make in (("posts", Post), ("comments", Comment)):
+        for path in sorted((out / name).glob("*.parquet")):
+            with pq.ParquetFile(path) as file:
+                for batch in file.iter_batches(8_192, columns=list(make._fields)):
+                    yield from (make(**row) for row in batch.to_pylist())
+    for row in pq.read_table(out / "missing.parquet").to_pylist():
+        yield Missing(row["key"], row["reason"])
+
+
+def rebuild(run: Run, ids: Path | str | Iterable[str] | None, out: Path) -> Summary:
+    """Read everything, write the tables. With `--again` a finished reconstruction is read anew.
+
+    Raises SettingError and MissingCredential before anything is sent (exit 2); LimitReached, Blocked,
+    Unreachable and Interrupted (exit 3; the same command goes on); CredentialRefused (exit 1).
+    """
+    for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
+        run.settings.need(name)
+    wanted = _wanted(run, ids)
+    digest = hashlib.sha256(msgspec.json.encode(wanted)).hexdigest()[:16]
+    done, work = out / _DONE, out / f".work-{digest}"
+    if done.exists() and not run.again:
+        old = msgspec.json.decode(done.read_bytes())
+        if old.pop("ids", "") == digest:
+            shutil.rmtree(work, ignore_errors=True)
+            run.progress.say(f"{out}: every id was answered before; --again reads them anew")
+            return Summary(**{**old, "requests": 0})
+    with session(run, work) as at:
+        job = Rebuild(at, wanted)
+        summary = job.run()
+        try:
+            counts = tables.write(work, out, wanted, job.unanswered(), run.profile.section("reddit").links)
+        except KbError as error:
+            error.summary = summary
+            raise
+        summary |= counts
+    if not summary["failed"]:
+        write_bytes(done, msgspec.json.encode({**summary, "ids": digest}))
+        shutil.rmtree(work)
+    return summary
+
+
+class Rebuild(Crawl):
+    """One run over what is wanted; of the crawl it has the reading of trees."""
+
+    KINDS = ("info", "tree", "more", "thread")
+
+    def __init__(self, at: Session, wanted: Wanted) -> None:
+        super().__init__(at, None, None)
+        self.wanted = wanted
+        self.asked = 0
+
+    def _seed(self) -> None:
+        total = len(self.wanted.names) + len(self.wanted.trees)
+        if sum(sum(self.frontier.counts(kind).values()) for kind in ("info", "tree")) < total:
+            self.frontier.add("info", self.wanted.names)
+            self.frontier.add("tree", self.wanted.trees)
+            self.frontier.mark("info", self.gone.intersection(self.wanted.names), "skipped", "purged")
+        for kind in self.KINDS:
+            self.frontier.reopen(kind, "error")
+        self.bar.close()
+        left = sum(self.frontier.counts(kind).get("todo", 0) for kind in ("info", "tree"))
+        self.bar = self.at.run.progress.task("reddit reconstruct", total=left, unit="ids")
+
+    def _step(self) -> bool:
+        limit = self.at.run.limit
+        room = INFO if limit is None else min(INFO, limit - self.asked)
+        if not self.frontier.ready("info"):
+            return super()._step()
+        if room <= 0:
+            raise LimitReached(f"{self.asked} ids were read (--limit {limit})", hint="run the same command to go on")
+        names = [item.key for item in self.frontier.take("info", room)]
+        try:
+            answer = self._wait(lambda: self.at.client.info(names))
+        except Retryable as error:
+            self._failed("info", names, error)
+            return True
+        except ItemFinal as error:
+            raise FatalError(f"Reddit does not answer info ({error})") from None
+        self.at.record("info", "api/info", {"id": ",".join(names)}, 200, answer)
+        self.asked += len(names)
+        self.bar.advance(len(names), requests=self.frontier.requests()[0] - self.before[0])
+        return True
+
+    def summary(self) -> Summary:
+        """Figures of this run and what is left."""
+        counts = {kind: self.frontier.counts(kind) for kind in self.KINDS}
+        return Summary(source="reddit", crawled=self.asked + self.posts, requests=self.frontier.requests()[0] - self.before[0],
+                       pending=sum(counts[kind].get(status, 0) for kind in self.KINDS for status in ("todo", "in_progress")),
+                       failed=sum(counts[kind].get("error", 0) for kind in self.KINDS))
+
+    def unanswered(self) -> dict[str, str]:
+        """What has no answer with content for a reason that is not in the answers: full name → reason."""
+        found = {f"{prefix}{key}": "failed" for kind, prefix in (("info", ""), ("tree", "t3_"), ("more", "t1_"))
+                 for key, *_ in self.frontier.items(kind, "error")}
+        for kind, prefix in (("info", ""), ("tree", "t3_")):
+            for key, _, reason, _ in self.frontier.items(kind, "skipped"):
+                found[f"{prefix}{key}"] = {"404": "missing", "purged": "purged"}.get(reason or "", "forbidden")
+        return found
+
+
+def _wanted(run: Run, ids: Path | str | Iterable[str] | None) -> Wanted:
+    if ids is None:
+        return read_wanted(run.root / "release" / "reddit")
+    return read_wanted(Path(ids)) if isinstance(ids, (str, Path)) else read_names(ids, "ids")
+
+
+def _run(profile: str | None, settings: dict[str, Any]) -> Run:
+    from kb.core.profile import load_profile
+    from kb.core.settings import load_settings
+    from kb.net import redact
+
+    loaded = load_settings(**{**settings, "kb_profile": profile or settings.get("kb_profile")})
+    redact.know(loaded.secret_values())
+    return Run(settings=loaded, profile=load_profile(loaded.kb_profile), root=loaded.kb_data.expanduser().absolute())

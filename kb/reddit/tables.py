@@ -1,0 +1,104 @@
+"""Raw answers of a reconstruction → tables. Rows of one post meet in a bucket, so memory is bounded by one."""
+
+from __future__ import annotations
+
+import zlib
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.core.profile.reddit import Links
+from kb.reddit import parse
+from kb.reddit.assemble import assemble, newest_of
+from kb.reddit.wanted import Wanted
+from kb.schema.tables import Table, table
+from kb.store import rawlog
+from kb.store.atomic import full_disk_is_resumable, replacing_folder
+from kb.store.shards import write_table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+IDS = 200_000   # a bucket
+
+
+def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], links: Links) -> dict[str, int]:
+    """posts/, comments/ and missing.parquet below `out`; how many rows each has. Raises DamagedData, DiskFull."""
+    import pyarrow as pa
+
+    buckets = 1 + (len(wanted.names) + 50 * len(wanted.trees)) // IDS
+    with full_disk_is_resumable(work), ExitStack() as folders:
+        spread = work / "rows"
+        _spread(work, spread, buckets, links)
+        fresh = {name: folders.enter_context(replacing_folder(out / name)) for name in ("posts", "comments")}
+        counts = {"posts": 0, "comments": 0}
+        there: set[str] = set()
+        gone: dict[str, str] = {}
+        for number in range(buckets):
+            newest = {kind: _read(spread / kind / f"{number}.arrow") for kind in parse.KINDS if (spread / kind / f"{number}.arrow").exists()}
+            if not newest:
+                continue
+            made = assemble(newest)
+            posts = made["reddit/posts"]
+            for name, rows in (("posts", posts), ("comments", made["reddit/comments"]({"reddit/posts": posts}))):
+                kept = _sort(rows, table(f"reddit/{name}"), "t3_" if name == "posts" else "t1_", there, gone)
+                if kept.num_rows:
+                    write_table(fresh[name] / f"part-{number:05d}.parquet", kept, f"reddit/{name}")
+                    counts[name] += kept.num_rows
+        for name in ("posts", "comments"):
+            if not counts[name]:
+                write_table(fresh[name] / "part-00000.parquet", table(f"reddit/{name}").arrow().empty_table(), f"reddit/{name}")
+        # Every id is answered or named here; what its answer says wins over how the asking ended.
+        asked = dict.fromkeys([*wanted.names, *(f"t3_{key}" for key in wanted.trees)], "missing")
+        lost = {key: reason for key, reason in {**asked, **gone, **{k: r for k, r in unanswered.items() if k not in gone}}.items() if key not in there}
+        write_table(out / "missing.parquet", pa.table({"key": pa.array(lost.keys(), pa.string()), "reason": pa.array(lost.values(), pa.string())}), "reddit/missing")
+    return {**counts, "missing": len(lost)}
+
+
+def _spread(work: Path, spread: Path, buckets: int, links: Links) -> None:
+    import pyarrow as pa
+
+    with ExitStack() as stack:
+        writers: dict[tuple[str, int], Any] = {}
+        for kind in rawlog.kinds(work, "reddit"):
+            lines = (line for path in rawlog.segments(work, "reddit", kind) for _, line in rawlog.Frames(path))
+            for rows in parse.rows(lines, kind, links):
+                # By post where it is known; what was not answered is on its own.
+                place = [zlib.crc32((post or name).encode()) % buckets for post, name in zip(rows["post_id"].to_pylist(), rows["fullname"].to_pylist(), strict=True)]
+                for number in sorted(set(place)):
+                    if (kind, number) not in writers:
+                        (spread / kind).mkdir(parents=True, exist_ok=True)
+                        writers[kind, number] = stack.enter_context(pa.ipc.new_file(str(spread / kind / f"{number}.arrow"), parse.schema()))
+                    writers[kind, number].write_table(rows.filter(pa.array([one == number for one in place])))
+
+
+def _read(path: Path) -> pa.Table:
+    import pyarrow as pa
+
+    with pa.ipc.open_file(path) as file:
+        return newest_of({"info": file.read_all()})
+
+
+def _sort(rows: pa.Table, declared: Table, prefix: str, there: set[str], gone: dict[str, str]) -> pa.Table:
+    """The rows that are there and whole, with the table's columns; the rest is noted in `gone`."""
+    import pyarrow as pa
+
+    reasons = [_reason(state, why) for state, why in zip(rows["state"].to_pylist(), rows["gone"].to_pylist(), strict=True)]
+    needed = [rows[column.name].is_valid().to_pylist() for column in declared.columns if not column.nullable and column.name in rows.column_names]
+    reasons = [reason or (None if all(whole) else "malformed") for reason, whole in zip(reasons, zip(*needed, strict=True), strict=True)] if needed else reasons
+    for name, reason in zip(rows["fullname"].to_pylist(), reasons, strict=True):
+        if reason is None:
+            there.add(name)
+        else:
+            gone[name] = reason
+    kept = rows.filter(pa.array([reason is None for reason in reasons], pa.bool_()))
+    for field in declared.arrow():
+        if field.name not in kept.column_names:
+            kept = kept.append_column(field.name, pa.nulls(kept.num_rows, field.type))
+    return kept.select(declared.names())
+
+
+def _reason(state: str, gone: str | None) -> str | None:
+    if state != "there":
+        return "missing" if state in ("missing", "stub") else "malformed"
+    return gone

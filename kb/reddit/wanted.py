@@ -1,0 +1,89 @@
+"""What a reconstruction or a purge is asked for: full names, a released Parquet file, the published `reddit.json`."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+from kb.core.errors import SettingError
+
+_NAME = re.compile(r"t[13]_[0-9a-z]{1,13}\Z")
+
+
+class Wanted(NamedTuple):
+    """`names`: full names to ask for by `info`. `trees`: bare ids of posts whose whole trees are to be fetched."""
+
+    names: list[str]
+    trees: list[str]
+
+
+def read_wanted(path: Path) -> Wanted:
+    """The ids of a file, without doubles, in its order. Raises SettingError (exit 2).
+
+    Lines: a full name each. Parquet: `comment_id`, else `post_id`, else full names in `key`. JSON: a list of
+    objects with `id` (bare, as MineDojo published it). A folder: the Parquet files of a release in it.
+    """
+    try:
+        if path.is_dir():
+            files = sorted([*path.glob("posts-*.parquet"), *path.glob("comments-*.parquet")], key=lambda file: (file.name[0] == "c", file.name))
+            if not files:
+                raise SettingError(f"{path} holds no released posts or comments", hint="give --ids FILE, or run `kb reddit export` first")
+            return _names(name for file in files for name in _parquet(file))
+        with path.open("rb") as file:
+            start = file.read(4)
+        if start == b"PAR1":
+            return _names(_parquet(path))
+        text = path.read_text(encoding="utf-8")
+        if path.suffix == ".json" or text.lstrip().startswith("["):
+            return _published(path, text)
+    except OSError as error:
+        raise SettingError(f"--ids {path}: {error.strerror or error}") from None
+    except ValueError as error:
+        raise SettingError(f"--ids {path} can't be read: {str(error).splitlines()[0]}") from None
+    return read_names(text.splitlines(), str(path))
+
+
+def read_names(lines: Iterable[str], where: str) -> Wanted:
+    """Full names, one a line. Raises SettingError naming the first line that is none."""
+    found = []
+    for number, line in enumerate(lines, 1):
+        name = line.strip().lower()
+        if not name:
+            continue
+        if not _NAME.match(name):
+            raise SettingError(f"{where}, line {number}: {line.strip()[:40]!r} is no full name", hint="write posts as t3_… and comments as t1_…")
+        found.append(name)
+    return _names(found)
+
+
+def _names(found: Iterable[str]) -> Wanted:
+    names = list(dict.fromkeys(found))
+    if not names:
+        raise SettingError("there are no ids to ask for", hint="give --ids FILE with full names, a released Parquet file or reddit.json")
+    return Wanted(names, [])
+
+
+def _parquet(path: Path) -> list[str]:
+    import pyarrow.parquet as pq
+
+    columns = pq.read_schema(path).names
+    for column, prefix in (("comment_id", "t1_"), ("post_id", "t3_"), ("key", "")):
+        if column in columns:
+            return [prefix + str(key) for key in pq.read_table(path, columns=[column])[column].to_pylist()]
+    raise SettingError(f"--ids {path} has no column comment_id, post_id or key; it has {', '.join(columns)}")
+
+
+def _published(path: Path, text: str) -> Wanted:
+    data = json.loads(text)
+    if not isinstance(data, list):
+        raise SettingError(f"--ids {path} is no list", hint="MineDojo's reddit.json is a list of objects with an id")
+    ids = [str(entry.get("id") or "" if isinstance(entry, dict) else entry).removeprefix("t3_").lower() for entry in data]
+    for number, key in enumerate(ids, 1):
+        if not _NAME.match(f"t3_{key}"):
+            raise SettingError(f"--ids {path}: entry {number} has no Reddit id")
+    if not ids:
+        raise SettingError(f"--ids {path} is empty")
+    return Wanted([], list(dict.fromkeys(ids)))
