@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from kb.annotate import toxicity
 from kb.annotate.words import word_count_of_lists
@@ -18,15 +18,11 @@ from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.verdict import Summary
 from kb.filters.chain import Chain, Clean, Follow, Kind
-from kb.filters.predicates import AtLeast, AtMost, In, NotIn, NotTrue, Predicate, RatioAtLeast, Waits, passes
+from kb.filters.predicates import AtLeast, AtMost, In, NotTrue, Predicate, RatioAtLeast, passes
 from kb.filters.topic import Topic
+from kb.filters.transcripts import required
 from kb.youtube import parse
-from kb.youtube.assemble import assemble
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-NO_TRANSCRIPT = ("none", "disabled", "unavailable", "age_restricted")
+from kb.youtube.assemble import assemble, unanswered
 
 
 def gate(p: Profile) -> tuple[Predicate, ...]:
@@ -46,7 +42,7 @@ def crawl(run: Run, only: str | None, ids: Path | None, part: tuple[int, int] | 
     return crawl(run, partial(promising, run.profile), only=only, ids=ids, part=part)
 
 
-def promising(p: Profile, videos: pa.Table) -> list[str]:
+def promising(p: Profile, videos: Any) -> list[str]:
     """Of videos as parsed, the ids that are worth asking for a transcript: of the categories, and through the gate."""
     rows = assemble({"videos": videos}, words=word_count_of_lists)["youtube/videos"]
     stages = (NotTrue("missing", stage="missing", reason="missing"), In("category_id", p.youtube.category_ids, stage="topic"), *gate(p))
@@ -74,15 +70,7 @@ def clean(p: Profile) -> Clean:
         chains=(Chain("youtube/videos", "video_id", stages, scores=scored, helpers=("missing", "game_label_id", "game_label", "transcript_outcome")),),
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),
         scorer=toxicity,
-    )
-
-
-def required() -> tuple[Predicate, ...]:
-    """A video without English transcript is dropped; one whose transcript was not asked for yet waits."""
-    return (
-        Waits("transcript_outcome", ("failed",), stage="transcript", reason="transcript", verdict="failed"),
-        Waits("transcript_kind", ("unknown",), stage="transcript", reason="transcript"),
-        NotIn("transcript_outcome", NO_TRANSCRIPT, stage="transcript"),
+        unanswered=unanswered,
     )
 
 

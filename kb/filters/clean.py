@@ -291,14 +291,14 @@ def _unanswered(run: Run, job: Job, spec: Clean) -> dict[str, int]:
     import pyarrow.parquet as pq
 
     assert spec.unanswered is not None
-    known: set[str] = set()
-    for name in [*(chain.table for chain in spec.chains), *(f"shared/{verdict}" for verdict in VERDICTS)]:
+    lost = dict(spec.unanswered(run.root))
+    places = [(chain.table, chain.key, chain.prefix) for chain in spec.chains] + [(f"shared/{verdict}", "key", "") for verdict in VERDICTS]
+    for name, column, prefix in places if lost else ():
         for path in Path(job.out, table(name).short).glob("*.parquet"):
-            column = "key" if name.startswith("shared/") else next(chain.key for chain in spec.chains if chain.table == name)
-            prefix = "" if name.startswith("shared/") else next(chain.prefix for chain in spec.chains if chain.table == name)
-            known |= {f"{prefix}{key}" for key in pq.read_table(path, columns=[column])[column].to_pylist()}
-    known |= _tombstones(job.root, job.source, job.tombstones)
-    lost = {key: reason for key, reason in spec.unanswered(run.root) if key not in known}
+            for key in pq.read_table(path, columns=[column])[column].to_pylist():
+                lost.pop(f"{prefix}{key}", None)
+    for key in _tombstones(job.root, job.source, job.tombstones) if lost else ():
+        lost.pop(key, None)
     if lost:
         rows = pa.table({"key": list(lost), "reason": list(lost.values())})
         write_table(Path(job.out, "failed", "part-crawl.parquet"), rows, "shared/failed")

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.schema.tables import table
+from kb.store.frontier import Frontier
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+VIDEOS = "videos"  # kind in the frontier
 WATCH = "https://www.youtube.com/watch?v="
 
 
@@ -26,6 +29,19 @@ def assemble(newest: dict[str, pa.Table], words: Callable[[Any], pa.Array]) -> d
     if videos is None:
         return {"youtube/transcripts": _tracks(found)}
     return {"youtube/videos": _joined(videos, found, words), "youtube/transcripts": _tracks(found)}
+
+
+def unanswered(root: Path) -> Iterator[tuple[str, str]]:
+    """Videos whose metadata could not be had after all tries, with the reason: (key, reason)."""
+    path = root / "state" / "youtube.sqlite"
+    if not path.exists():
+        return
+    frontier = Frontier(path, readonly=True)
+    try:
+        for key, _, reason, _ in frontier.items(VIDEOS, "error", "skipped"):
+            yield key, reason or "failed"
+    finally:
+        frontier.close()
 
 
 def _joined(videos: pa.Table, found: pa.Table, words: Callable[[Any], pa.Array]) -> pa.Table:

@@ -17,6 +17,7 @@ from kb.core.settings import Settings
 from kb.export import parquet
 from kb.filters.clean import run_clean
 from kb.store import rawlog, tombstones
+from kb.store.frontier import Frontier
 
 GAME = "UCQvWX73GQygcwXOTSf_VDVg"
 MONDAY, TUESDAY = "2026-11-16T12:00:00Z", "2026-11-17T12:00:00Z"
@@ -143,6 +144,18 @@ def test_transcripts_optional(root: Path) -> None:
     assert set(kept) == {"kept", "bare", "none", "disabled", "unread", "broken", "badcues", "roblox"}
     assert {kept[key]["transcript_kind"] for key in ("unread", "broken", "badcues")} == {"unknown"}
     assert set(rows(root, "pending")) == set()
+
+
+def test_videos_that_the_crawl_gave_up_on_are_failed(root: Path) -> None:
+    frontier = Frontier(root / "state" / "youtube.sqlite")
+    frontier.add("videos", ["kept", "lost", "gone", "waiting"])
+    for key in ("kept", "lost", "gone"):
+        frontier.error("videos", key, "status_500")
+    frontier.close()
+    summary = run_clean(run_at(root), "youtube")
+    assert (summary["crawled"], summary["failed"]) == (22, 3)
+    assert rows(root, "failed")["lost"]["reason"] == "status_500"
+    assert set(rows(root, "failed")) == {"lost", "broken", "badcues"}
 
 
 def test_the_newest_answer_wins(root: Path) -> None:
