@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import shutil
 from collections import Counter
-from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -58,7 +57,7 @@ def build(run: Run) -> Summary:
                 shutil.rmtree(other, ignore_errors=True)
         write_text(work / "plan.json", plan)
         complete = _work(run, work)
-        counts = _finish(run, work, mark, complete)
+        counts = _finish(run, work, keywords, mark, complete)
         if complete:
             shutil.rmtree(work)
     summary = _summary(counts, run.root)
@@ -134,7 +133,7 @@ def do_stretch(work: str, path: str, first: int, after: int, name: str) -> tuple
         rows, more = pairs_of(text, tools)
         counts.add(more)
         tables.append(rows)
-    write_text(Path(work, f"{name}.json"), json.dumps({"totals": counts.totals, "keywords": counts.keywords}))
+    write_text(Path(work, f"{name}.json"), json.dumps({"totals": counts.totals, "hits": {what: hits.tolist() for what, hits in counts.hits.items()}}))
     out = Path(work, f"{name}.parquet")
     if tables:
         write_table(out, pa.concat_tables(tables), "pairs/pairs")
@@ -157,23 +156,22 @@ def _plain(keywords: lists.Keywords) -> dict[str, Any]:
     return {"every": [[one.name, one.kind, one.reach] for one in keywords.every], "phrases": keywords.phrases, "of": keywords.of}
 
 
-def _finish(run: Run, work: Path, mark: str, complete: bool) -> dict[str, Any]:
+def _finish(run: Run, work: Path, keywords: lists.Keywords, mark: str, complete: bool) -> dict[str, Any]:
     """Merge what is done into pairs/, with the counts beside it."""
+    import numpy as np
+
     counts = Counts()
     for path in sorted(work.glob("*.parquet")):
         data = json.loads(path.with_suffix(".json").read_text())
-        counts.add(Counts(Counter(data["totals"]), {name: Counter(hits) for name, hits in data["keywords"].items()}))
+        counts.add(Counts(Counter(data["totals"]), {what: np.asarray(hits) for what, hits in data["hits"].items()}))
     known: dict[str, Any] = {"fingerprint": mark, "complete": complete}
     known |= {name: counts.totals[name] for name in _TOTALS}
-    known["keywords"] = {name: dict(sorted(hits.items())) for name, hits in _by_hits(counts)}
+    found = [(keyword.name, counts.of(number)) for number, keyword in enumerate(keywords.every)]
+    known["keywords"] = dict(sorted(((name, hits) for name, hits in found if hits), key=lambda item: (-item[1]["matches"], item[0])))
     with replacing_folder(run.root / "pairs") as fresh:
         sorted_shards(sorted(work.glob("*.parquet")), fresh, "pairs/pairs", rows_per_shard=run.profile.release.rows_per_shard, released=False)
         write_text(fresh / SUMMARY, json.dumps(known, indent=1, ensure_ascii=False) + "\n")
     return known
-
-
-def _by_hits(counts: Counts) -> Iterator[tuple[str, Counter[str]]]:
-    yield from sorted(counts.keywords.items(), key=lambda item: (-item[1]["matches"], item[0]))
 
 
 def _summary(known: dict[str, Any], root: Path) -> Summary:

@@ -19,21 +19,24 @@ if TYPE_CHECKING:
 
 
 class Grown(NamedTuple):
-    """Texts: first byte, byte after the last (white space may be before it), tokens with both ends."""
+    """Texts: first byte, byte after the last (white space may be before it), tokens with both ends, first and last word."""
 
     start: np.ndarray
     end: np.ndarray
     tokens: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
 
 
 def grow(
-    text: Text, counter: Tokens, start: np.ndarray, end: np.ndarray, video: np.ndarray, *,
+    text: Text, counter: Tokens, places: tuple[np.ndarray, np.ndarray], words: tuple[np.ndarray, np.ndarray], video: np.ndarray, *,
     goal: np.ndarray, side: np.ndarray, low: int, high: int,
 ) -> Grown:
-    """`start` and `end`: the phrase's bytes; `goal`: tokens drawn; `side`: tokens out of `goal` for the left, at most."""
+    """`places`: first byte of the phrase and the one after it; `words`: its first and last word; `goal`: tokens
+    drawn; `side`: tokens out of `goal` for the left, at most."""
     import numpy as np
 
-    first, after = text.word_of(start), text.word_of(end - 1) + 1
+    (start, end), first, after = places, words[0], words[1] + 1
     begin, stop = text.first_word(video), text.last_word(video)
     least, most = np.maximum(begin, first - high), np.minimum(stop, after + high)
     counts = counter.of_words(text.spaced, text.words, _within(least, most, len(text.words)))
@@ -49,13 +52,14 @@ def grow(
     further += (total[b] - total[further] > high - ENDS) & (further < a)
     a = np.where(short, further, a)
     tokens = total[b] - total[a] + ENDS
-    grown = Grown(text.words[a], np.append(text.words, len(text.raw))[b], tokens)
+    grown = Grown(text.words[a], np.append(text.words, len(text.raw))[b], tokens, a, b - 1)
     hard = (tokens > high) | ((tokens < low) & ((a > begin) | (b < stop)))
     for one in np.flatnonzero(hard).tolist():
         begins = (int(start[one]), int(end[one])) if tokens[one] > high else (int(grown.start[one]), int(grown.end[one]))
         bounds = (int(text.video_at[video[one]]), int(text.video_end[video[one]]))
         grown.start[one], grown.end[one], grown.tokens[one] = _cut(
             text, counter, begins, bounds, goal=max(low, int(goal[one]) + ENDS), high=high)
+        grown.first[one], grown.last[one] = text.word_of(grown.start[one]), np.searchsorted(text.words, grown.end[one]) - 1
     return grown
 
 

@@ -41,34 +41,38 @@ def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
 
 @dataclass
 class Counts:
-    """What was found: totals, and hits of each keyword by what became of them."""
+    """What was found: totals, and under the same names the hits of each keyword, in the list's order."""
 
     totals: Counter[str] = field(default_factory=Counter)
-    keywords: dict[str, Counter[str]] = field(default_factory=dict)
+    hits: dict[str, np.ndarray] = field(default_factory=dict)
 
     def add(self, other: Counts) -> None:
         """Add another batch's counts."""
         self.totals.update(other.totals)
-        for name, counts in other.keywords.items():
-            self.keywords.setdefault(name, Counter()).update(counts)
+        for what, hits in other.hits.items():
+            self.hits[what] = self.hits[what] + hits if what in self.hits else hits
 
     def tell(self, keywords: Keywords, what: str, which: np.ndarray) -> None:
         """Count the keywords `which` (numbers) under `what`."""
         import numpy as np
 
         self.totals[what] += len(which)
-        for number, count in enumerate(np.bincount(which, minlength=len(keywords.every)).tolist() if len(which) else []):
-            if count:
-                self.keywords.setdefault(keywords.every[number].name, Counter())[what] += count
+        self.hits[what] = np.bincount(which, minlength=len(keywords.every))
+
+    def of(self, keyword: int) -> dict[str, int]:
+        """Hits of one keyword."""
+        return {what: int(hits[keyword]) for what, hits in self.hits.items() if hits[keyword]}
 
 
 class Matches(NamedTuple):
-    """Matches that count, in order: keyword, video, bytes of the phrase."""
+    """Matches that count, in order: keyword, video, bytes of the phrase, its first and last word."""
 
     keyword: np.ndarray
     video: np.ndarray
     start: np.ndarray
     end: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
 
     def take(self, which: np.ndarray) -> Matches:
         """Some of them."""
@@ -82,12 +86,12 @@ def matches(text: Text, tools: Tools, counts: Counts) -> Matches:
     counts.totals["excluded"] += int((keyword == EXCLUDED).sum())
     kept = keyword != EXCLUDED
     keyword, start, end = keyword[kept], found.start[kept], found.end[kept]
-    every = Matches(keyword, text.video_of(start), start, end)
+    every = Matches(keyword, text.video_of(start), start, end, text.word_of(start), text.word_of(end - 1))
     counts.tell(tools.keywords, "matches", keyword)
     certain, reach = tools.keywords.certain[keyword], tools.keywords.reach[keyword]
     if certain.all():
         return every
-    near = choose.supported(text.word_of(start), text.word_of(end - 1), every.video, certain, reach) & (reach != NEVER)
+    near = choose.supported(every.first, every.last, every.video, certain, reach) & (reach != NEVER)
     counts.tell(tools.keywords, "ambiguous", keyword[~certain])
     counts.tell(tools.keywords, "ambiguous_alone", keyword[~near])
     return every.take(near)
@@ -111,7 +115,7 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, Counts]:
     grown = None
     if section.center == "grown":
         grown = _grow(text, tools, found, rng)
-        low, high = _times(text, grown.start, grown.end)
+        low, high = _times(text, grown.first, grown.last)
     else:
         low, high = segment
     center = rng.whole("center", low, high)
@@ -121,8 +125,8 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, Counts]:
     taken = np.flatnonzero(choose.apart(clip_start, clip_end, found.video, rng.bits("rank"), gap, section.max_pairs_per_video))
     found, position, rng = found.take(taken), position[taken], rng.take(taken)
     grown = Grown(*(column[taken] for column in grown)) if grown else _grow(text, tools, found, rng)
-    times = {"segment": tuple(column[taken] for column in segment), "match": _times(text, found.start, found.end),
-             "text": _times(text, grown.start, grown.end), "clip": (clip_start[taken], clip_end[taken])}
+    times = {"segment": tuple(column[taken] for column in segment), "match": _times(text, found.first, found.last),
+             "text": _times(text, grown.first, grown.last), "clip": (clip_start[taken], clip_end[taken])}
     counts.tell(tools.keywords, "pairs", found.keyword)
     return _table(text, tools.keywords, found, grown, position, rng, times, center[taken]), counts
 
@@ -152,7 +156,7 @@ def _lengths(section: Pairs) -> tuple[int, int]:
 def _grow(text: Text, tools: Tools, found: Matches, rng: _Draws) -> Grown:
     section = tools.section
     goal = rng.whole("tokens", section.min_tokens, section.max_tokens)
-    return grow(text, tools.tokens, found.start, found.end, found.video,
+    return grow(text, tools.tokens, (found.start, found.end), (found.first, found.last), found.video,
                 goal=goal, side=rng.whole("side", 0, goal - ENDS), low=section.min_tokens, high=section.max_tokens)
 
 
@@ -167,11 +171,10 @@ def _segment(text: Text, found: Matches) -> tuple[np.ndarray, np.ndarray]:
     return text.cue_start[first], np.maximum.reduceat(np.append(text.cue_end, 0), bounds)[::2]
 
 
-def _times(text: Text, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """When the words from `start` to `end` (bytes) are said."""
+def _times(text: Text, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """When the words from `first` to `last` are said."""
     import numpy as np
 
-    first, last = text.word_of(start), np.searchsorted(text.words, end) - 1
     begin = text.time_of(first)
     return begin, np.maximum(begin, text.time_of(last, after=True))
 

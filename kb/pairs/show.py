@@ -48,7 +48,7 @@ def keyword_lines(run: Run, examples: int = 3, kind: str = "", rare: bool = Fals
         if left == 0:
             break
     task.close()
-    hits = {one.name: counts.keywords.get(one.name, {}) for one in tools.keywords.every}
+    hits = {one.name: counts.of(number) for number, one in enumerate(tools.keywords.every)}
     for number, one in sorted(enumerate(tools.keywords.every), key=lambda item: (-hits[item[1].name].get("matches", 0), item[1].name)):
         found = hits[one.name].get("matches", 0)
         if (found or rare) and kind in ("", one.kind):

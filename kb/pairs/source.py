@@ -13,7 +13,7 @@ from kb.pairs.text import Text
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_ROWS = 256  # transcripts in memory at once: about a million words
+_ROWS = 512  # transcripts in memory at once: about two million words
 _COLUMNS = ["video_id", "kind", "cues"]
 _CUES = 2_000_000  # cues in memory at once, whatever the number of transcripts
 

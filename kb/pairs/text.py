@@ -165,11 +165,19 @@ class Text:
         """When words begin (or end, with `after`), in ms: a cue's time is shared out evenly among its words."""
         import numpy as np
 
-        cue = self.cue_of(self.words[words])
-        first = np.searchsorted(self.words, self.cue_at[cue])
-        count = np.searchsorted(self.words, self.cue_at[cue] + self.cue_size[cue]) - first
+        first_words, counts = self._cue_words
+        cue = np.searchsorted(first_words, words, "right") - 1
+        first, count = first_words[cue], counts[cue]
         span = self.cue_end[cue] - self.cue_start[cue]
         return self.cue_start[cue] + span * np.minimum(words - first + after, count) // np.maximum(count, 1)
+
+    @cached_property
+    def _cue_words(self) -> tuple[np.ndarray, np.ndarray]:
+        """First word and number of words of each cue; of empty ones before a cue with words, too."""
+        import numpy as np
+
+        first = np.searchsorted(self.words, self.cue_at)
+        return first, np.searchsorted(self.words, self.cue_at + self.cue_size) - first
 
     def first_word(self, videos: np.ndarray) -> np.ndarray:
         """The first word of each video."""

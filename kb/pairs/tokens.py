@@ -45,16 +45,18 @@ class Tokens:
         kind, width = (pa.binary(), np.int32) if len(codes) < 2**31 else (pa.large_binary(), np.int64)
         every = pa.Array.from_buffers(kind, len(words), [None, pa.py_buffer(offsets.astype(width)), pa.py_buffer(codes)])
         chosen = every.filter(pa.array(wanted)).dictionary_encode()
-        different = np.fromiter((self._word(one) for one in chosen.dictionary.to_pylist()), np.int32, len(chosen.dictionary))
+        different = np.asarray(self._counts(chosen.dictionary.to_pylist()), np.int32)
         counts = np.zeros(len(words), np.int32)
         if len(different):
             counts[wanted] = different[np.asarray(chosen.indices)]
         return counts
 
-    def _word(self, word: bytes) -> int:
-        count = self._known.get(word)
-        if count is None:
-            count = self.count(word.decode("utf-8", "replace"))
-            if len(self._known) < _MOST_KNOWN:
-                self._known[word] = count
-        return count
+    def _counts(self, words: list[bytes]) -> list[int]:
+        """Tokens of different words."""
+        counts = list(map(self._known.get, words))
+        for place, count in enumerate(counts):
+            if count is None:
+                counts[place] = count = self.count(words[place].decode("utf-8", "replace"))
+                if len(self._known) < _MOST_KNOWN:
+                    self._known[words[place]] = count
+        return counts  # type: ignore[return-value]

@@ -111,7 +111,8 @@ def test_cues_of_automatic_tracks_end_where_the_next_begins(tools) -> None:  # t
 def test_everyday_words_need_an_unmistakable_one_nearby(tools) -> None:  # type: ignore[no-untyped-def]
     def found(said: str) -> set[str]:
         _, counts = pairs_of(Text(transcripts(("v", "asr", [(0, 9, said)]))), tools)
-        return {name for name, hits in counts.keywords.items() if hits["matches"] > hits["ambiguous_alone"]}
+        every = [(keyword.name, counts.of(number)) for number, keyword in enumerate(tools.keywords.every)]
+        return {name for name, hits in every if hits.get("matches", 0) > hits.get("ambiguous_alone", 0)}
 
     assert found("i went to bed") == set()
     assert found("a bed and a chest") == set()  # two everyday words prove nothing
