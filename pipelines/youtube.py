@@ -17,6 +17,7 @@ from kb.annotate.words import word_count_of_lists
 from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.verdict import Summary
+from kb.export import minedojo, parquet
 from kb.filters.chain import Chain, Clean, Follow, Kind
 from kb.filters.predicates import AtLeast, AtMost, In, NotTrue, Predicate, RatioAtLeast, passes
 from kb.filters.topic import Topic
@@ -76,6 +77,4 @@ def clean(p: Profile) -> Clean:
 
 def export(run: Run, format: str) -> Summary:
     """Clean to release/youtube, or to export/minedojo."""
-    from kb.export import minedojo, parquet
-
     return minedojo.youtube(run) if format == "minedojo" else parquet.export(run, "youtube")
