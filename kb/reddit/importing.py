@@ -22,7 +22,7 @@ from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import LimitReached, SettingError
 from kb.core.verdict import Summary
 from kb.reddit.authors import Scrubber, load_key
-from kb.reddit.dumps import Seen, chunks, retrieved, search
+from kb.reddit.dumps import Search, Seen, chunks, retrieved
 from kb.reddit.state import apply
 from kb.store import rawlog
 from kb.store.atomic import full_disk_is_resumable, sync_folder, write_bytes
@@ -96,12 +96,12 @@ def import_dumps(run: Run, files: Sequence[Path], since: datetime | None = None,
 def _run(run: Run, jobs: list[Job]) -> list[Place]:
     task = run.progress.task("import", total=len(jobs), unit="files")
     places: list[Place] = []
-    before = {job.file: _place(Path(job.root), Path(job.file)).things for job in jobs}
+    before = [_place(Path(job.root), Path(job.file)).things for job in jobs]
     # With a limit one file after the other: it counts things over all of them.
     with make_executor(run.engine, 1 if run.limit else min(run.workers, len(jobs)), run.scheduler) as executor:
         for place in map_in_order(executor, import_file, _tasks(jobs, places), window=1 if run.limit else 2 * run.workers):
             # Not the worker's own count: one that dies after its file is done is replaced by one that finds nothing to do.
-            place.fresh = place.things - before[place.file]
+            place.fresh = place.things - before[len(places)]
             places.append(place)
             task.advance(1, things=sum(done.things for done in places), bad_lines=sum(done.bad_lines for done in places))
             if place.problem:
@@ -138,15 +138,16 @@ def import_file(job: Job) -> Place:
     out = Segments(root, file, place, job.segment_bytes)
     waiting: list[dict[str, Any]] = []
     offset, taken = place.offset, 0
+    search = Search(job.subreddit)
     with full_disk_is_resumable(root):
         for start, chunk in chunks(file, seen, skip=place.offset):
-            found = search(chunk, job.subreddit)
+            found = search(chunk, start)
             wanted = [(end, thing) for end, record in found.records if (thing := _wanted(record, job, gone))]
             room = job.limit - taken if job.limit else len(wanted)
             if job.limit and len(wanted) >= room:
                 # Only the part of the chunk up to the last thing taken counts as read.
                 chunk, wanted = chunk[: wanted[room - 1][0]], wanted[:room]
-                found = search(chunk, job.subreddit)
+                found = search(chunk, start)
             for _, thing in wanted:
                 waiting.append({**thing, "data": scrubber.scrub(thing["data"])})
                 if len(waiting) == THINGS:
