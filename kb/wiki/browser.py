@@ -201,7 +201,8 @@ class Browser:
 
     def promise(self, source: str, *arguments: Any) -> Any:
         """One script call that waits for a promise; its value. Raises Retryable."""
-        wrapped = f"const done = arguments[arguments.length - 1]; (async () => {{ {source} }})().then(done, (e) => done({{error: String(e)}}))"
+        wrapped = "const done = arguments[arguments.length - 1];"
+        wrapped += f"(async () => {{ {source} }})().then(done, (e) => done({{error: String(e)}}))"
         return self._ask("execute_async_script", wrapped, *arguments)
 
     def devtools(self, command: str, params: dict[str, Any]) -> Any:

@@ -23,7 +23,8 @@ _HTML = "return ('<!DOCTYPE html>\\n' + document.documentElement.outerHTML).toWe
 _BROKEN = """
 return performance.getEntriesByType("resource")
   .filter((e) => ["link", "script", "css"].includes(e.initiatorType) && e.name.startsWith(location.origin)
-    && (e.responseStatus === 0 && e.transferSize === 0 && e.decodedBodySize === 0 && e.duration > 0 || e.responseStatus >= 500 || e.responseStatus === 429))
+    && (e.responseStatus >= 500 || e.responseStatus === 429
+      || e.responseStatus === 0 && e.transferSize === 0 && e.decodedBodySize === 0 && e.duration > 0))
   .map((e) => e.name);
 """
 _STATUS = """

@@ -14,15 +14,15 @@ from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.store import lock, purge, rawlog
 from kb.store.frontier import Frontier
+from kb.store.purge import Place
 from kb.store.rawlog import Envelope
 from kb.store.recorder import Recorder
 from kb.wiki import state, tables
 
-# Where rows of a page stand: folder under the data root → (table, column).
-ROWS = {
-    **{f"clean/wiki/{name}": (f"wiki/{name}", "page_id") for name in ("pages", "elements", "cells", "images")},
-    **{f"clean/wiki/{verdict}": (f"shared/{verdict}", "key") for verdict in ("rejected", "failed", "pending")},
-}
+ROWS = (
+    *(Place(f"clean/wiki/{name}", f"wiki/{name}", "page_id") for name in ("pages", "elements", "cells", "images")),
+    *(Place(f"clean/wiki/{verdict}", f"shared/{verdict}", "key") for verdict in ("rejected", "failed", "pending")),
+)
 
 
 def read_keys(path: Path) -> list[str]:

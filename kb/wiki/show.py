@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import shutil
 import tempfile
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -106,16 +105,18 @@ def _page(crawl: Crawl, pool: Pool, item: Item) -> dict[str, Any]:
                 return {**answer, "tries": number, **_store(crawl, item, found, picture)}
             except ItemFinal as error:
                 reason, value = error.reason, error.value
-                if reason in ("http_401", "http_403"):
-                    _blocked(crawl)
                 break
             except Retryable as error:
                 reason, _, said = error.reason.partition(": ")
                 value = said or None
-                if error.unreachable or reason.startswith("err_"):
-                    _wait_for_wiki(crawl, url)
+                if error.unreachable or reason.startswith(("err_", "not_loaded")):
+                    if final := _ask_plainly(crawl, url):
+                        reason, value = final.reason, final.value
+                        break
                 elif number < section.max_tries:
                     clock.sleep(0.1 * number)
+    if reason in ("http_401", "http_403"):
+        _blocked(crawl)
     return {**answer, "outcome": "failed", "reason": reason, "value": value, "tries": number}
 
 
@@ -127,10 +128,16 @@ def _blocked(crawl: Crawl) -> None:
         raise Blocked(f"the wiki refuses us ({error.reason})", hint="wait and run the same command again") from None
 
 
-def _wait_for_wiki(crawl: Crawl, url: str) -> None:
-    """A plain request tells what the browser hides: Retry-After, and whether the wiki is there at all."""
-    with contextlib.suppress(ItemFinal):
+def _ask_plainly(crawl: Crawl, url: str) -> ItemFinal | None:
+    """A plain request tells what the browser hides: Retry-After, 4xx without a body, no wiki at all.
+
+    The answer that makes further tries useless, if it is one. Raises Unreachable, Blocked.
+    """
+    try:
         crawl.web.attempt(lambda: crawl.web.get(url, {}))
+    except ItemFinal as error:
+        return error
+    return None
 
 
 def _pages_folder(crawl: Crawl) -> Path:

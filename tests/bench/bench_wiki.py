@@ -1,3 +1,4 @@
+# ruff: noqa: E501
 """The wiki's browser work: one call for a whole page against WebDriver's calls for each element, and
 pages a second with one and two browsers against nothing but loading them with the same browser.
 """
@@ -20,7 +21,18 @@ from kb.wiki.pool import Pool
 
 pytestmark = pytest.mark.bench
 
-PAGES = ("Main_Page", "Saltstone", "Tide_table", "Net_loom", "Harbour_pictures", "Charts", "Weather", "Sailors'_words", "Lamp_buoy", "Long_pier")
+PAGES = (
+    "Main_Page",
+    "Saltstone",
+    "Tide_table",
+    "Net_loom",
+    "Harbour_pictures",
+    "Charts",
+    "Weather",
+    "Sailors'_words",
+    "Lamp_buoy",
+    "Long_pier",
+)
 ROUNDS = 2
 
 
@@ -35,13 +47,21 @@ def section():
     return load_profile("minecraft").wiki
 
 
-@pytest.fixture()
+@pytest.fixture
 def make_pool(wiki, section):
     programs = chromium.find()
 
     def start(watcher):
-        return Browser(programs, watcher, hosts=[host_and_port(wiki)], origins=[origin(wiki)], user_agent="lorebase/bench (+bench@example.org)",
-                       viewport=(1280, 1024), page_seconds=60, before=capture.page_script("settle.js"))
+        return Browser(
+            programs,
+            watcher,
+            hosts=[host_and_port(wiki)],
+            origins=[origin(wiki)],
+            user_agent="lorebase/bench (+bench@example.org)",
+            viewport=(1280, 1024),
+            page_seconds=60,
+            before=capture.page_script("settle.js"),
+        )
 
     return lambda: Pool(start, 600)
 
@@ -67,8 +87,12 @@ def test_one_call_against_webdriver(make_pool, wiki, section):
 
     with make_pool() as pool:
         elements, ours, by_driver, theirs = pool.use(work)
-    assert [(e["tag"], round(e["box"][2])) for e in elements] == [(tag, round(rect["width"])) for tag, _, rect, _ in by_driver]
-    print(f"\n{len(elements)} elements: one call {ours * 1000:.1f} ms, WebDriver {theirs:.2f} s: {theirs / ours:.0f} times")
+    assert [(e["tag"], round(e["box"][2])) for e in elements] == [
+        (tag, round(rect["width"])) for tag, _, rect, _ in by_driver
+    ]
+    print(
+        f"\n{len(elements)} elements: one call {ours * 1000:.1f} ms, WebDriver {theirs:.2f} s: {theirs / ours:.0f} times"
+    )
     assert theirs / ours >= 100
 
 
@@ -101,6 +125,13 @@ def test_pages_a_second(make_pool, wiki, section, tmp_path):
                 for held in seconds:
                     parts.update(held)
     total = sum(parts.values())
-    print(f"\nbare load {loads:.1f} pages/s; whole pages with 1 browser {rates[1]:.2f}, with 2 {rates[2]:.2f} ({rates[2] / rates[1]:.1f} times)")
-    print("where a page's time goes: " + ", ".join(f"{name} {value / len(urls) * 1000:.0f} ms ({value / total:.0%})" for name, value in parts.most_common()))
+    print(
+        f"\nbare load {loads:.1f} pages/s; whole pages with 1 browser {rates[1]:.2f}, with 2 {rates[2]:.2f} ({rates[2] / rates[1]:.1f} times)"
+    )
+    print(
+        "where a page's time goes: "
+        + ", ".join(
+            f"{name} {value / len(urls) * 1000:.0f} ms ({value / total:.0%})" for name, value in parts.most_common()
+        )
+    )
     assert rates[2] > rates[1]

@@ -116,21 +116,31 @@ def pool(programs: chromium.Programs, pages: Pages, section: Any) -> Iterator[Po
     """Browsers that may ask the page server only."""
 
     def start(watcher: Any) -> Browser:
-        return Browser(programs, watcher, hosts=[host_and_port(pages.url)], origins=[pages.url], user_agent="lorebase/test (+test@example.org)",
-                       viewport=(1280, 1024), page_seconds=section.page_seconds, before=capture.page_script("settle.js"))
+        return Browser(
+            programs,
+            watcher,
+            hosts=[host_and_port(pages.url)],
+            origins=[pages.url],
+            user_agent="lorebase/test (+test@example.org)",
+            viewport=(1280, 1024),
+            page_seconds=section.page_seconds,
+            before=capture.page_script("settle.js"),
+        )
 
     with Pool(start, section.page_seconds + 3) as held:
         yield held
 
 
-@pytest.fixture()
+@pytest.fixture
 def look(pool: Pool, section: Any, tmp_path: Path) -> Callable[..., Any]:
     """look(url) → what was captured, with `.picture`, the path of the screenshot."""
 
     def capture_page(url: str, **options: Any) -> Any:
         picture = tmp_path / "screenshot.png"
         rules = {**section.rules, **options.pop("rules", {})}
-        found = pool.use(lambda browser: capture.capture(browser, url, picture, rules, max_height=section.max_page_height, **options))
+        found = pool.use(
+            lambda browser: capture.capture(browser, url, picture, rules, max_height=section.max_page_height, **options)
+        )
         found.picture = picture
         return found
 
@@ -149,6 +159,7 @@ def mediawiki(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     wiki.create()
     wiki.seed(seed.PAGES, drawn)
     shutil.copy(drawn / "sheet.png", wiki.images / "sheet.png")
+    wiki.edit("File:Tall.png", "A jar, under [https://creativecommons.org/licenses/by/4.0/ CC BY 4.0].")
     with wiki.serving():
         yield wiki
 
@@ -159,7 +170,11 @@ def run_on() -> Callable[..., Run]:
 
     def make(root: Path, url: str, *, wiki: dict[str, Any] | None = None, **options: Any) -> Run:
         profile = load_profile("minecraft")
-        profile = profile.model_copy(update={"wiki": profile.wiki.model_copy(update={"page_seconds": 20.0, "settle_seconds": 5.0, **(wiki or {})})})
+        profile = profile.model_copy(
+            update={
+                "wiki": profile.wiki.model_copy(update={"page_seconds": 20.0, "settle_seconds": 5.0, **(wiki or {})})
+            }
+        )
         settings = load_settings(dotenv=False, kb_wiki_url=url, kb_contact="test@example.org")
         return Run(settings=settings, profile=profile, root=root, **{"workers": 2, **options})
 

@@ -1,3 +1,4 @@
+# ruff: noqa: E501  (markup of other languages)
 """A real MediaWiki on loopback: Debian's packages, SQLite, PHP's own server. Seeded in one import.
 
 Run as a script it installs the packages (root and apt needed): `python tests/wiki/mediawiki.py`.
@@ -68,8 +69,12 @@ def install() -> str | None:
         return None
     if os.geteuid() != 0 or not shutil.which("apt-get"):
         return missing()
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "check": False,
-             "env": {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}}
+    quiet = {
+        "stdout": subprocess.DEVNULL,
+        "stderr": subprocess.DEVNULL,
+        "check": False,
+        "env": {**os.environ, "DEBIAN_FRONTEND": "noninteractive"},
+    }
     subprocess.run(["apt-get", "update", "-qq"], **quiet)
     subprocess.run(["apt-get", "install", "-y", "-qq", "--no-install-recommends", *PACKAGES], **quiet)
     return missing()
@@ -86,8 +91,14 @@ class MediaWiki:
             free.bind(("127.0.0.1", 0))
             port = free.getsockname()[1]
         self.url = f"http://127.0.0.1:{port}"
-        self._env = {"PATH": os.environ["PATH"], "HOME": str(folder), "MW_CONFIG_FILE": str(folder / "LocalSettings.php"),
-                     "PHP_CLI_SERVER_WORKERS": "4", "TZ": "UTC", "LANG": "C.UTF-8"}
+        self._env = {
+            "PATH": os.environ["PATH"],
+            "HOME": str(folder),
+            "MW_CONFIG_FILE": str(folder / "LocalSettings.php"),
+            "PHP_CLI_SERVER_WORKERS": "4",
+            "TZ": "UTC",
+            "LANG": "C.UTF-8",
+        }
         self._fill("router.php", ROUTER)
         self.robots("User-agent: *\nDisallow: /wiki/Special:\n")
 
@@ -102,8 +113,15 @@ class MediaWiki:
 
     def php(self, script: str, *arguments: str, text: str = "") -> None:
         """Run a maintenance script."""
-        done = subprocess.run(["php", str(CODE / "maintenance" / f"{script}.php"), *arguments], input=text, text=True,
-                              capture_output=True, env=self._env, check=False, timeout=120)
+        done = subprocess.run(
+            ["php", str(CODE / "maintenance" / f"{script}.php"), *arguments],
+            input=text,
+            text=True,
+            capture_output=True,
+            env=self._env,
+            check=False,
+            timeout=120,
+        )
         if done.returncode:
             raise RuntimeError(f"{script}: {done.stdout[-1500:]} {done.stderr[-1500:]}")
 
@@ -112,9 +130,32 @@ class MediaWiki:
         env = {**self._env}
         del env["MW_CONFIG_FILE"]
         done = subprocess.run(
-            ["php", str(CODE / "maintenance" / "install.php"), "--dbtype", "sqlite", "--dbname", "kiln", "--dbpath", str(self.data),
-             "--confpath", str(self.folder), "--server", self.url, "--scriptpath", "/w", "--pass", "only-for-this-test-1", "Kiln", "Admin"],
-            capture_output=True, text=True, env=env, check=False, timeout=120)
+            [
+                "php",
+                str(CODE / "maintenance" / "install.php"),
+                "--dbtype",
+                "sqlite",
+                "--dbname",
+                "kiln",
+                "--dbpath",
+                str(self.data),
+                "--confpath",
+                str(self.folder),
+                "--server",
+                self.url,
+                "--scriptpath",
+                "/w",
+                "--pass",
+                "only-for-this-test-1",
+                "Kiln",
+                "Admin",
+            ],
+            capture_output=True,
+            text=True,
+            env=env,
+            check=False,
+            timeout=120,
+        )
         if done.returncode:
             raise RuntimeError(done.stdout[-1500:] + done.stderr[-1500:])
         self._fill("LocalSettings.php", SETTINGS)
@@ -133,8 +174,13 @@ class MediaWiki:
     def serving(self) -> Iterator[MediaWiki]:
         """The wiki answers while the block runs; the process group of PHP is ended after it."""
         port = self.url.rsplit(":", 1)[1]
-        process = subprocess.Popen(["php", "-S", f"127.0.0.1:{port}", "-t", str(self.folder), str(self.folder / "router.php")],
-                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=self._env, start_new_session=True)
+        process = subprocess.Popen(
+            ["php", "-S", f"127.0.0.1:{port}", "-t", str(self.folder), str(self.folder / "router.php")],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env=self._env,
+            start_new_session=True,
+        )
         try:
             for _ in range(300):
                 with contextlib.suppress(OSError), urllib.request.urlopen(f"{self.url}/robots.txt", timeout=5):
@@ -151,10 +197,18 @@ def _dump(pages: dict[str, str]) -> str:
     parts = ['<mediawiki xmlns="http://www.mediawiki.org/xml/export-0.11/" version="0.11" xml:lang="en">']
     for day, (title, text) in enumerate(pages.items(), 1):
         css = title.endswith(".css"), title.endswith(".js")
-        model, shape = ("css", "text/css") if css[0] else ("javascript", "text/javascript") if css[1] else ("wikitext", "text/x-wiki")
-        body = f"<model>{model}</model><format>{shape}</format><text xml:space=\"preserve\">{escape(text)}</text>"
-        parts.append(f"<page><title>{escape(title)}</title><ns>0</ns><revision><timestamp>2024-02-{day:02d}T09:00:00Z</timestamp>"
-                     f"<contributor><username>Tamsin</username></contributor>{body}</revision></page>")
+        model, shape = (
+            ("css", "text/css")
+            if css[0]
+            else ("javascript", "text/javascript")
+            if css[1]
+            else ("wikitext", "text/x-wiki")
+        )
+        body = f'<model>{model}</model><format>{shape}</format><text xml:space="preserve">{escape(text)}</text>'
+        parts.append(
+            f"<page><title>{escape(title)}</title><ns>0</ns><revision><timestamp>2024-02-{day:02d}T09:00:00Z</timestamp>"
+            f"<contributor><username>Tamsin</username></contributor>{body}</revision></page>"
+        )
     return "\n".join([*parts, "</mediawiki>"])
 
 

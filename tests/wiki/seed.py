@@ -1,3 +1,4 @@
+# ruff: noqa: E501  (markup of other languages)
 """Own-written pages of an invented valley of kilns, each for a point of the crawl; given under CC0 1.0."""
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ PAGES = {
     "MediaWiki:Common.css": CSS,
     "MediaWiki:Common.js": SCRIPT,
     "Main Page": f"Welcome to the valley. {FILLER}\n* [[Grids]]\n* [[Pictures]]\n",
-    "Grids": FILLER + """
+    "Grids": FILLER
+    + """
 {| class="wikitable"
 |+ Firings
 ! rowspan="2" | Kiln !! colspan="2" | Heat
@@ -51,7 +53,8 @@ after
 | plain
 |}
 """,
-    "Pictures": FILLER + """
+    "Pictures": FILLER
+    + """
 [[File:Tall.png|thumb|60px|alt=A tall jar|The ''tall'' jar.]]
 [[File:Flat.png|frame|none|The flat dish.]]
 <gallery>
@@ -61,23 +64,28 @@ Flat.png|alt=Dish seen from above|The dish again
 <table class="infobox"><tr><td colspan="2">[[File:Flat.png|100px|alt=Boxed]]<div class="infobox-caption">Dish in the box</div></td></tr>
 <tr><th>Weight</th><td>2 kg</td></tr></table>
 """,
-    "Frames": FILLER + """
+    "Frames": FILLER
+    + """
 [[File:Blink.gif|none|frame|Three colours.]]
 [[File:Spin.png|none|frame|Two turns.]]
 <div class="mcui"><span class="invslot animated"><span class="animated-active">[[File:Flat.png|16px|link=]]</span><span>[[File:Tall.png|16px|link=]]</span><span>[[File:Flat.png|16px|link=|alt=again]]</span></span></div>
 """,
-    "Icons": FILLER + """
+    "Icons": FILLER
+    + """
 Take <span class="sprite-file">[[File:Dot.png|16px|link=|alt=Clay]]</span> clay, and <span class="sprite" title="Ash" style="background-position:-16px 0"></span> ash,
 and <span class="sprite" title="Salt" style="background-position:0 -16px"></span> salt.
 """,
-    "Hidden": FILLER + """
+    "Hidden": FILLER
+    + """
 <div style="display:none">Nobody sees this line of text.</div>
 <div style="height:0; overflow:hidden"><p>Nor what is folded away here.</p></div>
 <p style="position:absolute; left:-9999px">Nor what stands beside the page.</p>
 Bare text stands without a paragraph<div>and another in a box.</div>
 """,
     "Regions": """<div class="hatnote">For the river, see elsewhere.</div>
-""" + FILLER + """
+"""
+    + FILLER
+    + """
 == First ==
 ; Glaze : a skin of glass
 # one
@@ -88,15 +96,21 @@ a  b
   c
 </pre>
 === Under first ===
-""" + FILLER + """
+"""
+    + FILLER
+    + """
 == Second ==
 text [[Main Page]]
 == Third ==
 text
 <table class="navbox"><tr><th>Kilns</th><td>North South</td></tr></table>
 """,
-    "Colours": FILLER + "\n" + "".join(
-        f'<p style="margin:0;height:600px;background:rgb({40 + 5 * n},{250 - 5 * n},{(n * 53) % 256})">Stripe {n}</p>\n' for n in range(40)),
+    "Colours": FILLER
+    + "\n"
+    + "".join(
+        f'<p style="margin:0;height:600px;background:rgb({40 + 5 * n},{250 - 5 * n},{(n * 53) % 256})">Stripe {n}</p>\n'
+        for n in range(40)
+    ),
     "Stub": "Too short.",
     "To be moved": "This page goes elsewhere. " + FILLER,
     "To be deleted": "This page is thrown away. " + FILLER,

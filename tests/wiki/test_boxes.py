@@ -1,3 +1,4 @@
+# ruff: noqa: E501  (markup of other languages)
 """Box against pixel: what a box names is what the screenshot shows there, on short pages and very tall ones."""
 
 from __future__ import annotations
@@ -40,10 +41,16 @@ def test_boxes_hold_their_colour(pages, look, name, count, height):
 
 def test_boxes_of_moved_and_fixed_things(pages, look):
     """Fixed bars do not repeat over the tiles, sticky and transformed things stay where their box says."""
-    body = (block(1, "position:fixed;bottom:0;height:40px;width:300px") + block(2, "position:sticky;top:0;height:30px;width:200px")
-            + block(3, "height:30px;width:200px;transform:translate(200px,5px)") + block(4, "height:9000px;width:100px;animation:grow 1s infinite"))
+    body = (
+        block(1, "position:fixed;bottom:0;height:40px;width:300px")
+        + block(2, "position:sticky;top:0;height:30px;width:200px")
+        + block(3, "height:30px;width:200px;transform:translate(200px,5px)")
+        + block(4, "height:9000px;width:100px;animation:grow 1s infinite")
+    )
     style = "<style>@keyframes grow { from { margin-left: 600px } to { margin-left: 900px } }</style>"
-    found = look(pages.put("/boxes/moved", f"<!DOCTYPE html>{style}<body style='margin:0'><div id=content>{body}</div>"))
+    found = look(
+        pages.put("/boxes/moved", f"<!DOCTYPE html>{style}<body style='margin:0'><div id=content>{body}</div>")
+    )
     check(found, 4)
 
 
@@ -57,7 +64,12 @@ def test_wide_page_is_pictured_whole(pages, look):
 
 def test_what_a_container_cuts_off_is_cut_off_the_box(pages, look):
     inner = block(1, "height:500px;width:900px;margin:0") + block(2, "height:40px;margin:0")
-    found = look(pages.put("/boxes/cut", f"<!DOCTYPE html><body style='margin:0'><div id=content><div style='width:300px;height:200px;overflow:hidden'>{inner}</div></div>"))
+    found = look(
+        pages.put(
+            "/boxes/cut",
+            f"<!DOCTYPE html><body style='margin:0'><div id=content><div style='width:300px;height:200px;overflow:hidden'>{inner}</div></div>",
+        )
+    )
     check(found, 1)
     first, second = (e for e in found.extraction["elements"] if e["tag"] == "p")
     assert first["box"] == [0, 0, 300, 200]
@@ -72,7 +84,12 @@ def test_css_sprites_are_cropped_pixel_for_pixel(pages, look, tmp_path):
     pages.put("/sheet.png", held.read_bytes(), "image/png")
     far = '<div style="height:5000px">x</div>'
     icon = '<span class="sprite" title="Ore" style="display:inline-block;width:16px;height:16px;background:url(/sheet.png) -16px 0"></span>'
-    found = look(pages.put("/boxes/sprites", f"<!DOCTYPE html><body style='margin:0'><div id=content><p>{icon} ore</p>{far}<p>{icon}</p></div>"))
+    found = look(
+        pages.put(
+            "/boxes/sprites",
+            f"<!DOCTYPE html><body style='margin:0'><div id=content><p>{icon} ore</p>{far}<p>{icon}</p></div>",
+        )
+    )
     sprites = [e for e in found.extraction["elements"] if e["kind"] == "sprite"]
     assert [e["text"] for e in sprites] == ["Ore", "Ore"]
     assert len(found.sprites) == 2

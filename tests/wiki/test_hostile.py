@@ -1,3 +1,4 @@
+# ruff: noqa: E501  (markup of other languages)
 """Pages that mean harm, or don't know better: each ends with a clear record, and no process stays."""
 
 from __future__ import annotations
@@ -16,12 +17,18 @@ TEXT = "<!DOCTYPE html><div id=content><p>A page that has something to say.</p>"
 
 def bomb(width: int, height: int) -> bytes:
     """A PNG of one colour: small as a file, large when decoded."""
+
     def chunk(name: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
     pack = zlib.compressobj(9)
     rows = b"".join(pack.compress(bytes(1 + width)) for _ in range(height)) + pack.flush()
-    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
-            + chunk(b"IDAT", rows) + chunk(b"IEND", b""))
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
+        + chunk(b"IDAT", rows)
+        + chunk(b"IEND", b"")
+    )
 
 
 def texts(found) -> list[str]:
@@ -45,24 +52,33 @@ def test_three_thousand_cells(pages, look):
 
 
 def test_infinite_animation_and_timers(pages, look):
-    body = TEXT + """<style>@keyframes spin { to { transform: rotate(1turn) } } p { animation: spin .1s infinite }</style>
+    body = (
+        TEXT
+        + """<style>@keyframes spin { to { transform: rotate(1turn) } } p { animation: spin .1s infinite }</style>
     <p id=n>0</p><script>setInterval(() => { n.textContent = +n.textContent + 1 }, 1);
     (function again() { document.title += "x"; requestAnimationFrame(again) })();</script>"""
+    )
     found = look(pages.put("/animation", body))
     assert found.settled
     assert "A page that has something to say." in texts(found)
 
 
 def test_page_that_grows_for_ever(pages, look):
-    body = TEXT + "<script>setInterval(() => document.body.append(Object.assign(document.createElement('p'), {textContent: 'more'})), 20)</script>"
+    body = (
+        TEXT
+        + "<script>setInterval(() => document.body.append(Object.assign(document.createElement('p'), {textContent: 'more'})), 20)</script>"
+    )
     found = look(pages.put("/growing", body))
     assert not found.settled
     assert found.extraction["page"]["height"] >= 1024
 
 
 def test_dialogs_and_windows(pages, look):
-    body = TEXT + """<script>alert(1); confirm(2); prompt(3); print(); window.open('/other');
+    body = (
+        TEXT
+        + """<script>alert(1); confirm(2); prompt(3); print(); window.open('/other');
     window.onbeforeunload = (e) => { e.preventDefault(); return 'stay' };</script>"""
+    )
     assert texts(look(pages.put("/dialogs", body))) == ["A page that has something to say."]
     assert texts(look(pages.put("/after-dialogs", TEXT))) == ["A page that has something to say."]
 
@@ -81,11 +97,14 @@ def test_loop_that_starts_while_settling(pages, look):
         look(pages.put("/late-loop", TEXT + "<script>setTimeout(() => { while (true) {} }, 100)</script>"))
 
 
-@pytest.mark.parametrize("away", [
-    "<meta http-equiv=refresh content='0;url=http://elsewhere.example/'>",
-    "<script>location.href = 'http://elsewhere.example/'</script>",
-    "<script>setTimeout(() => { location.href = 'http://localhost:9/' }, 200)</script>",
-])
+@pytest.mark.parametrize(
+    "away",
+    [
+        "<meta http-equiv=refresh content='0;url=http://elsewhere.example/'>",
+        "<script>location.href = 'http://elsewhere.example/'</script>",
+        "<script>setTimeout(() => { location.href = 'http://localhost:9/' }, 200)</script>",
+    ],
+)
 def test_page_that_leaves(pages, look, away):
     with pytest.raises(ItemFinal, match="redirected_away") as error:
         look(pages.put("/away", TEXT + away))
@@ -127,7 +146,13 @@ def test_dropped_pictures_and_styles_are_asked_again(pages, look, tmp_path):
         return Response("busy", 503) if len(tries) == 1 else Response(data, content_type="image/png")
 
     pages.put("/flaky.png", flaky)
-    found = look(pages.put("/flaky", TEXT + "<img src=/flaky.png loading=lazy><div style='height:9000px'></div><img src=/flaky.png?far loading=lazy>"))
+    found = look(
+        pages.put(
+            "/flaky",
+            TEXT
+            + "<img src=/flaky.png loading=lazy><div style='height:9000px'></div><img src=/flaky.png?far loading=lazy>",
+        )
+    )
     images = [e for e in found.extraction["elements"] if e["kind"] == "image"]
     assert [e["loaded"] for e in images] == [True, True]
     pages.put("/broken.css", lambda request: Response("busy", 503))
@@ -147,8 +172,14 @@ def test_no_other_host_is_asked(pages, serve, look):
         return [b""]
 
     elsewhere = serve(other)
-    look(pages.put("/leaky", f"{TEXT}<img src={elsewhere}/x.png><link rel=stylesheet href={elsewhere}/x.css><script>fetch('{elsewhere}/f')</script>"
-                             f"<iframe src={elsewhere}/frame></iframe><iframe src=http://localhost:{elsewhere.rsplit(':', 1)[1]}/frame2></iframe><script>navigator.sendBeacon('{elsewhere}/b')</script>"), strict=False)
+    look(
+        pages.put(
+            "/leaky",
+            f"{TEXT}<img src={elsewhere}/x.png><link rel=stylesheet href={elsewhere}/x.css><script>fetch('{elsewhere}/f')</script>"
+            f"<iframe src={elsewhere}/frame></iframe><iframe src=http://localhost:{elsewhere.rsplit(':', 1)[1]}/frame2></iframe><script>navigator.sendBeacon('{elsewhere}/b')</script>",
+        ),
+        strict=False,
+    )
     assert asked == []
 
 

@@ -1,3 +1,4 @@
+# ruff: noqa: E501  (markup of other languages)
 """The whole way on a real MediaWiki: crawl, edit, delete, move, crawl again, filter."""
 
 from __future__ import annotations
@@ -14,8 +15,19 @@ from kb.core.pipeline import load, locate
 from kb.store import rawlog, tombstones
 from kb.wiki.crawl import crawl
 
-TITLES = {"Main Page", "Grids", "Pictures", "Frames", "Icons", "Hidden", "Regions", "Colours", "To be moved", "To be deleted",
-          "Öfen & 窯 (100%)"}
+TITLES = {
+    "Main Page",
+    "Grids",
+    "Pictures",
+    "Frames",
+    "Icons",
+    "Hidden",
+    "Regions",
+    "Colours",
+    "To be moved",
+    "To be deleted",
+    "Öfen & 窯 (100%)",
+}
 
 
 def unscored(run):
@@ -42,7 +54,10 @@ def query(run, sql):
 
 
 def elements(run, title, where="true"):
-    return query(run, f"SELECT e.* FROM elements e JOIN pages p USING (page_id) WHERE p.title = '{title}' AND ({where}) ORDER BY reading_order")
+    return query(
+        run,
+        f"SELECT e.* FROM elements e JOIN pages p USING (page_id) WHERE p.title = '{title}' AND ({where}) ORDER BY reading_order",
+    )
 
 
 def test_every_page_is_answered(data):
@@ -69,14 +84,28 @@ def test_page_rows_name_revision_licence_and_contributors(data, mediawiki):
 
 def test_grid_spans_and_nested_tables(data):
     run, *_ = data
-    rows = query(run, "SELECT c.* FROM cells c JOIN pages p USING (page_id) WHERE title = 'Grids' ORDER BY table_id, row_index, column_index")
+    rows = query(
+        run,
+        "SELECT c.* FROM cells c JOIN pages p USING (page_id) WHERE title = 'Grids' ORDER BY table_id, row_index, column_index",
+    )
     tables = sorted({row["table_id"] for row in rows})
     assert len(tables) == 3
-    first = [(r["text"], r["row_index"], r["column_index"], r["row_span"], r["column_span"], r["is_header"]) for r in rows if r["table_id"] == tables[0]]
+    first = [
+        (r["text"], r["row_index"], r["column_index"], r["row_span"], r["column_span"], r["is_header"])
+        for r in rows
+        if r["table_id"] == tables[0]
+    ]
     assert first == [
-        ("Kiln", 0, 0, 2, 1, True), ("Heat", 0, 1, 1, 2, True), ("Low", 1, 1, 1, 1, True), ("High", 1, 2, 1, 1, True),
-        ("North", 2, 0, 1, 1, False), ("700", 2, 1, 2, 1, False), ("900", 2, 2, 1, 1, False),
-        ("South", 3, 0, 1, 1, False), ("950", 3, 2, 1, 1, False)]
+        ("Kiln", 0, 0, 2, 1, True),
+        ("Heat", 0, 1, 1, 2, True),
+        ("Low", 1, 1, 1, 1, True),
+        ("High", 1, 2, 1, 1, True),
+        ("North", 2, 0, 1, 1, False),
+        ("700", 2, 1, 2, 1, False),
+        ("900", 2, 2, 1, 1, False),
+        ("South", 3, 0, 1, 1, False),
+        ("950", 3, 2, 1, 1, False),
+    ]
     texts = [row["text"] for row in rows]
     assert texts.count("deep one") == 1
     assert "before\nafter" in texts
@@ -87,12 +116,19 @@ def test_grid_spans_and_nested_tables(data):
 
 def test_captions_and_originals(data, mediawiki):
     run, *_ = data
-    rows = query(run, """SELECT i.*, region FROM images i JOIN pages p USING (page_id) JOIN elements e USING (page_id, element_id)
-                         WHERE title = 'Pictures' ORDER BY element_id""")
+    rows = query(
+        run,
+        """SELECT i.*, region FROM images i JOIN pages p USING (page_id) JOIN elements e USING (page_id, element_id)
+                         WHERE title = 'Pictures' ORDER BY element_id""",
+    )
     assert [(r["alt_text"], r["caption"], r["region"], r["width"], r["height"]) for r in rows] == [
-        ("A tall jar", "The tall jar.", "content", 120, 400), (None, "The flat dish.", "content", 300, 200),
-        ("In the gallery", "In the gallery", "gallery", 120, 400), ("Dish seen from above", "The dish again", "gallery", 300, 200),
-        ("Boxed", "Dish in the box", "infobox", 300, 200)]
+        ("A tall jar", "The tall jar.", "content", 120, 400),
+        (None, "The flat dish.", "content", 300, 200),
+        ("In the gallery", "In the gallery", "gallery", 120, 400),
+        ("Dish seen from above", "The dish again", "gallery", 300, 200),
+        ("Boxed", "Dish in the box", "infobox", 300, 200),
+    ]
+    assert [r["license"] for r in rows[:2]] == ["CC-BY-4.0", None]
     for row in rows:
         assert "/thumb/" not in row["src"]
         assert row["path"] == f"raw/wiki/images/{row['sha256']}.png"
@@ -102,19 +138,31 @@ def test_captions_and_originals(data, mediawiki):
 
 def test_frames_of_gif_apng_and_scripts(data):
     run, *_ = data
-    rows = query(run, """SELECT i.*, kind FROM images i JOIN pages p USING (page_id) JOIN elements e USING (page_id, element_id)
-                         WHERE title = 'Frames' ORDER BY element_id, frame_index""")
+    rows = query(
+        run,
+        """SELECT i.*, kind FROM images i JOIN pages p USING (page_id) JOIN elements e USING (page_id, element_id)
+                         WHERE title = 'Frames' ORDER BY element_id, frame_index""",
+    )
     assert [(r["kind"], r["media_type"], r["frame_index"], r["frame_duration_ms"]) for r in rows] == [
-        ("image", "image/gif", 0, 300), ("image", "image/gif", 1, 200), ("image", "image/gif", 2, 100),
-        ("image", "image/png", 0, 500), ("image", "image/png", 1, 250),
-        ("animation", "image/png", 0, 1500), ("animation", "image/png", 1, 1500), ("animation", "image/png", 2, 1500)]
+        ("image", "image/gif", 0, 300),
+        ("image", "image/gif", 1, 200),
+        ("image", "image/gif", 2, 100),
+        ("image", "image/png", 0, 500),
+        ("image", "image/png", 1, 250),
+        ("animation", "image/png", 0, 1500),
+        ("animation", "image/png", 1, 1500),
+        ("animation", "image/png", 2, 1500),
+    ]
     assert [r["width"] for r in rows[-3:]] == [300, 120, 300]
 
 
 def test_sprites_have_names_boxes_and_pixels(data):
     run, *_ = data
-    rows = query(run, """SELECT e.text, e.width AS w, e.height AS h, i.* FROM elements e JOIN pages p USING (page_id) JOIN images i USING (page_id, element_id)
-                         WHERE title = 'Icons' AND kind = 'sprite' ORDER BY reading_order""")
+    rows = query(
+        run,
+        """SELECT e.text, e.width AS w, e.height AS h, i.* FROM elements e JOIN pages p USING (page_id) JOIN images i USING (page_id, element_id)
+                         WHERE title = 'Icons' AND kind = 'sprite' ORDER BY reading_order""",
+    )
     assert [(r["text"], r["w"], r["h"]) for r in rows] == [("Clay", 16, 16), ("Ash", 16, 16), ("Salt", 16, 16)]
     colours = []
     for row in rows:
@@ -141,7 +189,12 @@ def test_regions_headings_and_no_chrome(data):
     run, *_ = data
     found = elements(run, "Regions", "kind in ('text', 'cell')")
     assert {e["text"]: e["heading_level"] for e in found if e["heading_level"] and e["region"] == "content"} == {
-        "Regions": 1, "First": 2, "Under first": 3, "Second": 2, "Third": 2}
+        "Regions": 1,
+        "First": 2,
+        "Under first": 3,
+        "Second": 2,
+        "Third": 2,
+    }
     regions = {e["text"]: e["region"] for e in found}
     assert regions["For the river, see elsewhere."] == "hatnote"
     assert regions["North South"] == "navbox"
@@ -174,8 +227,14 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     run, *_ = data
     before = {row["title"]: row["page_id"] for row in query(run, "SELECT title, page_id FROM pages")}
     shown = sum(1 for _ in rawlog.read(run.root, "wiki", "renders"))
-    mediawiki.edit("Grids", "The grid was taken down, and in its place there stands a plain paragraph that says so in more than twenty words of text, all told.")
-    mediawiki.edit("Brand new", "A page that nobody has seen before, and that tells at some length of nothing in particular, in more than twenty words.")
+    mediawiki.edit(
+        "Grids",
+        "The grid was taken down, and in its place there stands a plain paragraph that says so in more than twenty words of text, all told.",
+    )
+    mediawiki.edit(
+        "Brand new",
+        "A page that nobody has seen before, and that tells at some length of nothing in particular, in more than twenty words.",
+    )
     (mediawiki.folder / "moves.txt").write_text("To be moved|Has moved\n")
     mediawiki.php("moveBatch", str(mediawiki.folder / "moves.txt"))
     (mediawiki.folder / "gone.txt").write_text("To be deleted\n")

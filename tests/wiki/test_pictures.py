@@ -21,22 +21,30 @@ def picture(kind: str, size=(8, 6), frames: int = 1, **options) -> bytes:
     return held.getvalue()
 
 
-@pytest.mark.parametrize(("data", "expected"), [
-    (picture("PNG"), ("image/png", 8, 6, ())),
-    (picture("JPEG"), ("image/jpeg", 8, 6, ())),
-    (picture("WEBP"), ("image/webp", 8, 6, ())),
-    (picture("GIF"), ("image/gif", 8, 6, ())),
-    (picture("GIF", frames=3, duration=[100, 200, 300]), ("image/gif", 8, 6, (100, 200, 300))),
-    (picture("PNG", frames=2, duration=[500, 250]), ("image/png", 8, 6, (500, 250))),
-    (b'<?xml version="1.0"?><svg width="30" height="20px" xmlns="x"><script>alert(1)</script></svg>', ("image/svg+xml", 30, 20, ())),
-    (b'<svg xmlns="x" viewBox="0 0 9 9"/>', ("image/svg+xml", None, None, ())),
-])
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (picture("PNG"), ("image/png", 8, 6, ())),
+        (picture("JPEG"), ("image/jpeg", 8, 6, ())),
+        (picture("WEBP"), ("image/webp", 8, 6, ())),
+        (picture("GIF"), ("image/gif", 8, 6, ())),
+        (picture("GIF", frames=3, duration=[100, 200, 300]), ("image/gif", 8, 6, (100, 200, 300))),
+        (picture("PNG", frames=2, duration=[500, 250]), ("image/png", 8, 6, (500, 250))),
+        (
+            b'<?xml version="1.0"?><svg width="30" height="20px" xmlns="x"><script>alert(1)</script></svg>',
+            ("image/svg+xml", 30, 20, ()),
+        ),
+        (b'<svg xmlns="x" viewBox="0 0 9 9"/>', ("image/svg+xml", None, None, ())),
+    ],
+)
 def test_inspect(data, expected):
     found = inspect(data, 10_000)
     assert (found.media_type, found.width, found.height, found.frames) == expected
 
 
-@pytest.mark.parametrize("data", [b"", b"<html><body>Not found</body></html>", b"GIF", picture("PNG")[:20], b"\x89PNG\r\n\x1a\nrubbish"])
+@pytest.mark.parametrize(
+    "data", [b"", b"<html><body>Not found</body></html>", b"GIF", picture("PNG")[:20], b"\x89PNG\r\n\x1a\nrubbish"]
+)
 def test_no_picture(data):
     assert inspect(data, 10_000) is None
 
@@ -55,7 +63,11 @@ def test_large_pictures_are_not_decoded():
 def test_cut_off_animation_keeps_the_frames_that_are_there():
     data = picture("GIF", (64, 64), frames=4, duration=[100, 200, 300, 400])
     found = inspect(data[: len(data) * 6 // 10], 10_000)
-    assert found is None or (1 <= len(found.frames) < 4 and found.frames == (100, 200, 300)[: len(found.frames)]) or found.frames == ()
+    assert (
+        found is None
+        or (1 <= len(found.frames) < 4 and found.frames == (100, 200, 300)[: len(found.frames)])
+        or found.frames == ()
+    )
 
 
 def test_the_type_is_in_the_bytes_not_in_the_name():
@@ -91,7 +103,10 @@ class Repeating:
         import base64
 
         clip = params["clip"]
-        rows = [(clip["y"] + n) % self.limit if clip["height"] > screenshot.STRIP else clip["y"] + n for n in range(clip["height"])]
+        rows = [
+            (clip["y"] + n) % self.limit if clip["height"] > screenshot.STRIP else clip["y"] + n
+            for n in range(clip["height"])
+        ]
         image = Image.new("RGB", (clip["width"], clip["height"]))
         start = rows[0]
         image.paste(self.page.crop((0, start, clip["width"], start + clip["height"])), (0, 0))
