@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -43,12 +44,20 @@ DeviceOption = Annotated[
 ]
 
 
+def _texts(run: Run, source: str) -> Iterator[Any]:
+    """The texts that the source's filter would score: by its pipeline, where that has a way of its own."""
+    from kb.core import pipeline
+    from kb.filters.clean import texts
+
+    own = getattr(pipeline.load(str(pipeline.locate(source, run.pipeline))), "texts", None)
+    return own(run) if own else texts(run, source)
+
+
 def _annotate(run: Run, source: str, precision: Precision, device: Device) -> Summary:
     from kb.annotate.toxicity import Scorer
     from kb.core.errors import KbError
     from kb.core.pipeline import load, locate
     from kb.core.verdict import Summary
-    from kb.filters.clean import texts
 
     run.profile.section(source)
     scorer = Scorer.open(run, source, str(precision), str(device))
