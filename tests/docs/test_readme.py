@@ -27,7 +27,7 @@ def sessions() -> list[tuple[str, str]]:
     found = []
     for block in blocks("console"):
         for part in re.split(r"^\$ ", block, flags=re.M)[1:]:
-            match = re.match(r"((?:.*\\\n)*.*)\n(.*)", part, re.S)
+            match = re.match(r"((?:[^\n]*\\\n)*[^\n]*)\n([\s\S]*)", part)
             assert match
             found.append((match[1], match[2]))
     return found
