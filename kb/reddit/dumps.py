@@ -16,7 +16,8 @@ import orjson
 import zstandard
 
 # Several passes go over a chunk, so it should fit the processor's cache (measured in the bench).
-CHUNK = 1024 << 10       # decompressed bytes looked at in one go
+CHUNK = 512 << 10       # decompressed bytes looked at in one go
+CHECKED = 32 << 20      # decompressed bytes at the beginning of which every line is looked at
 _BLOCK = 64 << 10       # compressed bytes; mostly swell to one chunk
 
 
@@ -100,28 +101,45 @@ class Found(NamedTuple):
     records: list[tuple[int, dict[str, Any]]]
 
 
-def search(chunk: bytes, subreddit: str) -> Found:
-    """The records of a subreddit in a chunk of whole lines, in order."""
-    name = subreddit.lower()
-    needle = b'"' + name.encode() + b'"'
-    lines, bad = chunk.count(b"\n"), 0
-    if chunk.count(b"}\n{") != lines - 1 or not chunk.startswith(b"{") or not chunk.endswith(b"}\n"):
-        # Rare: some line is no object. Those that hold the name are counted where they are read.
-        bad = sum(1 for line in chunk.splitlines() if line.strip() and needle not in line.lower() and not _whole(line))
-    records: list[tuple[int, dict[str, Any]]] = []
-    folded = chunk.lower()
-    place = folded.find(needle)
-    while place >= 0:
-        end = chunk.find(b"\n", place)
-        record = _read(chunk[chunk.rfind(b"\n", 0, place) + 1 : end])
-        if record is None:
-            bad += 1
-        else:
+class Search:
+    """Finds the records of one subreddit in chunks of a dump.
+
+    The name is looked for without case until a record shows how the archive writes it. Every line
+    of the first CHECKED bytes, and of chunks that are mostly the subreddit's, must be an object;
+    elsewhere only lines that hold the name are read, and can be found damaged.
+    """
+
+    def __init__(self, subreddit: str) -> None:
+        self._name = subreddit.lower()
+        self._folded = b'"' + self._name.encode() + b'"'
+        self._exact = b""
+
+    def __call__(self, chunk: bytes, start: int) -> Found:
+        """What a chunk of whole lines at decompressed offset `start` holds, in order."""
+        text, needle = (chunk, self._exact) if self._exact else (chunk.lower(), self._folded)
+        lines, bad = chunk.count(b"\n"), 0
+        records: list[tuple[int, dict[str, Any]]] = []
+        place = text.find(needle)
+        while place >= 0:
+            end = chunk.find(b"\n", place)
+            record = _read(chunk[chunk.rfind(b"\n", 0, place) + 1 : end])
+            if record is None:
+                bad += 1
             # The name may stand in a title: only the field decides.
-            if isinstance(record, dict) and str(record.get("subreddit", "")).lower() == name:
+            elif isinstance(record, dict) and str(record.get("subreddit", "")).lower() == self._name:
                 records.append((end + 1, record))
-        place = folded.find(needle, end)
-    return Found(lines, bad, records)
+            place = text.find(needle, end)
+        if start < CHECKED or 2 * len(records) > lines:
+            bad += self._damaged(chunk, lines, needle, text is chunk)
+        if records and not self._exact:
+            self._exact = b'"' + records[0][1]["subreddit"].encode() + b'"'
+        return Found(lines, bad, records)
+
+    def _damaged(self, chunk: bytes, lines: int, needle: bytes, exact: bool) -> int:
+        """Lines that are no objects; those with the name were counted where they were read."""
+        if chunk.count(b"}\n{") == lines - 1 and chunk.startswith(b"{") and chunk.endswith(b"}\n"):
+            return 0
+        return sum(1 for line in chunk.splitlines() if line.strip() and needle not in (line if exact else line.lower()) and not _whole(line))
 
 
 def _read(line: bytes) -> Any:

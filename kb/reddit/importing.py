@@ -24,6 +24,7 @@ from kb.core.verdict import Summary
 from kb.reddit.authors import Scrubber, load_key
 from kb.reddit.dumps import Search, Seen, chunks, retrieved
 from kb.reddit.state import apply
+from kb.reddit.strip import without
 from kb.store import rawlog
 from kb.store.atomic import full_disk_is_resumable, sync_folder, write_bytes
 from kb.store.frontier import Frontier
@@ -173,9 +174,10 @@ def import_file(job: Job) -> Place:
 def _wanted(record: dict[str, Any], job: Job, gone: set[str]) -> dict[str, Any] | None:
     """The record as a thing, unless it is out of the span or purged."""
     kind = "t3" if "title" in record else "t1"
-    if not job.since <= _made(record) < job.until or f"{kind}_{record.get('id')}" in gone:
+    if not job.since <= _made(record) < job.until:
         return None
-    return {"kind": kind, "data": record}
+    left = without([{"kind": kind, "data": record}], gone)
+    return left[0] if left else None
 
 
 class Segments:

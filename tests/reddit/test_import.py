@@ -1,0 +1,174 @@
+"""Archive dumps: every line of the subreddit once, whatever the file is like, also after SIGKILL."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import zstandard
+from hypothesis import given
+from hypothesis import strategies as some
+
+from kb.core.context import Run
+from kb.core.errors import LimitReached, SettingError
+from kb.core.profile import load_profile
+from kb.core.settings import load_settings
+from kb.reddit import importing, parse
+from kb.reddit.dumps import CHECKED, Search
+from kb.reddit.importing import Job, import_dumps, import_file
+from kb.store import rawlog, tombstones
+
+
+def run_in(root, **options):
+    return Run(load_settings(dotenv=False), load_profile("minecraft"), root, workers=1, **options)
+
+
+def post(key, **fields):
+    return {"id": key, "subreddit": "Minecraft", "author": "brisk_otter", "title": f"post {key}", "selftext": "", "is_self": True, "score": 7,
+            "created_utc": 1_600_000_000, "retrieved_on": 1_600_100_000, **fields}
+
+
+def write(path, lines, frames=1, cut=0):
+    """A dump of JSON objects and bytes, in so many frames; `cut` bytes are missing at its end."""
+    texts = [line if isinstance(line, bytes) else json.dumps(line).encode() for line in lines]
+    size = max(1, -(-len(texts) // frames))
+    data = b"".join(zstandard.ZstdCompressor().compress(b"\n".join(texts[n : n + size]) + b"\n") for n in range(0, len(texts), size))
+    path.write_bytes(data[: len(data) - cut])
+    return path
+
+
+def imported(root):
+    """Every thing in the raw log, as (kind, data)."""
+    return [(thing["kind"], thing["data"]) for envelope in rawlog.read(root, "reddit", "dumps") for thing in envelope.response["data"]["children"]]
+
+
+def rows(root):
+    links = load_profile("minecraft").reddit.links
+    return [row for envelope in rawlog.read(root, "reddit", "dumps") for row in parse.Reader("dumps", links).envelope(rawlog.encode(envelope))]
+
+
+def test_only_the_subreddit_and_no_name_stays(tmp_path):
+    other = post("bbb", subreddit="gardening", title='all about "Minecraft"', author="tidy_pebble")
+    dump = write(tmp_path / "RS_2020-09.zst", [post("aaa"), other, post("ccc", subreddit="MINECRAFT")])
+    summary = import_dumps(run_in(tmp_path), [dump])
+    assert (summary["crawled"], summary["lines"], summary["bad_lines"], summary["requests"]) == (2, 3, 0, 0)
+    assert [data["id"] for _, data in imported(tmp_path)] == ["aaa", "ccc"]
+    assert not any(b"brisk_otter" in path.read_bytes() for path in tmp_path.rglob("*") if path.is_file() and path != dump)
+    assert len(imported(tmp_path)[0][1]["author"]) == 32
+
+
+def test_a_space_after_the_colon_and_none(tmp_path):
+    tight = json.dumps(post("tight"), separators=(",", ":")).encode()
+    assert import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [tight, post("wide")])])["crawled"] == 2
+
+
+def test_damaged_lines_are_counted_and_the_rest_is_taken(tmp_path):
+    lines = [post("aaa"), b"no json at all", b'{"id": "x", "subreddit": "Minecraft", "title": "cu', post("bbb"), b'{"subreddit": "pics", "ti', post("ccc")]
+    summary = import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", lines)])
+    assert (summary["crawled"], summary["bad_lines"], summary["lines"], summary["truncated_files"]) == (3, 3, 6, 0)
+
+
+def test_several_frames_in_one_file(tmp_path):
+    assert import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [post(f"p{n}") for n in range(50)], frames=7)])["crawled"] == 50
+
+
+@pytest.mark.parametrize("frames", [1, 5])
+def test_a_cut_off_frame_is_named_and_what_came_before_stays(tmp_path, frames, capsys):
+    rng = os.urandom(40_000).hex()
+    lines = [post(f"p{n}", selftext=rng[n * 200 : n * 200 + 900]) for n in range(300)]
+    summary = import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", lines, frames=frames, cut=9)])
+    assert summary["truncated_files"] == 1
+    assert summary["crawled"] == len(imported(tmp_path)) < 300
+
+
+def test_fields_of_old_dumps(tmp_path):
+    old = {"id": "old1", "subreddit": "Minecraft", "author": "[deleted]", "title": "Iron &amp; gold &lt;3", "selftext": "a &gt; b", "is_self": True, "score": 12,
+           "created_utc": "1300000000", "retrieved_utc": 1_300_086_400}
+    comment = {"id": "c1", "subreddit": "Minecraft", "author": "x", "body": "yes &amp; no", "link_id": "t3_old1", "parent_id": "t3_old1", "created_utc": "1300000100", "score": 2}
+    import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [old]), write(tmp_path / "RC.zst", [comment])])
+    found = {row["fullname"]: row for row in rows(tmp_path)}
+    first = found["t3_old1"]
+    assert (first["title"], first["text"], first["created_utc"], first["author_hash"]) == ("Iron & gold <3", "a > b", 1_300_000_000, None)
+    assert first["fetched_at"] == "2011-03-14T07:06:40Z"
+    # a dump that doesn't say when it was read
+    assert (found["t1_c1"]["text"], found["t1_c1"]["fetched_at"], found["t1_c1"]["live"]) == ("yes & no", None, False)
+
+
+def test_emoji_right_to_left_nul_and_lone_surrogates(tmp_path):
+    import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [post("odd", title="🗼 مرحبا a\0b \ud83d end")])])
+    assert [row["title"] for row in rows(tmp_path)] == ["🗼 مرحبا a\ufffdb \ufffd end"]
+
+
+def test_a_second_import_of_the_same_file_takes_nothing(tmp_path):
+    dump = write(tmp_path / "RS.zst", [post("aaa")])
+    import_dumps(run_in(tmp_path), [dump])
+    assert import_dumps(run_in(tmp_path), [dump])["crawled"] == 0
+    assert len(imported(tmp_path)) == 1
+
+
+def test_limit_goes_on_where_it_stopped(tmp_path):
+    dumps = [write(tmp_path / f"RS_{n}.zst", [post(f"f{n}p{m}") for m in range(30)]) for n in range(2)]
+    for taken in (25, 25):
+        with pytest.raises(LimitReached) as stopped:
+            import_dumps(run_in(tmp_path, limit=25), dumps)
+        assert stopped.value.summary["crawled"] == taken
+    assert import_dumps(run_in(tmp_path), dumps)["crawled"] == 10
+    assert sorted(data["id"] for _, data in imported(tmp_path)) == sorted(f"f{n}p{m}" for n in range(2) for m in range(30))
+
+
+def test_since_until_and_tombstones(tmp_path):
+    tombstones.add(tmp_path, "reddit", [("t3_gone", "named")])
+    dump = write(tmp_path / "RS.zst", [post("early", created_utc=10), post("in", created_utc=20), post("gone", created_utc=21), post("late", created_utc=30)])
+    from datetime import UTC, datetime
+
+    import_dumps(run_in(tmp_path), [dump], since=datetime.fromtimestamp(20, UTC), until=datetime.fromtimestamp(30, UTC))
+    assert [data["id"] for _, data in imported(tmp_path)] == ["in"]
+
+
+@pytest.mark.parametrize("make", [lambda path: None, lambda path: path.write_text("plain text")])
+def test_a_file_that_is_no_dump_is_wrong_usage_and_nothing_is_written(tmp_path, make):
+    make(tmp_path / "RS.zst")
+    with pytest.raises(SettingError, match="RS.zst"):
+        import_dumps(run_in(tmp_path / "data"), [tmp_path / "RS.zst"])
+    assert not (tmp_path / "data").exists()
+
+
+def test_sigkill_then_the_same_command_takes_each_once(tmp_path):
+    """Killed between segments and within one; three times, then to the end."""
+    dump = write(tmp_path / "RS.zst", [post(f"p{n:05d}", selftext=os.urandom(300).hex()) for n in range(8_000)], frames=3)
+    program = ("import sys; from kb.reddit.importing import Job, import_file; print('go', flush=True);"
+               "import_file(Job(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'), 0, 60_000))")
+    folder = rawlog.folder(tmp_path, "reddit", "dumps")
+    for segments in (1, 3, 6):
+        child = subprocess.Popen([sys.executable, "-c", program, str(dump), str(tmp_path)], stdout=subprocess.PIPE)
+        while child.poll() is None and len(list(folder.glob("*.zst")) if folder.is_dir() else []) < segments:
+            time.sleep(0.001)
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+    assert import_file(Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)).done
+    ids = [data["id"] for _, data in imported(tmp_path)]
+    assert sorted(ids) == [f"p{n:05d}" for n in range(8_000)]
+    assert importing._place(tmp_path, dump).lines == 8_000
+
+
+LINE = some.one_of(
+    some.builds(lambda key, name: json.dumps({"id": key, "subreddit": name, "title": "t"}).encode(),
+                some.text("abc", min_size=1, max_size=5), some.sampled_from(["Minecraft", "minecraft", "pics", "MinecraftBuilds"])),
+    some.binary(max_size=20).filter(lambda line: b"\n" not in line and b"\r" not in line and line.strip() and not line.strip().startswith(b"{")),
+)
+
+
+@given(some.lists(LINE, max_size=30), some.sampled_from([0, CHECKED]))
+def test_search_finds_what_reading_every_line_finds(lines, start):
+    chunk = b"".join(line + b"\n" for line in lines)
+    found = Search("Minecraft")(chunk, start)
+    wanted = [json.loads(line)["id"] for line in lines if line.startswith(b"{") and json.loads(line)["subreddit"].lower() == "minecraft"]
+    assert [record["id"] for _, record in found.records] == wanted
+    assert found.lines == len(lines)
+    if start == 0:
+        assert found.bad_lines == sum(not line.startswith(b"{") for line in lines)
