@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from kb.core.errors import DamagedData
 from kb.filters.chain import Kind
 from kb.schema import raw
 from kb.store.rawlog import Frames
@@ -41,16 +42,21 @@ def bucket_of(key: object, buckets: int) -> int:
 
 
 def spread(kind: Kind, name: str, segment: Path, number: int, folder: Path, buckets: int) -> dict[str, Any]:
-    """Parse one segment and write `folder/<bucket>/<number>.arrow`; rows and unknown keys as they were seen."""
+    """Parse one segment and write `folder/<bucket>/<number>.arrow`.
+
+    Returns rows, unknown keys as they were seen, and whether a closed segment is cut off (its whole
+    frames are read). Raises DamagedData naming the segment when a line is no envelope.
+    """
     import pyarrow as pa
 
     unknown: Counter[str] = Counter()
     writers: dict[int, Any] = {}
     rows, at = 0, 0
+    frames = Frames(segment)
     collecting = gc.isenabled()
     gc.disable()  # millions of values and no cycle among them: looking for one costs a tenth of the time
     try:
-        for piece in _pieces(kind.parse(_lines(segment, name, unknown))):
+        for piece in _pieces(kind.parse(_lines(frames, name, unknown))):
             rows += piece.num_rows
             piece = piece.append_column("_at", pa.array(range(at, at + piece.num_rows), pa.int64()))
             at += piece.num_rows
@@ -61,17 +67,19 @@ def spread(kind: Kind, name: str, segment: Path, number: int, folder: Path, buck
                     options = pa.ipc.IpcWriteOptions(compression="lz4")
                     writers[bucket] = pa.ipc.new_file(str(path), part.schema, options=options)
                 writers[bucket].write_table(part)
+    except DamagedData as error:
+        raise DamagedData(f"{segment}: {error}", hint="move the file away, or copy it again from where it came") from None
     finally:
         if collecting:
             gc.enable()
         for writer in writers.values():
             writer.close()
-    return {"rows": rows, "unknown": dict(unknown)}
+    return {"rows": rows, "unknown": dict(unknown), "torn": frames.torn and not segment.name.endswith(".open")}
 
 
-def _lines(segment: Path, name: str, unknown: Counter[str]) -> Iterator[bytes]:
+def _lines(frames: Frames, name: str, unknown: Counter[str]) -> Iterator[bytes]:
     known = name in raw.kinds()
-    for number, (_, line) in enumerate(Frames(segment)):
+    for number, (_, line) in enumerate(frames):
         if known and (number < LOOKED_AT or number % 100 == 0):
             _look(line, name, unknown)
         yield line

@@ -134,10 +134,13 @@ def _parse(run: Run, job: Job, segments: list[tuple[str, Path]], executor: Any) 
     """Counts of rows, and of unknown keys as "?<path>"."""
     total: Counter[str] = Counter()
     task = run.progress.task(f"parse {job.source}", total=len(segments), unit="segments")
-    tasks = ((job, kind, str(path), number) for number, (kind, path) in enumerate(segments))
-    for done in map_in_order(executor, _parse_one, tasks, window=2 * run.workers):
+    tasks = ((job, kind, str(path), place) for place, (kind, path) in enumerate(segments))
+    for number, done in enumerate(map_in_order(executor, _parse_one, tasks, window=2 * run.workers)):
         total["rows"] += done["rows"]
         total.update({f"?{path}": count for path, count in done["unknown"].items()})
+        if done["torn"]:
+            total["truncated_files"] += 1
+            run.progress.say(f"{segments[number][1]} is cut off: what is whole in it was read")
         task.advance(1, rows=total["rows"])
     task.close()
     return total
@@ -311,6 +314,7 @@ def _summary(source: str, parsed: Counter[str], counts: Counter[str], scored: bo
     summary = Summary(source=source, crawled=tally.crawled, kept=tally.kept, rejected=tally.rejected, failed=tally.failed, pending=tally.pending)
     summary["missing"] = counts["stage missing"]
     summary["duplicates"] = counts["duplicates"]
+    summary["truncated_files"] = parsed["truncated_files"]
     summary["stages"] = {name.removeprefix("stage "): count for name, count in sorted(counts.items()) if name.startswith("stage ")}
     summary["tables"] = {name.removeprefix("kept "): count for name, count in sorted(counts.items()) if name.startswith("kept ")}
     summary["unknown_keys"] = {path[1:]: count for path, count in sorted(parsed.items()) if path.startswith("?")}

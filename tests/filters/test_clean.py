@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.context import Run
-from kb.core.errors import FatalError, SchemaMismatch, SettingError
+from kb.core.errors import DamagedData, FatalError, SchemaMismatch, SettingError
 from kb.core.profile import load_profile
 from kb.core.settings import Settings
 from kb.export import parquet
@@ -210,6 +210,26 @@ def test_unknown_keys_are_counted(root: Path) -> None:
     put(root, "videos", (MONDAY, {}, listing(video("new", snippet__mood="fine"), video("new2", snippet__mood="fine", aura=1))))
     summary = run_clean(run_at(root), "youtube")
     assert summary["unknown_keys"] == {"videos.items[].snippet.mood": 2, "videos.items[].aura": 1}
+
+
+def test_a_cut_off_segment_is_counted_and_read_as_far_as_it_is_whole(root: Path) -> None:
+    put(root, "videos", (MONDAY, {}, listing(video("whole"))), (MONDAY, {}, listing(video("half"))))
+    path = rawlog.segments(root, "youtube", "videos")[-1]
+    path.write_bytes(path.read_bytes()[:-9])
+    summary = run_clean(run_at(root), "youtube")
+    assert (summary["truncated_files"], summary["crawled"]) == (1, 22)
+    # the tail of an open segment is the crawl's to cut, and nothing to worry about
+    path.rename(path.with_name(path.name + ".open"))
+    assert run_clean(run_at(root), "youtube")["truncated_files"] == 0
+
+
+def test_a_line_that_is_no_envelope_names_its_file(root: Path) -> None:
+    segment = rawlog.Segment(rawlog.folder(root, "youtube", "videos"))
+    segment.append(b'{"no": "envelope"}\n')
+    segment.close()
+    with pytest.raises(DamagedData, match=r"000002-\w+\.ndjson\.zst: a raw line is no envelope"):
+        run_clean(run_at(root), "youtube")
+    assert not (root / "clean" / "youtube").exists()
 
 
 def test_nothing_to_filter_leaves_what_was_there(root: Path) -> None:
