@@ -26,11 +26,11 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
     keys = room.purge_raw(run, ids)
     if not keys:
         return Summary(source=source, purged=0, rows=0, scores=0)
-    rows = sum(store.drop_rows((run.root / folder).glob("*.parquet"), *place, keys) for folder, place in room.ROWS.items())
+    rows = store.drop_rows(run.root, room.ROWS, keys)
     scores = _scores(run, source)
     _made(run, source)
     store.finish(run.root, source)
-    return Summary(source=source, purged=len(keys), rows=rows, scores=scores)
+    return Summary(source=source, purged=sum(reason != "post" for reason in keys.values()), rows=rows, scores=scores)
 
 
 def _scores(run: Run, source: str) -> int:
@@ -56,7 +56,8 @@ def _made(run: Run, source: str) -> None:
     from kb.release.build import describe
 
     export = load(str(locate(source))).export
-    for format, files in {"parquet": f"release/{source}", "minedojo": f"export/minedojo/{source}*", "convokit": f"export/convokit/{source}*"}.items():
+    layouts = {"parquet": f"release/{source}", "minedojo": f"export/minedojo/{source}*"}
+    for format, files in {**layouts, **({"convokit": "export/convokit/*"} if source == "reddit" else {})}.items():
         if any(run.root.glob(files)):
             export(run, format)
     if source == "youtube":

@@ -20,6 +20,7 @@ from kb.core.verdict import Summary
 from kb.reddit.authors import Scrubber, load_key
 from kb.reddit.client import INFO, LISTED, ROOT, Client
 from kb.reddit.state import apply
+from kb.reddit.strip import without
 from kb.store.frontier import Frontier, Item
 from kb.store.identity import remember
 from kb.store.lock import writer
@@ -35,10 +36,11 @@ class Session:
 
     def __init__(self, run: Run, frontier: Frontier, recorder: Recorder, client: Client, scrubber: Scrubber) -> None:
         self.run, self.frontier, self.recorder, self.client, self.scrubber = run, frontier, recorder, client, scrubber
+        self.gone = tombstones(run.root, "reddit")
 
     def record(self, kind: str, endpoint: str, params: dict[str, Any], status: int, response: Any) -> None:
-        """Names out, then into the raw log and the frontier."""
-        self.recorder.record(kind, endpoint, params, status, self.scrubber.scrub(response))
+        """Names and what was purged out, then into the raw log and the frontier."""
+        self.recorder.record(kind, endpoint, params, status, self.scrubber.scrub(without(response, self.gone)))
 
 
 @contextmanager
@@ -86,7 +88,7 @@ class Crawl:
         self.at, self.frontier, self.since, self.until = at, at.frontier, since, until
         self.section = at.run.profile.section("reddit")
         self.base = f"r/{self.section.subreddit}"
-        self.gone = tombstones(at.run.root, "reddit")
+        self.gone = at.gone
         self.posts = self.failures = 0
         self.before = self.frontier.requests()
         self.bar: Task = at.run.progress.task("reddit", unit="posts")

@@ -28,7 +28,6 @@ from kb.reddit.client import INFO
 from kb.reddit.crawl import Crawl, Session, session
 from kb.reddit.wanted import Wanted, read_names, read_wanted
 from kb.store.atomic import write_bytes
-from kb.store.tombstones import keys as tombstones
 
 OUT = Path("export", "reconstructed")   # below the data root
 _DONE = ".done.json"

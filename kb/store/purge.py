@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 import zstandard
@@ -25,6 +25,18 @@ if TYPE_CHECKING:
 
 Strip = Callable[[str, Envelope, Collection[str]], "Envelope | None"]
 """(kind, envelope, keys) → the envelope without the keys, the same object when it holds none, None when nothing is left."""
+
+
+class Place(NamedTuple):
+    """Where rows of keys stand: folder under the data root, table, and the column that names the key.
+
+    A column of bare ids gets `prefix` first where keys are full names (a comment may have a post's bare id).
+    """
+
+    folder: str
+    table: str
+    column: str
+    prefix: str = ""
 
 
 def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:
@@ -81,16 +93,20 @@ def _rewrite(path: Path, kind: str, keys: Collection[str], strip: Strip) -> int:
     return changed
 
 
-def drop_rows(files: Iterable[Path], declared: str, column: str, keys: Collection[str]) -> int:
-    """Write files of a table again without the rows whose `column` is one of `keys`; how many rows went.
+def drop_rows(root: Path, places: Iterable[Place], keys: Collection[str]) -> int:
+    """Write files of tables again without the rows of `keys`; how many rows went.
 
     Files without such rows are not touched; order and way of writing stay.
     """
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    wanted = pa.array(sorted(keys), pa.string())
-    return sum(_keep(path, declared, column, lambda values: pc.invert(pc.is_in(values, value_set=wanted))) for path in sorted(files))
+    gone = 0
+    for place in places:
+        wanted = pa.array(sorted(key.removeprefix(place.prefix) for key in keys if key.startswith(place.prefix)), pa.string())
+        for path in sorted((root / place.folder).glob("*.parquet")):
+            gone += _keep(path, place.table, place.column, lambda values, wanted=wanted: pc.invert(pc.is_in(values, value_set=wanted)))
+    return gone
 
 
 def drop_annotations(root: Path, source: str, used: pa.Array) -> int:

@@ -11,18 +11,18 @@ import msgspec
 from kb.core.context import Run
 from kb.store import lock, purge, rawlog, tombstones
 from kb.store.frontier import Frontier
+from kb.store.purge import Place
 from kb.store.rawlog import Envelope, Request
 from kb.store.recorder import Recorder
 from kb.youtube import effects, parse
 from kb.youtube.effects import REFRESH, TRANSCRIPTS, VIDEOS, Effects
 from kb.youtube.ids import read_ids
 
-# Where rows of a video stand: folder under the data root → (table, column).
-ROWS = {
-    "clean/youtube/videos": ("youtube/videos", "video_id"), "clean/youtube/transcripts": ("youtube/transcripts", "video_id"),
-    **{f"clean/youtube/{verdict}": (f"shared/{verdict}", "key") for verdict in ("rejected", "failed", "pending")},
-    "pairs": ("pairs/pairs", "video_id"),
-}
+ROWS = (
+    *(Place(f"clean/youtube/{name}", f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),
+    *(Place(f"clean/youtube/{verdict}", f"shared/{verdict}", "key") for verdict in ("rejected", "failed", "pending")),
+    Place("pairs", "pairs/pairs", "video_id"),
+)
 
 
 def collect(run: Run, ids: Path | None) -> dict[str, str]:

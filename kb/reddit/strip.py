@@ -1,0 +1,127 @@
+"""How posts and comments leave a raw answer; the same for a purge and for what comes in after it.
+
+With a post go its comments (their addresses hold its title), and its copy in crossposts. Replies to a comment
+stay, in its place. Depth of recursion is that of one page, which Reddit ends at ten replies.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+from typing import Any
+
+import msgspec
+
+from kb.reddit import tree
+from kb.store.rawlog import Envelope, Request
+
+
+def strip(kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | None:
+    """The envelope without the full names `keys`; the same object when it holds none, None when nothing is left."""
+    request, asked = envelope.request, _asked(kind, envelope.request, keys)
+    if asked is None:
+        return None
+    answer, changed = _without(envelope.response, keys)
+    if not changed and asked is request:
+        return envelope
+    if kind == "dumps" and not answer["data"]["children"]:
+        return None
+    return msgspec.structs.replace(envelope, request=asked, response=answer)
+
+
+def without(answer: Any, keys: Collection[str]) -> Any:
+    """The answer without the full names `keys`."""
+    return _without(answer, keys)[0] if keys else answer
+
+
+def _asked(kind: str, request: Request, keys: Collection[str]) -> Request | None:
+    """What was asked, without the keys; None when it was about them alone."""
+    params = request.params
+    if kind == "info":
+        names = str(params.get("id", "")).split(",")
+        posts = params.get("posts") or []
+        kept = [n for n, name in enumerate(names) if name not in keys and not (n < len(posts) and f"t3_{posts[n]}" in keys)]
+        if len(kept) == len(names):
+            return request
+        changed = {**params, "id": ",".join(names[n] for n in kept)}
+        if posts:
+            changed["posts"] = [posts[n] for n in kept if n < len(posts)]
+        return Request(request.endpoint, changed) if kept else None
+    if kind == "comments":
+        if f"t3_{params.get('article')}" in keys:
+            return None
+        if f"t1_{params.get('comment')}" in keys:
+            # What is left reads as a page of the post.
+            return Request(f"comments/{params['article']}", {name: value for name, value in params.items() if name != "comment"})
+    if kind == "morechildren":
+        if params.get("link_id") in keys:
+            return None
+        children = str(params.get("children", "")).split(",")
+        kept_ids = [key for key in children if f"t1_{key}" not in keys]
+        return request if len(kept_ids) == len(children) else Request(request.endpoint, {**params, "children": ",".join(kept_ids)})
+    if kind == "listings" and params.get("after") in keys:
+        return Request(request.endpoint, {**params, "after": ""})
+    return request
+
+
+def _without(value: Any, keys: Collection[str]) -> tuple[Any, bool]:
+    """(value without the keys, whether it changed); what did not change is the same object."""
+    if isinstance(value, list):
+        found: list[Any] = []
+        changed = False
+        for inner in value:
+            left, other = _thing(inner, keys)
+            changed |= other
+            found += left
+        return (found, True) if changed else (value, False)
+    if not isinstance(value, dict):
+        return value, False
+    fresh: dict[str, Any] = {}
+    for name in ("data", "json", "things", "children", "replies"):
+        if isinstance(value.get(name), (dict, list)):
+            inner, other = _without(value[name], keys)
+            if other:
+                fresh[name] = inner
+    if value.get("after") in keys:
+        # Reddit goes on behind any post that it knows.
+        last = [child["data"].get("name") for child in fresh.get("children", value.get("children") or []) if isinstance(child, dict)]
+        fresh["after"] = last[-1] if last else None
+    return ({**value, **fresh}, True) if fresh else (value, False)
+
+
+def _thing(value: Any, keys: Collection[str]) -> tuple[list[Any], bool]:
+    """What takes the place of one element of a list, and whether that is something else."""
+    data = value.get("data") if isinstance(value, dict) else None
+    if not isinstance(data, dict) or value.get("kind") not in (tree.POST, tree.COMMENT, "more"):
+        left, changed = _without(value, keys)
+        return [left], changed
+    if value["kind"] == "more":
+        return _stub(value, data, keys)
+    name = f"{value['kind']}_{data.get('id')}"
+    if data.get("link_id") in keys:
+        return [], True
+    replies, changed = _without(data.get("replies"), keys)
+    if name in keys:
+        inner = replies.get("data") if isinstance(replies, dict) else None
+        return (inner.get("children") or []) if isinstance(inner, dict) else [], True
+    fresh = {"replies": replies} if changed else {}
+    parents = data.get("crosspost_parent_list")
+    if isinstance(parents, list) and any(isinstance(one, dict) and f"t3_{one.get('id')}" in keys for one in parents):
+        fresh["crosspost_parent_list"] = [one for one in parents if not (isinstance(one, dict) and f"t3_{one.get('id')}" in keys)]
+    if data.get("crosspost_parent") in keys:
+        # The address of a text post holds its title.
+        for field in ("url", "url_overridden_by_dest"):
+            if isinstance(data.get(field), str) and "/comments/" in data[field]:
+                fresh[field] = re.sub(r"(/comments/[^/]+/).*", r"\1", data[field])
+    return ([{**value, "data": {**data, **fresh}}], True) if fresh else ([value], False)
+
+
+def _stub(value: dict[str, Any], data: dict[str, Any], keys: Collection[str]) -> tuple[list[Any], bool]:
+    children = tree.stub_ids(data)
+    kept = [key for key in children if f"t1_{key}" not in keys]
+    if not children:
+        return ([], True) if data.get("parent_id") in keys else ([value], False)
+    if len(kept) == len(children):
+        return [value], False
+    # Without children it would mean "continue this thread".
+    return ([{**value, "data": {**data, "children": kept, "id": kept[0], "name": f"t1_{kept[0]}"}}] if kept else []), True
