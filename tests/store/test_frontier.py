@@ -1,0 +1,153 @@
+"""Frontier, ledger and recorder: nothing answered is asked again, nothing asked is forgotten."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+
+import pytest
+
+from kb.core.errors import DamagedData, OtherService, WriterLocked
+from kb.store import frontier as module
+from kb.store import identity, lock, rawlog
+from kb.store.frontier import Frontier
+from kb.store.recorder import Recorder
+
+
+def apply(frontier, kind, envelope):
+    key = envelope.request.params["id"]
+    frontier.add("video", [key])
+    frontier.done("video", key)
+
+
+def open_frontier(root):
+    return Frontier(root / "state" / "youtube.sqlite")
+
+
+def test_items_are_taken_in_the_order_of_adding_and_once(tmp_path):
+    frontier = open_frontier(tmp_path)
+    assert frontier.add("video", ["c", "a", ("b", {"channel": 1})]) == 3
+    assert frontier.add("video", ["a", "d"]) == 1
+    assert [item.key for item in frontier.take("video", 2)] == ["c", "a"]
+    assert [(item.key, item.payload) for item in frontier.take("video", 9)] == [("b", {"channel": 1}), ("d", None)]
+    assert frontier.take("video") == []
+
+
+def test_what_was_in_flight_is_asked_again_and_an_error_only_on_request(tmp_path):
+    frontier = open_frontier(tmp_path)
+    frontier.add("video", ["a", "b", "c"])
+    frontier.take("video", 3)
+    frontier.done("video", "a")
+    frontier.error("video", "b", "HTTP 500")
+    frontier.close()
+    frontier = open_frontier(tmp_path)
+    assert frontier.counts("video") == {"done": 1, "error": 1, "todo": 1}
+    assert frontier.reopen("video", "error") == 1
+    assert {item.key: item.tries for item in frontier.take("video", 9)} == {"b": 1, "c": 0}
+
+
+def test_a_failed_transaction_changes_nothing(tmp_path):
+    frontier = open_frontier(tmp_path)
+    with pytest.raises(RuntimeError), frontier.transaction():
+        frontier.add("video", ["a"])
+        frontier.set_cursor("page", "x")
+        raise RuntimeError
+    assert (frontier.counts("video"), frontier.cursor("page")) == ({}, None)
+
+
+def test_the_ledger_is_committed_before_anything_else(tmp_path):
+    frontier = open_frontier(tmp_path)
+    row = frontier.spend("general", 1, "videos.list", "2026-11-20")
+    other = sqlite3.connect(tmp_path / "state" / "youtube.sqlite")
+    assert other.execute("SELECT bucket, units, outcome FROM ledger").fetchall() == [("general", 1, None)]
+    frontier.outcome(row, "200")
+    assert frontier.spent("general", "2026-11-20") == 1
+
+
+def test_a_lost_state_is_rebuilt_from_raw(tmp_path):
+    frontier = open_frontier(tmp_path)
+    with Recorder(tmp_path, "youtube", frontier, apply) as recorder:
+        for number in range(20):
+            recorder.record("videos", "videos", {"id": f"v{number}"}, 200, {})
+    frontier.close()
+    for path in (tmp_path / "state").glob("youtube.sqlite*"):
+        path.unlink()
+    frontier = open_frontier(tmp_path)
+    assert Recorder(tmp_path, "youtube", frontier, apply).replayed == 20
+    assert frontier.counts("video") == {"done": 20}
+    assert Recorder(tmp_path, "youtube", frontier, apply).replayed == 0
+
+
+PROGRAM = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from test_frontier import apply, open_frontier
+from kb.store.recorder import Recorder
+root = Path(sys.argv[1])
+frontier = open_frontier(root)
+frontier.add("video", [f"v{n}" for n in range(400)])
+with Recorder(root, "youtube", frontier, apply) as recorder:
+    print("go", flush=True)
+    while items := frontier.take("video"):
+        frontier.spend("general", 1, "videos")
+        recorder.record("videos", "videos", {"id": items[0].key}, 200, {"x": "y" * 500})
+"""
+
+
+def test_sigkill_at_random_moments_loses_and_doubles_nothing(tmp_path):
+    rng = random.Random(7)
+    for turn in range(12):
+        child = subprocess.Popen([sys.executable, "-c", PROGRAM, str(tmp_path), os.path.dirname(__file__)], stdout=subprocess.PIPE)
+        child.stdout.readline()
+        if turn < 11:
+            time.sleep(rng.uniform(0, 0.15))
+            child.send_signal(signal.SIGKILL)
+        child.wait()
+    frontier = open_frontier(tmp_path)
+    assert frontier.counts("video") == {"done": 400}
+    asked = [envelope.request.params["id"] for envelope in rawlog.read(tmp_path, "youtube", "videos")]
+    # An answer whose frame is whole is never asked for again; one that was in flight at a kill may be twice in the ledger.
+    assert sorted(asked) == sorted(f"v{n}" for n in range(400))
+    assert 400 <= frontier.requests()[0] <= 400 + 11
+
+
+def test_an_older_state_is_migrated_after_a_backup(tmp_path, monkeypatch):
+    open_frontier(tmp_path).close()
+    monkeypatch.setattr(module, "VERSION", 2)
+    monkeypatch.setattr(module, "MIGRATIONS", {1: "ALTER TABLE ledger ADD COLUMN note TEXT;"})
+    frontier = open_frontier(tmp_path)
+    assert frontier._db.execute("PRAGMA user_version").fetchone() == (2,)
+    assert (tmp_path / "state" / "youtube.sqlite.v1.bak").exists()
+
+
+def test_a_state_that_cannot_be_read_says_what_to_do(tmp_path):
+    (tmp_path / "state").mkdir()
+    (tmp_path / "state" / "youtube.sqlite").write_bytes(b"no database " * 999)
+    with pytest.raises(DamagedData) as error:
+        open_frontier(tmp_path)
+    assert "rebuilds it from the raw data" in error.value.hint
+
+
+def test_a_second_writer_names_the_first(tmp_path):
+    with lock.writer(tmp_path, "youtube"):
+        with pytest.raises(WriterLocked, match=str(os.getpid())), lock.writer(tmp_path, "youtube"):
+            pass
+        with lock.writer(tmp_path, "reddit"):
+            pass
+    with lock.writer(tmp_path, "youtube"):
+        pass
+
+
+def test_a_root_keeps_to_its_services(tmp_path):
+    identity.remember(tmp_path, "reddit", host="http://127.0.0.1:5000", subreddit="minecraft")
+    identity.remember(tmp_path, "reddit", host="http://127.0.0.1:6000", subreddit="minecraft")
+    with pytest.raises(OtherService, match="subreddit minecraft, not terraria"):
+        identity.remember(tmp_path, "reddit", subreddit="terraria")
+    with pytest.raises(OtherService, match="127.0.0.1, not oauth.reddit.com"):
+        identity.remember(tmp_path, "reddit", host="https://oauth.reddit.com")

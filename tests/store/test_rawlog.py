@@ -1,0 +1,144 @@
+"""The raw log: what was written whole is there, whatever happens behind it."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+
+import msgspec
+import pytest
+import zstandard
+from hypothesis import given
+from hypothesis import strategies as some
+
+from kb.core.errors import DamagedData, DiskFull
+from kb.store import rawlog
+from kb.store.rawlog import Envelope, Frames, Request, Segment
+
+
+def envelope(number, text="x"):
+    return Envelope("2026-11-20T12:00:00Z", Request("videos", {"id": f"v{number}"}), 200, {"items": [{"id": f"v{number}", "text": text}]})
+
+
+def written(root, count, close=True):
+    segment = Segment(rawlog.folder(root, "youtube", "videos"))
+    offsets = [segment.append(rawlog.encode(envelope(n)))[1] for n in range(count)]
+    if close:
+        segment.close()
+    return offsets
+
+
+def test_one_envelope_a_line_and_a_zstd_frame(tmp_path):
+    written(tmp_path, 3)
+    [path] = rawlog.segments(tmp_path, "youtube", "videos")
+    data, lines = path.read_bytes(), []
+    while data:
+        frame = zstandard.ZstdDecompressor().decompressobj()
+        lines.append(frame.decompress(data))
+        data = frame.unused_data
+    assert [json.loads(line)["request"] for line in lines] == [{"endpoint": "videos", "params": {"id": f"v{n}"}} for n in range(3)]
+    assert all(line.endswith(b"\n") and line.count(b"\n") == 1 for line in lines)
+
+
+def test_the_open_segment_can_be_read_and_is_renamed_when_closed(tmp_path):
+    segment = Segment(rawlog.folder(tmp_path, "youtube", "videos"))
+    segment.append(rawlog.encode(envelope(1)))
+    [path] = rawlog.segments(tmp_path, "youtube", "videos")
+    assert path.name.endswith(".ndjson.zst.open")
+    assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == ["v1"]
+    segment.close()
+    assert [path.name.endswith(".ndjson.zst") for path in rawlog.segments(tmp_path, "youtube", "videos")] == [True]
+
+
+@pytest.mark.parametrize("bytes_left", [1, 5, 30])
+def test_a_torn_frame_is_cut_and_the_whole_ones_stay(tmp_path, bytes_left):
+    offsets = written(tmp_path, 4, close=False)
+    [path] = rawlog.segments(tmp_path, "youtube", "videos")
+    path.write_bytes(path.read_bytes()[: offsets[2] + bytes_left])
+    assert rawlog.recover(tmp_path, "youtube") == [f"videos/{rawlog.base_name(path)}"]
+    assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == ["v0", "v1", "v2"]
+    assert not list(path.parent.glob("*.open"))
+
+
+def test_an_empty_open_segment_goes(tmp_path):
+    folder = rawlog.folder(tmp_path, "youtube", "videos")
+    folder.mkdir(parents=True)
+    (folder / "000001-aaaaaaaa.ndjson.zst.open").write_bytes(b"")
+    assert rawlog.recover(tmp_path, "youtube") == []
+    assert not list(folder.iterdir())
+
+
+def test_a_full_disk_leaves_no_half_frame(tmp_path):
+    class Full:
+        def __init__(self, file):
+            self.file = file
+
+        def write(self, data):
+            self.file.write(data[: len(data) // 2])
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        def __getattr__(self, name):
+            return getattr(self.file, name)
+
+    segment = Segment(rawlog.folder(tmp_path, "youtube", "videos"))
+    segment.append(rawlog.encode(envelope(1)))
+    whole, segment._file = segment._file, Full(segment._file)
+    with pytest.raises(DiskFull):
+        segment.append(rawlog.encode(envelope(2)))
+    segment._file = whole
+    segment.append(rawlog.encode(envelope(3)))
+    segment.close()
+    assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == ["v1", "v3"]
+
+
+def test_segments_of_several_machines_are_read_as_one(tmp_path):
+    for machine in ("a", "b"):
+        written(tmp_path / machine, 2)
+        for path in rawlog.segments(tmp_path / machine, "youtube", "videos"):
+            place = rawlog.folder(tmp_path / "all", "youtube", "videos") / path.name
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_bytes(path.read_bytes())
+    assert len(rawlog.segments(tmp_path / "all", "youtube", "videos")) == 2
+    assert len(list(rawlog.read(tmp_path / "all", "youtube", "videos"))) == 4
+
+
+def test_a_line_that_is_no_envelope_says_so():
+    with pytest.raises(DamagedData, match="no envelope"):
+        rawlog.decode(b'{"fetched_at": 3}\n')
+
+
+TEXT = some.text(some.characters(exclude_categories=()), max_size=40)
+JSON = some.recursive(some.none() | some.booleans() | some.integers(-(2**53), 2**53) | TEXT,
+                      lambda inner: some.lists(inner, max_size=4) | some.dictionaries(TEXT, inner, max_size=4), max_leaves=12)
+
+
+def held(value):
+    if isinstance(value, str):
+        return "".join("\ufffd" if char == "\0" or "\ud800" <= char <= "\udfff" else char for char in value)
+    if isinstance(value, dict):
+        return {held(key): held(inner) for key, inner in value.items()}
+    return [held(inner) for inner in value] if isinstance(value, list) else value
+
+
+@given(JSON)
+def test_answers_are_verbatim_but_for_what_text_cannot_hold(response):
+    line = rawlog.encode(Envelope(None, Request("e", {}), 200, response))
+    assert msgspec.json.decode(line)["response"] == held(response)
+
+
+@given(some.lists(some.binary(min_size=1, max_size=3000), min_size=1, max_size=12), some.integers(0, 4000))
+def test_whole_frames_of_any_prefix(tmp_path_factory, lines, cut):
+    path = tmp_path_factory.mktemp("frames") / "segment"
+    frames = [zstandard.ZstdCompressor().compress(line) for line in lines]
+    data = b"".join(frames)
+    cut = min(cut, len(data))
+    path.write_bytes(data[: len(data) - cut])
+    read = Frames(path)
+    found = [line for _, line in read]
+    whole = 0
+    while sum(map(len, frames[: whole + 1])) <= len(data) - cut and whole < len(frames):
+        whole += 1
+    assert found == lines[:whole]
+    assert read.good == sum(map(len, frames[:whole]))
+    assert read.torn == (read.good < len(data) - cut)
