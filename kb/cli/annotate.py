@@ -56,7 +56,6 @@ def _texts(run: Run, source: str) -> Iterator[Any]:
 def _annotate(run: Run, source: str, precision: Precision, device: Device) -> Summary:
     from kb.annotate.toxicity import Scorer
     from kb.core.errors import KbError
-    from kb.core.pipeline import load, locate
     from kb.core.verdict import Summary
 
     run.profile.section(source)
@@ -64,9 +63,7 @@ def _annotate(run: Run, source: str, precision: Precision, device: Device) -> Su
     if not scorer.on:
         return Summary(source=source, toxicity="off in the profile", scored=0)
     try:
-        # A pipeline may know its texts itself (the wiki's are in files beside the raw log).
-        own = getattr(load(str(locate(source, run.pipeline))), "texts", None)
-        counts = scorer.annotate(own(run) if own else texts(run, source))
+        counts = scorer.annotate(_texts(run, source))
     except KbError as error:
         error.summary = Summary(source=source, precisions=scorer.scores.precisions())  # type: ignore[attr-defined, union-attr]
         raise

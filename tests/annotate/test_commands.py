@@ -1,0 +1,70 @@
+"""`kb annotate` and `kb models` as a user types them, on a small crawl of the sandbox."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+
+from kb.sandbox.server import Sandbox
+from kb.sandbox.world import World
+from tests.youtube.job import Job
+
+
+@pytest.fixture(scope="module")
+def crawled(tmp_path_factory):
+    with Sandbox(World(n_channels=9, n_videos=60), services=["youtube"]) as sandbox:
+        job = Job(sandbox, tmp_path_factory.mktemp("crawled"), toxicity=True)
+        job.done("youtube", "crawl")
+        yield job
+
+
+@pytest.fixture
+def job(crawled, tmp_path):
+    fresh = Job(crawled.sandbox, tmp_path, toxicity=True)
+    for name in ("raw", "state"):
+        shutil.copytree(crawled.root / name, fresh.root / name)
+    return fresh
+
+
+def test_annotate_stops_at_the_limit_goes_on_and_then_has_nothing_to_do(job):
+    first = job.done("annotate", "youtube", "--limit", "10", code=3)
+    assert first["precisions"] == {"fp32": 10}
+    second = job.done("annotate", "youtube")
+    assert second["known"] == 10
+    assert second["scored"] > 20
+    third = job.done("annotate", "youtube", "--precision", "int8")
+    assert (third["scored"], third["known"]) == (0, first["precisions"]["fp32"] + second["scored"])
+    assert third["model"] == "lorebase_tiny"
+    # The filter finds every score there is, and rejects by them.
+    assert job.done("youtube", "filter")["stages"]["toxicity"] > 0
+    assert job.rows("SELECT count(*) n FROM clean.youtube_videos WHERE title <> '' AND toxicity_title IS NULL") == [{"n": 0}]
+
+
+def test_without_a_model_nothing_is_written_and_the_line_names_the_command(job, tmp_path):
+    missing = {"KB_TOXICITY_MODEL": "original", "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    for words in (("youtube", "filter"), ("annotate", "youtube")):
+        assert "kb models fetch" in job.stopped(*words, code=2, **missing)
+    assert not (job.root / "clean").exists()
+    assert not (job.root / "annotations").exists()
+
+
+def test_a_damaged_model_is_exit_2(job, tmp_path, tiny):
+    shutil.copytree(tiny.parent, tmp_path / "model")
+    path = tmp_path / "model" / tiny.name
+    path.write_bytes(path.read_bytes()[:-100])
+    assert "cut off" in job.stopped("annotate", "youtube", code=2, KB_TOXICITY_MODEL=str(path))
+
+
+def test_options_that_can_not_work_are_exit_2(job):
+    assert "tcp://" in job.stopped("annotate", "youtube", "--engine", "dask", "--scheduler", "nowhere", code=2)
+    assert "original" in job.stopped("models", "fetch", "nonesuch", code=2)
+    assert job.kb("annotate", "youtube", "--precision", "fp8").returncode == 2
+
+
+def test_fetch_refuses_another_file(job, tmp_path):
+    """The sandbox's web site answers for the hub, and knows no such file."""
+    cache = tmp_path / "cache"
+    line = job.stopped("models", "fetch", code=1, KB_MODELS_ENDPOINT=job.env["KB_YOUTUBE_WEB"], XDG_CACHE_HOME=str(cache))
+    assert "config.json" in line
+    assert not [path for path in cache.rglob("*") if path.is_file()]
