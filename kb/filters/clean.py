@@ -188,6 +188,8 @@ def _sort(run: Run, job: Job, executor: Any) -> Counter[str]:
     task.close()
     if spec.unanswered is not None:
         total.update(_unanswered(run, job, spec))
+    for cut in Path(job.out).rglob(".*.tmp"):  # of a worker that died; its task was done again by another
+        cut.unlink()
     return total
 
 
