@@ -43,6 +43,7 @@ def build(run: Run) -> Summary:
     keywords = lists.load(run.profile)
     make_tools(section, run.seed, keywords)  # what is missing is said before anything is written
     plan = json.dumps({"section": section.model_dump(mode="json"), "seed": run.seed, "keywords": _plain(keywords)}, sort_keys=True)
+    source.parts(run.root)
     with writer(run.root, "pairs"):
         mark = source.fingerprint(run.root, _RULES, plan)
         known = read_summary(run.root)

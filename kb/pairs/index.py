@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from kb.core.errors import MissingExtra
 from kb.pairs import choose, draw
 from kb.pairs.grow import Grown, grow
 from kb.pairs.keywords import EXCLUDED, NEVER, Keywords
@@ -36,6 +38,9 @@ class Tools(NamedTuple):
 
 def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
     """Automaton and tokenizer for a profile. Raises MissingExtra."""
+    for package in ("numpy", "ahocorasick_rs", "instant_clip_tokenizer"):
+        if find_spec(package) is None:
+            raise MissingExtra(f"pairs need the package {package.replace('_', '-')}", hint="install lorebase[pairs]")
     return Tools(section, seed, keywords, Matcher(keywords.phrases), Tokens())
 
 

@@ -15,7 +15,9 @@ from kb.core.errors import DamagedData, SettingError
 from kb.core.verdict import Summary
 from kb.pairs import source
 from kb.pairs.build import SUMMARY
-from kb.pairs.tokens import ENDS, Tokens
+from kb.pairs.index import make_tools
+from kb.pairs.keywords import Keywords
+from kb.pairs.tokens import ENDS
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.lock import writer
 from kb.store.shards import sorted_shards, write_table
@@ -33,15 +35,14 @@ def refill(run: Run, index: Path) -> Summary:
     `index` is a released Parquet file or its folder. Holds the index in memory, transcripts a batch
     at a time. Raises SettingError, DamagedData, FatalError without transcripts.
     """
-    rows = _read(index)
-    counter = Tokens()
+    rows, files = _read(index), source.parts(run.root)
+    counter = make_tools(run.profile.section("pairs"), run.seed, Keywords((), (), ())).tokens
     places: dict[str, list[int]] = {}
     for row, video in enumerate(rows["video_id"].to_pylist()):
         places.setdefault(video, []).append(row)
     texts: list[str | None] = [None] * rows.num_rows
     starts, ends, tokens = (rows[name].to_pylist() for name in ("text_start_char", "text_end_char", "token_count"))
     found = differing = 0
-    files = source.parts(run.root)
     task = run.progress.task("fill pairs", total=sum(source.rows(path) for path in files), unit="transcripts")
     with writer(run.root, "pairs"):
         for path in files:

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from kb.core.errors import MissingExtra
-
 if TYPE_CHECKING:
     import numpy as np
 
@@ -21,10 +19,8 @@ class Tokens:
     """Counts tokens and remembers the count of every word."""
 
     def __init__(self) -> None:
-        try:
-            from instant_clip_tokenizer import Tokenizer
-        except ImportError:
-            raise MissingExtra("pairs need the package instant-clip-tokenizer", hint="install lorebase[pairs]") from None
+        from instant_clip_tokenizer import Tokenizer
+
         self._encode = Tokenizer().encode
         self._known: dict[bytes, int] = {}
 

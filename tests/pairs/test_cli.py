@@ -1,0 +1,61 @@
+"""`kb pairs` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from tests.cli.conftest import clean_environment
+from tests.pairs.made import fill, tables
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory, make_rows) -> Path:  # type: ignore[no-untyped-def]
+    root = tmp_path_factory.mktemp("cli") / "data"
+    fill(root, *tables(40, 300, ["creeper", "oak log", "bed"], share=0.05), make_rows)
+    return root
+
+
+def kb(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "kb", *arguments, "--data", str(root), "--quiet"], cwd=root.parent, env=clean_environment(),
+                          capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL, check=False)
+
+
+def test_pairs_from_the_shell(root: Path) -> None:
+    stopped = kb(root, "pairs", "--limit", "15", "--json")
+    assert stopped.returncode == 3, stopped.stderr
+    assert json.loads(stopped.stdout.splitlines()[-1])["videos"] == 15
+    assert pq.read_table(root / "release" / "pairs").num_rows > 0
+    done = kb(root, "pairs", "--json", "--workers", "2")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout.splitlines()[-1])
+    assert summary["videos"] == 40
+    assert summary["pairs"] == pq.read_table(root / "pairs").num_rows == pq.read_table(root / "release" / "pairs").num_rows
+    whole = (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes()
+    filled = kb(root, "pairs", "--from-index", str(root / "release" / "pairs" / "pairs-00000-of-00001.parquet"))
+    assert filled.returncode == 0, filled.stderr
+    assert (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes() == whole
+    wrong = kb(root, "pairs", "--from-index", "x.parquet", "--format", "minedojo")
+    assert wrong.returncode == 2
+
+
+def test_keywords_from_the_shell(root: Path) -> None:
+    shown = kb(root, "pairs", "keywords", "--examples", "1")
+    assert shown.returncode == 0, shown.stderr
+    lines = shown.stdout.splitlines()
+    assert lines[0] == "keyword\tkind\trule\tmatches\talone"
+    names = [line.split("\t")[0] for line in lines[1:] if "\t" in line]
+    assert set(names) >= {"Creeper", "Oak Log", "Bed"}
+    assert "[creeper]" in shown.stdout
+
+
+def test_nothing_to_read(tmp_path: Path) -> None:
+    empty = kb(tmp_path / "data", "pairs")
+    assert empty.returncode == 1
+    assert "run `kb youtube filter` first" in empty.stderr
+    assert not (tmp_path / "data").exists()
