@@ -10,6 +10,7 @@ from typing import Any
 
 from kb.net import redact
 
+
 class Stderr:
     """Writes to whatever sys.stderr is now, so that lines go above a live progress display."""
 

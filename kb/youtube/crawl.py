@@ -16,7 +16,7 @@ from typing import Any
 
 from kb.core import clock, signals
 from kb.core.context import Run
-from kb.core.errors import Blocked, ItemFinal, KbError, LimitReached, QuotaSpent, Retryable, Stopped, Unreachable
+from kb.core.errors import ItemFinal, KbError, LimitReached, QuotaSpent, Retryable, Stopped, Unreachable
 from kb.core.verdict import Summary
 from kb.net.rate import Pace, is_loopback
 from kb.store import identity, lock, tombstones

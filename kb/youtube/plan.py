@@ -124,7 +124,8 @@ def _left_of_ids(run: Run, ids: Path, part: tuple[int, int] | None, state: dict[
 
 def _bytes_each(run: Run, state: dict[str, Any]) -> dict[str, float]:
     """Compressed bytes of one call (one video for transcripts), measured where there is something."""
-    answered = {effects.RAW_SEARCH: (SEARCHES, 1), effects.RAW_LIST: (UPLOADS, 1), effects.RAW_VIDEOS: (VIDEOS, PACK), effects.RAW_TRANSCRIPTS: (TRANSCRIPTS, 1)}
+    answered = {effects.RAW_SEARCH: (SEARCHES, 1), effects.RAW_LIST: (UPLOADS, 1), effects.RAW_VIDEOS: (VIDEOS, PACK),
+                effects.RAW_TRANSCRIPTS: (TRANSCRIPTS, 1)}
     sizes = {}
     for kind, (items, pack) in answered.items():
         done = state["kinds"].get(items, {}).get("done", 0)

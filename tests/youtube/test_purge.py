@@ -1,0 +1,94 @@
+"""Purge: what was named or has vanished leaves every folder, and nothing brings it back."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+
+import pytest
+
+from tests.youtube.job import Job
+
+
+def traces(job: Job, key: str) -> set[str]:
+    """Folders of the data root where a video is still named, raw segments looked into."""
+    found = set()
+    for path in job.root.rglob("*"):
+        if path.is_file() and not path.name.startswith("tombstones") and key.encode() in path.read_bytes():
+            found.add(str(path.relative_to(job.root)))
+    for kind in ("playlist_items", "videos", "transcripts"):
+        if any(key in str(envelope) for envelope in job.raw(kind)):
+            found.add(f"raw/{kind}")
+    return found
+
+
+@pytest.fixture
+def finished(job: Job) -> Job:
+    """A job whose videos are crawled, filtered, exported in two layouts, paired."""
+    for words in (("youtube", "crawl"), ("youtube", "filter"), ("youtube", "export"), ("youtube", "export", "--format", "minedojo"), ("pairs",)):
+        job.done(*words)
+    return job
+
+
+def kept(job: Job) -> list[str]:
+    return [row["video_id"] for row in job.rows("SELECT video_id FROM clean.youtube_videos ORDER BY video_id")]
+
+
+def ids_file(job: Job, *keys: str) -> str:
+    path = job.place / "gone.txt"
+    path.write_text("".join(f"{key}\n" for key in keys))
+    return str(path)
+
+
+def test_named_videos_leave_every_folder_and_stay_away(finished: Job) -> None:
+    job, before = finished, kept(finished)
+    paired = {row["video_id"] for row in job.rows("SELECT DISTINCT video_id FROM clean.pairs")}
+    named = [next(key for key in before if key in paired), before[-1]]
+    assert traces(job, named[0])
+    vanished = {row["key"] for row in job.rows("SELECT key FROM clean.youtube_rejected WHERE stage = 'missing'")}
+    summary = job.done("purge", "youtube", "--ids", ids_file(job, *named))
+    assert summary["purged"] == len({*named, *vanished})
+    for key in (*named, *vanished):
+        assert traces(job, key) == set()
+    assert kept(job) == [key for key in before if key not in named]
+    reasons = {row["key"]: row["reason"] for row in job.rows("SELECT key, reason FROM youtube_tombstones")}
+    assert reasons == dict.fromkeys(vanished, "vanished") | dict.fromkeys(named, "named")
+    # Neither the channel's list nor the user's own list of ids brings them back.
+    job.done("youtube", "crawl", "--again")
+    job.done("youtube", "crawl", "--ids", ids_file(job, *named))
+    job.done("youtube", "filter")
+    for key in (*named, *vanished):
+        assert traces(job, key) <= {"raw/playlist_items"}
+    assert kept(job) == [key for key in before if key not in named]
+
+
+def test_nothing_to_purge_changes_nothing(job: Job) -> None:
+    job.done("youtube", "crawl")
+    first = job.done("purge", "youtube")
+    assert first["purged"] > 0
+    before = job.digests("raw")
+    assert job.done("purge", "youtube")["purged"] == 0
+    assert job.digests("raw") == before
+
+
+def test_a_purge_that_was_killed_goes_on(finished: Job) -> None:
+    """Killed at ever later moments until it comes through; in the end nothing is left, whatever was done twice."""
+    job = finished
+    named = kept(job)[:3]
+    words = ("purge", "youtube", "--ids", ids_file(job, *named))
+    for tenths in range(6, 70, 8):
+        child = job.start(*words)
+        try:
+            child.communicate(timeout=tenths / 10)
+            assert child.returncode == 0
+            break
+        except subprocess.TimeoutExpired:
+            child.send_signal(signal.SIGKILL)
+            child.communicate()
+        words = ("purge", "youtube")    # the list of names is remembered
+    job.done("purge", "youtube")
+    # Killed before it wrote its list down, a purge has promised nothing; named again it must be complete.
+    job.done("purge", "youtube", "--ids", ids_file(job, *named))
+    for key in named:
+        assert traces(job, key) == set()
+    assert not list((job.root / "state").glob("*.purge.json"))
