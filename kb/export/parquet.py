@@ -51,7 +51,7 @@ def export(
             change = (changes or {}).get(declared.name)
             made = shards.sorted_shards(
                 found[declared.name], fresh, declared, rows_per_shard=run.profile.release.rows_per_shard,
-                reads=change.reads if change else (), change=change.make if change else None,
+                reads=change.reads if change else (), change=change.make if change else None, sync=False,
             )
             summary[declared.short] = sum(shard.rows for shard in made)
             task.advance(1, rows=summary[declared.short])

@@ -287,7 +287,7 @@ def _join(job: Job, spec: Clean, chain: Chain, rows: pa.Table) -> pa.Table:
 def _write(job: Job, name: str, number: int, rows: pa.Table) -> None:
     """A part file; empty ones only for the first bucket, so that each table is there."""
     if rows.num_rows or number == 0:
-        write_table(Path(job.out, table(name).short, f"part-{number:05d}.parquet"), rows, name)
+        write_table(Path(job.out, table(name).short, f"part-{number:05d}.parquet"), rows, name, sync=False)
 
 
 def _unanswered(run: Run, job: Job, spec: Clean) -> dict[str, int]:

@@ -27,9 +27,10 @@ def full_disk_is_resumable(path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def writing(path: Path) -> Iterator[Path]:
+def writing(path: Path, *, sync: bool = True) -> Iterator[Path]:
     """A temporary path in the same folder; renamed to `path` when the block ends well.
 
+    `sync=False` is for files in a fresh folder, which `replacing_folder` syncs before it counts.
     Raises DiskFull. Nothing is left behind when the block fails.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -37,9 +38,11 @@ def writing(path: Path) -> Iterator[Path]:
     try:
         with full_disk_is_resumable(path):
             yield temporary
-            sync_file(temporary)
+            if sync:
+                sync_file(temporary)
             os.replace(temporary, path)
-            sync_folder(path.parent)
+            if sync:
+                sync_folder(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
 

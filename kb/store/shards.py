@@ -41,14 +41,14 @@ def order(declared: Table) -> list[str]:
 
 
 def write_table(
-    path: Path, rows: pa.Table, declared: Table | str, *, released: bool = False, sort: bool = True
+    path: Path, rows: pa.Table, declared: Table | str, *, released: bool = False, sort: bool = True, sync: bool = True
 ) -> Shard:
-    """Write `rows` as one sorted file. Raises SchemaMismatch and DiskFull."""
+    """Write `rows` as one sorted file; `sync` as in kb.store.atomic. Raises SchemaMismatch and DiskFull."""
     declared = table(declared) if isinstance(declared, str) else declared
     rows = conform(declared, rows, released=released)
     if sort and rows.num_rows > 1:
         rows = rows.sort_by([(name, "ascending") for name in order(declared)])
-    with ShardWriter(path, declared, released=released, in_order=sort) as writer:
+    with ShardWriter(path, declared, released=released, in_order=sort, sync=sync) as writer:
         writer.write(rows)
     return Shard(path, rows.num_rows)
 
@@ -61,17 +61,19 @@ class ShardWriter:
     that rows come in the table's order, and is written into the file.
     """
 
-    def __init__(self, path: Path, declared: Table | str, *, released: bool = False, in_order: bool = False) -> None:
+    def __init__(
+        self, path: Path, declared: Table | str, *, released: bool = False, in_order: bool = False, sync: bool = True
+    ) -> None:
         self.declared = table(declared) if isinstance(declared, str) else declared
         self.path, self.released, self.rows = path, released, 0
         self._schema = self.declared.arrow(released)
         self._waiting: list[pa.Table] = []
         self._held = 0
-        self._in_order = in_order
+        self._in_order, self._sync = in_order, sync
 
     def __enter__(self) -> ShardWriter:
         self._stack = contextlib.ExitStack()
-        temporary = self._stack.enter_context(writing(self.path))
+        temporary = self._stack.enter_context(writing(self.path, sync=self._sync))
         self._file = self._stack.enter_context(_open(temporary, self.declared, self._schema, self._in_order))
         return self
 
@@ -120,7 +122,7 @@ def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any
 
 def sorted_shards(
     parts: Sequence[Path], folder: Path, declared: Table | str, *, rows_per_shard: int, released: bool = True,
-    reads: Sequence[str] = (), change: Callable[[pa.Table], pa.Table] | None = None,
+    reads: Sequence[str] = (), change: Callable[[pa.Table], pa.Table] | None = None, sync: bool = True,
 ) -> list[Shard]:
     """Merge many part files into globally sorted `<table>-00000-of-0000N.parquet` in `folder`.
 
@@ -140,7 +142,7 @@ def sorted_shards(
         pieces = _Pieces(change(rows).select(declared.names(released)) if change else rows for rows in merge)
         for index in range(number):
             path = folder / f"{declared.short}-{index:05d}-of-{number:05d}.parquet"
-            with ShardWriter(path, declared, released=released, in_order=True) as writer:
+            with ShardWriter(path, declared, released=released, in_order=True, sync=sync) as writer:
                 for rows in pieces.take(rows_per_shard):
                     writer.write(rows)
             shards.append(Shard(path, writer.rows))

@@ -47,7 +47,7 @@ def put(root: Path, kind: str, *envelopes: tuple[str, dict[str, Any], Any]) -> N
     segment = rawlog.Segment(rawlog.folder(root, "youtube", kind))
     for fetched_at, params, response in envelopes:
         envelope = rawlog.Envelope(fetched_at, rawlog.Request(kind, params), 200, response)
-        segment.append(rawlog.encode(envelope))
+        segment.append(rawlog.encode(envelope), sync=False)
     segment.close()
 
 
@@ -194,7 +194,7 @@ def test_workers_segments_and_buckets_change_no_byte_of_the_release(tmp_path: Pa
         for start in range(0, 600, step * 50):
             put(tmp_path / name, "transcripts", *said[start:start + step * 50])
     run_clean(run_at(tmp_path / "one"), "youtube")
-    monkeypatch.setattr(buckets, "RAW_BYTES", 2_000)
+    monkeypatch.setattr(buckets, "RAW_BYTES", 10_000)
     summary = run_clean(run_at(tmp_path / "many", workers=2), "youtube")
     assert summary["kept"] == 566
     assert len(list((tmp_path / "many/clean/youtube/videos").iterdir())) > 4
