@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from kb.core import clock
-from kb.core.errors import CredentialRefused, FatalError, ItemFinal, Retryable
+from kb.core.errors import Blocked, CredentialRefused, FatalError, ItemFinal, KbError, Retryable
 from kb.core.settings import Settings
 from kb.net.client import TIMEOUT_S, user_agent
 from kb.net.rate import Pace, is_loopback
@@ -23,6 +23,8 @@ ROOT = "https://www.reddit.com"
 OAUTH = "https://oauth.reddit.com"
 INFO = 100      # most ids of one info or morechildren call
 LISTED = 100    # most things of a listing's page
+
+_FACTS = {403: "forbidden", 404: "not_found", 451: "legal"}
 
 Spend = Callable[[str, int], Callable[[str], None]]
 """Writes a ledger row for (endpoint, units) and returns what notes the request's outcome."""
@@ -107,33 +109,33 @@ class Client:
             raise Retryable(f"{type(error.original_exception).__name__} at {path}", unreachable=True) from None
         except wrong.BadJSON:
             raise Retryable(f"an answer at {path} was cut off or is no JSON") from None
-        except wrong.TooManyRequests as error:
-            raise Retryable(f"HTTP 429 at {path}", throttled=True, after=retry_after(error.response.headers.get("Retry-After"))) from None
-        except wrong.ServerError as error:
-            raise Retryable(f"HTTP {error.response.status_code} at {path}",
-                            after=retry_after(error.response.headers.get("Retry-After"))) from None
-        except wrong.NotFound:
-            raise ItemFinal("not_found", path) from None
-        except wrong.Forbidden:
-            raise ItemFinal("forbidden", path) from None
         except wrong.Redirect as error:
             raise ItemFinal("redirect", error.path) from None
-        except wrong.UnavailableForLegalReasons:
-            raise ItemFinal("legal", path) from None
         except wrong.ResponseException as error:
-            status = error.response.status_code
-            if path == "api/v1/access_token" or "access_token" in (error.response.url or ""):
-                if status == 401:
-                    raise CredentialRefused("Reddit refuses the app's credentials (HTTP 401)",
-                                            hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET") from None
-            if status >= 500 or status in (408, 429):
-                raise Retryable(f"HTTP {status} at {path}", after=retry_after(error.response.headers.get("Retry-After"))) from None
-            raise FatalError(f"Reddit answers HTTP {status} at {path}") from None
+            raise _consequence(error.response, path) from None
 
     def _connected(self) -> Any:
         if self._reddit is None:
             self._reddit = _praw(self._id, self._secret or None, user_agent(self._contact), self._root, self._limiter, self._spend)
         return self._reddit
+
+
+def _consequence(response: Any, path: str) -> KbError:
+    """What follows from an answer that is no 200. Of the token's own requests none is a fact about an item."""
+    status, token = response.status_code, "access_token" in (response.url or "")
+    after = retry_after(response.headers.get("Retry-After"))
+    if status == 429:
+        return Retryable(f"HTTP 429 at {path}", throttled=True, after=after)
+    if status >= 500 or status == 408:
+        return Retryable(f"HTTP {status} at {path}", after=after)
+    if status == 403 and b"<html" in response.content[:2_000].lower():
+        # The API answers in JSON; a page comes from what guards it.
+        return Blocked("Reddit's network protection turns us away (HTTP 403 with a page)", hint="run the same command later, from a network that Reddit accepts")
+    if token and status in (400, 401, 403):
+        return CredentialRefused(f"Reddit refuses the app's credentials (HTTP {status})", hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET")
+    if not token and status in _FACTS:
+        return ItemFinal(_FACTS[status], path)
+    return FatalError(f"Reddit answers HTTP {status} at {path}")
 
 
 def _praw(client_id: str, secret: str | None, agent: str, root: str, limiter: Limiter, spend: Spend) -> Any:
@@ -153,6 +155,11 @@ def _praw(client_id: str, secret: str | None, agent: str, root: str, limiter: Li
                 note(type(error).__name__)
                 raise
             note(str(response.status_code))
+            # prawcore decides by this header, and fails on answers that don't have it in Reddit's own form.
+            if response.status_code == 401 and "access_token" not in url:
+                response.headers["www-authenticate"] = 'Bearer realm="reddit", error="invalid_token"'
+            elif response.status_code == 403:
+                response.headers.pop("www-authenticate", None)
             return response
 
     class Once(FiniteRetryStrategy):

@@ -1,0 +1,264 @@
+"""A crawl reads every post and comment once, whatever goes wrong on the way."""
+
+from __future__ import annotations
+
+import signal
+from collections import Counter
+from datetime import UTC, datetime
+from typing import Any
+
+import pytest
+
+from kb.core.errors import Blocked, CredentialRefused, FatalError, LimitReached, MissingCredential, OtherService, Unreachable
+from kb.reddit import parse
+from kb.sandbox.reddit import CLIENT, SECRET, TOKEN
+from kb.sandbox.subreddit import CASES, _PEOPLE
+from kb.store import rawlog
+from tests.reddit.work import Work
+
+
+def things(work: Work) -> dict[str, dict[str, Any]]:
+    """What the raw data say of every post and comment, by full name."""
+    found: dict[str, dict[str, Any]] = {}
+    for kind in rawlog.kinds(work.root, "reddit"):
+        reader = parse.Reader(kind, work.run().profile.reddit.links)
+        for path in rawlog.segments(work.root, "reddit", kind):
+            for _, line in rawlog.Frames(path):
+                found |= {row["fullname"]: row for row in reader.envelope(line) if row["state"] == "there"}
+    return found
+
+
+def everything(work: Work) -> set[str]:
+    return {f"t3_{key}" for key in work.world.posts} | {f"t1_{key}" for key in work.world.comments}
+
+
+def test_every_post_and_comment_is_there_with_its_values(whole: Work) -> None:
+    found = things(whole)
+    assert found.keys() == everything(whole)
+    for key, post in whole.world.posts.items():
+        row = found[f"t3_{key}"]
+        assert (row["title"], row["score"], row["num_comments"]) == (post["title"], post.get("score"), post["num_comments"])
+    for key, comment in whole.world.comments.items():
+        row = found[f"t1_{key}"]
+        assert (row["text"], row["score"], row["parent_id"], row["post_id"]) == (comment["body"], comment["score"], comment["parent_id"], comment["link_id"][3:])
+
+
+def test_pages_are_read_once_and_stubs_by_the_hundred(whole: Work) -> None:
+    ledger = whole.sandbox.ledger
+    pages = Counter(seen.path for seen in ledger.requests("^/comments/"))
+    assert set(pages.values()) == {1}
+    deep, wide = list(whole.world.posts)[CASES.index("deep")], list(whole.world.posts)[CASES.index("wide")]
+    assert sum(path.startswith(f"/comments/{deep}/_/") for path in pages) == 4     # ten replies a page
+    assert len(ledger.requests("morechildren")) == 7                              # 500 of 1,200 are on the page
+    assert sum(path.startswith(f"/comments/{wide}/") for path in pages) == 1
+    assert whole.crawled["requests"] == len(ledger.requests("^/(r|comments|api)/"))
+
+
+def test_depths_of_a_deep_and_a_wide_tree(whole: Work) -> None:
+    posts = list(whole.world.posts)
+    depths: dict[str, list[int]] = {}
+    for row in whole.table("clean", "reddit", "comments"):
+        depths.setdefault(row["post_id"], []).append(row["depth"])
+        assert row["depth"] == whole.world.comments[row["comment_id"]]["depth"]
+    assert max(depths[posts[CASES.index("deep")]]) == 39
+    assert set(depths[posts[CASES.index("wide")]]) == {0}
+    assert len(depths[posts[CASES.index("wide")]]) > 1_050      # some are deleted
+
+
+def test_odd_text_stays_as_far_as_arrow_can_hold_it(whole: Work) -> None:
+    row = next(row for row in whole.table("clean", "reddit", "posts") if row["title"].startswith("A tower"))
+    assert row["title"] == "A tower 🗼 مرحبا & <b>bold</b>"
+    assert row["body"] == "tab\tand�nul and � alone"
+
+
+def test_no_name_key_or_secret_in_any_file(whole: Work) -> None:
+    key = (whole.root / "state" / "reddit.key").read_text()
+    for path, text in whole.text().items():
+        named = [name for name in (*_PEOPLE, SECRET, TOKEN, CLIENT) if name in text]
+        assert named == [], path
+        assert (key in text) == (path == "state/reddit.key"), path
+    assert oct((whole.root / "state" / "reddit.key").stat().st_mode & 0o777) == "0o600"
+
+
+def test_a_finished_crawl_asks_nothing_and_a_new_round_little(work: Work) -> None:
+    work.crawl()
+    before = len(work.sandbox.ledger)
+    assert work.crawl()["requests"] == 0
+    assert len(work.sandbox.ledger) == before
+    work.crawl(again=True)
+    assert not work.sandbox.ledger.requests("^/comments/", since=before)
+
+
+def test_limit_counts_posts_and_the_next_run_goes_on(work: Work) -> None:
+    with pytest.raises(LimitReached) as stopped:
+        work.crawl(limit=7)
+    assert stopped.value.summary is not None and stopped.value.summary["crawled"] == 7
+    work.crawl()
+    assert things(work).keys() == everything(work)
+    assert set(Counter(seen.path for seen in work.sandbox.ledger.requests("^/comments/")).values()) == {1}
+
+
+def test_since_and_until_bound_the_posts(work: Work) -> None:
+    made = sorted(post["created_utc"] for post in work.world.posts.values())
+    summary = work.crawl(datetime.fromtimestamp(made[10], UTC), datetime.fromtimestamp(made[15], UTC))
+    assert summary["crawled"] == 5
+
+
+@pytest.mark.parametrize("fault", [
+    {"path": "^/comments/", "status": 503, "times": 2},
+    {"path": "^/comments/", "reset": True, "times": 2, "after": 3},
+    {"path": "^/comments/", "cut": 0.5, "honest": True, "times": 2},
+    {"path": "^/comments/", "cut": 0.5, "times": 1, "after": 5},
+    {"path": "morechildren", "status": 500, "times": 3},
+    {"path": "^/r/", "status": 429, "headers": {"Retry-After": "0"}, "times": 2},
+    {"path": "^/comments/", "status": 401, "times": 1, "after": 4},
+    {"path": "access_token", "status": 503, "times": 2},
+], ids=lambda fault: f"{fault['path']} {fault.get('status') or ('reset' if fault.get('reset') else 'cut')}")
+def test_what_passes_leaves_no_gap(work: Work, fault: dict[str, Any]) -> None:
+    planned = work.sandbox.faults.add(**fault)
+    work.crawl()
+    assert planned.hits == fault["times"]
+    assert things(work).keys() == everything(work)
+
+
+def test_retry_after_is_waited_for(work: Work) -> None:
+    work.sandbox.faults.add("^/r/", status=429, headers={"Retry-After": "1"})
+    with pytest.raises(LimitReached):
+        work.crawl(limit=1)
+    first, second = work.sandbox.ledger.requests("^/r/")[:2]
+    assert second.time - first.time >= 1
+
+
+def test_rate_headers_are_heeded(work: Work) -> None:
+    head = {"x-ratelimit-remaining": "0.0", "x-ratelimit-used": "1000", "x-ratelimit-reset": "1"}
+    work.sandbox.faults.add("^/r/", status=500, headers=head)
+    with pytest.raises(LimitReached):
+        work.crawl(limit=1)
+    first, second = work.sandbox.ledger.requests("^/r/")[:2]
+    assert second.time - first.time >= 1
+
+
+def test_429_without_end_is_a_block_and_no_fact_about_a_post(work: Work) -> None:
+    fault = work.sandbox.faults.add("^/comments/", status=429, times=None, after=3)
+    with pytest.raises(Blocked):
+        work.crawl()
+    work.sandbox.faults.remove(fault)
+    work.crawl()
+    assert things(work).keys() == everything(work)
+
+
+def test_an_hour_of_retry_after_stops_at_once(work: Work) -> None:
+    fault = work.sandbox.faults.add("^/comments/", status=429, headers={"Retry-After": "3600"}, times=None)
+    with pytest.raises(Blocked, match="3600"):
+        work.crawl()
+    assert fault.hits == 1
+
+
+def test_a_server_that_only_fails_is_unreachable_and_loses_nothing(work: Work) -> None:
+    fault = work.sandbox.faults.add("^/comments/", status=502, times=None)
+    with pytest.raises(Unreachable):
+        work.crawl()
+    assert fault.hits == 15     # five tries of three posts
+    work.sandbox.faults.remove(fault)
+    work.crawl()
+    assert things(work).keys() == everything(work)
+
+
+def test_one_post_that_fails_is_counted_and_tried_again_by_the_next_run(work: Work) -> None:
+    post = list(work.world.posts)[4]
+    fault = work.sandbox.faults.add(f"^/comments/{post}/", status=500, times=None)
+    assert work.crawl()["failed"] == 1
+    work.sandbox.faults.remove(fault)
+    assert work.crawl()["failed"] == 0
+    assert things(work).keys() == everything(work)
+
+
+@pytest.mark.parametrize("status", [403, 404])
+def test_a_post_that_is_shut_or_gone_is_a_fact_and_no_failure(work: Work, status: int) -> None:
+    post = list(work.world.posts)[4]
+    work.sandbox.faults.add(f"^/comments/{post}/", status=status, body={"message": "no", "error": status}, times=None)
+    summary = work.crawl()
+    assert (summary["failed"], summary["missing"]) == (0, 1)
+    work.filter()
+    rejected = {row["key"]: row["stage"] for row in work.table("clean", "reddit", "rejected")}
+    kept = {f"t3_{row['post_id']}" for row in work.table("clean", "reddit", "posts")}
+    assert (f"t3_{post}" in kept) == (status == 403)
+    assert rejected.get(f"t3_{post}") == ("missing" if status == 404 else None)
+
+
+def test_stubs_that_lead_nowhere_are_missing(work: Work) -> None:
+    wide = list(work.world.posts)[CASES.index("wide")]
+    lost = [key for key, comment in work.world.comments.items() if comment["link_id"] == f"t3_{wide}"][-3:]
+    work.sandbox.faults.add("morechildren", then=lambda seen: work.world.gone.update(f"t1_{key}" for key in lost))
+    work.crawl()
+    work.filter()
+    rejected = {row["key"]: (row["stage"], row["reason"]) for row in work.table("clean", "reddit", "rejected")}
+    assert {rejected[f"t1_{key}"] for key in lost} == {("missing", "missing")}
+
+
+def test_a_refused_app_ends_after_the_first_answer(work: Work) -> None:
+    work.sandbox.faults.add("access_token", status=401, times=None)
+    with pytest.raises(CredentialRefused):
+        work.crawl()
+    assert len(work.sandbox.ledger) == 1
+
+
+def test_a_token_that_is_refused_again_and_again_ends(work: Work) -> None:
+    work.sandbox.faults.add("^/comments/", status=401, times=None)
+    with pytest.raises(CredentialRefused):
+        work.crawl()
+    assert len(work.sandbox.ledger.requests("^/comments/")) <= 4
+
+
+def test_a_subreddit_that_does_not_exist(work: Work) -> None:
+    work.sandbox.faults.add("^/r/", status=403, body={"reason": "private", "message": "Forbidden", "error": 403}, times=None)
+    with pytest.raises(FatalError, match="private"):
+        work.crawl()
+
+
+def test_no_service_is_exit_3(work: Work) -> None:
+    work.sandbox.gone("reddit")
+    with pytest.raises(Unreachable):
+        work.crawl()
+
+
+@pytest.mark.parametrize("name", ["reddit_client_id", "reddit_client_secret", "kb_contact"])
+def test_what_is_not_set_is_named_before_anything_is_sent_or_written(work: Work, name: str) -> None:
+    run = work.run()
+    settings = run.settings.model_copy(update={name: None})
+    for command in (lambda one: work.crawl(settings=one), lambda one: work.refresh(settings=one), lambda one: work.rebuild(settings=one)):
+        with pytest.raises(MissingCredential, match=name.upper()):
+            command(settings)
+    assert len(work.sandbox.ledger) == 0
+    assert not work.root.exists()
+
+
+def test_another_host_is_refused(work: Work) -> None:
+    with pytest.raises(LimitReached):
+        work.crawl(limit=1)
+    before = len(work.sandbox.ledger)
+    with pytest.raises(OtherService):
+        work.crawl(settings=work.run().settings.model_copy(update={"kb_reddit_endpoint": "http://127.0.0.2:9"}))
+    assert len(work.sandbox.ledger) == before
+
+
+def test_killed_in_the_middle_only_what_was_in_flight_is_asked_again(work: Work) -> None:
+    job = work.job()
+    held = work.sandbox.faults.add("^/comments/", after=9, hold=True)
+    child = job.start("reddit", "crawl")
+    assert held.arrived.wait(60)
+    child.send_signal(signal.SIGKILL)
+    child.communicate()
+    held.release()
+    work.crawl()
+    again = Counter(f"{seen.path}?{seen.args.get('after', '')}{seen.args.get('q', '')}{seen.args.get('t', '')}" for seen in work.sandbox.ledger.requests("^/(comments|r)/"))
+    assert sorted(count for count in again.values() if count > 1) == [2]
+    assert things(work).keys() == everything(work)
+    work.filter()
+
+
+def test_the_command_ends_with_one_line_and_its_code(work: Work) -> None:
+    work.sandbox.faults.add("access_token", status=401, times=None)
+    line = work.job().stopped("reddit", "crawl", code=1)
+    assert "REDDIT_CLIENT_ID" in line
+    assert SECRET not in line
