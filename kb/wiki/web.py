@@ -15,7 +15,7 @@ from kb.core.errors import Blocked, ItemFinal, Retryable, Unreachable
 from kb.net import retry
 from kb.net.client import TIMEOUT_S, make_session, user_agent
 from kb.net.rate import Pace, is_loopback
-from kb.net.robots import Robots
+from kb.net.robots import Robots, robots_url
 from kb.store.atomic import writing
 
 Result = TypeVar("Result")
@@ -53,7 +53,7 @@ class Web:
     def read_robots(self) -> None:
         """Fetch robots.txt once; its crawl-delay becomes the pace. Raises Unreachable."""
         try:
-            answer = self.attempt(lambda: self._fetch(f"{self._root}/robots.txt", {}))
+            answer = self.attempt(lambda: self._fetch(robots_url(self._root), {}))
             self._robots = Robots.of_answer(answer.status, answer.body.decode("utf-8", "replace"), self.agent)
         except ItemFinal:
             self._robots = Robots.of_answer(404, "", self.agent)
