@@ -10,6 +10,7 @@ With a limit only as much is listed and searched as the videos need.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -77,7 +78,7 @@ class Crawl:
         self._api_done = threading.Event()
         self._news = threading.Condition()
         self._tasks: dict[str, Any] = {}
-        self._bad_luck = 0
+        self._bad_luck = self._web_bad_luck = 0
         # What the limit counts: videos, or what the one phase handles that --only names.
         self._counts = VIDEOS if VIDEOS in phases else next(iter(phases))
         self._counted = 0
@@ -161,7 +162,6 @@ class Crawl:
                     break
                 try:
                     {SEARCHES: self._search, UPLOADS: self._list, VIDEOS: self._read}[step](api)
-                    self._bad_luck = 0
                 except QuotaSpent as stop:
                     spent |= {SEARCHES: stop} if step == SEARCHES else {UPLOADS: stop, VIDEOS: stop}
         finally:
@@ -228,11 +228,13 @@ class Crawl:
         self._show(VIDEOS, "videos", len(items))
         self._wake()
 
-    def _ask(self, items: list[Item], call: Any, *, final: bool = True) -> dict[str, Any] | None:
+    def _ask(self, items: list[Item], call: Callable[[], dict[str, Any]], *, final: bool = True) -> dict[str, Any] | None:
         """The answer; None when the items failed. What stops the run gives them back first."""
         kind, keys = items[0].kind, [item.key for item in items]
         try:
-            return call()
+            answer = call()
+            self._bad_luck = 0
+            return answer
         except Retryable as error:
             self._bad_luck += 1
             for key in keys:
@@ -295,7 +297,11 @@ class Crawl:
         self.recorder.record(effects.RAW_TRANSCRIPTS, "transcript", {"video_id": item.key, "language": self.profile.language}, 200, found)
         with self._lock:
             self.summary["transcripts"] += found["outcome"] == "ok"
+            self._web_bad_luck = self._web_bad_luck + 1 if found["outcome"] == "failed" else 0
         self._show(TRANSCRIPTS, "videos")
+        if self._web_bad_luck >= HOPELESS * 2:
+            raise Unreachable(f"{found['reason']}; {self._web_bad_luck} transcripts failed one after the other",
+                              hint="the site seems to be in trouble; the same command goes on")
 
     def _end_web(self, stop: KbError) -> None:
         with self._lock:
