@@ -26,7 +26,7 @@ from kb.core.verdict import Summary
 from kb.reddit import tables
 from kb.reddit.client import INFO
 from kb.reddit.crawl import Crawl, Session, session
-from kb.reddit.wanted import Wanted, read_names, read_wanted
+from kb.reddit.wanted import Wanted, read_names, read_wanted, released_depths
 from kb.store.atomic import write_bytes
 
 OUT = Path("export", "reconstructed")   # below the data root
@@ -111,7 +111,8 @@ def rebuild(run: Run, ids: Path | str | Iterable[str] | None, out: Path) -> Summ
     """
     for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
         run.settings.need(name)
-    wanted = _wanted(run, ids)
+    source = run.root / "release" / "reddit" if ids is None else Path(ids) if isinstance(ids, (str, Path)) else None
+    wanted = read_names(ids, "ids") if source is None else read_wanted(source)
     digest = hashlib.sha256(msgspec.json.encode(wanted)).hexdigest()[:16]
     done, work = out / _DONE, out / f".work-{digest}"
     if done.exists() and not run.again:
@@ -124,7 +125,8 @@ def rebuild(run: Run, ids: Path | str | Iterable[str] | None, out: Path) -> Summ
         job = Rebuild(at, wanted)
         summary = job.run()
         try:
-            counts = tables.write(work, out, wanted, job.unanswered(), run.profile.section("reddit").links)
+            depths = released_depths(source) if source else None
+            counts = tables.write(work, out, wanted, job.unanswered(), run.profile.section("reddit").links, depths)
         except KbError as error:
             error.summary = summary
             raise
@@ -192,12 +194,6 @@ class Rebuild(Crawl):
             for key, _, reason, _ in self.frontier.items(kind, "skipped"):
                 found[f"{prefix}{key}"] = {"404": "missing", "purged": "purged"}.get(reason or "", "forbidden")
         return found
-
-
-def _wanted(run: Run, ids: Path | str | Iterable[str] | None) -> Wanted:
-    if ids is None:
-        return read_wanted(run.root / "release" / "reddit")
-    return read_wanted(Path(ids)) if isinstance(ids, (str, Path)) else read_names(ids, "ids")
 
 
 def _run(profile: str | None, settings: dict[str, Any]) -> Run:

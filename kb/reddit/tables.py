@@ -22,8 +22,11 @@ if TYPE_CHECKING:
 IDS = 200_000   # a bucket
 
 
-def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], links: Links) -> dict[str, int]:
-    """posts/, comments/ and missing.parquet below `out`; how many rows each has. Raises DamagedData, DiskFull."""
+def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], links: Links, depths: pa.Table | None = None) -> dict[str, int]:
+    """posts/, comments/ and missing.parquet below `out`; how many rows each has. Raises DamagedData, DiskFull.
+
+    `depths` (comment_id, depth) fills in where ancestors are gone.
+    """
     import pyarrow as pa
 
     buckets = 1 + (len(wanted.names) + 50 * len(wanted.trees)) // IDS
@@ -42,6 +45,8 @@ def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], lin
             posts = made["reddit/posts"]
             for name, rows in (("posts", posts), ("comments", made["reddit/comments"]({"reddit/posts": posts}))):
                 kept = _sort(rows, table(f"reddit/{name}"), "t3_" if name == "posts" else "t1_", there, gone)
+                if name == "comments" and depths is not None:
+                    kept = _deep(kept, depths)
                 if kept.num_rows:
                     write_table(fresh[name] / f"part-{number:05d}.parquet", kept, f"reddit/{name}")
                     counts[name] += kept.num_rows
@@ -96,6 +101,13 @@ def _sort(rows: pa.Table, declared: Table, prefix: str, there: set[str], gone: d
         if field.name not in kept.column_names:
             kept = kept.append_column(field.name, pa.nulls(kept.num_rows, field.type))
     return kept.select(declared.names())
+
+
+def _deep(rows: pa.Table, depths: pa.Table) -> pa.Table:
+    import pyarrow.compute as pc
+
+    known = depths["depth"].take(pc.index_in(rows["comment_id"], value_set=depths["comment_id"].combine_chunks()))
+    return rows.set_column(rows.column_names.index("depth"), "depth", pc.coalesce(rows["depth"], known))
 
 
 def _reason(state: str, gone: str | None) -> str | None:

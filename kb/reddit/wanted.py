@@ -6,9 +6,12 @@ import json
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from kb.core.errors import SettingError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 _NAME = re.compile(r"t[13]_[0-9a-z]{1,13}\Z")
 
@@ -57,6 +60,23 @@ def read_names(lines: Iterable[str], where: str) -> Wanted:
             raise SettingError(f"{where}, line {number}: {line.strip()[:40]!r} is no full name", hint="write posts as t3_… and comments as t1_…")
         found.append(name)
     return _names(found)
+
+
+def released_depths(path: Path) -> pa.Table | None:
+    """(comment_id, depth) of released comments, None when the file has none: `info` gives no ancestors that are gone."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    files = sorted(path.glob("comments-*.parquet")) if path.is_dir() else [path]
+    found = []
+    for file in files:
+        with file.open("rb") as opened:
+            if opened.read(4) != b"PAR1":
+                continue
+        if {"comment_id", "depth"} <= set(pq.read_schema(file).names):
+            rows = pq.read_table(file, columns=["comment_id", "depth"])
+            found.append(rows.cast(pa.schema([("comment_id", pa.string()), ("depth", pa.int64())])))
+    return pa.concat_tables(found) if found else None
 
 
 def _names(found: Iterable[str]) -> Wanted:

@@ -1,0 +1,188 @@
+"""Reconstruction brings back everything that is still there, at a hundred ids a request, and names the rest."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import kb.reddit
+from kb.core.errors import LimitReached, SettingError
+from kb.reddit.wanted import read_wanted
+from kb.sandbox.server import Sandbox
+from kb.sandbox.subreddit import _PEOPLE
+from kb.schema import table
+from tests.reddit.conftest import small_world
+from tests.reddit.work import Work, rows, texts
+
+COMPARED = ("author_hash", "score_source", "fetched_at")
+
+
+@pytest.fixture
+def far(whole: Work, tmp_path: Path) -> Work:
+    """Somebody else's machine: an empty data root, the same subreddit and the released tables."""
+    return Work(whole.sandbox, tmp_path)
+
+
+def released(whole: Work) -> Path:
+    return whole.root / "release" / "reddit"
+
+
+def packed(posts: int, comments: int) -> float:
+    return 1.02 * (-(-posts // 100) + -(-comments // 100))
+
+
+def plain(found: list[dict[str, object]]) -> list[dict[str, object]]:
+    return [{name: value for name, value in row.items() if name not in COMPARED} for row in found]
+
+
+def test_a_release_comes_back_whole_at_the_price_that_was_promised(whole: Work, far: Work) -> None:
+    since = len(far.sandbox.ledger)
+    summary = far.rebuild(released(whole))
+    posts, comments = whole.table("clean", "reddit", "posts"), whole.table("clean", "reddit", "comments")
+    asked = [seen for seen in far.sandbox.ledger.requests(since=since) if "access_token" not in seen.path]
+    assert len(asked) == summary["requests"] - 1 <= packed(len(posts), len(comments))
+    assert plain(rows(far.place / "out" / "posts")) == plain(posts)
+    assert plain(rows(far.place / "out" / "comments")) == plain(comments)
+    assert pq.read_table(far.place / "out" / "missing.parquet").num_rows == 0
+    for name in ("posts", "comments"):
+        for part in (far.place / "out" / name).iterdir():
+            assert pq.read_schema(part).remove_metadata().equals(table(f"reddit/{name}").arrow().remove_metadata())
+
+
+def test_hashes_are_of_this_root_alone_and_no_name_is_written(whole: Work, far: Work) -> None:
+    with pytest.raises(LimitReached):
+        far.rebuild(released(whole), limit=300)
+    far.rebuild(released(whole))
+    mine = {row["author_hash"] for row in rows(far.place / "out" / "comments")} - {None}
+    theirs = {row["author_hash"] for row in whole.table("clean", "reddit", "comments")} - {None}
+    assert len(mine) == len(theirs)
+    assert not mine & theirs
+    for path, text in texts(far.place).items():
+        assert not [name for name in _PEOPLE if name in text], path
+
+
+def test_what_is_gone_is_named_with_its_reason_and_no_failure(tmp_path: Path) -> None:
+    world = small_world(24, width=20, depth=12)
+    with Sandbox(world, services=["reddit"]) as sandbox:
+        work = Work(sandbox, tmp_path)
+        posts, comments = list(world.reddit.posts), list(world.reddit.comments)
+        live = [key for key in comments if world.reddit.comments[key]["body"] not in ("[deleted]", "[removed]")]
+        world.reddit.gone |= {f"t3_{posts[0]}", f"t1_{live[0]}"}
+        world.reddit.removed |= {f"t3_{posts[1]}", f"t1_{live[1]}"}
+        ids = tmp_path / "ids.txt"
+        ids.write_text("\n".join([f"t3_{key}" for key in posts] + [f"t1_{key}" for key in comments] + ["t1_zzzzzz", "t3_zzzzzz", "t3_zzzzzz", ""]))
+        summary = work.rebuild(ids)
+    missing = {row["key"]: row["reason"] for row in pq.read_table(tmp_path / "out" / "missing.parquet").to_pylist()}
+    answered = {f"t3_{row['post_id']}" for row in rows(tmp_path / "out" / "posts")} | {f"t1_{row['comment_id']}" for row in rows(tmp_path / "out" / "comments")}
+    assert not answered & missing.keys()
+    assert answered | missing.keys() == {line for line in ids.read_text().split("\n") if line}
+    assert summary["missing"] == len(missing)
+    assert {missing[name] for name in ("t1_zzzzzz", "t3_zzzzzz", f"t3_{posts[0]}", f"t1_{live[0]}")} == {"missing"}
+    assert {missing[f"t3_{posts[1]}"], missing[f"t1_{live[1]}"]} == {"removed"}
+    assert Counter(missing.values())["malformed"] == 1      # the post without a score
+    orphan = [row for row in rows(tmp_path / "out" / "comments") if row["parent_id"] == f"t1_{live[0]}"]
+    assert all(row["depth"] is None for row in orphan)
+
+
+def test_mine_dojos_list_brings_whole_trees(whole: Work, far: Work) -> None:
+    far.rebuild(whole.root / "export" / "minedojo" / "reddit.json")
+    assert plain(rows(far.place / "out" / "posts")) == plain(whole.table("clean", "reddit", "posts"))
+    assert plain(rows(far.place / "out" / "comments")) == plain(whole.table("clean", "reddit", "comments"))
+    assert max(row["depth"] for row in rows(far.place / "out" / "comments")) == 39
+    missing = {row["key"]: row["reason"] for row in pq.read_table(far.place / "out" / "missing.parquet").to_pylist()}
+    assert set(missing.values()) == {"deleted", "removed"}
+
+
+def test_a_published_post_that_is_gone_is_missing(work: Work) -> None:
+    ids = work.place / "reddit.json"
+    posts = list(work.world.posts)
+    ids.write_text(json.dumps([{"id": posts[0], "type": "text"}, {"id": "zzzzz", "type": "image"}]))
+    assert work.rebuild(ids)["posts"] == 1
+    assert pq.read_table(work.place / "out" / "missing.parquet").to_pylist() == [{"key": "t3_zzzzz", "reason": "missing"}]
+
+
+def test_an_answered_reconstruction_asks_nothing_and_again_asks_anew(whole: Work, far: Work) -> None:
+    first = far.rebuild(released(whole))
+    since = len(far.sandbox.ledger)
+    assert far.rebuild(released(whole)) == {**first, "requests": 0}
+    assert len(far.sandbox.ledger) == since
+    assert far.rebuild(released(whole), again=True)["requests"] == first["requests"]
+    assert [path.name for path in (far.place / "out").iterdir() if path.name.startswith(".work")] == []
+
+
+def test_killed_in_the_middle_only_what_was_in_flight_is_asked_again(whole: Work, far: Work) -> None:
+    since = len(far.sandbox.ledger)
+    held = far.sandbox.faults.add("api/info", after=5, hold=True)
+    child = far.job().start("reddit", "reconstruct", "--ids", str(released(whole)), "--out", str(far.place / "out"))
+    assert held.arrived.wait(60)
+    child.send_signal(signal.SIGKILL)
+    child.communicate()
+    held.release()
+    assert not (far.place / "out" / "posts").exists()
+    far.rebuild(released(whole))
+    asked = Counter(seen.args["id"] for seen in far.sandbox.ledger.requests("api/info", since=since))
+    assert sorted(asked.values()) == [1] * (len(asked) - 1) + [2]
+    assert plain(rows(far.place / "out" / "comments")) == plain(whole.table("clean", "reddit", "comments"))
+
+
+def test_a_request_that_fails_is_counted_and_tried_by_the_next_run(whole: Work, far: Work) -> None:
+    fault = far.sandbox.faults.add("api/info", status=500, after=2, times=5)
+    summary = far.rebuild(released(whole))
+    far.sandbox.faults.remove(fault)
+    assert summary["failed"] == 100
+    missing = pq.read_table(far.place / "out" / "missing.parquet").to_pylist()
+    assert Counter(row["reason"] for row in missing) == {"failed": 100}
+    since = len(far.sandbox.ledger)
+    assert far.rebuild(released(whole))["missing"] == 0
+    assert len(far.sandbox.ledger.requests("api/info", since=since)) == 1
+
+
+def test_one_python_call_yields_typed_rows(whole: Work, tmp_path: Path) -> None:
+    key, comment = whole.table("clean", "reddit", "posts")[0]["post_id"], whole.table("clean", "reddit", "comments")[0]
+    settings = {name.lower(): value for name, value in whole.sandbox.settings().items()}
+    found = list(kb.reddit.reconstruct([f"t3_{key}", f"t1_{comment['comment_id']}", "t3_zzzz"], kb_data=tmp_path, **settings))
+    assert [type(row).__name__ for row in found] == ["Post", "Comment", "Missing"]
+    assert (found[0].post_id, found[0].title) == (key, whole.world.posts[key]["title"])
+    assert (found[1].body, found[1].created_utc) == (comment["body"], comment["created_utc"])
+    assert found[2] == kb.reddit.Missing("t3_zzzz", "missing")
+
+
+def test_the_call_has_its_name_whatever_was_imported_before() -> None:
+    code = "import kb.reddit, kb.cli.reddit, kb.reddit.reconstruction; assert callable(kb.reddit.reconstruct)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(("name", "text", "says"), [
+    ("ids.txt", "t3_abc\nabc\n", "line 2"), ("ids.txt", "t2_abc\n", "line 1"), ("ids.txt", "\n", "no ids"),
+    ("reddit.json", "{}", "no list"), ("reddit.json", '[{"type": "text"}]', "entry 1"), ("reddit.json", "[", "can't be read"),
+])
+def test_a_file_of_no_use_is_said_before_anything_is_sent(work: Work, name: str, text: str, says: str) -> None:
+    path = work.place / name
+    path.write_text(text)
+    with pytest.raises(SettingError, match=says):
+        work.rebuild(path)
+    assert len(work.sandbox.ledger) == 0
+
+
+def test_without_a_release_or_ids_the_hint_names_both(work: Work) -> None:
+    line = work.job().stopped("reddit", "reconstruct", code=2)
+    assert "release" in line
+    assert "--ids" in line
+    assert len(work.sandbox.ledger) == 0
+
+
+def test_ids_of_released_tables_and_of_keys(tmp_path: Path) -> None:
+    pq.write_table(pa.table({"comment_id": ["a1", "a2"], "post_id": ["p", "p"]}), tmp_path / "c")
+    pq.write_table(pa.table({"post_id": ["p", "q"]}), tmp_path / "p.parquet")
+    pq.write_table(pa.table({"key": ["t3_p", "t1_a"], "reason": ["x", "y"]}), tmp_path / "k.parquet")
+    assert read_wanted(tmp_path / "c").names == ["t1_a1", "t1_a2"]
+    assert read_wanted(tmp_path / "p.parquet").names == ["t3_p", "t3_q"]
+    assert read_wanted(tmp_path / "k.parquet").names == ["t3_p", "t1_a"]
