@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from kb.core.errors import SchemaMismatch, UsageError
@@ -42,10 +43,27 @@ def raw(kind: str) -> dict[str, Any]:
     path = folder("schemas") / "raw" / f"{kind}.json"
     if not path.is_file():
         raise UsageError(f"no raw kind {kind!r} in schemas/", hint=f"known: {', '.join(kinds())}")
+    return _read(path)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """The schema in a file, with `$ref` to a file beside it put in its place."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+        return _resolved(json.loads(path.read_text(encoding="utf-8")), path.parent)
+    except (ValueError, OSError) as error:
         raise SchemaMismatch(f"{path}: not readable as JSON: {error}") from None
+
+
+def _resolved(node: Any, beside: Path) -> Any:
+    if isinstance(node, list):
+        return [_resolved(item, beside) for item in node]
+    if not isinstance(node, dict):
+        return node
+    made = {key: _resolved(value, beside) for key, value in node.items() if key != "$ref"}
+    if isinstance(node.get("$ref"), str):
+        base = beside.parent if beside.name == "parts" else beside
+        made = _read(base / node["$ref"]) | made
+    return made
 
 
 def at(kind: str, path: str) -> dict[str, Any] | None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +45,35 @@ def test_recorded_answers_have_no_unknown_key_and_no_problem(kind: str, recorded
     for path in paths:
         found = raw.check(f"youtube/{kind}", json.loads(path.read_text(encoding="utf-8")))
         assert (found.problems, dict(found.unknown)) == ([], {}), path.name
+
+
+def reddit_answers(recorded: Path) -> Iterator[tuple[str, Any]]:
+    """(kind, answer) of every recorded answer that holds posts, comments or stubs; subreddits and users are not ours."""
+    for path in sorted((recorded / "reddit").glob("*.json")):
+        for exchange in json.loads(path.read_text(encoding="utf-8"))["interactions"]:
+            uri, text = exchange["request"]["uri"], exchange["response"]["body"]["string"]
+            answer = json.loads(text) if text.startswith(("{", "[")) else None
+            if isinstance(answer, list) and "/comments/" in uri:
+                yield "comments", answer
+            elif isinstance(answer, dict) and "/api/morechildren" in uri:
+                yield "morechildren", answer
+            elif isinstance(answer, dict) and answer.get("kind") == "Listing":
+                children = answer["data"]["children"]
+                answer["data"]["children"] = [child for child in children if child["kind"] in ("t1", "t3", "more")]
+                yield "info" if "/api/info" in uri else "listings", answer
+
+
+def test_recorded_answers_of_reddit_have_no_unknown_key_and_no_problem(recorded: Path) -> None:
+    seen = Counter()
+    for kind, answer in reddit_answers(recorded):
+        found = raw.check(f"reddit/{kind}", answer)
+        assert (found.problems, dict(found.unknown)) == ([], {})
+        seen[kind] += 1
+    assert set(seen) == {"comments", "info", "morechildren", "listings"}
+    retyped = {"kind": "Listing", "data": {"children": [{"kind": "t3", "data": {"id": "a", "score": "many", "aura": 1}}]}}
+    found = raw.check("reddit/info", retyped)
+    assert found.problems == ['data.children[0].data.score is "many", not integer or null']
+    assert dict(found.unknown) == {"data.children[].data.aura": 1}
 
 
 def video(**change: Any) -> dict[str, Any]:
