@@ -8,6 +8,7 @@ machines and backends differ.
 from __future__ import annotations
 
 import importlib.util
+import os
 from collections.abc import Sequence
 from typing import Any, Protocol
 
@@ -71,6 +72,7 @@ def open_runner(checkpoint: Checkpoint, precision: str = "fp32", device: str = "
     """
     if precision not in PRECISIONS:
         raise SettingError(f"--precision is {precision!r}", hint=f"allowed: {', '.join(PRECISIONS)}")
+    os.environ.setdefault("RAYON_NUM_THREADS", str(threads))  # the tokenizer's own threads
     if device == "cuda":
         if precision == "int8":
             raise SettingError("--precision int8 runs on a CPU only", hint="use bf16 on a GPU")
@@ -79,7 +81,7 @@ def open_runner(checkpoint: Checkpoint, precision: str = "fp32", device: str = "
         return _torch_runner(checkpoint, precision, device, threads)
     wanted = ("onnxruntime",) if precision == "int8" else ("openvino", "onnxruntime")
     if any(_installed(name) for name in wanted):
-        compiled = find_compiled(checkpoint) or (make_compiled(checkpoint) if can_compile() else None)
+        compiled = prepare(checkpoint)
         if compiled:
             runner = _int8_runner(compiled, threads) if precision == "int8" else graph_runner(compiled, threads)
             if runner:
@@ -87,6 +89,11 @@ def open_runner(checkpoint: Checkpoint, precision: str = "fp32", device: str = "
     if precision == "int8":
         raise MissingExtra("--precision int8 needs onnxruntime and onnx", hint="run `pip install onnxruntime onnx`")
     return _torch_runner(checkpoint, precision, device, threads)
+
+
+def prepare(checkpoint: Checkpoint) -> Compiled | None:
+    """The graph of the checkpoint, made now when there is none; None when it can't be made."""
+    return find_compiled(checkpoint) or (make_compiled(checkpoint) if can_compile() else None)
 
 
 def graph_runner(compiled: Compiled, threads: int, prefer: str | None = None) -> Runner | None:
@@ -120,7 +127,6 @@ def torch_network(model: Any, device: str, precision: str) -> Network:
 
 def choose_device(wanted: str) -> str:
     """ "cpu" or "cuda" for `--device auto|cpu|cuda`. Raises SettingError when there is no GPU to use."""
-    import os
     import shutil
 
     if wanted not in ("auto", "cpu", "cuda"):
@@ -196,8 +202,13 @@ def _int8_runner(compiled: Compiled, threads: int) -> Runner | None:
         from kb.store.atomic import writing
 
         with writing(quantized) as fresh:
-            logging.getLogger().setLevel(logging.ERROR)
-            quantize_dynamic(str(compiled.graph), str(fresh), weight_type=QuantType.QInt8)
+            root = logging.getLogger()
+            before = root.level
+            root.setLevel(logging.ERROR)  # it advises to prepare the graph, which changes nothing for BERT
+            try:
+                quantize_dynamic(str(compiled.graph), str(fresh), weight_type=QuantType.QInt8)
+            finally:
+                root.setLevel(before)
     return Runner(
         "onnxruntime", _onnxruntime(quantized, threads), _tokenizer(compiled), Meta.read(compiled.folder / "meta.json")
     )

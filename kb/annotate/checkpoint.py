@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import os
 import re
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from kb.annotate.cache import cache_root
 from kb.annotate.published import PUBLISHED, Published
 from kb.core.errors import MissingExtra, MissingModel
 from kb.core.settings import Settings
@@ -48,12 +48,6 @@ class Checkpoint:
     def is_sandbox(self) -> bool:
         """Whether it is the sandbox's tiny model, whose scores mean nothing about real texts."""
         return self.model == SANDBOX
-
-
-def cache_root() -> Path:
-    """Where models and what is made of them are kept for every data root of this user."""
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base).absolute() / "lorebase"
 
 
 def models_folder(name: str) -> Path:

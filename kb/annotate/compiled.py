@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from kb.annotate.checkpoint import Checkpoint, cache_root, sha256_of, tokenizer_files
+from kb.annotate.cache import cache_root, making
+from kb.annotate.checkpoint import Checkpoint, sha256_of, tokenizer_files
 from kb.annotate.detoxify_model import WINDOW, load_detoxify
-from kb.store.atomic import replacing_folder
 
 FORMAT = 2  # raise it when the folder's files change meaning
 TOLERANCE = 1e-4
@@ -103,7 +103,7 @@ def make_compiled(checkpoint: Checkpoint) -> Compiled | None:
     detoxify = load_detoxify(checkpoint)
     folder = place(checkpoint)
     try:
-        with replacing_folder(folder) as fresh:
+        with making(folder, lambda: find_compiled(checkpoint) is not None) as fresh:
             _export(detoxify, fresh)
             if not _agrees(detoxify, Compiled(fresh)):
                 raise _Differs

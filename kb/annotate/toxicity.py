@@ -17,7 +17,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from kb.annotate.backends import PRECISIONS, REACH, Runner, choose_device, open_runner
+from kb.annotate.backends import PRECISIONS, REACH, Runner, choose_device, open_runner, prepare
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
 from kb.annotate.hashes import text_hashes
 from kb.annotate.scores import CATEGORIES, Scores
@@ -139,6 +139,8 @@ class Scorer:
         job = _Job(self.checkpoint, self.precision, choose_device(self.device), self._threads(), self.threshold)  # type: ignore[arg-type]
         local = self.run.engine == "local"
         # On one machine the threads are inside the model: one copy of it, whatever the number of cores.
+        if not local and job.device == "cpu" and job.precision != "bf16":
+            prepare(job.checkpoint)  # once here, not by every worker at the same time
         with make_executor(self.run.engine, 1 if local else self.run.workers, self.run.scheduler) as executor:
             waiting: list[list[str]] = []
 

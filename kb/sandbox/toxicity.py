@@ -17,11 +17,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from kb.annotate.checkpoint import SANDBOX, cache_root, need_extra, sha256_of
+from kb.annotate.cache import cache_root, making
+from kb.annotate.checkpoint import SANDBOX, need_extra, sha256_of
 from kb.core import clock
 from kb.core.errors import FatalError
 from kb.sandbox import toxicity_words as words
-from kb.store.atomic import replacing_folder
 
 VERSION = 1  # raise it when words, sizes or training change: cached models of other versions are left alone
 CLASSES = ("toxic", "severe_toxic", "obscene", "threat", "insult", "identity_hate")
@@ -47,7 +47,7 @@ def tiny_checkpoint(folder: Path | None = None) -> Path:
         need_extra()
         with _alone(place):
             if not checkpoint.is_file():
-                with replacing_folder(place) as fresh:
+                with making(place, checkpoint.is_file) as fresh:
                     _train(fresh)
     return checkpoint
 

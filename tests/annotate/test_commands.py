@@ -38,7 +38,8 @@ def test_annotate_stops_at_the_limit_goes_on_and_then_has_nothing_to_do(job):
     assert third["model"] == "lorebase_tiny"
     # The filter finds every score there is, and rejects by them.
     assert job.done("youtube", "filter")["stages"]["toxicity"] > 0
-    assert job.rows("SELECT count(*) n FROM clean.youtube_videos WHERE title <> '' AND toxicity_title IS NULL") == [{"n": 0}]
+    unscored = "SELECT count(*) n FROM clean.youtube_videos WHERE title <> '' AND toxicity_title IS NULL"
+    assert job.rows(unscored) == [{"n": 0}]
 
 
 def test_without_a_model_nothing_is_written_and_the_line_names_the_command(job, tmp_path):
@@ -65,6 +66,7 @@ def test_options_that_can_not_work_are_exit_2(job):
 def test_fetch_refuses_another_file(job, tmp_path):
     """The sandbox's web site answers for the hub, and knows no such file."""
     cache = tmp_path / "cache"
-    line = job.stopped("models", "fetch", code=1, KB_MODELS_ENDPOINT=job.env["KB_YOUTUBE_WEB"], XDG_CACHE_HOME=str(cache))
+    there = {"KB_MODELS_ENDPOINT": job.env["KB_YOUTUBE_WEB"], "XDG_CACHE_HOME": str(cache)}
+    line = job.stopped("models", "fetch", code=1, **there)
     assert "config.json" in line
     assert not [path for path in cache.rglob("*") if path.is_file()]
