@@ -12,10 +12,7 @@ from kb.store.shards import write_table
 
 _LETTERS = np.frombuffer(b"etaoinshrdlucmfwypvbgkjqxz", np.uint8)
 _WORDS_A_CUE = 8
-COMMON = (
-    "so we are going to get some of the and you can see that i have a lot it is right here let's go ahead then this one just like"
-    " in my world now what want make sure guys hey everyone welcome back today video because really little bit over there"
-).split()
+COMMON = ["so", "we", "are", "going", "to", "get", "some", "of", "the", "and", "you", "can", "see", "that", "i", "have", "a", "lot", "it", "is", "right", "here", "let's", "go", "ahead", "then", "this", "one", "just", "like", "in", "my", "world", "now", "what", "want", "make", "sure", "guys", "hey", "everyone", "welcome", "back", "today", "video", "because", "really", "little", "bit", "over", "there"]
 
 
 def vocabulary(size: int, seed: int = 7) -> list[str]:

@@ -34,7 +34,8 @@ SPOKEN = {  # what people say and no version writes
     "Cobblestone": "cobble", "Enchanting Table": "enchantment table, enchant table", "Eye of Ender": "ender eye",
     "TNT": "t n t", "Redstone Dust": "redstone", "Lapis Lazuli": "lapis", "Glowstone": "glow stone", "Netherrack": "nether rack",
     "Bone Meal": "bonemeal", "Flint and Steel": "flint n steel", "Experience Orb": "xp orb", "Elytra": "elytra wings",
-    "Bottle o' Enchanting": "xp bottle, experience bottle",
+    "Bottle o' Enchanting": "xp bottle, experience bottle", "Water Bucket": "bucket of water", "Lava Bucket": "bucket of lava",
+    "Milk Bucket": "bucket of milk", "Powder Snow Bucket": "bucket of powder snow", "Diamond Pickaxe": "diamond pick", "Iron Pickaxe": "iron pick",
 }
 # Everyday words: alone they say little about the game. "near" wants an unmistakable keyword close by; "never" makes no pair.
 NEAR = """
