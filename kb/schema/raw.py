@@ -23,6 +23,9 @@ _TYPES: dict[str, tuple[type, ...]] = {
 }
 
 
+_FREE: dict[str, Any] = {"additionalProperties": True}
+
+
 @dataclass
 class RawCheck:
     """`unknown`: paths of undeclared keys and how often; `problems`: one line each."""
@@ -67,7 +70,7 @@ def _resolved(node: Any, beside: Path) -> Any:
 
 
 def at(kind: str, path: str) -> dict[str, Any] | None:
-    """The sub-schema at a path such as "items[].snippet.title"; None when it is not declared."""
+    """The sub-schema at a path such as "items[].snippet.title"; None when it is not declared. Free objects hold any."""
     node: dict[str, Any] | None = raw(kind)
     for step in re.findall(r"[^.\[\]]+|\[\d*\]", path):
         if node is None:
@@ -76,7 +79,7 @@ def at(kind: str, path: str) -> dict[str, Any] | None:
             prefix, index = node.get("prefixItems", []), step[1:-1]
             node = prefix[int(index)] if index and int(index) < len(prefix) else node.get("items")
         else:
-            node = node.get("properties", {}).get(step)
+            node = node.get("properties", {}).get(step, _FREE if node.get("additionalProperties") else None)
     return node
 
 

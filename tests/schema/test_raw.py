@@ -76,6 +76,18 @@ def test_recorded_answers_of_reddit_have_no_unknown_key_and_no_problem(recorded:
     assert dict(found.unknown) == {"data.children[].data.aura": 1}
 
 
+WIKI = {"titles": "allpages-", "pages": ("pages", "page-", "contributors-", "generator-", "missing", "redirect"), "imageinfo": "imageinfo", "site": "siteinfo"}
+
+
+@pytest.mark.parametrize("kind", WIKI)
+def test_recorded_answers_of_a_wiki_have_no_unknown_key_and_no_problem(kind: str, recorded: Path) -> None:
+    paths = [path for path in sorted((recorded / "wiki" / "api").rglob("*.json")) if path.parent.name != "parse" and path.name.startswith(WIKI[kind])]
+    assert paths
+    for path in paths:
+        found = raw.check(f"wiki/{kind}", json.loads(path.read_text(encoding="utf-8")))
+        assert (found.problems, dict(found.unknown)) == ([], {}), path.name
+
+
 def video(**change: Any) -> dict[str, Any]:
     item: dict[str, Any] = {"id": "a", "snippet": {"title": "t"}, "statistics": {"viewCount": "1"}}
     return {"items": [item, item | change]}
