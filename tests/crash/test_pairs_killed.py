@@ -23,19 +23,28 @@ def finish(root: Path) -> dict[str, bytes]:
     return {str(path.relative_to(root)): path.read_bytes() for folder in ("pairs", "release/pairs") for path in (root / folder).glob("*.parquet")}
 
 
+@pytest.fixture(scope="module")
+def made():  # type: ignore[no-untyped-def]
+    return tables(120, 300, ["creeper", "oak log", "iron golem"], share=0.05)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory, made, make_rows) -> dict[str, bytes]:  # type: ignore[no-untyped-def]
+    root = tmp_path_factory.mktemp("whole") / "data"
+    fill(root, *made, make_rows)
+    return finish(root)
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_goes_on_after_a_kill(tmp_path: Path, make_rows, number: signal.Signals) -> None:
-    made = tables(200, 300, ["creeper", "oak log", "iron golem"], share=0.05)
-    for name in ("whole", "cut"):
-        fill(tmp_path / name, *made, make_rows, files=40)
-    process = subprocess.Popen(command(tmp_path / "cut"), cwd=tmp_path, env=clean_environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while process.poll() is None and not any((tmp_path / "cut/state").glob("pairs/*/*.parquet")):
+def test_goes_on_after_a_kill(tmp_path: Path, made, whole, make_rows, number: signal.Signals) -> None:  # type: ignore[no-untyped-def]
+    root = tmp_path / "data"
+    fill(root, *made, make_rows, files=15)
+    process = subprocess.Popen(command(root), cwd=tmp_path, env=clean_environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while process.poll() is None and not any((root / "state").glob("pairs/*/*.parquet")):
         time.sleep(0.005)
     process.send_signal(number)
-    code = process.wait(60)
-    assert code == (3 if number == signal.SIGTERM else -9)
-    assert not (tmp_path / "cut/pairs").exists()
-    done = len(list((tmp_path / "cut/state").glob("pairs/*/*.parquet")))
-    assert 1 <= done < 40
-    assert finish(tmp_path / "cut") == finish(tmp_path / "whole")
-    assert not any((tmp_path / "cut/state/pairs").iterdir())
+    assert process.wait(60) == (3 if number == signal.SIGTERM else -number)
+    assert not (root / "pairs").exists()
+    assert 1 <= len(list((root / "state").glob("pairs/*/*.parquet"))) < 15
+    assert finish(root) == whole
+    assert not any((root / "state" / "pairs").iterdir())
