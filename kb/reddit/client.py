@@ -90,16 +90,19 @@ class Client:
         return self.get("api/info/", {"id": ",".join(fullnames), "raw_json": 1})
 
     def _ask(self, method: str, path: str, params: dict[str, Any] | None, data: dict[str, Any] | None) -> Any:
-        """One try. Raises CredentialRefused, ItemFinal ("not_found", "forbidden" …), FatalError, Retryable."""
+        """One try. Raises CredentialRefused, ItemFinal ("not_found", "forbidden" …), FatalError, Retryable.
+
+        Through PRAW's core: its `request` turns an HTTP 400 into an exception without status.
+        """
         import prawcore.exceptions as wrong
 
         reddit = self._connected()
         try:
             try:
-                return reddit.request(method=method, path=path, params=params, data=data)
+                answer = reddit._core.request(method=method, path=path, params=params, data=data)
             except wrong.InvalidToken:
                 # Tokens last a day at most; prawcore has dropped this one and gets another.
-                return reddit.request(method=method, path=path, params=params, data=data)
+                answer = reddit._core.request(method=method, path=path, params=params, data=data)
         except wrong.OAuthException as error:
             raise CredentialRefused(f"Reddit refuses the app's credentials ({error.error})",
                                     hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET") from None
@@ -113,11 +116,28 @@ class Client:
             raise ItemFinal("redirect", error.path) from None
         except wrong.ResponseException as error:
             raise _consequence(error.response, path) from None
+        problem = _problem(answer)
+        if problem:
+            raise Retryable(f"{problem} at {path}")
+        return answer
 
     def _connected(self) -> Any:
         if self._reddit is None:
             self._reddit = _praw(self._id, self._secret or None, user_agent(self._contact), self._root, self._limiter, self._spend)
         return self._reddit
+
+
+def _problem(answer: Any) -> str:
+    """What is wrong with an answer of status 200; empty when it holds what was asked for."""
+    if not isinstance(answer, (dict, list)) or not answer:
+        return "an empty answer"
+    if isinstance(answer, dict):
+        errors = answer["json"].get("errors") if isinstance(answer.get("json"), dict) else None
+        if errors:
+            return f"error {errors[0][0] if isinstance(errors[0], list) and errors[0] else errors[0]}"
+        if "error" in answer and "data" not in answer:
+            return f"error {answer['error']}"
+    return ""
 
 
 def _consequence(response: Any, path: str) -> KbError:

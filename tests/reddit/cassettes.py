@@ -1,0 +1,60 @@
+"""Recorded exchanges with Reddit (PRAW's own cassettes), as answers of a requests adapter."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import parse_qsl, unquote, urlsplit
+
+import requests
+from requests.adapters import BaseAdapter
+
+
+class Exchange(NamedTuple):
+    """One recorded request and its answer."""
+
+    method: str
+    path: str
+    query: dict[str, str]
+    form: dict[str, str]
+    status: int
+    headers: dict[str, str]
+    body: str
+
+
+def read(path: Path) -> list[Exchange]:
+    """The exchanges of a cassette, in order."""
+    found = []
+    for entry in json.loads(path.read_text(encoding="utf-8"))["interactions"]:
+        request, response = entry["request"], entry["response"]
+        address, form = urlsplit(request["uri"]), request["body"]
+        form = form if isinstance(form, str) else (form or {}).get("string") or ""
+        headers = {name: values[0] for name, values in response["headers"].items() if name.lower() != "content-length"}
+        found.append(Exchange(request["method"], address.path, dict(parse_qsl(address.query)), dict(parse_qsl(form)),
+                              response["status"]["code"], headers, response["body"]["string"]))
+    return found
+
+
+class Cassette(BaseAdapter):
+    """Gives each recorded answer once, to the next request of its method and path."""
+
+    def __init__(self, exchanges: list[Exchange]) -> None:
+        super().__init__()
+        self.left = list(exchanges)
+        self.asked: list[requests.PreparedRequest] = []
+
+    def send(self, request: requests.PreparedRequest, **options: Any) -> requests.Response:
+        self.asked.append(request)
+        path = unquote(urlsplit(request.url or "").path)
+        exchange = next((one for one in self.left if (one.method, one.path.rstrip("/")) == (request.method, path.rstrip("/"))), None)
+        assert exchange is not None, f"{request.method} {request.url} is not on the cassette"
+        self.left.remove(exchange)
+        response = requests.Response()
+        response.status_code, response.url, response.request = exchange.status, request.url or "", request
+        response.headers.update(exchange.headers)
+        response._content = exchange.body.encode()
+        return response
+
+    def close(self) -> None:
+        """Nothing is open."""
