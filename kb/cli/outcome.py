@@ -72,7 +72,7 @@ def describe(error: BaseException) -> tuple[str, str, int]:
         return str(error), error.hint, error.exit_code
     if isinstance(error, KeyboardInterrupt):
         return "stopped", "the same command goes on where it stopped", INTERRUPTED
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         return (f"no space left to write {error.filename or 'a file'}",
                 "free some space; the same command goes on where it stopped", 3)
     if isinstance(error, OSError) and error.filename is not None:

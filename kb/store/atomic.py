@@ -13,6 +13,8 @@ from pathlib import Path
 from kb.core.errors import DiskFull
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+_HINT = "free some space and run the same command again"
+_SQLITE_FULL = {"SQLITE_FULL", "SQLITE_IOERR_WRITE", "SQLITE_IOERR_FSYNC", "SQLITE_IOERR_TRUNCATE", "SQLITE_IOERR_SHMSIZE"}
 
 
 @contextlib.contextmanager
@@ -22,7 +24,11 @@ def full_disk_is_resumable(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         if error.errno in _FULL or any(f"[errno {number}]" in str(error).lower() for number in _FULL):
-            raise DiskFull(f"no room to write {path}", hint="free some space and run the same command again") from error
+            raise DiskFull(f"no room to write {path}", hint=_HINT) from error
+        raise
+    except Exception as error:
+        if getattr(error, "sqlite_errorname", "") in _SQLITE_FULL:
+            raise DiskFull(f"no room to write {path}", hint=_HINT) from error
         raise
 
 

@@ -101,12 +101,20 @@ class Frontier:
                 yield
             except BaseException:
                 self._depth -= 1
-                if self._depth == 0:
-                    self._db.execute("ROLLBACK")
+                self._rollback()
                 raise
             self._depth -= 1
             if self._depth == 0:
-                self._execute("COMMIT")
+                try:
+                    self._execute("COMMIT")
+                except BaseException:
+                    self._rollback()
+                    raise
+
+    def _rollback(self) -> None:
+        # SQLite has rolled back by itself where it found no room.
+        if self._depth == 0 and self._db.in_transaction:
+            self._db.execute("ROLLBACK")
 
     def _execute(self, sql: str, values: Any = ()) -> sqlite3.Cursor:
         try:

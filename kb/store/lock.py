@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import WriterLocked
+from kb.store.atomic import full_disk_is_resumable
 
 
 @contextlib.contextmanager
@@ -26,8 +27,9 @@ def writer(root: Path, source: str) -> Iterator[None]:
                 f"another process (pid {holder}) writes to {source} in {root}",
                 hint="wait for it, or stop it; a second machine takes its own --data folder",
             ) from None
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+        with full_disk_is_resumable(path):
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
         yield
         os.ftruncate(descriptor, 0)
     finally:

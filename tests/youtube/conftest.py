@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,9 +13,6 @@ from kb.sandbox.world import World
 from tests.conftest import skip_or_fail
 from tests.youtube.job import Job
 
-MakeJob = Callable[..., Job]
-
-
 @pytest.fixture
 def small() -> Iterator[Sandbox]:
     """Nine channels, sixty videos, every case once."""
@@ -24,9 +21,16 @@ def small() -> Iterator[Sandbox]:
 
 
 @pytest.fixture
-def job(small: Sandbox, tmp_path: Path) -> Job:
-    """A fresh data root on the small world."""
-    return Job(small, tmp_path)
+def few() -> Iterator[Sandbox]:
+    """Nine channels and thirty videos, for what is asked many times."""
+    with Sandbox(World(n_channels=9, n_videos=30), services=["youtube"]) as sandbox:
+        yield sandbox
+
+
+@pytest.fixture
+def job(few: Sandbox, tmp_path: Path) -> Job:
+    """A fresh data root on the world of few videos."""
+    return Job(few, tmp_path)
 
 
 @pytest.fixture(scope="session")
