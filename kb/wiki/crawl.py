@@ -124,6 +124,8 @@ class Crawl:
         self._ask(api)
         if listing and not complete:
             self._compare(api, number)
+            if number > 1:
+                fetch.reopen_changed(self, api)
             self.frontier.set_cursor("round", {"number": number, "done": True})
         elif not listing:
             self.frontier.set_cursor("named", {"number": int(tag[1:]), "done": True})

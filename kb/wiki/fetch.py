@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from kb.core import signals
 from kb.core.errors import ItemFinal, Unreachable
+from kb.store import rawlog
 from kb.wiki import addresses, pictures
 from kb.wiki.api import BATCH, Api
 
@@ -42,6 +43,27 @@ def fetch_files(crawl: Crawl, api: Api) -> None:
                 frontier.release("files", *left)
             signals.stop.check()
     task.close()
+
+
+def reopen_changed(crawl: Crawl, api: Api) -> int:
+    """Ask for the files that were replaced on the wiki since they were fetched, 50 a call; how many are to fetch again."""
+    held: dict[str, dict[str, Any]] = {}
+    for envelope in rawlog.read(crawl.run.root, "wiki", "files"):
+        answer = envelope.response
+        if answer["outcome"] == "stored" and answer.get("sha1") and answer.get("title"):
+            held[answer["key"]] = answer
+    changed = []
+    keys = sorted(held)
+    for start in range(0, len(keys), BATCH):
+        part = [held[key] for key in keys[start : start + BATCH]]
+        pages = api.files(list(dict.fromkeys(answer["title"] for answer in part)))
+        for answer in part:
+            info = (pages.get(answer["title"], {}).get("imageinfo") or [{}])[0]
+            if info.get("sha1") not in (None, answer["sha1"]):
+                changed.append(answer["key"])
+        signals.stop.check()
+    crawl.frontier.mark("files", changed, "todo")
+    return len(changed)
 
 
 def _ask(api: Api, items: list[Item]) -> dict[str, dict[str, Any]]:
@@ -85,6 +107,7 @@ def _one(crawl: Crawl, item: Item, page: dict[str, Any]) -> dict[str, Any]:
         return {
             **answer,
             "outcome": "stored",
+            "sha1": info.get("sha1"),
             "url": url,
             "sha256": sha256,
             "bytes": size,

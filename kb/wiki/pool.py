@@ -42,8 +42,8 @@ class Pool:
             self.started += 1
         return browser
 
-    def use(self, work: Callable[[Browser], Result]) -> Result:
-        """Run `work` with a browser of its own, at most `seconds` long.
+    def use(self, work: Callable[[Browser], Result], first: Callable[[], None] = lambda: None) -> Result:
+        """Run `work` with a browser of its own, at most `seconds` long, after `first` (waiting for one's turn).
 
         Raises what `work` raises; after anything but an answer about the item the browser is replaced.
         """
@@ -52,6 +52,7 @@ class Pool:
         browser = browser or self._new()
         healthy = False
         try:
+            first()
             with browser.within(self._seconds):
                 result = work(browser)
             healthy = True

@@ -92,12 +92,12 @@ def _page(crawl: Crawl, pool: Pool, item: Item) -> dict[str, Any]:
     ):
         picture = Path(scratch) / "screenshot.png"
         for number in range(1, section.max_tries + 1):
-            crawl.web.pace.wait()
             try:
                 found = pool.use(
                     lambda browser, last=number == section.max_tries: capture(
                         browser, url, picture, section.rules, max_height=section.max_page_height, strict=not last
-                    )
+                    ),
+                    first=crawl.web.pace.wait,
                 )
                 shown = found.extraction["page"]["page_id"]
                 if shown and shown != int(item.key):

@@ -1,4 +1,3 @@
-# ruff: noqa: E501  (markup of other languages)
 """Box against pixel: what a box names is what the screenshot shows there, on short pages and very tall ones."""
 
 from __future__ import annotations

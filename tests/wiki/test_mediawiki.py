@@ -239,6 +239,10 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     mediawiki.php("moveBatch", str(mediawiki.folder / "moves.txt"))
     (mediawiki.folder / "gone.txt").write_text("To be deleted\n")
     mediawiki.php("deleteBatch", str(mediawiki.folder / "gone.txt"))
+    drawn = mediawiki.folder / "redrawn"
+    drawn.mkdir()
+    Image.new("RGB", (333, 222), (1, 2, 3)).save(drawn / "Flat.png")
+    mediawiki.php("importImages", "--overwrite", "--comment", "redrawn", "--extensions", "png", str(drawn))
     assert crawl(run)["new"] == 0
     again = crawl(dataclasses.replace(run, again=True))
     assert again["new"] == 3
@@ -247,6 +251,9 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     load(str(locate("wiki"))).clean(run)
     rows = {row["title"]: row for row in query(run, "SELECT * FROM pages")}
     assert "To be deleted" not in rows
+    # A picture that was replaced under its name is fetched again, without showing its pages again.
+    sizes = query(run, "SELECT DISTINCT i.width, i.height FROM images i JOIN pages p USING (page_id) WHERE src LIKE '%/Flat.png' AND title = 'Pictures'")
+    assert sizes == [{"width": 333, "height": 222}]
     assert "To be moved" not in rows
     assert rows["Has moved"]["page_id"] == before["To be moved"]
     assert not query(run, f"SELECT * FROM cells WHERE page_id = {before['Grids']}")
