@@ -1,4 +1,3 @@
-# ruff: noqa: E501
 """The wiki's browser work: one call for a whole page against WebDriver's calls for each element, and
 pages a second with one and two browsers against nothing but loading them with the same browser.
 """
