@@ -1,0 +1,213 @@
+"""What was deleted at its source, removed, or named leaves every folder, and does not come back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.core.errors import LimitReached
+from kb.reddit.strip import strip
+from kb.sandbox.reddit import dumps
+from kb.sandbox.server import Sandbox
+from kb.sandbox.subreddit import CASES
+from kb.store import purge as store
+from kb.store import tombstones
+from kb.store.rawlog import Envelope, Request
+from tests.reddit.conftest import small_world
+from tests.reddit.work import LATER, Work, texts
+
+
+@pytest.fixture
+def tiny(tmp_path: Path) -> Any:
+    """Each case once with small trees, crawled."""
+    with Sandbox(small_world(24, width=12, depth=12), services=["reddit"]) as sandbox:
+        work = Work(sandbox, tmp_path, listings=("new",), search=())
+        work.crawl()
+        yield work
+
+
+def asked(work: Work, since: int) -> list[str]:
+    return [name for seen in work.sandbox.ledger.requests("api/info", since=since) for name in seen.args["id"].split(",")]
+
+
+def test_nothing_is_due_before_its_time(tiny: Work) -> None:
+    assert tiny.refresh() == {"source": "reddit", "crawled": 0, "missing": 0, "failed": 0, "requests": 0, "left": 0}
+
+
+def test_what_is_old_is_read_again_by_the_hundred_and_the_newer_score_wins(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+    tiny.filter()
+    post = tiny.table("clean", "reddit", "posts")[0]["post_id"]
+    tiny.world.posts[post]["score"] = 77_777
+    monkeypatch.setenv("KB_NOW", LATER)
+    since = len(tiny.sandbox.ledger)
+    summary = tiny.refresh()
+    names = asked(tiny, since)
+    assert len(names) == len(set(names)) == summary["crawled"]
+    assert len(tiny.sandbox.ledger.requests("api/info", since=since)) == -(-len(names) // 100)
+    tiny.filter()
+    row = next(row for row in tiny.table("clean", "reddit", "posts") if row["post_id"] == post)
+    assert (row["score"], row["score_source"], row["fetched_at"].year) == (77_777, "live", 2027)
+    assert tiny.refresh()["crawled"] == 0
+
+
+def test_dumps_are_read_again_at_once(tmp_path: Path) -> None:
+    with Sandbox(small_world(24, width=12, depth=12), services=["reddit"]) as sandbox:
+        work = Work(sandbox, tmp_path)
+        summary = work.take_in(dumps(work.world, tmp_path / "dumps"))
+        work.filter()
+        assert {row["score_source"] for row in work.table("clean", "reddit", "posts")} == {"dump"}
+        before = len(asked(work, 0))
+        refreshed = work.refresh()
+        assert before == 0
+        assert 0 < refreshed["crawled"] <= summary["crawled"]
+
+
+def test_a_refresh_that_was_stopped_asks_only_for_the_rest(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("KB_NOW", LATER)
+    with pytest.raises(LimitReached) as stopped:
+        tiny.refresh(limit=30)
+    assert stopped.value.summary is not None
+    assert stopped.value.summary["crawled"] == 30
+    # One packet fails after its tries; the next run tries it again.
+    fault = tiny.sandbox.faults.add("api/info", status=503, times=5)
+    assert tiny.refresh()["failed"] > 0
+    tiny.sandbox.faults.remove(fault)
+    tiny.refresh()
+    good = [name for seen in tiny.sandbox.ledger.requests("api/info") if seen.status == 200 for name in seen.args["id"].split(",")]
+    assert len(good) == len(set(good))
+    assert tiny.refresh()["crawled"] == 0
+
+
+def test_a_purge_leaves_no_trace_in_any_file(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+    world, posts = tiny.world, list(tiny.world.posts)
+    text, image, link = (posts[CASES.index(case)] for case in ("text", "image", "link"))
+    talk = [key for key, comment in world.comments.items() if comment["link_id"][3:] not in (text, image, link) and comment["body"] not in ("[deleted]", "[removed]")]
+    leaves = [key for key in talk if f"t1_{key}" not in world.replies][:2]
+    # What can be told from everything else in the world.
+    for number, key in enumerate((text, image, link)):
+        world.posts[key] |= {"title": f"Unmistakable title {number}", "selftext": f"Unmistakable text {number}"}
+    for number, key in enumerate(leaves):
+        world.comments[key]["body"] = f"Unmistakable comment {number} 🗼"
+    monkeypatch.setenv("KB_NOW", "2026-12-25T12:00:00Z")
+    tiny.refresh()
+    tiny.filter()
+    for layout in ("parquet", "minedojo", "convokit"):
+        tiny.export(layout)
+    tiny.rebuild(out=tiny.root / "export" / "reconstructed")
+    everywhere = " ".join(texts(tiny.root).values())
+    assert all(f"Unmistakable {what}" in everywhere for what in ("title 0", "text 0", "comment 0", "comment 1"))
+
+    world.gone |= {f"t3_{text}", f"t1_{leaves[0]}"}
+    world.removed |= {f"t3_{image}", f"t1_{leaves[1]}"}
+    monkeypatch.setenv("KB_NOW", "2027-03-01T12:00:00Z")
+    tiny.refresh()
+    ids = tiny.place / "ids.txt"
+    ids.write_text(f"t3_{link}\n")
+    tiny.purge(ids)
+    names = [f"t3_{text}", f"t3_{image}", f"t3_{link}", f"t1_{leaves[0]}", f"t1_{leaves[1]}"]
+    below = [key for key, comment in world.comments.items() if comment["link_id"] in names]
+    for path, found in texts(tiny.root).items():
+        assert "Unmistakable" not in found, path
+        if path.endswith("tombstones.parquet") or path.endswith(".sqlite") or ".sqlite-" in path:
+            continue
+        for key in (text, image, link, *leaves, *below):
+            assert key not in found, f"{key} in {path}"
+    reasons = {key: reason for key, reason in ((row["key"], row["reason"]) for row in tombstone_rows(tiny))}
+    assert {name: reasons[name] for name in names} == dict(zip(names, ("missing", "removed", "named", "missing", "removed"), strict=True))
+
+    # It does not come back: not by another round, nor by a dump that holds it, nor by another filter.
+    since = len(tiny.sandbox.ledger)
+    tiny.crawl(again=True)
+    assert not [seen for seen in tiny.sandbox.ledger.requests("^/comments/", since=since) if link in seen.path]
+    tiny.filter()
+    assert not set(names) & {f"t3_{row['post_id']}" for row in tiny.table("clean", "reddit", "posts")}
+    assert "Unmistakable" not in " ".join(texts(tiny.root).values())
+    assert tiny.purge()["purged"] == 0
+
+
+def tombstone_rows(work: Work) -> list[dict[str, Any]]:
+    import pyarrow.parquet as pq
+
+    return pq.read_table(tombstones.path(work.root, "reddit")).to_pylist()
+
+
+def test_replies_to_a_purged_comment_stay(tiny: Work) -> None:
+    deep = list(tiny.world.posts)[CASES.index("deep")]
+    chain = [key for key, comment in tiny.world.comments.items() if comment["link_id"] == f"t3_{deep}"]
+    ids = tiny.place / "ids"
+    ids.write_text(f"t1_{chain[2]}")
+    tiny.purge(ids)
+    tiny.filter()
+    rows = {row["comment_id"]: row["depth"] for row in tiny.table("clean", "reddit", "comments")}
+    gone = [key for key, comment in tiny.world.comments.items() if comment["body"] in ("[deleted]", "[removed]")]
+    assert chain[2] not in rows
+    for key in chain[3:]:
+        assert key in rows or key in gone
+        assert rows.get(key) is None      # an ancestor is unknown
+
+
+def test_a_purge_that_was_cut_off_goes_on(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+    post = next(iter(tiny.world.posts))
+    tiny.filter()
+    ids = tiny.place / "ids"
+    ids.write_text(f"t3_{post}")
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "drop_rows", lambda *arguments: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            tiny.purge(ids)
+    assert store.unfinished(tiny.root, "reddit")
+    tiny.purge()
+    assert post not in {row["post_id"] for name in ("posts", "comments") for row in tiny.table("clean", "reddit", name)}
+    assert not store.unfinished(tiny.root, "reddit")
+
+
+def test_a_comment_with_a_posts_bare_id_is_another_thing(tiny: Work) -> None:
+    tiny.filter()
+    row = tiny.table("clean", "reddit", "comments")[0]
+    ids = tiny.place / "ids"
+    ids.write_text(f"t3_{row['comment_id']}")
+    tiny.purge(ids)
+    assert tiny.table("clean", "reddit", "comments")[0] == row
+
+
+def thing(kind: str, key: str, **fields: Any) -> dict[str, Any]:
+    return {"kind": kind, "data": {"id": key, "name": f"{kind}_{key}", **fields}}
+
+
+def listing(*children: dict[str, Any], after: str | None = None) -> dict[str, Any]:
+    return {"kind": "Listing", "data": {"after": after, "children": list(children)}}
+
+
+COMMENT = thing("t1", "c", link_id="t3_p", replies=listing(thing("t1", "d", link_id="t3_p", replies="")))
+SHARED = thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[{"id": "p", "title": "t"}], url="/r/M/comments/p/title/")
+
+
+@pytest.mark.parametrize(("kind", "params", "answer", "keys", "expected"), [
+    ("listings", {"after": "t3_p"}, listing(thing("t3", "p"), thing("t3", "q"), after="t3_p"), {"t3_p"}, ({"after": ""}, listing(thing("t3", "q"), after="t3_q"))),
+    ("listings", {}, listing(SHARED), {"t3_p"}, ({}, listing(thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[], url="/r/M/comments/p/")))),
+    ("comments", {"article": "p"}, [listing(thing("t3", "p")), listing(COMMENT)], {"t3_p"}, None),
+    ("comments", {"article": "p", "comment": "c"}, [listing(thing("t3", "p")), listing(COMMENT)], {"t1_c"},
+     ({"article": "p"}, [listing(thing("t3", "p")), listing(thing("t1", "d", link_id="t3_p", replies=""))])),
+    ("comments", {"article": "p"}, [listing(COMMENT)], {"t1_d"}, ({"article": "p"}, [listing(thing("t1", "c", link_id="t3_p", replies=listing()))])),
+    ("comments", {"article": "p"}, [listing(thing("more", "a", children=["a", "b"], parent_id="t3_p"))], {"t1_a"},
+     ({"article": "p"}, [listing({"kind": "more", "data": {"id": "b", "name": "t1_b", "children": ["b"], "parent_id": "t3_p"}})])),
+    ("comments", {"article": "p"}, [listing(thing("more", "a", children=["a"], parent_id="t3_p"))], {"t1_a"}, ({"article": "p"}, [listing()])),
+    ("comments", {"article": "p"}, None, {"t3_p"}, None),
+    ("morechildren", {"link_id": "t3_p", "children": "c,e"}, {"json": {"errors": [], "data": {"things": [COMMENT]}}}, {"t1_c"},
+     ({"link_id": "t3_p", "children": "e"}, {"json": {"errors": [], "data": {"things": [thing("t1", "d", link_id="t3_p", replies="")]}}})),
+    ("morechildren", {"link_id": "t3_p", "children": "c"}, {"json": {"data": {"things": [COMMENT]}}}, {"t3_p"}, None),
+    ("info", {"id": "t3_p,t1_c,t1_z", "posts": ["p", "p", "q"]}, listing(thing("t3", "p"), COMMENT), {"t3_p"}, ({"id": "t1_z", "posts": ["q"]}, listing())),
+    ("info", {"id": "t3_p"}, listing(thing("t3", "p")), {"t3_p"}, None),
+    ("dumps", {}, listing(thing("t3", "p"), thing("t1", "c", link_id="t3_p")), {"t3_p"}, None),
+])
+def test_what_strip_leaves(kind: str, params: dict[str, Any], answer: Any, keys: set[str], expected: Any) -> None:
+    left = strip(kind, Envelope("2026-01-01T00:00:00Z", Request(kind, params), 200, answer), keys)
+    assert (None if left is None else (left.request.params, left.response)) == expected
+
+
+def test_an_envelope_without_the_keys_is_the_same_object() -> None:
+    envelope = Envelope(None, Request("comments/p", {"article": "p"}), 200, [listing(thing("t3", "p")), listing(COMMENT)])
+    assert strip("comments", envelope, {"t3_other", "t1_other"}) is envelope
