@@ -1,0 +1,194 @@
+"""One literal row for each reason of each stage, and what the kept ones look like in each layout."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.core import pipeline
+from kb.reddit import parse
+from kb.sandbox.server import Sandbox
+from kb.sandbox.subreddit import CASES
+from kb.store.rawlog import Envelope, Segment, encode, folder
+from kb.store.rawlog import Request as Asked
+from tests.reddit.conftest import small_world
+from tests.reddit.work import Work, texts
+
+MADE = {"created_utc": 1_700_000_000, "title": "a title", "selftext": "", "is_self": True, "score": 9, "num_comments": 0, "author": "0" * 32}
+SAID = {"created_utc": 1_700_000_000, "body": "words", "score": 1, "author": "1" * 32, "link_id": "t3_good", "parent_id": "t3_good"}
+
+
+def post(key: str, **fields: Any) -> dict[str, Any]:
+    return {"kind": "t3", "data": {name: value for name, value in {"id": key, **MADE, **fields}.items() if value != "LEFT OUT"}}
+
+
+def comment(key: str, **fields: Any) -> dict[str, Any]:
+    return {"kind": "t1", "data": {name: value for name, value in {"id": key, **SAID, **fields}.items() if value != "LEFT OUT"}}
+
+
+POSTS = [    # the post, then stage, reason, value, threshold; None: kept
+    (post("good"), None),
+    (post("at5", score=5), None),
+    (post("low", score=4), ("score", "below", "4", "5")),
+    (post("none", score="LEFT OUT"), ("score", "absent", None, "5")),
+    (post("odd", score="many"), ("score", "malformed", "many", "5")),
+    (post("txt", score="12"), None),
+    (post("adult", over_18=True), ("nsfw", "over_18", None, None)),
+    (post("del", selftext="[deleted]", removed_by_category="deleted"), ("removed", "deleted", None, None)),
+    (post("mod", selftext="[removed]", removed_by_category="moderator"), ("removed", "removed", None, None)),
+    (post("untitled", title="LEFT OUT"), ("removed", "absent", None, None)),
+    (post("undated", created_utc="LEFT OUT"), ("missing", "absent", None, None)),
+    (post("baddate", created_utc="yesterday"), ("missing", "malformed", "yesterday", None)),
+]
+COMMENTS = [
+    (comment("c_good"), None),
+    (comment("c_reply", parent_id="t1_c_del"), None),
+    (comment("c_del", body="[deleted]", author="[deleted]"), ("removed", "deleted", None, None)),
+    (comment("c_mod", body="[removed]"), ("removed", "removed", None, None)),
+    (comment("c_void", body="LEFT OUT"), ("removed", "absent", None, None)),
+    (comment("c_low", link_id="t3_low", parent_id="t3_low"), ("post", "not_kept", None, None)),
+    (comment("c_lost", link_id="t3_nowhere", parent_id="t3_nowhere"), ("post", "absent", None, None)),
+    (comment("c_orphan", parent_id=17), ("missing", "malformed", "17", None)),
+    (comment("c_root", parent_id="LEFT OUT"), ("missing", "absent", None, None)),
+]
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory: pytest.TempPathFactory) -> Work:
+    """The rows above as raw answers, filtered; and info that was asked for two more names, and a stub."""
+    with pytest.MonkeyPatch.context() as patch, Sandbox(small_world(1), services=["reddit"]) as sandbox:
+        patch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
+        work = Work(sandbox, tmp_path_factory.mktemp("judged"))
+
+        def write(kind: str, params: dict[str, Any], answer: Any) -> None:
+            segment = Segment(folder(work.root, "reddit", kind))
+            segment.append(encode(Envelope("2026-11-20T00:00:00Z", Asked(kind, params), 200, answer)))
+            segment.close()
+
+        write("listings", {}, {"kind": "Listing", "data": {"children": [thing for thing, _ in POSTS]}})
+        write("comments", {"article": "good"}, [{"kind": "Listing", "data": {"children": [
+            *(thing for thing, _ in COMMENTS), {"kind": "more", "data": {"id": "c_more", "children": ["c_more"], "parent_id": "t3_good", "count": 1}}]}}])
+        write("info", {"id": "t3_gone,t1_c_gone", "posts": ["gone", "good"]}, {"kind": "Listing", "data": {"children": []}})
+        work.filtered = work.filter()
+        return work
+
+
+def verdict(work: Work, name: str) -> dict[str, Any] | None:
+    return next((row for row in work.table("clean", "reddit", "rejected") if row["key"] == name), None)
+
+
+@pytest.mark.parametrize(("thing", "expected"), [*POSTS, *COMMENTS, (post("gone"), ("missing", "missing", None, None)), (comment("c_gone"), ("missing", "missing", None, None))],
+                         ids=lambda value: value["data"]["id"] if isinstance(value, dict) else "")
+def test_each_row_gets_its_verdict(judged: Work, thing: dict[str, Any], expected: tuple[Any, ...] | None) -> None:
+    key, table = thing["data"]["id"], "posts" if thing["kind"] == "t3" else "comments"
+    row = verdict(judged, f"{thing['kind']}_{key}")
+    kept = {row[f"{table[:-1]}_id"] for row in judged.table("clean", "reddit", table)}
+    assert (key in kept) == (expected is None)
+    if expected is None:
+        assert row is None
+    else:
+        stage, reason, value, threshold = expected
+        assert row is not None
+        assert (row["stage"], row["reason"]) == (stage, reason)
+        if value is not None:
+            assert row["value"] == value
+        if threshold is not None:
+            assert row["threshold"] == threshold
+
+
+def test_a_stub_that_was_not_resolved_waits(judged: Work) -> None:
+    assert judged.table("clean", "reddit", "pending") == [{"key": "t1_c_more", "reason": "more"}]
+    summary = judged.filtered
+    assert summary["crawled"] == len(POSTS) + len(COMMENTS) + 3 == summary["kept"] + summary["rejected"] + summary["failed"] + summary["pending"]
+
+
+def test_depth_counts_deleted_ancestors_too(judged: Work) -> None:
+    depth = {row["comment_id"]: row["depth"] for row in judged.table("clean", "reddit", "comments")}
+    assert depth == {"c_good": 0, "c_reply": 1}
+
+
+def test_the_stages_stand_in_the_contracts_order() -> None:
+    from kb.core.profile import load_profile
+
+    made, p = pipeline.load(str(pipeline.locate("reddit"))), load_profile("minecraft")
+    for stages, order in ((made.posts(p), ["missing", "removed", "nsfw", "score", "toxicity"]), (made.comments(p), ["missing", "post", "removed", "toxicity"])):
+        assert list(dict.fromkeys(stage.stage for stage in stages)) == order
+
+
+def test_each_case_of_the_subreddit_is_what_it_is(whole: Work) -> None:
+    kept = {row["post_id"]: row for row in whole.table("clean", "reddit", "posts")}
+    types = {"text": ("text", None), "image": ("image", "image"), "image_album": ("image", "image"), "image_direct": ("image", "image"), "video_hosted": ("video", "video"),
+             "video_youtube": ("video", "video"), "video_gifv": ("video", "video"), "link": ("link", "general"), "poll": ("poll", None), "gallery": ("gallery", None),
+             "crosspost": ("video", "video"), "link_video_page": ("link", "general"), "empty_text": ("text", None)}
+    for number, key in enumerate(list(whole.world.posts)[: len(CASES)]):
+        case = CASES[number]
+        assert (key in kept) == (case not in ("low_score", "nsfw", "removed", "deleted", "no_score")), case
+        if case in types:
+            assert (kept[key]["type"], kept[key]["link_kind"]) == types[case], case
+    poll = kept[list(whole.world.posts)[CASES.index("poll")]]
+    assert poll["poll_options"] == ["cobblestone", "oak & spruce"]
+    crosspost = kept[list(whole.world.posts)[CASES.index("crosspost")]]
+    assert (crosspost["is_crosspost"], crosspost["source_url"]) == (True, "https://v.redd.it/zz9zz9")
+
+
+def test_the_release_has_ids_and_figures_and_nothing_else(whole: Work) -> None:
+    allowed = {"posts": {"post_id", "type", "created_utc", "score", "num_comments", "upvote_ratio", "score_source", "fetched_at"},
+               "comments": {"comment_id", "post_id", "parent_id", "depth", "created_utc", "score", "score_source", "fetched_at"}}
+    for name, columns in allowed.items():
+        found = [row for path in sorted((whole.root / "release" / "reddit").glob(f"{name}-*.parquet")) for row in rows_of(path)]
+        assert set(found[0]) == columns
+        assert [row[f"{name[:-1]}_id"] for row in found] == [row[f"{name[:-1]}_id"] for row in whole.table("clean", "reddit", name)]
+    text = " ".join(texts(whole.root / "release").values())
+    for row in whole.table("clean", "reddit", "posts"):
+        assert json.dumps(row["title"])[1:-1] not in text
+        assert row["author_hash"] is None or row["author_hash"] not in text
+        assert row["source_url"] is None or row["source_url"] not in text
+
+
+def rows_of(path: Path) -> list[dict[str, Any]]:
+    import pyarrow.parquet as pq
+
+    return pq.read_table(path).to_pylist()
+
+
+def test_mine_dojos_list_is_the_published_form(whole: Work) -> None:
+    found = json.loads((whole.root / "export" / "minedojo" / "reddit.json").read_text())
+    assert found == [{"id": row["post_id"], "type": row["type"]} for row in whole.table("clean", "reddit", "posts")]
+
+
+def test_convokits_corpus_hangs_together(whole: Work) -> None:
+    corpus = whole.root / "export" / "convokit"
+    assert {path.name for path in corpus.iterdir()} == {"utterances.jsonl", "speakers.json", "conversations.json", "corpus.json", "index.json"}
+    utterances = {row["id"]: row for row in map(json.loads, (corpus / "utterances.jsonl").read_text(encoding="utf-8").splitlines())}
+    speakers, conversations = json.loads((corpus / "speakers.json").read_text()), json.loads((corpus / "conversations.json").read_text())
+    posts, comments = whole.table("clean", "reddit", "posts"), whole.table("clean", "reddit", "comments")
+    assert len(utterances) == len(posts) + len(comments)
+    assert set(conversations) == {row["post_id"] for row in posts}
+    assert {row["speaker"] for row in utterances.values()} == set(speakers)
+    for row in comments:
+        utterance = utterances[row["comment_id"]]
+        assert (utterance["conversation_id"], utterance["reply-to"], utterance["text"]) == (row["post_id"], row["parent_id"][3:], row["body"])
+        assert utterance["timestamp"] == int(row["created_utc"].timestamp())
+    for row in posts:
+        utterance = utterances[row["post_id"]]
+        assert (utterance["reply-to"], utterance["conversation_id"]) == (None, row["post_id"])
+        assert conversations[row["post_id"]]["meta"]["title"] == row["title"]
+
+
+def test_names_are_hashed_the_same_everywhere_and_only_here(whole: Work) -> None:
+    by_name: dict[str, set[str]] = {}
+    for row in whole.table("clean", "reddit", "comments"):
+        by_name.setdefault(whole.world.comments[row["comment_id"]]["author"], set()).add(row["author_hash"])
+    assert all(len(hashes) == 1 for hashes in by_name.values())
+    assert len(set().union(*by_name.values())) == len(by_name) > 5
+
+
+def test_parse_says_what_a_request_named() -> None:
+    assert parse.asked_for("info", {"id": "t3_a,t1_b", "posts": ["a", "p"]}, 200) == [("t3_a", "a"), ("t1_b", "p")]
+    assert parse.asked_for("morechildren", {"link_id": "t3_p", "children": "b,c"}, 200) == [("t1_b", "p"), ("t1_c", "p")]
+    assert parse.asked_for("comments", {"article": "p"}, 404) == [("t3_p", "p")]
+    assert parse.asked_for("comments", {"article": "p", "comment": "c"}, 404) == []
+    assert parse.asked_for("comments", {"article": "p"}, 403) == []
