@@ -17,8 +17,11 @@ import sys
 import threading
 
 
-def family(leader: int) -> list[int]:
-    """All processes of the session of `leader`, its descendants in other sessions too."""
+def family(leader: int, folder: str = "") -> list[int]:
+    """All processes of the session of `leader`, its descendants in other sessions, and those that name its folder.
+
+    Chromium's crash handler leaves session and parents at once; the folder in its arguments gives it away.
+    """
     parents: dict[int, int] = {}
     found = {leader}
     for name in os.listdir("/proc"):
@@ -31,7 +34,7 @@ def family(leader: int) -> list[int]:
             continue
         pid = int(name)
         parents[pid] = int(fields[1])
-        if int(fields[3]) == leader:
+        if int(fields[3]) == leader or (folder and _names(pid, folder)):
             found.add(pid)
     grown = True
     while grown:
@@ -41,10 +44,18 @@ def family(leader: int) -> list[int]:
     return sorted(found & (parents.keys() | {leader}))
 
 
+def _names(pid: int, folder: str) -> bool:
+    try:
+        with open(f"/proc/{pid}/cmdline", "rb") as file:
+            return folder.encode() in file.read()
+    except OSError:
+        return False
+
+
 def end(leader: int, folder: str = "") -> None:
     """Kill the family of `leader` until none is left, then remove its folder."""
     for _ in range(50):
-        alive = [pid for pid in family(leader) if _kill(pid)]
+        alive = [pid for pid in family(leader, folder) if _kill(pid)]
         if not alive:
             break
         threading.Event().wait(0.02)

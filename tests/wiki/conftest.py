@@ -108,7 +108,7 @@ def pages(serve: Callable[[Any], str]) -> Pages:
 @pytest.fixture(scope="session")
 def section() -> Any:
     """[wiki] of the shipped profile with shorter limits, so that hostile pages end soon."""
-    return load_profile("minecraft").wiki.model_copy(update={"settle_seconds": 2.0, "page_seconds": 3.0})
+    return load_profile("minecraft").wiki.model_copy(update={"settle_seconds": 2.0, "page_seconds": 5.0})
 
 
 @pytest.fixture(scope="session")

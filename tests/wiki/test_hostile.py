@@ -194,8 +194,8 @@ def test_nothing_is_left_of_a_browser(programs, pages, pool):
     """Every process of the browser's session is gone after `end`, its profile too."""
     browser = pool.use(lambda held: held)
     leader, folder = browser._process.pid, browser.folder
-    assert len(guard.family(leader)) > 3
+    assert len(guard.family(leader, folder)) > 3
     pool._idle.remove(browser)
     pool._drop(browser)
     assert not os.path.exists(folder)
-    assert [pid for pid in guard.family(leader) if os.path.exists(f"/proc/{pid}/exe")] == []
+    assert [pid for pid in guard.family(leader, folder) if os.path.exists(f"/proc/{pid}/exe")] == []
