@@ -1,0 +1,99 @@
+"""The other ways through a crawl: a phase alone, parts of the ids, known ids, no Shorts, a new round, a plan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from kb.sandbox.server import Sandbox
+from kb.sandbox.world import World
+from tests.youtube.job import Job, plain_units
+from tests.youtube.test_faults import CRAWL, check
+
+
+def test_the_phases_one_by_one_are_the_whole(job: Job) -> None:
+    for phase in ("channels", "uploads", "metadata", "transcripts"):
+        before = len(job.sandbox.ledger)
+        job.done(*CRAWL, "--only", phase)
+        asked = {seen.path.rsplit("/", 1)[-1] for seen in job.sandbox.ledger.requests(since=before)}
+        assert asked == {"channels": {"search"}, "uploads": {"playlistItems"}, "metadata": {"videos"},
+                         "transcripts": {"watch", "player", "timedtext"}}[phase]
+    check(job)
+    assert job.sandbox.ledger.units() == plain_units(job.sandbox)
+
+
+def test_a_plan_sends_nothing_and_is_what_the_crawl_costs(job: Job) -> None:
+    job.done(*CRAWL, "--only", "channels")
+    job.done(*CRAWL, "--only", "uploads")
+    before = len(job.sandbox.ledger)
+    plan = job.done(*CRAWL, "--plan")
+    assert len(job.sandbox.ledger) == before
+    used = job.sandbox.ledger.units()
+    job.done(*CRAWL)
+    assert plan["units"] == job.sandbox.ledger.units() - used
+
+
+def test_two_parts_copied_together_are_the_whole(job: Job, few: Sandbox, tmp_path: Path) -> None:
+    import shutil
+
+    roots = []
+    for part in ("1/2", "2/2"):
+        one = Job(few, tmp_path / part[0])
+        one.done(*CRAWL, "--part", part)
+        roots.append(one.root)
+    for number, root in enumerate(roots):
+        for path in (root / "raw").rglob("*.zst*"):
+            target = job.root / "raw" / path.relative_to(root / "raw")
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, target.with_name(f"{number}-{path.name}"))
+    check(job)
+    watched = [seen.about for seen in few.ledger.requests("/watch")]
+    assert len(watched) == len(set(watched))    # no video was in both parts
+
+
+def test_known_ids_skip_discovery(job: Job) -> None:
+    ids = [video.id for video in job.sandbox.world.youtube.videos.values()]
+    file = job.place / "ids.txt"
+    file.write_text("\n".join([*ids[:20], "not an id", *ids[20:], ids[0]]) + "\n")
+    summary = job.done(*CRAWL, "--ids", str(file))
+    assert (summary["crawled"], summary["bad_lines"]) == (len(ids), 1)
+    assert not job.sandbox.ledger.requests("/search|/playlistItems")
+    assert job.sandbox.ledger.units() == 1
+    check(job)
+
+
+def test_no_shorts_costs_one_unit_more_for_a_list_that_is_not_there(tmp_path: Path) -> None:
+    with Sandbox(World(n_channels=9, n_videos=60), services=["youtube"]) as sandbox:
+        job = Job(sandbox, tmp_path)
+        job.profile(("min_views = 100\n", 'min_views = 100\nuploads = "no_shorts"\n'))
+        job.done(*CRAWL, "--only", "channels")
+        job.done(*CRAWL, "--only", "uploads")
+        job.done(*CRAWL, "--only", "metadata")
+        asked = {key for seen in sandbox.ledger.requests("/v3/videos") for key in seen.args["id"].split(",")}
+        world = sandbox.world.youtube
+        fallback = world.channels[5]
+        assert asked == {video.id for video in world.videos.values() if not video.short or video.channel is fallback}
+        missing = [seen for seen in sandbox.ledger.requests("/playlistItems") if seen.status == 404]
+        assert len(missing) == 3    # two UULF lists and, of the channel without uploads list, its UU list
+
+
+def test_a_new_round_reads_only_what_is_new(job: Job) -> None:
+    job.done(*CRAWL)
+    world = job.sandbox.world.youtube
+    channel = world.channels[0]
+    moved = world.channels[1].entries[-1]
+    channel.entries.insert(0, moved)            # a new upload, as far as this list is concerned
+    before = len(job.sandbox.ledger)
+    job.done(*CRAWL, "--again")
+    asked = job.sandbox.ledger.requests(since=before)
+    assert not [seen for seen in asked if seen.path in ("/watch",) and seen.about != moved.id]
+    assert len([seen for seen in asked if seen.path.endswith("/playlistItems")]) == len(world.channels)
+    check(job)
+
+
+@pytest.mark.parametrize("words", [("--part", "3/2"), ("--only", "nothing"), ("--ids", "/no/such/file")])
+def test_wrong_usage_sends_and_writes_nothing(job: Job, words: tuple[str, ...]) -> None:
+    job.stopped(*CRAWL, *words, code=2)
+    assert len(job.sandbox.ledger) == 0
+    assert not job.root.exists()
