@@ -7,28 +7,51 @@ from __future__ import annotations
 
 # Commands of `kb`, in order: each source by itself, then what is made of all.
 STEPS = [
-    "youtube crawl", "youtube filter", "youtube export",
-    "wiki crawl", "wiki filter", "wiki export",
-    "reddit crawl", "reddit filter", "reddit export",
-    "pairs", "release", "report",
+    "youtube crawl",
+    "youtube filter",
+    "youtube export",
+    "wiki crawl",
+    "wiki filter",
+    "wiki export",
+    "reddit crawl",
+    "reddit import",
+    "refresh reddit",
+    "reddit filter",
+    "reddit export",
+    "reddit reconstruct",
+    "pairs",
+    "release",
+    "report",
 ]
 
 # (what it answers, SQL over the shards, the tables that it needs)
 QUERIES = [
-    ("Where did the transcripts of the kept videos come from?",
-     """SELECT transcript_kind, count(*) AS videos, round(sum(duration_s) / 3600, 1) AS hours, sum(word_count) AS words
-        FROM release.youtube_videos GROUP BY ALL ORDER BY videos DESC""", ["release.youtube_videos"]),
-    ("Why were videos left out?",
-     "SELECT stage, reason, count(*) AS videos FROM clean.youtube_rejected GROUP BY ALL ORDER BY videos DESC, stage, reason LIMIT 8",
-     ["clean.youtube_rejected"]),
-    ("Which words match most clips, and how long are these?",
-     """SELECT keyword, keyword_kind, count(*) AS clips, round(avg(clip_end_s - clip_start_s), 1) AS seconds
-        FROM release.pairs GROUP BY ALL ORDER BY clips DESC, keyword LIMIT 8""", ["release.pairs"]),
-    ("What does a wiki page consist of?",
-     "SELECT kind, region, count(*) AS elements FROM release.wiki_elements WHERE visible GROUP BY ALL ORDER BY elements DESC, kind, region LIMIT 8",
-     ["release.wiki_elements"]),
-    ("What is posted, and how much is it talked about?",
-     """SELECT type, count(*) AS posts, round(avg(score)) AS score, sum(num_comments) AS comments
-        FROM release.reddit_posts GROUP BY ALL ORDER BY posts DESC, type""", ["release.reddit_posts"]),
+    (
+        "Where did the transcripts of the kept videos come from?",
+        """SELECT transcript_kind, count(*) AS videos, round(sum(duration_s) / 3600, 1) AS hours, sum(word_count) AS words
+        FROM release.youtube_videos GROUP BY ALL ORDER BY videos DESC""",
+        ["release.youtube_videos"],
+    ),
+    (
+        "Why were videos left out?",
+        "SELECT stage, reason, count(*) AS videos FROM clean.youtube_rejected GROUP BY ALL ORDER BY videos DESC, stage, reason LIMIT 8",
+        ["clean.youtube_rejected"],
+    ),
+    (
+        "Which words match most clips, and how long are these?",
+        """SELECT keyword, keyword_kind, count(*) AS clips, round(avg(clip_end_s - clip_start_s), 1) AS seconds
+        FROM release.pairs GROUP BY ALL ORDER BY clips DESC, keyword LIMIT 8""",
+        ["release.pairs"],
+    ),
+    (
+        "What does a wiki page consist of?",
+        "SELECT kind, region, count(*) AS elements FROM release.wiki_elements WHERE visible GROUP BY ALL ORDER BY elements DESC, kind, region LIMIT 8",
+        ["release.wiki_elements"],
+    ),
+    (
+        "What is posted, and how much is it talked about?",
+        """SELECT type, count(*) AS posts, round(avg(score)) AS score, sum(num_comments) AS comments
+        FROM release.reddit_posts GROUP BY ALL ORDER BY posts DESC, type""",
+        ["release.reddit_posts"],
+    ),
 ]
-

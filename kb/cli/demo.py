@@ -20,14 +20,18 @@ app = group("The whole job on the sandbox: no key, no network, minutes.")
 
 # Settings of the caller that the demo keeps; all others, credentials among them, are out of its sight.
 _KEPT = {"kb_data", "kb_now", "source_date_epoch"}
-_OURS = ("raw", "state", "annotations", "clean", "pairs", "release", "export", "report")
+_OURS = ("dumps", "raw", "state", "annotations", "clean", "pairs", "release", "export", "report")
 _FINISHED = "demo-finished"
 
 
-@command(app, raw=True, examples=[
-    "kb demo                     under data/demo; a finished demo starts afresh, a stopped one goes on",
-    "kb demo --data /tmp/try     under /tmp/try/demo",
-])
+@command(
+    app,
+    raw=True,
+    examples=[
+        "kb demo                     under data/demo; a finished demo starts afresh, a stopped one goes on",
+        "kb demo --data /tmp/try     under /tmp/try/demo",
+    ],
+)
 def demo(options: Options) -> Summary:
     """Crawl invented services with the real clients, filter, export, pair, release and report, then query the shards.
 
@@ -35,17 +39,19 @@ def demo(options: Options) -> Summary:
     """
     from kb.core.pipeline import load, locate
     from kb.core.settings import Settings
+    from kb.sandbox.reddit import dumps
     from kb.sandbox.server import Sandbox
 
     for name in set(Settings.model_fields) - _KEPT:
         os.environ.pop(name.upper(), None)
     with Sandbox() as services:
         settings = services.settings() | _model(options)
-        os.environ |= settings    # worker processes read them too
+        os.environ |= settings  # worker processes read them too
         run = _run(options, settings)
         _begin(run.root)
         pipeline = load(str(locate("demo", run.pipeline)))
-        return _all(pipeline, run, services.ledger)
+        given = {"reddit import": {"files": dumps(services.world.reddit, run.root / "dumps")}}
+        return _all(pipeline, run, services.ledger, given)
 
 
 def _model(options: Options) -> dict[str, str]:
@@ -82,7 +88,8 @@ def _begin(root: Path) -> None:
         (root / _FINISHED).unlink()
 
 
-def _all(pipeline: Any, run: Run, ledger: Any) -> Summary:
+def _all(pipeline: Any, run: Run, ledger: Any, given: dict[str, dict[str, Any]]) -> Summary:
+    """Every step, with the arguments `given` to some."""
     from kb.core.errors import MissingExtra
     from kb.core.verdict import Summary
     from kb.store.atomic import write_text
@@ -91,7 +98,7 @@ def _all(pipeline: Any, run: Run, ledger: Any) -> Summary:
     for step in pipeline.STEPS:
         print(f"\n== kb {step}", flush=True)
         try:
-            summary = Summary(_command(step)(run) or {})
+            summary = Summary(_command(step)(run, **given.get(step, {})) or {})
         except MissingExtra as error:
             # An optional part of the installation: the other steps go on without it.
             summary = Summary(left_out=f"{error}; {error.hint}")
@@ -111,7 +118,7 @@ def _command(step: str) -> Any:
 
     source, _, name = step.partition(" ")
     module = importlib.import_module(TREE[source][0])
-    return getattr(module, {"filter": "filter_"}.get(name, name) or source)
+    return getattr(module, {"filter": "filter_", "import": "import_"}.get(name, name) or source)
 
 
 def _queries(queries: list[tuple[str, str, list[str]]], root: Path) -> None:
@@ -123,7 +130,7 @@ def _queries(queries: list[tuple[str, str, list[str]]], root: Path) -> None:
         for question, sql, needed in queries:
             if held.issuperset(needed):
                 print(f"\n== {question}")
-                print(f"kb query --data {root} \"{' '.join(sql.split())}\"")
+                print(f'kb query --data {root} "{" ".join(sql.split())}"')
                 sys.stdout.writelines(as_table(views.select(db, sql)))
 
 

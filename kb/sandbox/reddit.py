@@ -162,16 +162,15 @@ def dumps(subreddit: Subreddit, folder: Path) -> list[Path]:
 
     other = {"id": "abc123", "subreddit": "gardening", "author": "tidy_pebble29", "title": "A fern", "created_utc": START, "score": 9}
     posts, comments = [json.dumps(other)], [json.dumps({**other, "body": "nice", "link_id": "t3_abc123", "parent_id": "t3_abc123"})]
-    past = Subreddit(subreddit.seed + 1, 60, width=30, depth=12, name=subreddit.name)
-    for number, post in enumerate(past.posts.values()):
-        old = {**post, "id": f"d{post['id']}", "permalink": f"/r/{past.name}/comments/d{post['id']}/post/", "created_utc": str(int(post["created_utc"]) - 31_536_000),
-               "retrieved_on": int(post["created_utc"]) - 31_000_000, "title": post["title"].replace("&", "&amp;")}
+    old_posts, old_comments = subreddit.archive
+    for number, post in enumerate(old_posts.values()):
+        made = int(post["created_utc"])
+        old = {**post, "created_utc": str(made), "retrieved_on": made + 500_000, "title": post["title"].replace("&", "&amp;")}
         for name in ("upvote_ratio", "is_robot_indexable", "removed_by_category", "name"):
             old.pop(name, None)
         posts.append(json.dumps(old, separators=(",", ":") if number % 2 else None))
-    for comment in past.comments.values():
-        old = {**comment, "id": f"d{comment['id']}", "link_id": f"t3_d{comment['link_id'][3:]}", "parent_id": f"{comment['parent_id'][:3]}d{comment['parent_id'][3:]}",
-               "created_utc": int(comment["created_utc"]) - 31_536_000, "retrieved_on": int(comment["created_utc"]) - 31_000_000}
+    for comment in old_comments.values():
+        old = {**comment, "created_utc": int(comment["created_utc"]), "retrieved_on": int(comment["created_utc"]) + 500_000}
         del old["depth"], old["replies"], old["name"]
         comments.append(json.dumps(old))
     posts.insert(7, '{"id": "broken", "subreddit": "Minecraft", "title": "cut')

@@ -15,6 +15,7 @@ from kb.sandbox import speech
 
 NAME = "Minecraft"
 START = 1_700_000_000   # 2023-11-14
+_YEAR = 31_536_000
 _PEOPLE = [f"{first}_{second}{n}" for n, (first, second) in enumerate(
     (first, second) for first in ("brisk", "quiet", "sunny", "rusty", "tidy", "mossy") for second in ("otter", "lantern", "anvil", "heron", "pebble"))]
 _RUDE = ["you are a stupid worthless idiot", "shut up you pathetic moron", "what a dumb ugly loser you are"]
@@ -54,16 +55,52 @@ class Subreddit:
             below.setdefault(comment["parent_id"], []).append(comment["id"])
         return below
 
+    @cached_property
+    def archive(self) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
+        """Posts and comments of a year before, which no listing reaches: dumps hold them, and info knows all but the last three posts."""
+        past = Subreddit(self.seed + 1, 60, width=30, depth=12, name=self.name)
+        posts, comments = {}, {}
+        for post in past.posts.values():
+            key, page = f"d{post['id']}", f"/r/{self.name}/comments/d{post['id']}/post/"
+            posts[key] = {**post, "id": key, "name": f"t3_{key}", "permalink": page, "created_utc": post["created_utc"] - _YEAR,
+                          **({"url": f"https://www.reddit.com{page}"} if post["is_self"] else {})}
+        for comment in past.comments.values():
+            key, parent = f"d{comment['id']}", comment["parent_id"]
+            comments[key] = {**comment, "id": key, "name": f"t1_{key}", "link_id": f"t3_d{comment['link_id'][3:]}",
+                             "parent_id": f"{parent[:3]}d{parent[3:]}", "created_utc": comment["created_utc"] - _YEAR}
+        return posts, comments
+
     def shown(self, name: str) -> dict[str, Any] | None:
         """A post or comment as the service gives it now; None when it is gone."""
         if name in self.gone:
             return None
         kind, _, key = name.partition("_")
-        data = (self.posts if kind == "t3" else self.comments).get(key)
+        data = (self.posts if kind == "t3" else self.comments).get(key) or self._older(kind, key)
+        if data is None and key.startswith("d"):
+            posts, comments = self.archive
+            data = None if key in list(posts)[-3:] else (posts if kind == "t3" else comments).get(key)
         if data is None or name not in self.removed:
             return data
         return {**data, ("selftext" if kind == "t3" else "body"): "[removed]", "author": "[deleted]",
                 **({"removed_by_category": "moderator", "is_robot_indexable": False} if kind == "t3" else {})}
+
+    @cached_property
+    def past(self) -> Subreddit:
+        """What the archive dumps hold: a year earlier, ids with a `d` before them. `info` still knows all of it."""
+        return Subreddit(self.seed + 1, 60, width=30, depth=12, name=self.name)
+
+    def _older(self, kind: str, key: str) -> dict[str, Any] | None:
+        if not key.startswith("d"):
+            return None
+        data = (self.past.posts if kind == "t3" else self.past.comments).get(key[1:])
+        if data is None:
+            return None
+        made = {"id": key, "name": f"{kind}_{key}", "created_utc": data["created_utc"] - 31_536_000}
+        if kind == "t3":
+            # Votes came in since the dump was made.
+            scored = {"score": data["score"] + 3} if "score" in data else {}
+            return {**data, **made, **scored, "permalink": f"/r/{self.name}/comments/{key}/post/"}
+        return {**data, **made, "link_id": f"t3_d{data['link_id'][3:]}", "parent_id": f"{data['parent_id'][:3]}d{data['parent_id'][3:]}"}
 
     def _post(self, number: int) -> dict[str, Any]:
         rng = clock.rng("subreddit", self.seed, number)

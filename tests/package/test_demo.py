@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 STEPS = ["youtube crawl", "youtube filter", "youtube export", "wiki crawl", "wiki filter", "wiki export",
-         "reddit crawl", "reddit filter", "reddit export", "pairs", "release", "report"]
+         "reddit crawl", "reddit import", "refresh reddit", "reddit filter", "reddit export", "reddit reconstruct", "pairs", "release", "report"]
 
 
 def summary(demo: Path) -> dict[str, object]:

@@ -11,16 +11,45 @@ import pytest
 
 from tests.cli.conftest import clean_environment
 
-STEPS = ["youtube crawl", "youtube filter", "youtube export", "wiki crawl", "wiki filter", "wiki export",
-         "reddit crawl", "reddit filter", "reddit export", "pairs", "release", "report"]
+STEPS = [
+    "youtube crawl",
+    "youtube filter",
+    "youtube export",
+    "wiki crawl",
+    "wiki filter",
+    "wiki export",
+    "reddit crawl",
+    "reddit import",
+    "refresh reddit",
+    "reddit filter",
+    "reddit export",
+    "reddit reconstruct",
+    "pairs",
+    "release",
+    "report",
+]
 
 
 @pytest.mark.timeout(600)
 def test_the_whole_job(tmp_path: Path) -> None:
-    (tmp_path / ".env").write_text("YOUTUBE_API_KEY=a-real-key\nKB_YOUTUBE_ENDPOINT=http://192.0.2.1\nKB_WIKI_URL=http://192.0.2.1\n")
-    real = {"REDDIT_CLIENT_SECRET": "a-real-secret", "KB_REDDIT_ENDPOINT": "http://192.0.2.1", "KB_TOXICITY_MODEL": "/nowhere"}
-    done = subprocess.run([sys.executable, "-m", "kb", "demo", "--json"], cwd=tmp_path, env=clean_environment() | real,
-                          capture_output=True, text=True, timeout=580, check=False, stdin=subprocess.DEVNULL)
+    (tmp_path / ".env").write_text(
+        "YOUTUBE_API_KEY=a-real-key\nKB_YOUTUBE_ENDPOINT=http://192.0.2.1\nKB_WIKI_URL=http://192.0.2.1\n"
+    )
+    real = {
+        "REDDIT_CLIENT_SECRET": "a-real-secret",
+        "KB_REDDIT_ENDPOINT": "http://192.0.2.1",
+        "KB_TOXICITY_MODEL": "/nowhere",
+    }
+    done = subprocess.run(
+        [sys.executable, "-m", "kb", "demo", "--json"],
+        cwd=tmp_path,
+        env=clean_environment() | real,
+        capture_output=True,
+        text=True,
+        timeout=580,
+        check=False,
+        stdin=subprocess.DEVNULL,
+    )
     assert done.returncode == 0, done.stderr[-3000:]
     summary = json.loads(done.stdout.splitlines()[-1])
     assert [name for name in summary if name in STEPS] == STEPS
