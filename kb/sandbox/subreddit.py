@@ -75,7 +75,7 @@ class Subreddit:
         if name in self.gone:
             return None
         kind, _, key = name.partition("_")
-        data = (self.posts if kind == "t3" else self.comments).get(key) or self._older(kind, key)
+        data = (self.posts if kind == "t3" else self.comments).get(key)
         if data is None and key.startswith("d"):
             posts, comments = self.archive
             data = None if key in list(posts)[-3:] else (posts if kind == "t3" else comments).get(key)
@@ -83,24 +83,6 @@ class Subreddit:
             return data
         return {**data, ("selftext" if kind == "t3" else "body"): "[removed]", "author": "[deleted]",
                 **({"removed_by_category": "moderator", "is_robot_indexable": False} if kind == "t3" else {})}
-
-    @cached_property
-    def past(self) -> Subreddit:
-        """What the archive dumps hold: a year earlier, ids with a `d` before them. `info` still knows all of it."""
-        return Subreddit(self.seed + 1, 60, width=30, depth=12, name=self.name)
-
-    def _older(self, kind: str, key: str) -> dict[str, Any] | None:
-        if not key.startswith("d"):
-            return None
-        data = (self.past.posts if kind == "t3" else self.past.comments).get(key[1:])
-        if data is None:
-            return None
-        made = {"id": key, "name": f"{kind}_{key}", "created_utc": data["created_utc"] - 31_536_000}
-        if kind == "t3":
-            # Votes came in since the dump was made.
-            scored = {"score": data["score"] + 3} if "score" in data else {}
-            return {**data, **made, **scored, "permalink": f"/r/{self.name}/comments/{key}/post/"}
-        return {**data, **made, "link_id": f"t3_d{data['link_id'][3:]}", "parent_id": f"{data['parent_id'][:3]}d{data['parent_id'][3:]}"}
 
     def _post(self, number: int) -> dict[str, Any]:
         rng = clock.rng("subreddit", self.seed, number)
