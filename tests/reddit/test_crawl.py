@@ -12,7 +12,7 @@ import pytest
 from kb.core.errors import Blocked, CredentialRefused, FatalError, LimitReached, MissingCredential, OtherService, Unreachable
 from kb.reddit import parse
 from kb.sandbox.reddit import CLIENT, SECRET, TOKEN
-from kb.sandbox.subreddit import CASES, _PEOPLE
+from kb.sandbox.subreddit import _PEOPLE, CASES
 from kb.store import rawlog
 from tests.reddit.work import Work
 
@@ -92,7 +92,8 @@ def test_a_finished_crawl_asks_nothing_and_a_new_round_little(work: Work) -> Non
 def test_limit_counts_posts_and_the_next_run_goes_on(work: Work) -> None:
     with pytest.raises(LimitReached) as stopped:
         work.crawl(limit=7)
-    assert stopped.value.summary is not None and stopped.value.summary["crawled"] == 7
+    assert stopped.value.summary is not None
+    assert stopped.value.summary["crawled"] == 7
     work.crawl()
     assert things(work).keys() == everything(work)
     assert set(Counter(seen.path for seen in work.sandbox.ledger.requests("^/comments/")).values()) == {1}

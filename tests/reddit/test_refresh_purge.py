@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -58,11 +57,18 @@ def test_dumps_are_read_again_at_once(tmp_path: Path) -> None:
         work = Work(sandbox, tmp_path)
         summary = work.take_in(dumps(work.world, tmp_path / "dumps"))
         work.filter()
-        assert {row["score_source"] for row in work.table("clean", "reddit", "posts")} == {"dump"}
-        before = len(asked(work, 0))
+        dumped = {row["post_id"]: row for row in work.table("clean", "reddit", "posts")}
+        assert {row["score_source"] for row in dumped.values()} == {"dump"}
+        assert len(work.sandbox.ledger) == 0
         refreshed = work.refresh()
-        assert before == 0
         assert 0 < refreshed["crawled"] <= summary["crawled"]
+        work.filter()
+        live = {row["post_id"]: row for row in work.table("clean", "reddit", "posts")}
+        # The last three posts of the archive are gone by now.
+        lost = {f"t3_{key}" for key in dumped.keys() - live.keys()}
+        assert 0 < len(lost) <= 3
+        assert lost <= {row["key"] for row in work.table("clean", "reddit", "rejected") if row["stage"] == "missing"}
+        assert {row["score_source"] for row in live.values()} == {"live"}
 
 
 def test_a_refresh_that_was_stopped_asks_only_for_the_rest(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,7 +121,7 @@ def test_a_purge_leaves_no_trace_in_any_file(tiny: Work, monkeypatch: pytest.Mon
             continue
         for key in (text, image, link, *leaves, *below):
             assert key not in found, f"{key} in {path}"
-    reasons = {key: reason for key, reason in ((row["key"], row["reason"]) for row in tombstone_rows(tiny))}
+    reasons = {row["key"]: row["reason"] for row in tombstone_rows(tiny)}
     assert {name: reasons[name] for name in names} == dict(zip(names, ("missing", "removed", "named", "missing", "removed"), strict=True))
 
     # It does not come back: not by another round, nor by a dump that holds it, nor by another filter.
