@@ -21,19 +21,31 @@ if TYPE_CHECKING:
 app = group("Invented services on this machine, to try everything on.")
 
 
-@command(app, raw=True, resumable=False, examples=[
-    "kb sandbox -- kb youtube crawl --data /tmp/try     a command with the settings that point at the sandbox",
-    "kb sandbox --env sandbox.env                       write the settings to a file and serve until SIGTERM",
-    "kb sandbox --channels 50 --videos 5000             a larger world",
-])
+@command(
+    app,
+    raw=True,
+    resumable=False,
+    examples=[
+        "kb sandbox -- kb youtube crawl --data /tmp/try     a command with the settings that point at the sandbox",
+        "kb sandbox --env sandbox.env                       write the settings to a file and serve until SIGTERM",
+        "kb sandbox --channels 50 --videos 5000             a larger world",
+    ],
+)
 def sandbox(
     options: Options,
-    run: Annotated[list[str] | None, typer.Argument(metavar="[-- COMMAND]", help="A command to run with the settings; its exit code is kb's.")] = None,
-    env: Annotated[Path | None, typer.Option("--env", metavar="FILE", help="Write the settings to FILE, as NAME=value lines.")] = None,
+    run: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[-- COMMAND]", help="A command to run with the settings; its exit code is kb's."),
+    ] = None,
+    env: Annotated[
+        Path | None, typer.Option("--env", metavar="FILE", help="Write the settings to FILE, as NAME=value lines.")
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Which world.")] = 0,
     channels: Annotated[int, typer.Option("--channels", min=1, help="YouTube channels of the world.")] = 12,
     videos: Annotated[int, typer.Option("--videos", min=0, help="YouTube videos of the world.")] = 300,
-    model: Annotated[bool, typer.Option("--model/--no-model", help="Make the tiny toxicity model, if there is none yet.")] = True,
+    model: Annotated[
+        bool, typer.Option("--model/--no-model", help="Make the tiny toxicity model, if there is none yet.")
+    ] = True,
 ) -> None:
     """Serve YouTube, wiki, Reddit and Zenodo of one small invented world on loopback.
 

@@ -16,7 +16,7 @@ class Track:
     """A caption track."""
 
     language: str
-    kind: str = ""              # "asr" or ""
+    kind: str = ""  # "asr" or ""
     translatable: bool = True
 
 
@@ -26,11 +26,11 @@ class Case:
 
     name: str
     stage: str | None = None
-    reason: str | None = None   # None: the stage's own name for a value out of bounds
+    reason: str | None = None  # None: the stage's own name for a value out of bounds
     change: dict[str, Any] = field(default_factory=dict)
     kind: str = "manual"
     evidence: str = "game_label"
-    often: int = 0              # weight among the videos beyond the first of each case
+    often: int = 0  # weight among the videos beyond the first of each case
 
 
 def _kept(name: str, kind: str = "manual", evidence: str = "game_label", often: int = 0, **change: Any) -> Case:
@@ -60,10 +60,19 @@ CASES: list[Case] = [
     _out("age restricted, known to the player only", "age_restricted", player="age"),
     _out("another game", "topic", game="other", often=4),
     _kept("no label, topic in the title", evidence="keywords", game=None, often=3),
-    _kept("no label, topic in a tag", evidence="keywords", game=None, title="plain", tags=["survival", "minecraft"], often=1),
+    _kept(
+        "no label, topic in a tag",
+        evidence="keywords",
+        game=None,
+        title="plain",
+        tags=["survival", "minecraft"],
+        often=1,
+    ),
     _kept("label, topic nowhere in the text", title="plain", tags=["let's play"], often=2),
     _out("no label, topic nowhere", "topic", game=None, title="plain", tags=["let's play"], often=2),
-    _out("no label, topic only as part of a word", "topic", game=None, title="Minecraftesque building, a talk", tags=[]),
+    _out(
+        "no label, topic only as part of a word", "topic", game=None, title="Minecraftesque building, a talk", tags=[]
+    ),
     _out("music about the topic", "topic", category_id="10", often=1),
     _out("99 views", "views", view_count="99", often=3),
     _kept("100 views", view_count="100"),
@@ -86,7 +95,7 @@ CASES: list[Case] = [
     _kept("right-to-left title", title="ماينكرافت Minecraft בניית בית"),
     _kept("NUL in the title", title="Minecraft\x00 tower tour"),
     _kept("lone surrogate in the title", title="Minecraft \ud83d broken emoji"),
-    _kept("markup in the title", title="Tips & Tricks <b>for</b> Minecraft &amp; \"friends\""),
+    _kept("markup in the title", title='Tips & Tricks <b>for</b> Minecraft &amp; "friends"'),
     _kept("free licence", license="creativeCommon", often=2),
     _kept("60 frames a second", fps=60, width=2560, height=1440, often=6),
     _kept("four by three", width=1440, height=1080),

@@ -145,7 +145,9 @@ class Faults:
 
         return serve
 
-    def _strike(self, fault: Fault, seen: Seen, application: Wsgi, environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
+    def _strike(
+        self, fault: Fault, seen: Seen, application: Wsgi, environ: dict[str, Any], start: Callable[..., Any]
+    ) -> Iterable[bytes]:
         if fault.then:
             fault.then(seen)
         if fault.hold:
@@ -162,7 +164,10 @@ class Faults:
         body = fault.body(environ) if callable(fault.body) else fault.body
         kind = "application/json; charset=UTF-8" if isinstance(body, dict) else "text/html; charset=utf-8"
         data = json.dumps(body).encode() if isinstance(body, dict) else body.encode() if isinstance(body, str) else body
-        start(f"{fault.status} Fault", [("Content-Type", kind), ("Content-Length", str(len(data))), *fault.headers.items()])
+        start(
+            f"{fault.status} Fault",
+            [("Content-Type", kind), ("Content-Length", str(len(data))), *fault.headers.items()],
+        )
         return [data]
 
     def _control(self, environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
@@ -190,7 +195,9 @@ def _reset(environ: dict[str, Any]) -> None:
     raise ConnectionResetError("reset by the fault plan")
 
 
-def _cut(application: Wsgi, environ: dict[str, Any], start: Callable[..., Any], part: float, honest: bool) -> Iterable[bytes]:
+def _cut(
+    application: Wsgi, environ: dict[str, Any], start: Callable[..., Any], part: float, honest: bool
+) -> Iterable[bytes]:
     held: list[Any] = []
 
     def keep(status: str, headers: list[tuple[str, str]], exc_info: Any = None) -> Any:
@@ -201,5 +208,9 @@ def _cut(application: Wsgi, environ: dict[str, Any], start: Callable[..., Any], 
     status, headers = held
     data = whole[: int(len(whole) * part)]
     length = len(data) if honest else len(whole)
-    start(status, [(name, value) for name, value in headers if name.lower() != "content-length"] + [("Content-Length", str(length))])
+    start(
+        status,
+        [(name, value) for name, value in headers if name.lower() != "content-length"]
+        + [("Content-Length", str(length))],
+    )
     return [data]

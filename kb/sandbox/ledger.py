@@ -23,11 +23,11 @@ class Seen:
     path: str
     query: str
     agent: str
-    status: int | None = None   # None: no answer was sent (reset, still held)
+    status: int | None = None  # None: no answer was sent (reset, still held)
     units: int = 0
     bucket: str = ""
     about: str = ""
-    fault: bool = False         # answered by the fault plan, the service never saw it
+    fault: bool = False  # answered by the fault plan, the service never saw it
     args: dict[str, str] = field(default_factory=dict)
 
 
@@ -40,11 +40,21 @@ class Ledger:
 
     def open(self, service: str, environ: dict[str, Any]) -> Seen:
         """Write down a request that has just come."""
-        pairs = [pair for pair in parse_qsl(environ.get("QUERY_STRING", ""), keep_blank_values=True) if pair[0] not in _SECRET]
+        pairs = [
+            pair
+            for pair in parse_qsl(environ.get("QUERY_STRING", ""), keep_blank_values=True)
+            if pair[0] not in _SECRET
+        ]
         with self._lock:
             seen = Seen(
-                number=len(self._seen), time=time(), service=service, method=environ["REQUEST_METHOD"],
-                path=environ.get("PATH_INFO", ""), query=urlencode(pairs), agent=environ.get("HTTP_USER_AGENT", ""), args=dict(pairs),
+                number=len(self._seen),
+                time=time(),
+                service=service,
+                method=environ["REQUEST_METHOD"],
+                path=environ.get("PATH_INFO", ""),
+                query=urlencode(pairs),
+                agent=environ.get("HTTP_USER_AGENT", ""),
+                args=dict(pairs),
             )
             self._seen.append(seen)
         return seen

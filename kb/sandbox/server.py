@@ -1,10 +1,10 @@
 """The sandbox's services on loopback: one threading server a service, each on a port of its own.
 
-    with Sandbox(World()) as sandbox:
-        os.environ |= sandbox.settings()
-        sandbox.faults.add("/youtube/v3/search", status=503)
-        sandbox.gone("youtube")      # nobody listens any more
-        sandbox.back("youtube")      # … and again, on the same port
+with Sandbox(World()) as sandbox:
+    os.environ |= sandbox.settings()
+    sandbox.faults.add("/youtube/v3/search", status=503)
+    sandbox.gone("youtube")      # nobody listens any more
+    sandbox.back("youtube")      # … and again, on the same port
 """
 
 from __future__ import annotations
@@ -74,7 +74,9 @@ class Server:
 class Sandbox:
     """The services over one world, with one fault plan and one ledger."""
 
-    def __init__(self, world: World | None = None, faults: Faults | None = None, services: Sequence[str] | None = None) -> None:
+    def __init__(
+        self, world: World | None = None, faults: Faults | None = None, services: Sequence[str] | None = None
+    ) -> None:
         self.world = world or World()
         self.faults = faults or Faults()
         self.servers: dict[str, Server] = {}
@@ -127,5 +129,7 @@ class Sandbox:
     def __enter__(self) -> Sandbox:
         return self.start()
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.stop()

@@ -14,13 +14,25 @@ from kb.sandbox import speech
 from kb.sandbox.cases import CASES, Case, Track
 
 TOPIC = "Minecraft"
-GAMES = {   # key -> (browse id, name) of the label under a video
+GAMES = {  # key -> (browse id, name) of the label under a video
     "topic": ("UCQvWX73GQygcwXOTSf_VDVg", "Minecraft"),
     "other": ("UCsandboxOtherGame00001a", "Harborlight"),
 }
 PAGE = 50
-_NAMES = ["Pickaxe Parlour", "Cobble & Co", "The Long Dig", "Quiet Builder", "Lantern Loft", "Redcliff Survival", "Saddle and Seed",
-          "Tuesday Torches", "Moss Mountain", "Second Bridge", "Harbour Crafts", "Gravel Pit Radio"]
+_NAMES = [
+    "Pickaxe Parlour",
+    "Cobble & Co",
+    "The Long Dig",
+    "Quiet Builder",
+    "Lantern Loft",
+    "Redcliff Survival",
+    "Saddle and Seed",
+    "Tuesday Torches",
+    "Moss Mountain",
+    "Second Bridge",
+    "Harbour Crafts",
+    "Gravel Pit Radio",
+]
 _KINDS = ["guide", "walkthrough", "beginner", "guide beginner", "survival", "guide walkthrough"]
 
 
@@ -41,16 +53,16 @@ class Video:
     tags: list[str] = field(default_factory=lambda: ["minecraft", "survival", "let's play"])
     category_id: str = "20"
     seconds: int = 600
-    duration: str | None = ""       # "" : made from `seconds`
+    duration: str | None = ""  # "" : made from `seconds`
     width: int = 1920
     height: int = 1080
     fps: int = 30
-    sized: bool = True              # whether the API knows the embed's size
+    sized: bool = True  # whether the API knows the embed's size
     license: str = "youtube"
     rating: str | None = None
     live: str = "none"
     in_api: bool = True
-    player: str = "ok"              # ok, age, gone
+    player: str = "ok"  # ok, age, gone
     game: str | None = "topic"
     tracks: list[Track] = field(default_factory=lambda: [Track("en")])
     short: bool = False
@@ -62,7 +74,12 @@ class Video:
             return self.duration
         minutes, seconds = divmod(self.seconds, 60)
         hours, minutes = divmod(minutes, 60)
-        return "PT" + (f"{hours}H" if hours else "") + (f"{minutes}M" if minutes else "") + (f"{seconds}S" if seconds or not minutes else "")
+        return (
+            "PT"
+            + (f"{hours}H" if hours else "")
+            + (f"{minutes}M" if minutes else "")
+            + (f"{seconds}S" if seconds or not minutes else "")
+        )
 
 
 @dataclass
@@ -75,9 +92,9 @@ class Channel:
     words: str
     published_at: str
     listed: bool = True
-    without_shorts: bool = True     # whether a UULF… playlist exists
+    without_shorts: bool = True  # whether a UULF… playlist exists
     videos: list[Video] = field(default_factory=list)
-    entries: list[Video] = field(default_factory=list)   # as the playlist lists them: one may come twice
+    entries: list[Video] = field(default_factory=list)  # as the playlist lists them: one may come twice
 
     @property
     def uploads(self) -> str:
@@ -158,9 +175,12 @@ class Catalogue:
         case = CASES[number] if number < len(CASES) else rng.choices(CASES, [case.often for case in CASES])[0]
         views = int(10 ** rng.uniform(2.1, 6.5))
         values: dict[str, Any] = {
-            "title": speech.title(rng, TOPIC), "description": speech.about(rng, rng.randint(1, 4)),
+            "title": speech.title(rng, TOPIC),
+            "description": speech.about(rng, rng.randint(1, 4)),
             "published_at": clock.stamp(datetime(2012, 1, 1, tzinfo=UTC) + timedelta(minutes=rng.randrange(7_000_000))),
-            "view_count": str(views), "like_count": str(views // rng.randint(15, 90)), "comment_count": str(views // 400),
+            "view_count": str(views),
+            "like_count": str(views // rng.randint(15, 90)),
+            "comment_count": str(views // 400),
             "seconds": rng.randint(75, 2_400),
         }
         plain = speech.plain_title(rng)

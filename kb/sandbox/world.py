@@ -31,8 +31,8 @@ class World:
         self.n_videos = n_videos
         self.wiki_state = wiki_state
         self.quota = {"search": 100, "general": 10_000, "stats": 10_000}
-        self.used: Counter[tuple[str, str]] = Counter()     # (Pacific day, bucket) -> units
-        self.now: datetime | None = None                    # None: the clock's own time
+        self.used: Counter[tuple[str, str]] = Counter()  # (Pacific day, bucket) -> units
+        self.now: datetime | None = None  # None: the clock's own time
 
     @cached_property
     def youtube(self) -> Catalogue:
@@ -59,6 +59,7 @@ def _summer_time(now: datetime) -> bool:
 
     Reckoned here because a bare system has no time zone files.
     """
+
     def sunday(month: int, count: int, hour: int) -> datetime:
         first = datetime(now.year, month, 1, hour, tzinfo=UTC)
         return first + timedelta(days=(6 - first.weekday()) % 7 + 7 * (count - 1))

@@ -45,5 +45,11 @@ def make_client(services: Sandbox, key: str | None = None) -> Any:
     from googleapiclient.discovery import build
 
     settings = services.settings()
-    return build("youtube", "v3", developerKey=key or settings["YOUTUBE_API_KEY"], static_discovery=True, cache_discovery=False,
-                 client_options={"api_endpoint": settings["KB_YOUTUBE_ENDPOINT"]})
+    return build(
+        "youtube",
+        "v3",
+        developerKey=key or settings["YOUTUBE_API_KEY"],
+        static_discovery=True,
+        cache_discovery=False,
+        client_options={"api_endpoint": settings["KB_YOUTUBE_ENDPOINT"]},
+    )

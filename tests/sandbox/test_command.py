@@ -19,9 +19,17 @@ def settings(text: str) -> dict[str, str]:
 
 def test_it_prints_settings_closes_stdout_and_serves_until_sigterm() -> None:
     child = subprocess.Popen(KB, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert child.stdout and child.stderr
-    values = settings(child.stdout.read())   # returns because stdout is closed
-    assert {"YOUTUBE_API_KEY", "KB_CONTACT", "KB_YOUTUBE_ENDPOINT", "KB_YOUTUBE_WEB", "KB_WIKI_URL", "KB_ZENODO_ENDPOINT"} <= set(values)
+    assert child.stdout
+    assert child.stderr
+    values = settings(child.stdout.read())  # returns because stdout is closed
+    assert {
+        "YOUTUBE_API_KEY",
+        "KB_CONTACT",
+        "KB_YOUTUBE_ENDPOINT",
+        "KB_YOUTUBE_WEB",
+        "KB_WIKI_URL",
+        "KB_ZENODO_ENDPOINT",
+    } <= set(values)
     assert requests.get(values["KB_YOUTUBE_WEB"] + "/watch?v=x", timeout=10).status_code == 200
     child.send_signal(signal.SIGTERM)
     assert child.wait(30) == 0
@@ -29,8 +37,13 @@ def test_it_prints_settings_closes_stdout_and_serves_until_sigterm() -> None:
 
 
 def test_a_command_gets_the_settings_and_its_exit_code_is_ours() -> None:
-    script = "import os, requests, sys; requests.get(os.environ['KB_YOUTUBE_WEB'] + '/watch?v=x', timeout=10); print(os.environ['KB_DATA']); sys.exit(7)"
-    done = subprocess.run([*KB, "--data", "/tmp/some where", "--", sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    script = "import os, requests, sys\nrequests.get(os.environ['KB_YOUTUBE_WEB'] + '/watch?v=x', timeout=9)\nprint(os.environ['KB_DATA']); sys.exit(7)"
+    done = subprocess.run(
+        [*KB, "--data", "/tmp/some where", "--", sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
     assert (done.returncode, done.stdout) == (7, "/tmp/some where\n")
     killed = subprocess.run([*KB, "--", "sh", "-c", "kill -KILL $$"], capture_output=True, timeout=60)
     assert killed.returncode == 128 + signal.SIGKILL
@@ -39,7 +52,13 @@ def test_a_command_gets_the_settings_and_its_exit_code_is_ours() -> None:
 
 
 def test_it_is_this_kb_that_a_command_calls() -> None:
-    done = subprocess.run([*KB, "--", "kb", "--version"], capture_output=True, text=True, timeout=60, env={**os.environ, "PATH": "/usr/bin:/bin"})
+    done = subprocess.run(
+        [*KB, "--", "kb", "--version"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, "PATH": "/usr/bin:/bin"},
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("kb ")
 

@@ -68,13 +68,26 @@ def test_a_held_request_goes_on_when_released(services: Sandbox) -> None:
 def test_the_ledger_has_every_request_and_no_key(services: Sandbox) -> None:
     requests.get(root(services) + "/youtube/v3/videos?part=id&id=a&key=hush", timeout=10)
     (seen,) = services.ledger.requests()
-    assert (seen.service, seen.method, seen.path, seen.query, seen.status, seen.units) == ("youtube", "GET", "/youtube/v3/videos", "part=id&id=a", 400, 0)
+    assert (seen.service, seen.method, seen.path, seen.query, seen.status, seen.units) == (
+        "youtube",
+        "GET",
+        "/youtube/v3/videos",
+        "part=id&id=a",
+        400,
+        0,
+    )
     assert "hush" not in str(seen)
 
 
 def test_another_process_sets_the_plan(services: Sandbox) -> None:
-    requests.post(root(services) + "/_sandbox/faults", json={"path": "/watch", "status": 418, "times": None}, timeout=10)
+    requests.post(
+        root(services) + "/_sandbox/faults", json={"path": "/watch", "status": 418, "times": None}, timeout=10
+    )
     assert statuses(services, 2) == [418, 418]
     requests.delete(root(services) + "/_sandbox/faults", timeout=10)
     assert statuses(services, 1) == [200]
-    assert [one["status"] for one in requests.get(root(services) + "/_sandbox/requests", timeout=10).json()] == [418, 418, 200]
+    assert [one["status"] for one in requests.get(root(services) + "/_sandbox/requests", timeout=10).json()] == [
+        418,
+        418,
+        200,
+    ]

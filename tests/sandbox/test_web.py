@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from pathlib import Path
@@ -38,7 +39,10 @@ def test_automatic_cues_overlap_and_manual_ones_do_not(services: Sandbox) -> Non
     for name, overlap in (("asr", True), ("manual", False)):
         video = world.of_case(name)[0]
         cues = world.cues(video, video.tracks[0])
-        assert any(first[0] + first[1] > second[0] + 0.01 for first, second in zip(cues, cues[1:], strict=False)) is overlap
+        assert (
+            any(first[0] + first[1] > second[0] + 0.01 for first, second in itertools.pairwise(cues))
+            is overlap
+        )
 
 
 def test_languages_and_translation(services: Sandbox, client: YouTubeTranscriptApi) -> None:
@@ -54,11 +58,18 @@ def test_languages_and_translation(services: Sandbox, client: YouTubeTranscriptA
         client.list(stubborn.id).find_transcript(["de"]).translate("en")
 
 
-@pytest.mark.parametrize(("case", "error"), [
-    ("no captions", api.TranscriptsDisabled), ("gone between reading and watching", api.VideoUnavailable),
-    ("gone between listing and reading", api.VideoUnavailable), ("age restricted", api.AgeRestricted),
-])
-def test_what_can_not_be_had(services: Sandbox, client: YouTubeTranscriptApi, case: str, error: type[Exception]) -> None:
+@pytest.mark.parametrize(
+    ("case", "error"),
+    [
+        ("no captions", api.TranscriptsDisabled),
+        ("gone between reading and watching", api.VideoUnavailable),
+        ("gone between listing and reading", api.VideoUnavailable),
+        ("age restricted", api.AgeRestricted),
+    ],
+)
+def test_what_can_not_be_had(
+    services: Sandbox, client: YouTubeTranscriptApi, case: str, error: type[Exception]
+) -> None:
     with pytest.raises(error):
         client.list(services.world.youtube.of_case(case)[0].id)
 
@@ -80,7 +91,13 @@ def test_blocks_are_seen_as_blocks(services: Sandbox, client: YouTubeTranscriptA
 
 
 def test_a_consent_wall_opens_to_its_cookie(services: Sandbox, client: YouTubeTranscriptApi) -> None:
-    services.faults.add("/watch", status=200, body=youtube_web.consent_page(), times=None, when=lambda environ: "CONSENT=" not in environ.get("HTTP_COOKIE", ""))
+    services.faults.add(
+        "/watch",
+        status=200,
+        body=youtube_web.consent_page(),
+        times=None,
+        when=lambda environ: "CONSENT=" not in environ.get("HTTP_COOKIE", ""),
+    )
     assert list(client.list(services.world.youtube.of_case("manual")[0].id))
     assert len(services.ledger.requests("/watch")) == 2
 
@@ -109,7 +126,11 @@ def test_the_player_answer_has_the_recorded_form(recorded: Path, services: Sandb
     folder = recorded / "youtube" / "transcripts"
     world = services.world.youtube
     for file, case, parts in (
-        ("youtube.innertube.json", "manual", {"streamingData": ("formats", "adaptiveFormats"), "videoDetails": None, "captions": None}),
+        (
+            "youtube.innertube.json",
+            "manual",
+            {"streamingData": ("formats", "adaptiveFormats"), "videoDetails": None, "captions": None},
+        ),
         ("youtube_age_restricted.innertube.json", "age restricted", {"videoDetails": None}),
         ("youtube_transcripts_disabled2.innertube.json", "no captions", {"streamingData": ("formats",)}),
     ):
@@ -122,8 +143,14 @@ def test_the_player_answer_has_the_recorded_form(recorded: Path, services: Sandb
         for part, inner in parts.items():
             ours, theirs = made[part], real[part]
             wanted = {name: theirs[name] for name in inner} if inner else theirs
-            missing = [line for line in lacking(form(wanted), form(ours), part) if not re.search(
-                r"url|Range|lastModified|contentLength|colorInfo|averageBitrate|audio|qualityOrdinal|thumbnail|defaultCaption|captionsInitial|defaultTranslation|latency|LowLatency", line)]
+            missing = [
+                line
+                for line in lacking(form(wanted), form(ours), part)
+                if not re.search(
+                    r"url|Range|lastModified|contentLength|colorInfo|averageBitrate|audio|qualityOrdinal|thumbnail|defaultCaption|captionsInitial|defaultTranslation|latency|LowLatency",
+                    line,
+                )
+            ]
             assert missing == []
 
 
@@ -146,4 +173,4 @@ def test_timed_text_has_the_recorded_form(recorded: Path) -> None:
     made = ElementTree.fromstring(youtube_web.timed_text([(0.0, 1.5, "don't <b>"), (1.5, 2.0, "a & b")]))
     assert made.tag == real.tag
     assert {(one.tag, *one.attrib) for one in made} == {(one.tag, *one.attrib) for one in real}
-    assert made[0].text == "don&#x27;t &lt;b&gt;"   # escaped twice
+    assert made[0].text == "don&#x27;t &lt;b&gt;"  # escaped twice

@@ -14,7 +14,8 @@ _DIGEST = """
 import hashlib
 from kb.sandbox.world import World
 world = World(3).youtube
-print(hashlib.sha256(repr([(video, world.cues(video, track)) for video in world.videos.values() for track in video.tracks]).encode("utf-8", "surrogatepass")).hexdigest())
+held = [(video, world.cues(video, track)) for video in world.videos.values() for track in video.tracks]
+print(hashlib.sha256(repr(held).encode("utf-8", "surrogatepass")).hexdigest())
 """
 
 
@@ -25,7 +26,13 @@ def digest(seed: int) -> str:
 
 
 def test_a_seed_makes_the_same_world_in_every_process() -> None:
-    other = subprocess.run([sys.executable, "-c", _DIGEST], capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": "7", "PYTHONPATH": "."})
+    other = subprocess.run(
+        [sys.executable, "-c", _DIGEST],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={"PYTHONHASHSEED": "7", "PYTHONPATH": "."},
+    )
     assert other.stdout.strip() == digest(3) != digest(4)
 
 

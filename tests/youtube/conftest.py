@@ -13,6 +13,7 @@ from kb.sandbox.world import World
 from tests.conftest import skip_or_fail
 from tests.youtube.job import Job
 
+
 @pytest.fixture
 def small() -> Iterator[Sandbox]:
     """Nine channels, sixty videos, every case once."""

@@ -35,7 +35,9 @@ def check(job: Job) -> None:
     world = job.sandbox.world.youtube
     read = {item["id"] for envelope in job.raw("videos") for item in envelope["response"]["items"]}
     assert read == {video.id for video in world.videos.values() if video.in_api}
-    had = {envelope["response"]["video_id"]: envelope["response"] for envelope in job.raw("transcripts")}   # the newest wins
+    had = {
+        envelope["response"]["video_id"]: envelope["response"] for envelope in job.raw("transcripts")
+    }  # the newest wins
     kept = {video.id: video.case.kind for video in world.videos.values() if video.case.stage in (None, "toxicity")}
     assert {key: had[key]["kind"] for key in kept} == kept
 
@@ -62,12 +64,12 @@ def test_a_bucket_that_the_service_calls_spent(job: Job) -> None:
     job.sandbox.world.quota["general"] = 5
     line = job.stopped(*CRAWL, code=3)
     assert "general" in line
-    assert "2026-11-21T08:00:00Z" in line   # midnight in California
+    assert "2026-11-21T08:00:00Z" in line  # midnight in California
     assert job.sandbox.ledger.units() == 5
     before = len(job.sandbox.ledger)
     job.stopped(*CRAWL, code=3)
     again = job.sandbox.ledger.requests("/youtube/v3/", since=before)
-    assert [seen.status for seen in again] == [403]     # one request finds out whether it still is
+    assert [seen.status for seen in again] == [403]  # one request finds out whether it still is
     job.sandbox.world.quota["general"] = 10_000
     finish(job)
     assert job.sandbox.ledger.units() == plain_units(job.sandbox)
@@ -77,7 +79,7 @@ def test_a_spent_search_bucket_does_not_keep_the_rest_from_going_on(job: Job) ->
     job.sandbox.world.quota["search"] = 1
     line = job.stopped(*CRAWL, code=3)
     assert "search" in line
-    assert job.sandbox.ledger.units() == plain_units(job.sandbox)   # the first keyword finds every channel
+    assert job.sandbox.ledger.units() == plain_units(job.sandbox)  # the first keyword finds every channel
     job.sandbox.world.quota["search"] = 100
     finish(job)
     assert job.sandbox.ledger.units("search") == 4
@@ -96,15 +98,24 @@ def test_the_ledger_never_overruns_what_the_profile_allows_a_day(job: Job) -> No
 def test_what_passes_is_tried_again(job: Job) -> None:
     """Bursts, 5xx, broken connections and truncated bodies, each somewhere on the way of one crawl."""
     now = {"Retry-After": "0"}
-    burst, burst_429, down = (make() for make in (youtube_errors.burst, youtube_errors.burst_429, youtube_errors.unavailable))
+    burst, burst_429, down = (
+        make() for make in (youtube_errors.burst, youtube_errors.burst_429, youtube_errors.unavailable)
+    )
     for path, what in (
-        ("/v3/search", {"status": burst[0], "body": burst[1], "headers": now}), ("/v3/search", {"after": 2, "cut": 0.6, "honest": True}),
-        ("/v3/playlistItems", {"status": down[0], "body": down[1], "headers": now}), ("/v3/playlistItems", {"after": 3, "reset": True}),
-        ("/v3/playlistItems", {"after": 5, "cut": 0.3}), ("/v3/videos", {"cut": 0.6, "honest": True}),
+        ("/v3/search", {"status": burst[0], "body": burst[1], "headers": now}),
+        ("/v3/search", {"after": 2, "cut": 0.6, "honest": True}),
+        ("/v3/playlistItems", {"status": down[0], "body": down[1], "headers": now}),
+        ("/v3/playlistItems", {"after": 3, "reset": True}),
+        ("/v3/playlistItems", {"after": 5, "cut": 0.3}),
+        ("/v3/videos", {"cut": 0.6, "honest": True}),
         ("/v3/videos", {"after": 1, "status": burst_429[0], "body": burst_429[1], "headers": now}),
-        ("/watch", {"after": 1, "reset": True}), ("/watch", {"after": 4, "status": 503, "headers": now}), ("/player", {"after": 2, "cut": 0.5}),
-        ("/player", {"after": 4, "cut": 0.5, "honest": True}), ("/timedtext", {"after": 1, "status": 429, "headers": now}),
-        ("/timedtext", {"after": 3, "cut": 0.5}), ("/timedtext", {"after": 6, "status": 200, "body": ""}),
+        ("/watch", {"after": 1, "reset": True}),
+        ("/watch", {"after": 4, "status": 503, "headers": now}),
+        ("/player", {"after": 2, "cut": 0.5}),
+        ("/player", {"after": 4, "cut": 0.5, "honest": True}),
+        ("/timedtext", {"after": 1, "status": 429, "headers": now}),
+        ("/timedtext", {"after": 3, "cut": 0.5}),
+        ("/timedtext", {"after": 6, "status": 200, "body": ""}),
     ):
         job.sandbox.faults.add(path, **what)
     finish(job)
@@ -145,19 +156,23 @@ def test_a_service_that_is_down_stops_the_run(job: Job) -> None:
     finish(job)
 
 
-@pytest.mark.parametrize("what", [
-    {"path": "/watch", "status": 200, "body": youtube_web.captcha_page()},
-    {"path": "/watch", "status": 200, "body": youtube_web.consent_page()},
-    {"path": "/player", "status": 200, "body": youtube_web.bot_answer()},
-    {"path": "/timedtext", "status": 429, "headers": {"Retry-After": "0"}},
-    {"path": "/watch", "status": 429, "headers": {"Retry-After": "7200"}},
-], ids=["captcha", "consent wall", "bot", "429", "429 for hours"])
+@pytest.mark.parametrize(
+    "what",
+    [
+        {"path": "/watch", "status": 200, "body": youtube_web.captcha_page()},
+        {"path": "/watch", "status": 200, "body": youtube_web.consent_page()},
+        {"path": "/player", "status": 200, "body": youtube_web.bot_answer()},
+        {"path": "/timedtext", "status": 429, "headers": {"Retry-After": "0"}},
+        {"path": "/watch", "status": 429, "headers": {"Retry-After": "7200"}},
+    ],
+    ids=["captcha", "consent wall", "bot", "429", "429 for hours"],
+)
 def test_a_block_stops_the_run_and_is_no_fact_about_a_video(job: Job, what: dict[str, Any]) -> None:
     no_patience(job)
     job.sandbox.faults.add(times=None, **what)
     job.stopped(*CRAWL, code=3)
-    assert len(job.sandbox.ledger.requests("/watch|/player|/timedtext")) < 30   # no tight retry
-    assert job.sandbox.ledger.units() == plain_units(job.sandbox)               # the other lane went on
+    assert len(job.sandbox.ledger.requests("/watch|/player|/timedtext")) < 30  # no tight retry
+    assert job.sandbox.ledger.units() == plain_units(job.sandbox)  # the other lane went on
     assert job.done("youtube", "filter")["pending"] > 0
     job.sandbox.faults.clear()
     finish(job)
@@ -181,12 +196,14 @@ def test_a_signal_finishes_the_item_in_hand(job: Job, number: int) -> None:
     assert held.arrived.wait(60)
     child.send_signal(number)
     held.release()
-    out, err = child.communicate(timeout=120)
+    _out, err = child.communicate(timeout=120)
     assert child.returncode == 3, err
     assert [line for line in err.splitlines() if line.startswith("kb: stopped")]
     finish(job)
-    assert job.sandbox.ledger.units() == plain_units(job.sandbox)   # nothing was asked twice
-    assert len({seen.about for seen in job.sandbox.ledger.requests("/watch")}) == len(job.sandbox.ledger.requests("/watch"))
+    assert job.sandbox.ledger.units() == plain_units(job.sandbox)  # nothing was asked twice
+    assert len({seen.about for seen in job.sandbox.ledger.requests("/watch")}) == len(
+        job.sandbox.ledger.requests("/watch")
+    )
 
 
 def test_the_key_is_in_no_process_list_and_no_debug_log(job: Job) -> None:
@@ -194,7 +211,11 @@ def test_the_key_is_in_no_process_list_and_no_debug_log(job: Job) -> None:
     job.sandbox.faults.add("/v3/search", reset=True)
     child = job.start(*CRAWL, "--debug")
     assert held.arrived.wait(60)
-    seen = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=False).stdout if Path("/bin/ps").exists() else ""
+    seen = (
+        subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=False).stdout
+        if Path("/bin/ps").exists()
+        else ""
+    )
     seen += Path(f"/proc/{child.pid}/cmdline").read_text()
     job.sandbox.faults.add("/v3/videos", status=400, body=youtube_errors.key_invalid()[1], times=None)
     held.release()
@@ -215,7 +236,7 @@ def test_an_unreadable_profile(job: Job) -> None:
     path = job.profile(("min_views", "min_view"))
     line = job.stopped(*CRAWL, code=2)
     assert "min_view" in line
-    assert "min_views" in line   # the guess
+    assert "min_views" in line  # the guess
     path.write_text("[youtube\n")
     job.stopped(*CRAWL, code=2)
     job.stopped(*CRAWL, code=2, KB_PROFILE=str(path.parent / "absent.toml"))
@@ -228,8 +249,16 @@ def limited(job: Job, kilobytes: int, *words: str) -> subprocess.CompletedProces
     import sys
 
     command = f'ulimit -f {kilobytes}; exec "$0" -m kb "$@"'
-    return subprocess.run(["bash", "-c", command, sys.executable, *words], env=job.env, cwd=job.place, capture_output=True, text=True,
-                          timeout=200, check=False, stdin=subprocess.DEVNULL)
+    return subprocess.run(
+        ["bash", "-c", command, sys.executable, *words],
+        env=job.env,
+        cwd=job.place,
+        capture_output=True,
+        text=True,
+        timeout=200,
+        check=False,
+        stdin=subprocess.DEVNULL,
+    )
 
 
 @pytest.mark.parametrize("kilobytes", [0, 8, 40, 80])
@@ -260,7 +289,7 @@ def test_resume_after_a_limit_asks_nothing_twice(job: Job, few: Sandbox) -> None
         if result.returncode == 0:
             break
         assert result.returncode == 3
-    assert crawled == 3     # 13 + 13 + 4
-    asked = [seen for seen in few.ledger.requests()]
+    assert crawled == 3  # 13 + 13 + 4
+    asked = list(few.ledger.requests())
     assert len(asked) == len({(seen.path, seen.query, seen.about) for seen in asked})
     finish(job)

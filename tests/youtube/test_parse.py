@@ -74,7 +74,8 @@ def test_a_malformed_value(path: str, value: Any, column: str, text: str) -> Non
     found = [problem for problem in bad["problems"] if problem["column"] == column]
     assert found == [{"column": column, "reason": "malformed", "value": text}]
     assert bad[column] in (None, [])
-    assert good["problems"] == [] and (good["view_count"], good["duration_s"], good["category_id"]) == (7, 60, 20)
+    assert good["problems"] == []
+    assert (good["view_count"], good["duration_s"], good["category_id"]) == (7, 60, 20)
 
 
 @pytest.mark.parametrize(("path", "column"), [
@@ -83,7 +84,8 @@ def test_a_malformed_value(path: str, value: Any, column: str, text: str) -> Non
 def test_an_absent_value_that_a_stage_needs(path: str, column: str) -> None:
     for value in (KeyError, None):
         row = rows(line([changed(path, value)]))[0]
-        assert row["problems"] == [{"column": column, "reason": "absent", "value": None}] and row[column] is None
+        assert row["problems"] == [{"column": column, "reason": "absent", "value": None}]
+        assert row[column] is None
 
 
 def test_a_hidden_like_count_and_no_tags_are_no_problem() -> None:
@@ -104,14 +106,16 @@ def test_nul_and_lone_surrogates_become_replacement_characters() -> None:
     row = rows(line([item, GOOD | {"id": "b"}]))
     assert row[0]["title"] == "a\ufffdb\ufffdc ☃ 😀"
     assert row[0]["tags"] == ["\ufffd", "x\ufffd"]
-    assert row[1]["title"] == "t" and row[0]["problems"] == []
+    assert row[1]["title"] == "t"
+    assert row[0]["problems"] == []
 
 
 def test_retyped_parents_cost_one_record_only() -> None:
     items = [GOOD | {"id": "a", "snippet": None}, GOOD | {"id": "b", "snippet": "gone"}, GOOD | {"id": "c"}, "not a record", None]
     got = rows(line(items, "a,b,c"))
     assert [row["video_id"] for row in got] == ["a", "b", "c"]
-    assert got[0]["title"] is None and got[0]["problems"] == []
+    assert got[0]["title"] is None
+    assert got[0]["problems"] == []
     assert {problem["column"] for problem in got[1]["problems"]} >= {"title", "category_id", "published_at"}
     assert got[2]["problems"] == []
 
@@ -159,5 +163,6 @@ def test_transcripts_of_every_outcome() -> None:
     assert (a["player_fps"], a["game_label_id"], a["player_width"], a["problems"]) == (60, "UC1", None, [])
     assert (b["outcome"], b["cues"], b["kind"]) == ("disabled", None, None)
     assert b["problems"] == []
-    assert c["cues"] is None and c["problems"] == [{"column": "cues", "reason": "malformed", "value": '[[0, "x", "y"]]'}]
+    assert c["cues"] is None
+    assert c["problems"] == [{"column": "cues", "reason": "malformed", "value": '[[0, "x", "y"]]'}]
     assert d["cues"] == []

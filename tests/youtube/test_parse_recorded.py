@@ -67,7 +67,8 @@ def test_the_video_with_everything(recorded: Path) -> None:
     assert row["duration_s"] == 21 * 60 + 7
     assert row["published_at"] == datetime(2019, 3, 21, 20, 37, 49, tzinfo=UTC)
     assert (row["category_id"], row["license"], row["definition"], row["caption"]) == (28, "youtube", "hd", True)
-    assert len(row["tags"]) == 20 and row["tags"][:2] == ["Google", "developers"]
+    assert len(row["tags"]) == 20
+    assert row["tags"][:2] == ["Google", "developers"]
 
 
 def test_playlist_items_are_listed_in_order(recorded: Path) -> None:
@@ -77,7 +78,8 @@ def test_playlist_items_are_listed_in_order(recorded: Path) -> None:
     assert len(ids) == 13 == len(set(ids))
     assert parse.listed(second)[0] == "6aSG8SdvkoU"
     assert ids == [item["snippet"]["resourceId"]["videoId"] for page in (first, second) for item in page["items"]]
-    assert parse.next_page(first) == first["nextPageToken"] and parse.next_page(second) is None
+    assert parse.next_page(first) == first["nextPageToken"]
+    assert parse.next_page(second) is None
     assert len(parse.listed(load(folder / "playlist_items_filter_video.json"))) == 1
 
 
@@ -114,6 +116,7 @@ def test_transcripts_of_recorded_timed_text(recorded: Path) -> None:
     player = {"width": best["width"], "height": best["height"], "fps": best["fps"], "game_label_id": None, "game_label": None}
     answer = {"video_id": "GJLlxj_dtq8", "outcome": "ok", "kind": "manual", "language": "en", "cues": cues, "player": player}
     row = next(parse.transcripts([line(answer)])).to_pylist()[0]
-    assert [list(cue.values()) for cue in row["cues"]] == cues and len(cues) == 4
+    assert [list(cue.values()) for cue in row["cues"]] == cues
+    assert len(cues) == 4
     assert (row["player_width"], row["player_height"], row["player_fps"]) == (3840, 2160, 24)
     assert (row["video_id"], row["outcome"], row["kind"], row["language"], row["problems"]) == ("GJLlxj_dtq8", "ok", "manual", "en", [])

@@ -17,8 +17,15 @@ def test_the_phases_one_by_one_are_the_whole(job: Job) -> None:
         before = len(job.sandbox.ledger)
         job.done(*CRAWL, "--only", phase)
         asked = {seen.path.rsplit("/", 1)[-1] for seen in job.sandbox.ledger.requests(since=before)}
-        assert asked == {"channels": {"search"}, "uploads": {"playlistItems"}, "metadata": {"videos"},
-                         "transcripts": {"watch", "player", "timedtext"}}[phase]
+        assert (
+            asked
+            == {
+                "channels": {"search"},
+                "uploads": {"playlistItems"},
+                "metadata": {"videos"},
+                "transcripts": {"watch", "player", "timedtext"},
+            }[phase]
+        )
     check(job)
     assert job.sandbox.ledger.units() == plain_units(job.sandbox)
 
@@ -49,7 +56,7 @@ def test_two_parts_copied_together_are_the_whole(job: Job, few: Sandbox, tmp_pat
             shutil.copy(path, target.with_name(f"{number}-{path.name}"))
     check(job)
     watched = [seen.about for seen in few.ledger.requests("/watch")]
-    assert len(watched) == len(set(watched))    # no video was in both parts
+    assert len(watched) == len(set(watched))  # no video was in both parts
 
 
 def test_known_ids_skip_discovery(job: Job) -> None:
@@ -75,7 +82,7 @@ def test_no_shorts_costs_one_unit_more_for_a_list_that_is_not_there(tmp_path: Pa
         fallback = world.channels[5]
         assert asked == {video.id for video in world.videos.values() if not video.short or video.channel is fallback}
         missing = [seen for seen in sandbox.ledger.requests("/playlistItems") if seen.status == 404]
-        assert len(missing) == 3    # two UULF lists and, of the channel without uploads list, its UU list
+        assert len(missing) == 3  # two UULF lists and, of the channel without uploads list, its UU list
 
 
 def test_a_new_round_reads_only_what_is_new(job: Job) -> None:
@@ -83,7 +90,7 @@ def test_a_new_round_reads_only_what_is_new(job: Job) -> None:
     world = job.sandbox.world.youtube
     channel = world.channels[0]
     moved = world.channels[1].entries[-1]
-    channel.entries.insert(0, moved)            # a new upload, as far as this list is concerned
+    channel.entries.insert(0, moved)  # a new upload, as far as this list is concerned
     before = len(job.sandbox.ledger)
     job.done(*CRAWL, "--again")
     asked = job.sandbox.ledger.requests(since=before)
