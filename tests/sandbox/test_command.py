@@ -37,7 +37,8 @@ def test_it_prints_settings_closes_stdout_and_serves_until_sigterm() -> None:
 
 
 def test_a_command_gets_the_settings_and_its_exit_code_is_ours() -> None:
-    script = "import os, requests, sys\nrequests.get(os.environ['KB_YOUTUBE_WEB'] + '/watch?v=x', timeout=9)\nprint(os.environ['KB_DATA']); sys.exit(7)"
+    script = "import os, requests, sys\nrequests.get(os.environ['KB_YOUTUBE_WEB'] + '/watch?v=x', timeout=9)\n"
+    script += "print(os.environ['KB_DATA'])\nsys.exit(7)"
     done = subprocess.run(
         [*KB, "--data", "/tmp/some where", "--", sys.executable, "-c", script],
         capture_output=True,
