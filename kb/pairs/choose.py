@@ -88,7 +88,7 @@ def _overlaps(start: np.ndarray, end: np.ndarray, video: np.ndarray, gap: int) -
         ones.append(order[touch])
         others.append(order[touch + step])
         listed += len(touch)
-        if step > _CROWDED and listed > _CROWDED * len(order) or step > 50 * _CROWDED:
+        if (step > _CROWDED and listed > _CROWDED * len(order)) or step > 50 * _CROWDED:
             return None
     return np.concatenate(ones), np.concatenate(others)
 

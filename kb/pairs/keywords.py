@@ -135,7 +135,7 @@ def _rule(text: str, near_words: int, where: str) -> int | None:
     name, _, number = text.partition(":")
     if not text:
         return None
-    if name == "near" and (not number or number.isdigit() and int(number) > 0):
+    if name == "near" and (not number or (number.isdigit() and int(number) > 0)):
         return int(number) if number else near_words
     if text == "never":
         return NEVER
