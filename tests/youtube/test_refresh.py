@@ -1,0 +1,41 @@
+"""Old statistics are read again, what vanished is marked and can be purged; --wait sleeps through what the service asks."""
+
+from __future__ import annotations
+
+from tests.youtube.job import Job
+from tests.youtube.test_faults import CRAWL, check
+
+LATER = "2027-01-10T12:00:00Z"
+
+
+def test_what_is_too_old_is_read_again_fifty_a_unit(job: Job) -> None:
+    job.done(*CRAWL)
+    job.done("youtube", "filter")
+    assert job.done("refresh", "youtube")["crawled"] == 0  # nothing is old yet
+    kept = job.rows("SELECT video_id FROM clean.youtube_videos ORDER BY video_id")
+    changed, gone = kept[0]["video_id"], kept[1]["video_id"]
+    world = job.sandbox.world.youtube.videos
+    world[changed].view_count = "424242"
+    world[gone].in_api = False
+    assert job.done("status", KB_NOW=LATER)["too_old"] == len(kept)
+
+    before = len(job.sandbox.ledger)
+    summary = job.done("refresh", "youtube", KB_NOW=LATER)
+    paths = {seen.path.rsplit("/", 1)[-1] for seen in job.sandbox.ledger.requests(since=before)}
+    assert paths == {"videos"}  # no transcript is asked for again
+    assert summary["units"] == -(-summary["crawled"] // 50)
+    job.done("youtube", "filter", KB_NOW=LATER)
+    assert job.rows(f"SELECT view_count FROM clean.youtube_videos WHERE video_id = '{changed}'") == [{"view_count": 424242}]
+    assert job.rows(f"SELECT stage FROM clean.youtube_rejected WHERE key = '{gone}'") == [{"stage": "missing"}]
+    assert job.done("status", KB_NOW=LATER)["too_old"] == 0
+    assert job.done("refresh", "youtube", KB_NOW=LATER)["crawled"] == 0
+
+    job.done("purge", "youtube", KB_NOW=LATER)
+    assert job.rows(f"SELECT count(*) AS n FROM clean.youtube_rejected WHERE key = '{gone}'") == [{"n": 0}]
+
+
+def test_wait_sleeps_through_a_burst_and_ends_whole(job: Job) -> None:
+    job.sandbox.faults.add("/youtube/v3/videos", status=429, times=1, headers={"Retry-After": "1"},
+                           body={"error": {"code": 429, "errors": [{"reason": "rateLimitExceeded"}], "message": "slow down"}})
+    job.done(*CRAWL, "--wait")
+    check(job)
