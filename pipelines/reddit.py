@@ -18,12 +18,10 @@ from kb.core.verdict import Summary
 from kb.filters.chain import Chain, Clean, Kind
 from kb.filters.predicates import AtLeast, AtMost, In, NotIn, NotTrue, Predicate, Present, Waits
 from kb.reddit import parse
-from kb.reddit.assemble import assemble
+from kb.reddit.assemble import HELPERS, assemble
 from kb.reddit.state import gave_up
 
 GONE = ("deleted", "removed")
-UNTABLED = ("fullname", "state", "live", "missing", "gone", "gone_value", "over_18", "post", "title", "type", "link_kind", "source_url",
-            "is_crosspost", "poll_options", "num_comments", "upvote_ratio", "parent_id")
 
 
 def posts(p: Profile) -> tuple[Predicate, ...]:
@@ -67,8 +65,8 @@ def clean(p: Profile) -> Clean:
     return Clean(
         source="reddit", kinds=kinds, assemble=assemble,
         chains=(
-            Chain("reddit/posts", "post_id", posts(p), prefix="t3_", scores={"title": "toxicity_title", "body": "toxicity_body"}, helpers=UNTABLED),
-            Chain("reddit/comments", "comment_id", comments(p), prefix="t1_", scores={"body": "toxicity_body"}, helpers=UNTABLED),
+            Chain("reddit/posts", "post_id", posts(p), prefix="t3_", scores={"title": "toxicity_title", "body": "toxicity_body"}, helpers=HELPERS),
+            Chain("reddit/comments", "comment_id", comments(p), prefix="t1_", scores={"body": "toxicity_body"}, helpers=HELPERS),
         ),
         scorer=toxicity, unanswered=gave_up,
     )
@@ -78,4 +76,5 @@ def export(run: Run, format: str) -> Summary:
     """Clean to release/reddit, or to export/<format>."""
     from kb.export import convokit, minedojo_reddit, parquet
 
-    return {"parquet": lambda: parquet.export(run, "reddit"), "minedojo": lambda: minedojo_reddit.export(run), "convokit": lambda: convokit.export(run)}[format]()
+    write = {"parquet": partial(parquet.export, source="reddit"), "minedojo": minedojo_reddit.export, "convokit": convokit.export}
+    return write[format](run)

@@ -10,6 +10,10 @@ from kb.reddit.tree import depths
 if TYPE_CHECKING:
     import pyarrow as pa
 
+# Columns that the stages read and no table has, or only one of the two tables.
+HELPERS = ("fullname", "state", "live", "missing", "gone", "gone_value", "over_18", "post", "title", "type", "link_kind", "source_url",
+           "is_crosspost", "poll_options", "num_comments", "upvote_ratio", "parent_id")
+
 
 def assemble(newest: dict[str, pa.Table]) -> dict[str, Any]:
     """Posts, and a function from the kept posts to comments, of one bucket.
