@@ -43,7 +43,7 @@ def make_executor(engine: str = "local", workers: int = 1, scheduler: str | None
             return
         # spawn: DuckDB, Arrow and torch keep threads that a forked child would inherit broken.
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, mp_context=context, initializer=_ignore_interrupt) as pool:
+        with ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker) as pool:
             try:
                 yield pool
             except BaseException:
@@ -82,8 +82,21 @@ def map_in_order(
             future.cancel()
 
 
-def _ignore_interrupt() -> None:
-    """Ctrl-C reaches the whole process group; only the parent decides what it means."""
+def _begin_worker() -> None:
+    """Ctrl-C reaches the whole process group, but only the parent decides what it means; and a worker ends with it.
+
+    A worker holds both ends of its queue, so that the death of a killed parent never shows there.
+    """
+    import os
     import signal
+    import threading
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+
+    def follow() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=follow, name="follow-parent", daemon=True).start()
