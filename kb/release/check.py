@@ -211,7 +211,7 @@ def _scores(run: Run, folder: Folder) -> list[Problem]:
         if "toxicity" in names and "word_count" in names:
             tests["the page's text"] = "word_count > 0 AND toxicity IS NULL"
         for text, test in tests.items():
-            row = duckdb.execute(
+            row = duckdb.connect().execute(
                 f"SELECT count(*) FROM read_parquet(?) WHERE {test}", [[str(path) for path in files]]
             ).fetchone()
             if row and row[0]:
@@ -238,7 +238,7 @@ def _age(run: Run, source: str, part: Part) -> list[Problem]:
     if days is None or "fetched_at" not in part.table.names(released=True):
         return []
     limit = clock.now() - timedelta(days=days)
-    row = duckdb.execute(
+    row = duckdb.connect().execute(
         "SELECT count(*), min(fetched_at)::DATE FROM read_parquet(?) WHERE fetched_at < ?",
         [[str(path) for path in part.shards], limit],
     ).fetchone()

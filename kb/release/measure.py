@@ -147,7 +147,7 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     files = sorted((root / "annotations" / ("youtube" if source == "pairs" else source)).glob("**/*.parquet"))
     if not files:
         return ()
-    rows = duckdb.execute(
+    rows = duckdb.connect().execute(
         "SELECT DISTINCT model, revision, precision FROM read_parquet(?) ORDER BY ALL", [[str(file) for file in files]]
     )
     return tuple(rows.fetchall())

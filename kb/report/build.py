@@ -144,7 +144,7 @@ def _notes(run: Run) -> list[str]:
         return []
     models = [
         row[0]
-        for row in duckdb.execute(
+        for row in duckdb.connect().execute(
             "SELECT DISTINCT model FROM read_parquet(?, union_by_name = true) ORDER BY 1", [files]
         ).fetchall()
     ]

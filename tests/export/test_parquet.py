@@ -26,7 +26,7 @@ def test_released_columns_only_and_never_transcripts(tmp_path: Path, make_rows, 
     assert summary["videos"] == 2500
     folder = tmp_path / "release" / "youtube"
     assert sorted(path.name for path in folder.iterdir()) == [f"videos-0000{i}-of-00003.parquet" for i in range(3)]
-    read = duckdb.sql(f"SELECT * FROM '{folder}/videos-*.parquet'").to_arrow_table()
+    read = duckdb.connect().sql(f"SELECT * FROM '{folder}/videos-*.parquet'").to_arrow_table()
     assert read.column_names == table("youtube/videos").names(released=True)
     assert not {"description", "tags", "channel_title"} & set(read.column_names)
     assert pc.all(pc.equal(read["video_id"], read["video_id"].combine_chunks().sort())).as_py()

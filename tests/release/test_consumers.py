@@ -75,7 +75,7 @@ def test_sha256sum(downloaded: Path, source: str) -> None:
 @pytest.mark.parametrize("name", TABLES)
 def test_duckdb(downloaded: Path, expected: dict[str, int], name: str) -> None:
     key = ", ".join(tables()[name].key)
-    found = duckdb.execute(
+    found = duckdb.connect().execute(
         f"SELECT count(*), count(DISTINCT ({key})) FROM read_parquet(?)", [shards(downloaded, name)]
     ).fetchone()
     assert found == (expected[name], expected[name])

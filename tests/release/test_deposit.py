@@ -315,7 +315,7 @@ def test_an_open_draft_of_a_new_version_is_used(root: Path, service: Sandbox) ->
 def test_release_of_the_tiny_model_goes_to_loopback_only(root: Path, service: Sandbox) -> None:
     folder = root / "annotations" / "youtube"
     folder.mkdir(parents=True)
-    duckdb.execute(
+    duckdb.connect().execute(
         "COPY (SELECT 'lorebase_tiny' AS model, 'abc' AS revision, 'fp32' AS precision) TO "
         f"'{folder / 'a.parquet'}' (FORMAT parquet)"
     )

@@ -86,8 +86,8 @@ def test_durations_end_at_the_percentile_of_the_profile(root: Path) -> None:
     data, profile = Data(a_run(root)), load_profile("minecraft")
     figure = figures.durations(data, profile)
     files = [str(path) for path in (root / "clean" / "youtube" / "videos").glob("*.parquet")]
-    limit = duckdb.execute("SELECT quantile_disc(duration_s, 0.85) FROM read_parquet(?)", [files]).fetchone()[0]
-    shown = duckdb.execute("SELECT count(*) FROM read_parquet(?) WHERE duration_s <= ?", [files, limit]).fetchone()[0]
+    limit = duckdb.connect().execute("SELECT quantile_disc(duration_s, 0.85) FROM read_parquet(?)", [files]).fetchone()[0]
+    shown = duckdb.connect().execute("SELECT count(*) FROM read_parquet(?) WHERE duration_s <= ?", [files, limit]).fetchone()[0]
     assert figure is not None
     assert sum(n for _, n in figure.rows) == shown
     assert 0.84 <= shown / 120 <= 0.87
@@ -179,7 +179,7 @@ def test_scores_of_the_tiny_model_are_marked(tmp_path: Path) -> None:
     build(tmp_path, sources=("youtube",), export=False, n=10)
     folder = tmp_path / "annotations" / "youtube"
     folder.mkdir(parents=True)
-    duckdb.execute(f"COPY (SELECT 'lorebase_tiny' AS model) TO '{folder / 'a.parquet'}' (FORMAT parquet)")
+    duckdb.connect().execute(f"COPY (SELECT 'lorebase_tiny' AS model) TO '{folder / 'a.parquet'}' (FORMAT parquet)")
     report(a_run(tmp_path))
     assert "tiny model" in (tmp_path / "report" / "index.html").read_text()
 

@@ -101,4 +101,4 @@ def test_a_damaged_file_is_named(root: Path) -> None:
 
 def test_plain_duckdb_reads_the_same(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(root / "release" / "youtube")
-    assert duckdb.sql("SELECT count(*) FROM read_parquet('videos-*.parquet')").fetchall() == [(5,)]
+    assert duckdb.connect().sql("SELECT count(*) FROM read_parquet('videos-*.parquet')").fetchall() == [(5,)]
