@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.schema.tables import Table, tables
@@ -46,19 +47,33 @@ def export(
         raise FatalError(f"nothing to export: {place} has no rows", hint=f"run `kb {source} filter` first")
     summary = Summary(source=source)
     task = run.progress.task(f"export {source}", total=len(released), unit="tables")
-    with replacing_folder(run.root / "release" / source) as fresh:
+    size = run.profile.release.rows_per_shard
+    with replacing_folder(run.root.absolute() / "release" / source) as fresh:
         for declared in released:
             change = (changes or {}).get(declared.name)
-            made = shards.sorted_shards(
-                found[declared.name], fresh, declared, rows_per_shard=run.profile.release.rows_per_shard,
-                reads=change.reads if change else (), change=change.make if change else None, sync=False,
-            )
-            summary[declared.short] = sum(shard.rows for shard in made)
-            task.advance(1, rows=summary[declared.short])
+            if change is not None:
+                # What the change knows is in this process only.
+                made = shards.sorted_shards(found[declared.name], fresh, declared, rows_per_shard=size,
+                                            reads=change.reads, change=change.make, sync=False)
+                summary[declared.short] = sum(shard.rows for shard in made)
+                task.advance(1, rows=summary[declared.short])
+        plain = [declared for declared in released if declared.name not in (changes or {})]
+        tasks = ((declared.name, [str(path.absolute()) for path in found[declared.name]], str(fresh), size) for declared in plain)
+        # One sort a table is bound by the disk: on one machine a pool would gain nothing.
+        with make_executor(run.engine, 1, run.scheduler) as executor:
+            for declared, rows in zip(plain, map_in_order(executor, write_shards, tasks, window=len(released)), strict=True):
+                summary[declared.short] = rows
+                task.advance(1, rows=rows)
         if beside is not None:
             beside(fresh)
     task.close()
     return summary
+
+
+def write_shards(name: str, parts: Sequence[str], folder: str, rows_per_shard: int) -> int:
+    """One table's shards; how many rows. Runs in a worker."""
+    made = shards.sorted_shards([Path(part) for part in parts], Path(folder), name, rows_per_shard=rows_per_shard, sync=False)
+    return sum(shard.rows for shard in made)
 
 
 def clean_folder(root: Path, declared: Table) -> Path:
