@@ -17,7 +17,7 @@ import zstandard
 
 # Several passes go over a chunk, so it should fit the processor's cache (measured in the bench).
 CHUNK = 512 << 10       # decompressed bytes looked at in one go
-CHECKED = 32 << 20      # decompressed bytes at the beginning of which every line is looked at
+CHECKED = 8 << 20      # decompressed bytes at the beginning of which every line is looked at
 _BLOCK = 64 << 10       # compressed bytes; mostly swell to one chunk
 
 
