@@ -29,7 +29,7 @@ ALLOWED: dict[str, set[str]] = {
 # Standard library and light packages only: what `kb --help` may load.
 HEAVY = {
     "torch", "transformers", "detoxify", "onnxruntime", "openvino", "selenium", "dask", "distributed", "matplotlib", "wordcloud",
-    "mlcroissant", "cffconvert", "PIL", "datasets", "polars", "pandas", "scipy", "ahocorasick_rs", "instant_clip_tokenizer", "numpy",
+    "mlcroissant", "cffconvert", "PIL", "datasets", "polars", "pandas", "scipy", "instant_clip_tokenizer", "numpy",
 }
 
 

@@ -38,7 +38,7 @@ class Tools(NamedTuple):
 
 def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
     """Automaton and tokenizer for a profile. Raises MissingExtra."""
-    for package in ("numpy", "ahocorasick_rs", "instant_clip_tokenizer"):
+    for package in ("numpy", "instant_clip_tokenizer"):
         if find_spec(package) is None:
             raise MissingExtra(f"pairs need the package {package.replace('_', '-')}", hint="install lorebase[pairs]")
     return Tools(section, seed, keywords, Matcher(keywords.phrases), Tokens())

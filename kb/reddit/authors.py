@@ -19,6 +19,8 @@ from kb.store.atomic import write_bytes
 
 # Besides everything that starts with "author": who wrote, moderated, reported.
 _NAMES = frozenset({"link_author", "approved_by", "banned_by", "removed_by", "mod_reason_by", "display_name_prefixed"})
+# Of people who reported or gave something.
+_LISTS = frozenset({"user_reports", "mod_reports", "awarders", "all_awardings", "user_reports_dismissed", "mod_reports_dismissed"})
 _KEPT = frozenset({"", "[deleted]", "[removed]"})
 _PROFILE = ("subreddit", "subreddit_name_prefixed", "permalink", "link_permalink", "domain")
 
@@ -61,13 +63,15 @@ class Scrubber:
                 if isinstance(value.get(name), str):
                     value[name] = "u_" + self.hash(value[name])
         for name, inner in value.items():
-            if name.startswith("author") or name in _NAMES:
-                if isinstance(inner, str):
+            # Most of a record is numbers and nulls, which name nobody.
+            if isinstance(inner, str):
+                if name.startswith("author") or name in _NAMES:
                     value[name] = self.hash(inner)
-                elif isinstance(inner, (list, dict)):
+                elif name in _LISTS:
                     value[name] = []
-            elif name in ("user_reports", "mod_reports", "awarders", "all_awardings", "user_reports_dismissed", "mod_reports_dismissed"):
-                value[name] = []
-            elif isinstance(inner, (dict, list)):
-                self.scrub(inner)
+            elif inner and isinstance(inner, (dict, list)):
+                if name.startswith("author") or name in _NAMES or name in _LISTS:
+                    value[name] = []
+                else:
+                    self.scrub(inner)
         return value

@@ -141,21 +141,22 @@ def import_file(job: Job) -> Place:
     offset, taken = place.offset, 0
     search = Search(job.subreddit)
     with full_disk_is_resumable(root):
-        for start, chunk in chunks(file, seen, skip=place.offset):
-            found = search(chunk, start)
+        for chunk in chunks(file, seen, skip=place.offset):
+            found = search(chunk)
             wanted = [(end, thing) for end, record in found.records if (thing := _wanted(record, job, gone))]
             room = job.limit - taken if job.limit else len(wanted)
             if job.limit and len(wanted) >= room:
                 # Only the part of the chunk up to the last thing taken counts as read.
-                chunk, wanted = chunk[: wanted[room - 1][0]], wanted[:room]
-                found = search(chunk, start)
+                wanted = wanted[:room]
+                chunk = chunk._replace(end=chunk.begin + wanted[-1][0] - chunk.offset)
+                found = search(chunk)
             for _, thing in wanted:
                 waiting.append({**thing, "data": scrubber.scrub(thing["data"])})
                 if len(waiting) == THINGS:
                     out.write(waiting)
                     waiting = []
             taken += len(wanted)
-            offset = start + len(chunk)
+            offset = chunk.offset + chunk.end - chunk.begin
             seen.lines += found.lines
             seen.bad_lines += found.bad_lines
             if out.full or (job.limit and taken >= job.limit):

@@ -27,9 +27,23 @@ from kb.reddit.importing import Job, import_file
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]
 LINES = int(os.environ.get("KB_BENCH_LINES", "400000"))
+ROUNDS = 5
 
 
-def write(path: Path, lines: int) -> None:
+# What a comment of 2023 has besides; one of 2012 doesn't. Most are empty in most lines, as in the archive's.
+LATER = {
+    "all_awardings": [], "approved_at_utc": None, "approved_by": None, "archived": False, "associated_award": None, "author_created_utc": 1_500_000_000,
+    "author_flair_background_color": None, "author_flair_css_class": None, "author_flair_richtext": [], "author_flair_template_id": None, "author_flair_text": None,
+    "author_flair_text_color": None, "author_flair_type": "text", "author_is_blocked": False, "author_patreon_flair": False, "author_premium": False, "awarders": [],
+    "banned_at_utc": None, "banned_by": None, "can_gild": True, "can_mod_post": False, "collapsed": False, "collapsed_because_crowd_control": None,
+    "collapsed_reason": None, "collapsed_reason_code": None, "comment_type": None, "created": 1_700_000_000, "downs": 0, "gildings": {}, "is_submitter": False,
+    "likes": None, "locked": False, "mod_note": None, "mod_reason_by": None, "mod_reason_title": None, "mod_reports": [], "nest_level": 1, "no_follow": True,
+    "num_reports": None, "removal_reason": None, "replies": "", "report_reasons": None, "saved": False, "send_replies": True, "subreddit_name_prefixed": "r/all",
+    "subreddit_type": "public", "top_awarded_type": None, "treatment_tags": [], "unrepliable_reason": None, "updated_on": None, "ups": 1, "user_reports": [],
+}
+
+
+def write(path: Path, lines: int, later: dict[str, object]) -> None:
     """A monthly file: comments of many subreddits, half a percent of them Minecraft's."""
     rng = clock.rng("bench dumps")
     words = ["block", "garden", "score", "the", "of", "and", "train", "cloud", "paper", "window", "never", "always"]
@@ -41,6 +55,7 @@ def write(path: Path, lines: int) -> None:
                 "parent_id": f"t3_p{number % 5000:x}", "created_utc": 1_700_000_000 + number, "retrieved_on": 1_701_000_000, "score": number % 90,
                 "body": " ".join(rng.choices(words, k=30)), "permalink": f"/r/{name}/comments/p{number % 5000:x}/post/c{number:07x}/", "edited": False,
                 "distinguished": None, "stickied": False, "controversiality": 0, "gilded": 0, "score_hidden": False, "subreddit_id": "t5_2r05i", "total_awards_received": 0,
+                **later,
             }).encode() + b"\n")
 
 
@@ -72,38 +87,34 @@ def ours(path: Path, root: Path) -> int:
     return import_file(Job(str(root), str(path), "Minecraft", 0.0, float("inf"), 0)).things
 
 
-def timed(call: Callable[[int], int]) -> tuple[int, float]:
-    """What was found, and lines a second of the better of two runs (others use the machine too)."""
-    rates = []
-    for turn in (1, 2):
-        start = time.process_time()
-        found = call(turn)
-        rates.append(LINES / (time.process_time() - start))
-    return found, max(rates)
-
-
-def test_six_times_json(tmp_path, record_property):
+@pytest.mark.parametrize("later", [{}, LATER], ids=["2012", "2023"])
+def test_six_times_json(tmp_path, record_property, later):
+    """Each way once a round and the best of its rounds: what else a machine does can only slow a way down."""
     path = tmp_path / "RC_2024-01.zst"
-    write(path, LINES)
-    found, rates = {}, {}
-    for name, call in {
+    write(path, LINES, later)
+    ways: dict[str, Callable[[int], int]] = {
         "json": lambda turn: parsed(json.loads, path), "orjson": lambda turn: parsed(orjson.loads, path),
         "DuckDB": lambda turn: with_duckdb(path), "ours": lambda turn: ours(path, tmp_path / f"root{turn}"),
-    }.items():
-        found[name], rates[name] = timed(call)
-    assert set(found.values()) == {LINES // 200}
-    print(f"\n{LINES:,} lines, lines a second of one core, x json")
-    for name, rate in rates.items():
-        print(f"  {name:8} {rate:>12,.0f}  {rate / rates['json']:5.1f}x")
-        record_property(name, round(rate / rates["json"], 2))
-    assert rates["ours"] >= 6 * rates["json"]
+    }
+    rates: dict[str, list[float]] = {name: [] for name in ways}
+    for turn in range(ROUNDS):
+        for name, call in ways.items():
+            start = time.process_time()
+            assert call(turn) == LINES // 200
+            rates[name].append(LINES / (time.process_time() - start))
+    best = {name: max(found) for name, found in rates.items()}
+    print(f"\n{LINES:,} lines, lines a second of one core (best of {ROUNDS}), x json")
+    for name, rate in best.items():
+        print(f"  {name:8} {rate:>12,.0f}  {rate / best['json']:5.1f}x")
+        record_property(name, round(rate / best["json"], 2))
+    assert best["ours"] >= 6 * best["json"]
 
 
 def test_memory_does_not_grow_with_the_file(tmp_path, record_property):
     peaks = {}
     for lines in (LINES // 4, LINES):
         path = tmp_path / f"RC_{lines}.zst"
-        write(path, lines)
+        write(path, lines, LATER)
         program = ("import sys; from kb.reddit.importing import Job, import_file; import resource;"
                    "import_file(Job(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'), 0)); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)")
         done = subprocess.run([sys.executable, "-c", program, str(path), str(tmp_path / f"root{lines}")], capture_output=True, text=True, check=True)

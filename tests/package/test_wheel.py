@@ -65,7 +65,7 @@ def test_profile_schemas_and_pipelines_are_found_in_it(installed: Path, tmp_path
 
 OPTIONAL = (
     "torch", "transformers", "detoxify", "onnxruntime", "openvino", "selenium", "PIL", "dask", "distributed", "matplotlib",
-    "wordcloud", "ahocorasick_rs", "instant_clip_tokenizer", "mlcroissant", "cffconvert", "numpy",
+    "wordcloud", "instant_clip_tokenizer", "mlcroissant", "cffconvert", "numpy",
 )
 
 

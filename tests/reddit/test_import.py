@@ -19,7 +19,7 @@ from kb.core.errors import LimitReached, SettingError
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.reddit import importing, parse
-from kb.reddit.dumps import CHECKED, Search
+from kb.reddit.dumps import CHECKED, Chunk, Search
 from kb.reddit.importing import Job, import_dumps, import_file
 from kb.store import rawlog, tombstones
 
@@ -166,7 +166,7 @@ LINE = some.one_of(
 @given(some.lists(LINE, max_size=30), some.sampled_from([0, CHECKED]))
 def test_search_finds_what_reading_every_line_finds(lines, start):
     chunk = b"".join(line + b"\n" for line in lines)
-    found = Search("Minecraft")(chunk, start)
+    found = Search("Minecraft")(Chunk(start, b"x" + chunk + b"x", 1, len(chunk) + 1))
     wanted = [json.loads(line)["id"] for line in lines if line.startswith(b"{") and json.loads(line)["subreddit"].lower() == "minecraft"]
     assert [record["id"] for _, record in found.records] == wanted
     assert found.lines == len(lines)
