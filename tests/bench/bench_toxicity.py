@@ -29,7 +29,10 @@ from kb.sandbox import toxicity as tiny  # noqa: E402
 from kb.sandbox import toxicity_words as words  # noqa: E402
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]
-TEXTS = int(os.environ.get("KB_BENCH_TEXTS", "160"))
+TEXTS = int(os.environ.get("KB_BENCH_TEXTS", "320"))
+ROUNDS = 3
+ARRIVAL = 160  # texts in arrival order: the slowest way, and no round of it is close
+WAYS = ("chosen", "torch", "onnxruntime", "bf16", "int8")
 
 
 @pytest.fixture(scope="module")
@@ -69,47 +72,53 @@ def texts():
     return made
 
 
-def test_same_scores_at_three_times_the_rate(checkpoint, texts, record_property):
+def test_same_scores_at_three_times_the_rate(checkpoint, texts):
+    """The ways take turns, and the best of the rounds counts: a machine's speed drifts by the minute."""
     threads = len(os.sched_getaffinity(0))
     torch.set_num_threads(threads)
     detoxify = load_detoxify(checkpoint)
     detoxify.predict(texts[0])
-
-    start = time.perf_counter()
-    plain = [detoxify.predict(text) for text in texts]
-    one_by_one = len(texts) / (time.perf_counter() - start)
-
-    start = time.perf_counter()
-    for first in range(0, len(texts), 32):
-        detoxify.predict(texts[first : first + 32])
-    arrival = len(texts) / (time.perf_counter() - start)
-
-    print(f"\none by one      {one_by_one:7.1f} texts/s   1.00×")
-    print(f"arrival order   {arrival:7.1f} texts/s   {arrival / one_by_one:.2f}×", flush=True)
-    rates = {}
+    runners = {name: open_named(checkpoint, name, threads) for name in WAYS}
+    runners = {name: runner for name, runner in runners.items() if runner}
+    best = dict.fromkeys(["one by one", *runners], 0.0)
     differences = {}
-    for name in ("chosen", "torch", "onnxruntime", "openvino", "bf16", "int8"):
-        runner = open_named(checkpoint, name, threads)
-        if runner is None:
-            continue
-        runner.score(texts[:2])
-        start = time.perf_counter()
-        distinct = {text_hash(text): text for text in texts}
-        scores = dict(zip(distinct, runner.score(list(distinct.values())), strict=True))
-        rates[name] = len(texts) / (time.perf_counter() - start)
-        differences[name] = max(
-            abs(row[name] - score)
-            for text, row in zip(texts, plain, strict=True)
-            for name, score in zip(runner.meta.classes, scores[text_hash(text)], strict=True)
-        )
-        print(f"ours, {name:<12}{rates[name]:5.1f} texts/s   {rates[name] / one_by_one:.2f}×"
-              f"   largest difference {differences[name]:.1e}", flush=True)
-        if name == "chosen":
-            print(f"chosen: {runner.name}, {threads} threads, {len(texts)} texts, {len(distinct)} distinct", flush=True)
-    exact = [name for name in rates if name not in ("bf16", "int8")]
+    for _ in range(ROUNDS):
+        rate, plain = rate_of(texts, lambda: [detoxify.predict(text) for text in texts])
+        best["one by one"] = max(best["one by one"], rate)
+        for name, runner in runners.items():
+            rate, scores = rate_of(texts, lambda runner=runner: distinct_scores(runner, texts))
+            best[name] = max(best[name], rate)
+            differences[name] = max(
+                abs(row[category] - score)
+                for text, row in zip(texts, plain, strict=True)
+                for category, score in zip(runner.meta.classes, scores[text_hash(text)], strict=True)
+            )
+    some = texts[:ARRIVAL]
+    arrival, _ = rate_of(some, lambda: [detoxify.predict(some[n : n + 32]) for n in range(0, len(some), 32)])
+
+    one = best.pop("one by one")
+    print(f"\n{len(texts)} texts, {len(set(texts))} distinct, {threads} threads, best of {ROUNDS} rounds")
+    print(f"one by one      {one:7.1f} texts/s   1.00×")
+    print(f"arrival order   {arrival:7.1f} texts/s   {arrival / one:.2f}×   (once, {len(some)} texts)")
+    for name, rate in best.items():
+        print(f"{name:<16}{rate:7.1f} texts/s   {rate / one:.2f}×   largest difference {differences[name]:.1e}"
+              f"{'   ' + runners[name].name if name == 'chosen' else ''}", flush=True)
+    exact = [name for name in best if name not in ("bf16", "int8")]
     assert all(differences[name] < 1e-4 for name in exact)
-    assert all(differences[name] < backends.REACH[name] for name in ("bf16", "int8") if name in rates)
-    assert rates["chosen"] >= 3 * one_by_one
+    assert all(differences[name] < backends.REACH[name] for name in ("bf16", "int8") if name in best)
+    assert best["chosen"] >= 3 * one
+
+
+def rate_of(texts, work):
+    """(texts a second, what `work` gave)."""
+    start = time.perf_counter()
+    result = work()
+    return len(texts) / (time.perf_counter() - start), result
+
+
+def distinct_scores(runner, texts):
+    distinct = {text_hash(text): text for text in texts}
+    return dict(zip(distinct, runner.score(list(distinct.values())), strict=True))
 
 
 def open_named(checkpoint, name, threads):
