@@ -12,8 +12,10 @@ import pytest
 from tests.cli.conftest import clean_environment
 
 # Two commands of the usual make: one that looks at the stop flag between items, one that is blocked in a wait.
+# A shell without job control starts background jobs, this suite perhaps, with SIGINT ignored, and children inherit that.
 PROGRAM = """
-import sys, threading
+import signal, sys, threading
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from kb.cli import outcome
 from kb.cli.command import command, group
 from kb.core import clock, signals
