@@ -4,6 +4,9 @@
     speakers.json        keyed hashes of authors         conversations.json   posts with their figures
     corpus.json          what the corpus is              index.json           types of the meta fields
 
+ConvoKit walks a conversation only when every utterance's parent is there. For a comment that was filtered out or
+deleted an empty utterance stands in, with `meta.placeholder` true, a direct reply to the post.
+
 Holds titles and bodies: it stays under export/ on the user's own disk and is never released.
 """
 
@@ -19,73 +22,102 @@ from kb.core.verdict import Summary
 from kb.store.atomic import replacing_folder
 
 if TYPE_CHECKING:
+    import duckdb
+
     from kb.core.context import Run
 
-_GONE = "unknown"   # ConvoKit needs a speaker for every utterance
+_GONE = "unknown"  # ConvoKit needs a speaker for every utterance
+_TEXT, _NUMBER, _FLAG = ["<class 'str'>"], ["<class 'int'>"], ["<class 'bool'>"]
+_INDEX = {
+    "utterances-index": {"score": _NUMBER, "depth": _NUMBER, "type": _TEXT, "placeholder": _FLAG},
+    "speakers-index": {},
+    "overall-index": {"name": _TEXT},
+    "conversations-index": {"title": _TEXT, "type": _TEXT, "num_comments": _NUMBER, "score": _NUMBER},
+    "vectors": [],
+    "version": 1,
+}
+_POSTS = """
+    SELECT post_id, title, body, type, score, num_comments, author_hash, epoch(created_utc)::BIGINT AS made
+    FROM read_parquet($folder || '/posts/*.parquet') ORDER BY post_id"""
+# A stand-in is as old as its first reply: nothing else is known of it.
+_COMMENTS = """
+    WITH kept AS (
+        SELECT comment_id, post_id, parent_id[4:] AS parent, body, score, depth, author_hash, epoch(created_utc)::BIGINT AS made
+        FROM read_parquet($folder || '/comments/*.parquet')
+    ), gone AS (
+        SELECT parent, post_id, min(made) AS made FROM kept ANTI JOIN kept AS other ON kept.parent = other.comment_id
+        WHERE parent != post_id GROUP BY ALL
+    )
+    SELECT *, false AS placeholder FROM kept UNION ALL BY NAME
+    SELECT parent AS comment_id, post_id, post_id AS parent, '' AS body, made, true AS placeholder FROM gone
+    ORDER BY post_id, comment_id"""
 
 
 def export(run: Run) -> Summary:
     """clean/reddit → export/convokit/. Raises FatalError without clean rows, DiskFull. The same rows give the same bytes."""
+    import duckdb
+
     folder = run.root / "clean" / "reddit"
     if not any((folder / "posts").glob("*.parquet")):
         raise FatalError("nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first")
     speakers: set[str] = set()
-    counts = {"posts": 0, "comments": 0}
-    with replacing_folder(run.root / "export" / "convokit") as fresh:
+    counts = {"posts": 0, "comments": 0, "placeholders": 0}
+    with duckdb.connect() as con, replacing_folder(run.root / "export" / "convokit") as fresh:
         with (fresh / "utterances.jsonl").open("w", encoding="utf-8") as file, (fresh / "conversations.json").open("w", encoding="utf-8") as about:
             about.write("{")
-            for table, row in _rows(folder):
-                utterance = _post(row) if table == "posts" else _comment(row)
-                file.write(json.dumps(utterance, ensure_ascii=False, sort_keys=True) + "\n")
-                speakers.add(utterance["speaker"])
-                if table == "posts":
-                    meta = {"title": row["title"], "type": row["type"], "num_comments": row["num_comments"], "score": row["score"]}
-                    about.write(("," if counts["posts"] else "") + f"\n{json.dumps(row['post_id'])}: " + json.dumps({"meta": meta, "vectors": []}, ensure_ascii=False))
-                counts[table] += 1
+            for row in _rows(con, _POSTS, folder):
+                _put(file, _post(row), speakers)
+                meta = {name: row[name] for name in ("title", "type", "num_comments", "score")}
+                entry = json.dumps({"meta": meta, "vectors": []}, ensure_ascii=False)
+                about.write(f"{',' if counts['posts'] else ''}\n{json.dumps(row['post_id'])}: {entry}")
+                counts["posts"] += 1
             about.write("\n}\n")
+            for row in _rows(con, _COMMENTS, folder):
+                _put(file, _comment(row), speakers)
+                counts["placeholders" if row["placeholder"] else "comments"] += 1
         _write(fresh / "speakers.json", {name: {"meta": {}, "vectors": []} for name in sorted(speakers)})
         _write(fresh / "corpus.json", {"name": f"{run.profile.name}-reddit"})
-        text, number = ["<class 'str'>"], ["<class 'int'>"]
-        _write(fresh / "index.json", {
-            "utterances-index": {"score": number, "depth": number, "type": text}, "speakers-index": {}, "overall-index": {"name": text},
-            "conversations-index": {"title": text, "type": text, "num_comments": number, "score": number}, "vectors": [], "version": 1})
+        _write(fresh / "index.json", _INDEX)
     return Summary(source="reddit", **counts, path=str(run.root / "export" / "convokit"))
 
 
-def _rows(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Posts, each followed by its comments in order of id; memory is bounded by a batch."""
-    import duckdb
-
-    con = duckdb.connect()
-    try:
-        posts = con.execute(f"SELECT * EXCLUDE (created_utc, fetched_at), epoch(created_utc)::BIGINT AS made FROM read_parquet('{_quoted(folder)}/posts/*.parquet') ORDER BY post_id")
-        yield from (("posts", row) for row in _dicts(posts))
-        comments = con.execute(f"SELECT * EXCLUDE (created_utc, fetched_at), epoch(created_utc)::BIGINT AS made FROM read_parquet('{_quoted(folder)}/comments/*.parquet') ORDER BY post_id, comment_id")
-        yield from (("comments", row) for row in _dicts(comments))
-    finally:
-        con.close()
-
-
-def _dicts(result: Any) -> Iterator[dict[str, Any]]:
+def _rows(con: duckdb.DuckDBPyConnection, query: str, folder: Path) -> Iterator[dict[str, Any]]:
+    """The rows of a query; memory is bounded by a batch, DuckDB sorts on disk."""
+    result = con.execute(query, {"folder": str(folder)})
     names = [column[0] for column in result.description]
     while batch := result.fetchmany(4_096):
         yield from (dict(zip(names, row, strict=True)) for row in batch)
 
 
-def _quoted(folder: Path) -> str:
-    return str(folder).replace("'", "''")
-
-
 def _post(row: dict[str, Any]) -> dict[str, Any]:
-    text = "\n\n".join(part for part in (row["title"], row["body"]) if part)
-    return {"id": row["post_id"], "conversation_id": row["post_id"], "text": text, "speaker": row["author_hash"] or _GONE, "reply-to": None,
-            "timestamp": row["made"], "meta": {"score": row["score"], "depth": None, "type": row["type"]}, "vectors": []}
+    return {
+        "id": row["post_id"],
+        "conversation_id": row["post_id"],
+        "text": "\n\n".join(part for part in (row["title"], row["body"]) if part),
+        "speaker": row["author_hash"] or _GONE,
+        "reply-to": None,
+        "timestamp": row["made"],
+        "meta": {"score": row["score"], "depth": None, "type": row["type"], "placeholder": False},
+        "vectors": [],
+    }
 
 
 def _comment(row: dict[str, Any]) -> dict[str, Any]:
-    return {"id": row["comment_id"], "conversation_id": row["post_id"], "text": row["body"], "speaker": row["author_hash"] or _GONE,
-            "reply-to": row["parent_id"].partition("_")[2], "timestamp": row["made"],
-            "meta": {"score": row["score"], "depth": row["depth"], "type": "comment"}, "vectors": []}
+    return {
+        "id": row["comment_id"],
+        "conversation_id": row["post_id"],
+        "text": row["body"],
+        "speaker": row["author_hash"] or _GONE,
+        "reply-to": row["parent"],
+        "timestamp": row["made"],
+        "meta": {"score": row["score"], "depth": row["depth"], "type": "comment", "placeholder": row["placeholder"]},
+        "vectors": [],
+    }
+
+
+def _put(file: Any, utterance: dict[str, Any], speakers: set[str]) -> None:
+    file.write(json.dumps(utterance, ensure_ascii=False, sort_keys=True) + "\n")
+    speakers.add(utterance["speaker"])
 
 
 def _write(path: Path, value: Any) -> None:

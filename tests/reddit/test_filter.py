@@ -165,7 +165,12 @@ def test_convokits_corpus_hangs_together(whole: Work) -> None:
     utterances = {row["id"]: row for row in map(json.loads, (corpus / "utterances.jsonl").read_text(encoding="utf-8").splitlines())}
     speakers, conversations = json.loads((corpus / "speakers.json").read_text()), json.loads((corpus / "conversations.json").read_text())
     posts, comments = whole.table("clean", "reddit", "posts"), whole.table("clean", "reddit", "comments")
-    assert len(utterances) == len(posts) + len(comments)
+    stand_ins = {key for key, row in utterances.items() if row["meta"]["placeholder"]}
+    assert stand_ins == {row["parent_id"][3:] for row in comments if row["depth"]} - {row["comment_id"] for row in comments}
+    assert stand_ins, "nothing was filtered out of the middle of a tree"
+    assert all(utterances[key]["text"] == "" and utterances[key]["reply-to"] == utterances[key]["conversation_id"] for key in stand_ins)
+    assert all(row["reply-to"] in utterances for row in utterances.values() if row["reply-to"]), "ConvoKit walks no tree with a hole"
+    assert len(utterances) == len(posts) + len(comments) + len(stand_ins)
     assert set(conversations) == {row["post_id"] for row in posts}
     assert {row["speaker"] for row in utterances.values()} == set(speakers)
     for row in comments:
