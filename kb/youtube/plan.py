@@ -16,9 +16,9 @@ from kb.net.rate import is_loopback
 from kb.store import rawlog
 from kb.store.frontier import Frontier
 from kb.youtube import effects, quota
-from kb.youtube.crawl import PACK
 from kb.youtube.effects import CHANNELS, SEARCHES, TRANSCRIPTS, UPLOADS, VIDEOS
 from kb.youtube.ids import read_ids, share
+from kb.youtube.job import PACK
 
 # Used only where this data root has nothing to measure.
 CHANNELS_A_PAGE = 25            # results without doubles

@@ -22,8 +22,9 @@ from kb.store.frontier import Frontier
 from kb.store.recorder import Recorder
 from kb.youtube import effects, parse
 from kb.youtube.api import GOOGLE, Api
-from kb.youtube.crawl import FRAME, PACK, PARTS
+from kb.youtube.api_lane import FRAME, PARTS
 from kb.youtube.effects import REFRESH, Effects
+from kb.youtube.job import PACK
 from kb.youtube.quota import GENERAL, limit, today
 from kb.youtube.transcripts import SITE
 

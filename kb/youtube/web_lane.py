@@ -1,0 +1,109 @@
+"""The lane of the web site: transcripts, one after the other in each of a few threads, at a pace that the site bears."""
+
+from __future__ import annotations
+
+import threading
+
+from kb.core import signals
+from kb.core.errors import FatalError, KbError, Retryable, Unreachable
+from kb.net.rate import Pace
+from kb.store.frontier import Item
+from kb.youtube import effects
+from kb.youtube.effects import TRANSCRIPTS
+from kb.youtube.job import Job
+from kb.youtube.quota import WEB
+from kb.youtube.transcripts import Fetcher
+
+HOPELESS = 6  # so many transcripts failed one after the other: the site is in trouble, not the video
+
+
+class WebLane:
+    """`stop` is why the lane ended, None while it goes on or when nothing was left."""
+
+    def __init__(self, job: Job, pace: Pace) -> None:
+        self.job, self.frontier, self._pace = job, job.frontier, pace
+        self.stop: KbError | None = None
+        self._news = threading.Condition()
+        self._no_more = False
+        self._bad_luck = 0
+
+    def work(self) -> None:
+        """One thread's part: until nothing is left and nothing can come, or a reason to stop was found."""
+        job = self.job
+        fetcher = Fetcher(
+            job.run.settings, job.profile, self._pace, lambda endpoint: self.frontier.spend(WEB, 0, endpoint)
+        )
+        try:
+            while self.stop is None:
+                signals.stop.check()
+                item = self._take()
+                if item is not None:
+                    self._transcript(fetcher, item)
+                elif self._no_more and not self.frontier.ready(TRANSCRIPTS):
+                    return
+                else:
+                    with self._news:
+                        self._news.wait(timeout=0.2)
+        except KbError as stop:
+            self.end(stop)
+        except BaseException as error:  # noqa: BLE001  a thread's error must reach the run
+            self.end(_as_stop(error))
+        finally:
+            fetcher.close()
+
+    def end(self, stop: KbError) -> None:
+        """All threads finish what they have in hand; the first reason is the one that is told."""
+        with self.job.lock:
+            self.stop = self.stop or stop
+        self.wake()
+
+    def no_more(self) -> None:
+        """The API lane has ended: what is not on the frontier now won't come."""
+        self._no_more = True
+        self.wake()
+
+    def wake(self) -> None:
+        """Look at the frontier now."""
+        with self._news:
+            self._news.notify_all()
+
+    def _take(self) -> Item | None:
+        """The next video. Raises LimitReached when transcripts are what the limit counts."""
+        counted = self.job.counts == TRANSCRIPTS
+        with self.job.lock:
+            if counted and self.job.room() <= 0:
+                raise self.job.limit_reached()
+            items = self.frontier.take(TRANSCRIPTS, 1)
+            if counted:
+                self.job.spend_room(len(items))
+        return items[0] if items else None
+
+    def _transcript(self, fetcher: Fetcher, item: Item) -> None:
+        try:
+            found = fetcher.fetch(item.key)
+        except Retryable as error:
+            found = {"video_id": item.key, "outcome": "failed", "reason": error.reason}
+        except BaseException:
+            self.frontier.release(TRANSCRIPTS, item.key)
+            raise
+        params = {"video_id": item.key, "language": self.job.profile.language}
+        self.job.recorder.record(effects.RAW_TRANSCRIPTS, "transcript", params, 200, found)
+        with self.job.lock:
+            self.job.summary["transcripts"] += found["outcome"] == "ok"
+            self._bad_luck = self._bad_luck + 1 if found["outcome"] == "failed" else 0
+        self.job.show(TRANSCRIPTS, "videos")
+        if self._bad_luck >= HOPELESS:
+            raise Unreachable(
+                f"{found['reason']}; {self._bad_luck} transcripts failed one after the other",
+                hint="the site seems to be in trouble; the same command goes on",
+            )
+
+
+def _as_stop(error: BaseException) -> KbError:
+    if isinstance(error, OSError):
+        return FatalError(str(error))
+    failure = KbError(
+        f"unexpected {type(error).__name__} in a transcript's thread: {error}", hint="run it again with --debug"
+    )
+    failure.__cause__ = error
+    return failure
