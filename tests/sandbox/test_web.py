@@ -13,7 +13,7 @@ import requests
 import youtube_transcript_api as api
 from youtube_transcript_api import YouTubeTranscriptApi
 
-from kb.sandbox import youtube_web
+from kb.sandbox import youtube_pages, youtube_player, youtube_web
 from kb.sandbox.server import Sandbox
 from kb.sandbox.videos import GAMES
 from tests.sandbox.test_data_api import form, lacking
@@ -76,16 +76,16 @@ def test_what_can_not_be_had(
 
 def test_blocks_are_seen_as_blocks(services: Sandbox, client: YouTubeTranscriptApi) -> None:
     video = services.world.youtube.of_case("manual")[0].id
-    services.faults.add("/watch", status=200, body=youtube_web.captcha_page())
+    services.faults.add("/watch", status=200, body=youtube_pages.captcha_page())
     with pytest.raises(api.IpBlocked):
         client.list(video)
     services.faults.add("/watch", status=429)
     with pytest.raises(api.IpBlocked):
         client.list(video)
-    services.faults.add("/player", status=200, body=youtube_web.bot_answer())
+    services.faults.add("/player", status=200, body=youtube_player.bot_answer())
     with pytest.raises(api.RequestBlocked):
         client.list(video)
-    services.faults.add("/watch", status=200, body=youtube_web.consent_page(), times=None)
+    services.faults.add("/watch", status=200, body=youtube_pages.consent_page(), times=None)
     with pytest.raises(api.FailedToCreateConsentCookie):
         client.list(video)
 
@@ -94,7 +94,7 @@ def test_a_consent_wall_opens_to_its_cookie(services: Sandbox, client: YouTubeTr
     services.faults.add(
         "/watch",
         status=200,
-        body=youtube_web.consent_page(),
+        body=youtube_pages.consent_page(),
         times=None,
         when=lambda environ: "CONSENT=" not in environ.get("HTTP_COOKIE", ""),
     )
@@ -136,7 +136,7 @@ def test_the_player_answer_has_the_recorded_form(recorded: Path, services: Sandb
     ):
         real = json.loads((folder / file).read_text(encoding="utf-8"))
         video = world.of_case(case)[0]
-        made = youtube_web.player_answer(video, video.id)
+        made = youtube_player.player_answer(video, video.id)
         assert made["playabilityStatus"]["status"] == real["playabilityStatus"]["status"]
         assert made["playabilityStatus"].get("reason") == real["playabilityStatus"].get("reason")
         assert ("captions" in made) == ("captions" in real)
@@ -157,9 +157,9 @@ def test_the_player_answer_has_the_recorded_form(recorded: Path, services: Sandb
 def test_the_walls_have_the_marks_of_the_recorded_ones(recorded: Path) -> None:
     folder = recorded / "youtube" / "transcripts"
     for file, made, mark in (
-        ("youtube_consent_page.html", youtube_web.consent_page(), 'action="https://consent.youtube.com/s"'),
-        ("youtube_consent_page.html", youtube_web.consent_page(), 'name="v" value="'),
-        ("youtube_too_many_requests.html", youtube_web.captcha_page(), 'class="g-recaptcha"'),
+        ("youtube_consent_page.html", youtube_pages.consent_page(), 'action="https://consent.youtube.com/s"'),
+        ("youtube_consent_page.html", youtube_pages.consent_page(), 'name="v" value="'),
+        ("youtube_too_many_requests.html", youtube_pages.captcha_page(), 'class="g-recaptcha"'),
     ):
         assert mark in (folder / file).read_text(encoding="utf-8")
         assert mark in made
