@@ -8,36 +8,30 @@ Source: https://developers.zenodo.org ("Depositions", "Deposition files", "Depos
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
-import re
 import threading
 import uuid
-from dataclasses import dataclass, field
 from typing import Any
 
 from werkzeug.exceptions import BadRequest, HTTPException
 from werkzeug.routing import Map, Rule
 from werkzeug.wrappers import Request, Response
 
+from kb.sandbox.zenodo_answers import (
+    STAMP,
+    Answer,
+    Deposit,
+    as_json,
+    checked_metadata,
+    file_entry,
+    json_body,
+    root_of,
+    shown,
+)
+
 TOKEN = "sandbox-deposit-token"
 MOST_FILES = 100
 MOST_BYTES = 50 * 10**9
-TYPES = {
-    "dataset",
-    "software",
-    "publication",
-    "image",
-    "video",
-    "poster",
-    "presentation",
-    "lesson",
-    "physicalobject",
-    "other",
-}
-LICENCES = re.compile(r"(cc-by(-nc)?(-sa|-nd)?-[1-4]\.0|cc0-1\.0|cc-zero|mit|apache-2\.0|other-open)(-[a-z]{2})?")
-STAMP = "2026-11-20T12:00:00.000000+00:00"
 _UNAUTHORIZED = (
     "The server could not verify that you are authorized to access the URL requested. You either supplied the wrong"
     " credentials (e.g. a bad password), or your browser doesn't understand how to supply the credentials required."
@@ -57,33 +51,6 @@ def app(world: Any = None, faults: Any = None) -> Any:
     wrapped = faults.wrap("zenodo", service)
     wrapped.deposits = service
     return wrapped
-
-
-class Answer(HTTPException):
-    """An error in the API's own form."""
-
-    def __init__(
-        self,
-        status: int,
-        message: str,
-        errors: list[dict[str, Any]] | None = None,
-        headers: dict[str, str] | None = None,
-    ) -> None:
-        body = {"status": status, "message": message} | ({"errors": errors} if errors else {})
-        super().__init__(response=Response(json.dumps(body), status, headers, mimetype="application/json"))
-        self.code = status
-
-
-@dataclass
-class Deposit:
-    """One deposition: a draft, or a published record."""
-
-    id: int
-    concept: int
-    bucket: str
-    metadata: dict[str, Any] = field(default_factory=dict)
-    files: dict[str, bytes] = field(default_factory=dict)
-    submitted: bool = False
 
 
 class Deposits:
@@ -144,16 +111,16 @@ class Deposits:
         status = request.args.get("status")
         wanted = [one for one in self.by_id.values() if status is None or one.submitted == (status == "published")]
         start = (request.args.get("page", 1, int) - 1) * (size := request.args.get("size", 10, int))
-        return _json([self._shown(one, request) for one in reversed(wanted)][start : start + size])
+        return as_json([self._shown(one, request) for one in reversed(wanted)][start : start + size])
 
     def _create(self, request: Request) -> Response:
-        body = _body(request)
+        body = json_body(request)
         number = next(self._numbers)
         made = Deposit(number, number - 1, str(uuid.uuid5(uuid.NAMESPACE_URL, str(number))))
         next(self._numbers)
-        made.metadata = _metadata(body.get("metadata", {}), whole=False)
+        made.metadata = checked_metadata(body.get("metadata", {}), whole=False)
         self.by_id[number] = made
-        return _json(self._shown(made, request), 201)
+        return as_json(self._shown(made, request), 201)
 
     def _find(self, number: int) -> Deposit:
         if number not in self.by_id:
@@ -167,16 +134,16 @@ class Deposits:
         return found
 
     def _get(self, request: Request, number: int) -> Response:
-        return _json(self._shown(self._find(number), request))
+        return as_json(self._shown(self._find(number), request))
 
     def _update(self, request: Request, number: int) -> Response:
-        found, body = self._draft(number), _body(request)
+        found, body = self._draft(number), json_body(request)
         if "metadata" not in body:
             raise Answer(
                 400, "Validation error.", [{"field": "metadata", "message": "Missing data for required field."}]
             )
-        found.metadata = _metadata(body["metadata"], whole=False)
-        return _json(self._shown(found, request))
+        found.metadata = checked_metadata(body["metadata"], whole=False)
+        return as_json(self._shown(found, request))
 
     def _delete(self, request: Request, number: int) -> Response:
         del self.by_id[self._draft(number).id]
@@ -185,11 +152,11 @@ class Deposits:
     # -- files -----------------------------------------------------------------------------------
 
     def _files(self, request: Request, number: int) -> Response:
-        return _json([_file(self._find(number), name) for name in self._find(number).files])
+        return as_json([file_entry(self._find(number), name) for name in self._find(number).files])
 
     def _remove(self, request: Request, number: int, file: str) -> Response:
         found = self._draft(number)
-        name = next((name for name in found.files if _file(found, name)["id"] == file), None)
+        name = next((name for name in found.files if file_entry(found, name)["id"] == file), None)
         if name is None:
             raise Answer(404, "File not found.")
         del found.files[name]
@@ -211,32 +178,32 @@ class Deposits:
         if sum(map(len, found.files.values())) + len(data) > MOST_BYTES:
             raise Answer(413, "Quota limit exceeded.")
         found.files[name] = data
-        shown = _file(found, name)
+        entry = file_entry(found, name)
         body = {
             "key": name,
             "mimetype": "application/octet-stream",
             "size": len(data),
-            "checksum": f"md5:{shown['checksum']}",
-            "version_id": shown["id"],
+            "checksum": f"md5:{entry['checksum']}",
+            "version_id": entry["id"],
             "is_head": True,
             "created": STAMP,
             "updated": STAMP,
-            "links": {"self": f"{_root(request)}/api/files/{bucket}/{name}"},
+            "links": {"self": f"{root_of(request)}/api/files/{bucket}/{name}"},
         }
-        return _json(body, 201)
+        return as_json(body, 201)
 
     # -- actions and records -----------------------------------------------------------------------
 
     def _publish(self, request: Request, number: int) -> Response:
         found = self._draft(number)
-        found.metadata = _metadata(found.metadata, whole=True)
+        found.metadata = checked_metadata(found.metadata, whole=True)
         if not found.files:
             raise Answer(
                 400, "Validation error.", [{"field": "files", "message": "Minimum one file must be provided."}]
             )
         found.submitted = True
         found.metadata["doi"] = f"10.5072/zenodo.{found.id}"
-        return _json(self._shown(found, request), 202)
+        return as_json(self._shown(found, request), 202)
 
     def _new_version(self, request: Request, number: int) -> Response:
         found = self._find(number)
@@ -258,7 +225,7 @@ class Deposits:
                 number, found.concept, str(uuid.uuid5(uuid.NAMESPACE_URL, str(number))), kept, dict(found.files)
             )
             self.by_id[number] = draft
-        return _json(self._shown(found, request), 201)
+        return as_json(self._shown(found, request), 201)
 
     def _open_draft(self, found: Deposit) -> Deposit | None:
         return next((one for one in self.by_id.values() if one.concept == found.concept and not one.submitted), None)
@@ -267,17 +234,17 @@ class Deposits:
         found = self._find(number)
         if not found.submitted:
             raise Answer(404, "PID does not exist.")
-        root = _root(request)
+        root = root_of(request)
         files = [
             {
                 "key": name,
                 "size": len(data),
-                "checksum": f"md5:{hashlib.md5(data).hexdigest()}",
+                "checksum": f"md5:{file_entry(found, name)['checksum']}",
                 "links": {"self": f"{root}/api/records/{number}/files/{name}/content"},
             }
             for name, data in found.files.items()
         ]
-        return _json(
+        return as_json(
             {
                 "id": number,
                 "conceptrecid": str(found.concept),
@@ -294,86 +261,4 @@ class Deposits:
         return Response(found.files[name], mimetype="application/octet-stream")
 
     def _shown(self, one: Deposit, request: Request) -> dict[str, Any]:
-        own = f"{_root(request)}/api/deposit/depositions/{one.id}"
-        links = {
-            "self": own,
-            "html": f"{_root(request)}/deposit/{one.id}",
-            "bucket": f"{_root(request)}/api/files/{one.bucket}",
-            "files": f"{own}/files",
-        }
-        links |= {action: f"{own}/actions/{action}" for action in ("publish", "edit", "discard", "newversion")}
-        if (draft := self._open_draft(one)) is not None:
-            links["latest_draft"] = f"{_root(request)}/api/deposit/depositions/{draft.id}"
-        shown = {
-            "id": one.id,
-            "conceptrecid": str(one.concept),
-            "created": STAMP,
-            "modified": STAMP,
-            "owner": 1,
-            "record_id": one.id,
-            "state": "done" if one.submitted else "unsubmitted",
-            "submitted": one.submitted,
-            "title": one.metadata.get("title", ""),
-            "metadata": {**one.metadata, "prereserve_doi": {"doi": f"10.5072/zenodo.{one.id}", "recid": one.id}},
-            "files": [_file(one, name) for name in one.files],
-            "links": links,
-        }
-        return shown | (
-            {"doi": one.metadata["doi"], "conceptdoi": f"10.5072/zenodo.{one.concept}"} if one.submitted else {}
-        )
-
-
-def _metadata(given: dict[str, Any], *, whole: bool) -> dict[str, Any]:
-    """The metadata as the service keeps it; 400 with every wrong field. `whole`: required ones must be there."""
-    errors = []
-    if whole:
-        errors = [
-            {"field": f"metadata.{name}", "message": "Missing data for required field."}
-            for name in ("title", "upload_type", "description", "creators")
-            if not given.get(name)
-        ]
-    if given.get("upload_type") and given["upload_type"] not in TYPES:
-        errors.append({"field": "metadata.upload_type", "message": "Not a valid choice."})
-    if given.get("license") and not LICENCES.fullmatch(str(given["license"])):
-        errors.append({"field": "metadata.license", "message": f"Invalid license provided: {given['license']}"})
-    if given.get("publication_date") and not re.fullmatch(r"\d{4}-\d{2}-\d{2}", str(given["publication_date"])):
-        errors.append({"field": "metadata.publication_date", "message": "Not a valid date."})
-    if errors:
-        raise Answer(400, "Validation error.", errors)
-    kept = dict(given)
-    if given.get("access_right", "open") in ("open", "embargoed"):
-        kept.setdefault("access_right", "open")
-        kept.setdefault("license", "cc-zero")  # the real service's silent default
-    return kept
-
-
-def _file(one: Deposit, name: str) -> dict[str, Any]:
-    data = one.files[name]
-    digest = hashlib.md5(data).hexdigest()
-    return {
-        "id": str(uuid.uuid5(uuid.NAMESPACE_URL, f"{one.id}/{name}/{digest}")),
-        "filename": name,
-        "filesize": len(data),
-        "checksum": digest,
-    }
-
-
-def _body(request: Request) -> dict[str, Any]:
-    if request.mimetype != "application/json":
-        raise Answer(415, "Unsupported media type. Content-Type must be application/json.")
-    try:
-        body = json.loads(request.get_data() or b"{}")
-    except ValueError:
-        raise Answer(400, "Unable to decode JSON data in request body.") from None
-    if not isinstance(body, dict):
-        raise Answer(400, "The body must be a JSON object.")
-    return body
-
-
-def _json(body: Any, status: int = 200) -> Response:
-    headers = {"X-RateLimit-Limit": "100", "X-RateLimit-Remaining": "99"}
-    return Response(json.dumps(body), status, headers, mimetype="application/json")
-
-
-def _root(request: Request) -> str:
-    return request.host_url.rstrip("/")
+        return shown(one, self._open_draft(one), request)
