@@ -10,17 +10,17 @@ is only used when asked for; a score within its reach of the threshold is comput
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from kb.annotate.backends import PRECISIONS, REACH, Runner, choose_device, open_runner, prepare
+from kb.annotate.backends import PRECISIONS, choose_device, prepare
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
+from kb.annotate.chunks import Chunks
 from kb.annotate.hashes import text_hashes
 from kb.annotate.scores import CATEGORIES, Scores
+from kb.annotate.worker import Job, score_chunk
 from kb.core import signals
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import LimitReached, SettingError
@@ -30,14 +30,10 @@ if TYPE_CHECKING:
 
     from kb.core.context import Run
 
-_ONE = threading.Lock()  # one chunk at a time in a process
-CHUNK_TEXTS, CHUNK_CHARACTERS = 1024, 1_000_000  # what is scored, and lost at worst, between two files
-LOOKUP_TEXTS, LOOKUP_CHARACTERS = 50_000, 50_000_000  # what is looked up at once, because each look-up reads all scores
-
 
 @dataclass(frozen=True)
 class Counts:
-    """What `annotate` did, in distinct texts."""
+    """What `annotate` did, in texts; equal ones that come near each other count once."""
 
     texts: int = 0
     scored: int = 0
@@ -135,8 +131,8 @@ class Scorer:
 
     def _annotate(self, batches: Iterable[Any], task: Any) -> Counts:
         assert self.scores is not None
-        chunks = _Chunks(self.scores, self.threshold, self.run.limit, task)
-        job = _Job(self.checkpoint, self.precision, choose_device(self.device), self._threads(), self.threshold)  # type: ignore[arg-type]
+        chunks = Chunks(self.scores, self.threshold, self.run.limit, task)
+        job = Job(self.checkpoint, self.precision, choose_device(self.device), self._threads(), self.threshold)  # type: ignore[arg-type]
         local = self.run.engine == "local"
         # On one machine the threads are inside the model: one copy of it, whatever the number of cores.
         if not local and job.device == "cpu" and job.precision != "bf16":
@@ -153,6 +149,7 @@ class Scorer:
             for result in map_in_order(executor, score_chunk, tasks(), 1 if local else 2 * self.run.workers + 2):
                 hashes = waiting.pop(0)
                 self.scores.write(hashes, result["scores"], result["precisions"], result["classes"])
+                chunks.written(hashes)
                 scored, again = scored + len(hashes), again + result["again"]
                 task.advance(len(hashes), tokens_per_s=round(result["tokens"] / max(result["seconds"], 1e-9)))
                 signals.stop.check()
@@ -162,125 +159,6 @@ class Scorer:
 
     def _threads(self) -> int:
         return self.run.workers if self.run.engine == "local" else 0
-
-
-class _Job(NamedTuple):
-    """How a worker is to score; what it loads is kept for the next task. `threads` 0: as many as the worker has."""
-
-    checkpoint: Checkpoint
-    precision: str
-    device: str
-    threads: int
-    threshold: float | None
-
-
-class _Chunks:
-    """Distinct unscored texts in the order they come, in chunks."""
-
-    def __init__(self, scores: Scores, threshold: float | None, limit: int | None, task: Any) -> None:
-        self._scores, self._threshold, self._limit, self._task = scores, threshold, limit, task
-        self._seen: set[bytes] = set()
-        self.texts = 0
-        self.limited = False
-
-    def of(self, batches: Iterable[Any]) -> Iterable[tuple[list[str], list[str]]]:
-        hashes: list[str] = []
-        texts: list[str] = []
-        size = given = 0
-        for key, text in self._unscored(batches):
-            if self._limit is not None and given == self._limit:
-                self.limited = True
-                break
-            hashes.append(key)
-            texts.append(text)
-            size, given = size + len(text), given + 1
-            if len(texts) == CHUNK_TEXTS or size >= CHUNK_CHARACTERS:
-                yield hashes, texts
-                hashes, texts, size = [], [], 0
-        if texts:
-            yield hashes, texts
-
-    def _unscored(self, batches: Iterable[Any]) -> Iterable[tuple[str, str]]:
-        hashes: list[str] = []
-        texts: list[str] = []
-        size = 0
-        for key, text in self._distinct(batches):
-            hashes.append(key)
-            texts.append(text)
-            size += len(text)
-            if len(texts) == LOOKUP_TEXTS or size >= LOOKUP_CHARACTERS:
-                yield from self._without_score(hashes, texts)
-                hashes, texts, size = [], [], 0
-        yield from self._without_score(hashes, texts)
-
-    def _distinct(self, batches: Iterable[Any]) -> Iterable[tuple[str, str]]:
-        """(hash, text) of each text that is not empty and was not seen before."""
-        import pyarrow as pa
-
-        for batch in batches:
-            column = batch if isinstance(batch, (pa.Array, pa.ChunkedArray)) else pa.array(batch, pa.string())
-            for key, text in zip(text_hashes(column).to_pylist(), column.to_pylist(), strict=True):
-                if key is not None and (short := bytes.fromhex(key[:32])) not in self._seen:
-                    self._seen.add(short)
-                    self.texts += 1
-                    yield key, text
-
-    def _without_score(self, hashes: list[str], texts: list[str]) -> Iterable[tuple[str, str]]:
-        import pyarrow as pa
-
-        if not texts:
-            return
-        missing = self._scores.missing(pa.array(hashes, pa.string()), self._threshold, REACH).to_pylist()
-        self._task.advance(len(missing) - sum(missing))
-        for key, text, wanted in zip(hashes, texts, missing, strict=True):
-            if wanted:
-                yield key, text
-
-
-def score_chunk(job: _Job, texts: Sequence[str]) -> dict[str, Any]:
-    """Scores of a chunk, in its order; runs in a worker. Near the threshold a reduced score is made exact."""
-    # A Dask worker with several threads takes several chunks: one at a time, with all threads.
-    with _ONE:
-        return _score_chunk(job._replace(threads=job.threads or _worker_threads()), texts)
-
-
-def _score_chunk(job: _Job, texts: Sequence[str]) -> dict[str, Any]:
-    from kb.core import clock
-
-    start = clock.monotonic()
-    runner = _runner(job.checkpoint, job.precision, job.device, job.threads)
-    before = runner.tokens
-    scores = runner.score(texts)
-    precisions = [job.precision] * len(texts)
-    near = []
-    if job.threshold is not None and REACH[job.precision]:
-        near = [n for n, row in enumerate(scores) if abs(max(row) - job.threshold) <= REACH[job.precision]]
-        exact = _runner(job.checkpoint, "fp32", job.device, job.threads).score([texts[n] for n in near]) if near else []
-        for n, row in zip(near, exact, strict=True):
-            scores[n], precisions[n] = row, "fp32"
-    return {
-        "scores": scores,
-        "precisions": precisions,
-        "classes": runner.meta.classes,
-        "again": len(near),
-        "tokens": runner.tokens - before,
-        "seconds": clock.monotonic() - start,
-    }
-
-
-def _worker_threads() -> int:
-    """Threads of the Dask worker that this runs on."""
-    from distributed import get_worker
-
-    try:
-        return get_worker().state.nthreads
-    except ValueError:  # not on a worker
-        return 1
-
-
-@cache
-def _runner(checkpoint: Checkpoint, precision: str, device: str, threads: int) -> Runner:
-    return open_runner(checkpoint, precision, device, threads)
 
 
 def check(run: Run, source: str) -> str:

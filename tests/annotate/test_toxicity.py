@@ -6,7 +6,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.annotate import backends
+from kb.annotate import backends, chunks, worker
 from kb.annotate import toxicity as room
 from kb.annotate.compiled import find_compiled, make_compiled
 from kb.annotate.hashes import text_hashes
@@ -99,6 +99,19 @@ def test_each_text_is_scored_once_in_this_and_all_later_runs(make_run, monkeypat
     assert [path.name for path in (run.root / "annotations/reddit").iterdir()] == ["toxicity.parquet"]
 
 
+def test_equal_texts_far_apart_are_scored_once_too(make_run, monkeypatch):
+    """The second one comes in a later look-up, before and after the first one's score is on disk."""
+    monkeypatch.setattr(chunks, "LOOKUP_TEXTS", 2)
+    monkeypatch.setattr(chunks, "CHUNK_TEXTS", 3)
+    seen: list[str] = []
+    monkeypatch.setattr(
+        room, "score_chunk", lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts)
+    )
+    counts = Scorer.open(make_run(), "reddit").annotate([["a", "b"], ["a", "c"], ["d", "e"], ["a", "e"], ["f", "b"]])
+    assert seen == ["a", "b", "c", "d", "e", "f"]
+    assert (counts.texts, counts.scored, counts.known) == (10, 6, 4)
+
+
 def test_looked_up_scores_are_detoxifys_and_null_only_for_empty_text(make_run, reference):
     run = make_run()
     texts = pa.chunked_array([TEXTS[:2], ["", None], TEXTS[2:]])
@@ -119,7 +132,7 @@ def test_looked_up_scores_are_detoxifys_and_null_only_for_empty_text(make_run, r
 
 
 def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, monkeypatch):
-    monkeypatch.setattr(room, "CHUNK_TEXTS", 3)
+    monkeypatch.setattr(chunks, "CHUNK_TEXTS", 3)
     whole = make_run(root=tmp_path / "whole")
     Scorer.open(whole, "reddit").annotate([TEXTS])
     limited = make_run(root=tmp_path / "cut", limit=4)
@@ -138,7 +151,7 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, 
 
 def test_a_changed_threshold_loads_no_model(make_run, monkeypatch):
     Scorer.open(make_run(), "reddit").annotate([TEXTS])
-    monkeypatch.setattr(room, "open_runner", lambda *_: pytest.fail("a model was loaded"))
+    monkeypatch.setattr(worker, "open_runner", lambda *_: pytest.fail("a model was loaded"))
     room._runner.cache_clear()
     counts = Scorer.open(make_run(thresholds={"reddit": 0.9}), "reddit").annotate([TEXTS])
     assert (counts.scored, counts.known) == (0, len(TEXTS))

@@ -1,0 +1,68 @@
+"""What a worker does: score one chunk with a model that it loads once and keeps."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+from kb.annotate.backends import REACH, Runner, open_runner
+from kb.annotate.checkpoint import Checkpoint
+from kb.core import clock
+
+_ONE = threading.Lock()  # one chunk at a time in a process
+
+
+class Job(NamedTuple):
+    """How a worker is to score; what it loads is kept for the next task. `threads` 0: as many as the worker has."""
+
+    checkpoint: Checkpoint
+    precision: str
+    device: str
+    threads: int
+    threshold: float | None
+
+
+def score_chunk(job: Job, texts: Sequence[str]) -> dict[str, Any]:
+    """Scores of a chunk, in its order; runs in a worker. Near the threshold a reduced score is made exact."""
+    # A Dask worker with several threads takes several chunks: one at a time, with all threads.
+    with _ONE:
+        return _score_chunk(job._replace(threads=job.threads or _worker_threads()), texts)
+
+
+def _score_chunk(job: Job, texts: Sequence[str]) -> dict[str, Any]:
+    start = clock.monotonic()
+    runner = _runner(job.checkpoint, job.precision, job.device, job.threads)
+    before = runner.tokens
+    scores = runner.score(texts)
+    precisions = [job.precision] * len(texts)
+    near = []
+    if job.threshold is not None and REACH[job.precision]:
+        near = [n for n, row in enumerate(scores) if abs(max(row) - job.threshold) <= REACH[job.precision]]
+        exact = _runner(job.checkpoint, "fp32", job.device, job.threads).score([texts[n] for n in near]) if near else []
+        for n, row in zip(near, exact, strict=True):
+            scores[n], precisions[n] = row, "fp32"
+    return {
+        "scores": scores,
+        "precisions": precisions,
+        "classes": runner.meta.classes,
+        "again": len(near),
+        "tokens": runner.tokens - before,
+        "seconds": clock.monotonic() - start,
+    }
+
+
+def _worker_threads() -> int:
+    """Threads of the Dask worker that this runs on."""
+    from distributed import get_worker
+
+    try:
+        return get_worker().state.nthreads
+    except ValueError:  # not on a worker
+        return 1
+
+
+@cache
+def _runner(checkpoint: Checkpoint, precision: str, device: str, threads: int) -> Runner:
+    return open_runner(checkpoint, precision, device, threads)
