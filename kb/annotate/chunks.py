@@ -12,7 +12,10 @@ from kb.annotate.hashes import text_hashes
 from kb.annotate.scores import Scores
 
 CHUNK_TEXTS, CHUNK_CHARACTERS = 1024, 1_000_000  # what is scored, and lost at worst, between two files
-LOOKUP_TEXTS, LOOKUP_CHARACTERS = 100_000, 50_000_000  # what is looked up at once, because each look-up reads all scores
+LOOKUP_TEXTS, LOOKUP_CHARACTERS = (
+    100_000,
+    50_000_000,
+)  # what is looked up at once, because each look-up reads all scores
 
 
 class Chunks:

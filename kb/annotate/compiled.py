@@ -13,14 +13,15 @@ import importlib.util
 import json
 import tempfile
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from kb.annotate.cache import cache_root, making
 from kb.annotate.checkpoint import Checkpoint, sha256_of, tokenizer_files
-from kb.annotate.detoxify_model import WINDOW, load_detoxify
+from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.first_token import shortened
+from kb.annotate.graph import Compiled, graph_runner
+from kb.annotate.runner import Meta
 
 FORMAT = 3  # raise it when the folder's files change meaning
 TOLERANCE = 1e-4
@@ -31,49 +32,6 @@ PROBES = (
     "1 2 3 … ünïcode 方块",
     "a longer text about redstone, pistons and hoppers; " * 4,
 )
-
-
-@dataclass(frozen=True)
-class Compiled:
-    """A folder with model.onnx, tokenizer.json and meta.json (see `Meta`)."""
-
-    folder: Path
-
-    @property
-    def graph(self) -> Path:
-        return self.folder / "model.onnx"
-
-
-@dataclass(frozen=True)
-class Meta:
-    """What a runner must know about the model besides its weights."""
-
-    classes: tuple[str, ...]
-    prefix: tuple[int, ...]  # marks before a window's tokens
-    suffix: tuple[int, ...]  # and after them
-    pad: int
-    window: int
-
-    @classmethod
-    def of(cls, detoxify: Any) -> Meta:
-        """Read from a loaded Detoxify object."""
-        tokenizer = detoxify.tokenizer
-        bare = len(tokenizer("", add_special_tokens=False)["input_ids"])
-        marks = tokenizer("")["input_ids"]
-        assert not bare
-        assert len(marks) == 2, "a model with another layout of marks"
-        return cls(
-            tuple(detoxify.class_names),
-            tuple(marks[:1]),
-            tuple(marks[1:]),
-            tokenizer.pad_token_id,
-            min(WINDOW, tokenizer.model_max_length),
-        )
-
-    @classmethod
-    def read(cls, path: Path) -> Meta:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        return cls(tuple(data["classes"]), tuple(data["prefix"]), tuple(data["suffix"]), data["pad"], data["window"])
 
 
 def place(checkpoint: Checkpoint) -> Path:
@@ -158,8 +116,6 @@ def _export(detoxify: Any, folder: Path) -> None:
 
 
 def _agrees(detoxify: Any, compiled: Compiled) -> bool:
-    from kb.annotate.backends import graph_runner
-
     runner = graph_runner(compiled, threads=1)
     if runner is None:
         return True

@@ -6,7 +6,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.annotate import backends, chunks, worker
+from kb.annotate import backends, chunks, graph, worker
 from kb.annotate import toxicity as room
 from kb.annotate.compiled import find_compiled, make_compiled
 from kb.annotate.hashes import text_hashes
@@ -41,10 +41,10 @@ def close(row, expected, names=CATEGORIES):
 @pytest.mark.parametrize("backend", ["openvino", "onnxruntime", "torch"])
 def test_every_backend_gives_detoxifys_scores(backend, checkpoint, detoxify, reference):
     if backend == "torch":
-        runner = backends._torch_runner(checkpoint, "fp32", "cpu", 1)
+        runner = backends.torch_runner(checkpoint, "fp32", "cpu", 1)
     else:
         pytest.importorskip(backend)
-        runner = backends.graph_runner(find_compiled(checkpoint) or make_compiled(checkpoint), 1, prefer=backend)
+        runner = graph.graph_runner(find_compiled(checkpoint) or make_compiled(checkpoint), 1, prefer=backend)
     for text, row in zip(TEXTS, runner.score(TEXTS), strict=True):
         assert close(row, reference[text], runner.meta.classes), text
 

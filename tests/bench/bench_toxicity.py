@@ -18,7 +18,7 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("detoxify")
 
-from kb.annotate import backends  # noqa: E402
+from kb.annotate import backends, graph  # noqa: E402
 from kb.annotate.checkpoint import find_checkpoint, sha256_of  # noqa: E402
 from kb.annotate.compiled import find_compiled  # noqa: E402
 from kb.annotate.detoxify_model import load_detoxify  # noqa: E402
@@ -127,6 +127,6 @@ def open_named(checkpoint, name, threads):
     if name in ("bf16", "int8"):
         return backends.open_runner(checkpoint, name, threads=threads)
     if name == "torch":
-        return backends._torch_runner(checkpoint, "fp32", "cpu", threads)
+        return backends.torch_runner(checkpoint, "fp32", "cpu", threads)
     compiled = find_compiled(checkpoint)
-    return backends.graph_runner(compiled, threads, prefer=name) if compiled else None
+    return graph.graph_runner(compiled, threads, prefer=name) if compiled else None
