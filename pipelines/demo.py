@@ -45,7 +45,8 @@ QUERIES = [
     ),
     (
         "What does a wiki page consist of?",
-        "SELECT kind, region, count(*) AS elements FROM release.wiki_elements WHERE visible GROUP BY ALL ORDER BY elements DESC, kind, region LIMIT 8",
+        """SELECT kind, region, count(*) AS elements
+        FROM release.wiki_elements WHERE visible GROUP BY ALL ORDER BY elements DESC, kind, region LIMIT 8""",
         ["release.wiki_elements"],
     ),
     (

@@ -1,9 +1,9 @@
 """YouTube (MineDojo paper, appendix "YouTube": data collection and filtering).
 
-1. search channels by keywords; 2. list every video that each channel uploaded; 3. read their
-metadata, keep the domain's game; 4. English transcripts of those that pass the cheap stages;
-5. drop by views, aspect ratio, duration, age restriction; score titles and descriptions with
-Detoxify and drop above the threshold. Released: ids and metadata, never videos or transcripts.
+1. search channels by keywords; 2. list every video that each channel uploaded; 3. read their metadata, keep the
+domain's game; 4. English transcripts of those that pass the cheap stages; 5. drop by views, aspect ratio, duration,
+age restriction; score titles and descriptions with Detoxify and drop above the threshold.
+Released: ids and metadata, never videos or transcripts.
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ def promising(p: Profile, videos: Any) -> list[str]:
 def clean(p: Profile) -> Clean:
     """Raw answers to videos and transcripts, stages in the paper's order."""
     limit = p.toxicity.threshold("youtube")
+    helpers = ("missing", "game_label_id", "game_label", "transcript_outcome")
     scored = {"title": "toxicity_title", "description": "toxicity_description"}
     stages = (
         NotTrue("missing", stage="missing", reason="missing"),
@@ -68,7 +69,7 @@ def clean(p: Profile) -> Clean:
             "transcripts": Kind(parse.transcripts, key=("video_id",), bucket="video_id", prefer="final"),
         },
         assemble=partial(assemble, words=word_count_of_lists),
-        chains=(Chain("youtube/videos", "video_id", stages, scores=scored, helpers=("missing", "game_label_id", "game_label", "transcript_outcome")),),
+        chains=(Chain("youtube/videos", "video_id", stages, scores=scored, helpers=helpers),),
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),
         scorer=toxicity,
         unanswered=unanswered,

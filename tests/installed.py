@@ -70,8 +70,15 @@ def demo(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     def run(folder: Path) -> None:
         with (folder / "demo.out").open("w") as out, (folder / "demo.err").open("w") as err:
-            done = subprocess.run([installed / "kb", "demo", "--json"], cwd=folder, env=clean_environment(), stdin=subprocess.DEVNULL,
-                                  stdout=out, stderr=err, check=False)
+            done = subprocess.run(
+                [installed / "kb", "demo", "--json"],
+                cwd=folder,
+                env=clean_environment(),
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+                check=False,
+            )
         assert done.returncode == 0, (folder / "demo.err").read_text()[-3000:]
 
     return _once(tmp_path_factory, "demo", run)

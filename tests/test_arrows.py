@@ -1,6 +1,6 @@
 """The import arrows of the design, read from the source text:
 
-    cli → pipelines → {youtube, wiki, reddit, annotate, filters, pairs, export, release, report} → {net, store, schema} → core
+cli → pipelines → {youtube, wiki, reddit, annotate, filters, pairs, export, release, report} → {net, store, schema} → core
 """
 
 from __future__ import annotations
@@ -28,8 +28,25 @@ ALLOWED: dict[str, set[str]] = {
 
 # Standard library and light packages only: what `kb --help` may load.
 HEAVY = {
-    "torch", "transformers", "detoxify", "onnxruntime", "openvino", "selenium", "dask", "distributed", "matplotlib", "wordcloud",
-    "mlcroissant", "cffconvert", "PIL", "datasets", "polars", "pandas", "scipy", "instant_clip_tokenizer", "numpy",
+    "torch",
+    "transformers",
+    "detoxify",
+    "onnxruntime",
+    "openvino",
+    "selenium",
+    "dask",
+    "distributed",
+    "matplotlib",
+    "wordcloud",
+    "mlcroissant",
+    "cffconvert",
+    "PIL",
+    "datasets",
+    "polars",
+    "pandas",
+    "scipy",
+    "instant_clip_tokenizer",
+    "numpy",
 }
 
 
@@ -100,9 +117,7 @@ def _module_level(body: list[ast.stmt]) -> list[ast.stmt]:
             found.append(node)
         elif isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.unparse(node.test):
             found += _module_level(node.body + node.orelse)
-        elif isinstance(node, (ast.Try, ast.With)):
-            found += _module_level(node.body)
-        elif isinstance(node, ast.ClassDef):
+        elif isinstance(node, (ast.Try, ast.With, ast.ClassDef)):
             found += _module_level(node.body)
     return found
 

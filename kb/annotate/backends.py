@@ -55,9 +55,7 @@ def torch_network(model: Any, device: str, precision: str) -> Network:
 
     def network(ids: Any, mask: Any) -> Any:
         with torch.inference_mode():
-            logits = model(
-                input_ids=torch.from_numpy(ids).to(device), attention_mask=torch.from_numpy(mask).to(device)
-            )[0]
+            logits = model(input_ids=torch.from_numpy(ids).to(device), attention_mask=torch.from_numpy(mask).to(device))[0]
         return logits.float().cpu().numpy()
 
     model.eval()
@@ -81,9 +79,7 @@ def choose_device(wanted: str) -> str:
         if torch.cuda.is_available():
             return "cuda"
     if wanted == "cuda":
-        raise SettingError(
-            "--device cuda: torch sees no GPU here", hint="use --device auto, or install a CUDA build of torch"
-        )
+        raise SettingError("--device cuda: torch sees no GPU here", hint="use --device auto, or install a CUDA build of torch")
     return "cpu"
 
 

@@ -75,9 +75,7 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
         return _fetched(PUBLISHED[chosen])
     path = Path(chosen).expanduser().absolute()
     if "/" not in chosen and "." not in chosen and not path.exists():
-        raise MissingModel(
-            f"KB_TOXICITY_MODEL is {chosen!r}", hint=f"known: {', '.join(PUBLISHED)}; or give a checkpoint file"
-        )
+        raise MissingModel(f"KB_TOXICITY_MODEL is {chosen!r}", hint=f"known: {', '.join(PUBLISHED)}; or give a checkpoint file")
     if not path.is_file():
         raise MissingModel(f"there is no checkpoint {path}", hint="see KB_TOXICITY_MODEL, or run `kb models fetch`")
     expected = _known_digests(path, settings.kb_toxicity_sha256)
@@ -129,9 +127,7 @@ def _known_digests(path: Path, setting: str | None) -> list[tuple[str, str]]:
         if beside.is_file():
             found = _DIGEST.search(beside.read_text(encoding="utf-8", errors="replace"))
             if not found:
-                raise MissingModel(
-                    f"{beside} holds no sha256", hint=f"write it with `sha256sum {path.name} > {beside.name}`"
-                )
+                raise MissingModel(f"{beside} holds no sha256", hint=f"write it with `sha256sum {path.name} > {beside.name}`")
             known.append((beside.name, found.group().lower()))
     in_name = _PREFIX.search(path.name)
     if in_name:
@@ -144,8 +140,7 @@ def _verify(path: Path, expected: list[tuple[str, str]], what_to_do: str) -> str
     for who, wanted in expected:
         if not digest.startswith(wanted):
             raise MissingModel(
-                f"{path} is not the file it should be, or was cut off:"
-                f" its sha256 begins {digest[:12]}, {who} says {wanted[:12]}",
+                f"{path} is not the file it should be, or was cut off: its sha256 begins {digest[:12]}, {who} says {wanted[:12]}",
                 hint=what_to_do,
             )
     return digest
@@ -172,11 +167,7 @@ def tokenizer_files(folder: Path) -> list[Path]:
         "added_tokens.json",
     )
     found = [folder / name for name in names if (folder / name).is_file()]
-    return (
-        found
-        if any(path.name not in ("tokenizer_config.json", "special_tokens_map.json", "merges.txt") for path in found)
-        else []
-    )
+    return found if any(path.name not in ("tokenizer_config.json", "special_tokens_map.json", "merges.txt") for path in found) else []
 
 
 def sha256_of(path: Path) -> str:

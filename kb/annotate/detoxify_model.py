@@ -50,9 +50,7 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
             try:
                 # Detoxify reads the file itself; it gets what was verified and is read already.
                 with mock.patch.object(source.torch, "load", return_value=loaded):
-                    model = source.Detoxify(
-                        checkpoint=str(checkpoint.path), device=device, huggingface_config_path=str(folder)
-                    )
+                    model = source.Detoxify(checkpoint=str(checkpoint.path), device=device, huggingface_config_path=str(folder))
             except (OSError, ValueError, RuntimeError, KeyError, AttributeError) as error:
                 raise MissingModel(
                     f"{checkpoint.path} doesn't fit the configuration beside it: {str(error).splitlines()[0]}",
@@ -101,9 +99,7 @@ def _same_weights(model: Any, state: dict[str, Any], checkpoint: Checkpoint) -> 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
     """No progress bars and no hub: everything is on this machine."""
-    before = {
-        name: os.environ.get(name) for name in ("HF_HUB_OFFLINE", "TRANSFORMERS_VERBOSITY", "TOKENIZERS_PARALLELISM")
-    }
+    before = {name: os.environ.get(name) for name in ("HF_HUB_OFFLINE", "TRANSFORMERS_VERBOSITY", "TOKENIZERS_PARALLELISM")}
     os.environ |= {"HF_HUB_OFFLINE": "1", "TRANSFORMERS_VERBOSITY": "error", "TOKENIZERS_PARALLELISM": "true"}
     try:
         import transformers

@@ -67,8 +67,7 @@ def _download(session: Any, address: str, path: Path, digest: str, task: Any) ->
         # What was continued may have been the beginning of another file: once more from nothing.
         if not (continued and left):
             raise DamagedData(
-                f"{address} is not the published file: its sha256 begins {found[:12]},"
-                f" not {digest[:12]}; it was deleted",
+                f"{address} is not the published file: its sha256 begins {found[:12]}, not {digest[:12]}; it was deleted",
                 hint="try again later or over another network; KB_MODELS_ENDPOINT can name a mirror",
             )
     sync_file(part)
@@ -102,9 +101,7 @@ def _receive(session: Any, address: str, part: Path, task: Any) -> None:
                     f"{address} answers HTTP {response.status_code}",
                     hint="check the address or KB_MODELS_ENDPOINT; the file may have moved",
                 )
-            goes_on = response.status_code == 206 and response.headers.get("Content-Range", "").startswith(
-                f"bytes {have}-"
-            )
+            goes_on = response.status_code == 206 and response.headers.get("Content-Range", "").startswith(f"bytes {have}-")
             expected = response.headers.get("Content-Length")
             received = _write(response, part, "ab" if goes_on else "wb", task)
             if expected and received != int(expected):

@@ -28,9 +28,7 @@ def graph_runner(compiled: Compiled, threads: int, prefer: str | None = None) ->
     meta = Meta.read(compiled.folder / "meta.json")
     for name in (prefer,) if prefer else ("openvino", "onnxruntime"):
         if installed(name):
-            network = (
-                _openvino(compiled.graph, threads) if name == "openvino" else _onnxruntime(compiled.graph, threads)
-            )
+            network = _openvino(compiled.graph, threads) if name == "openvino" else _onnxruntime(compiled.graph, threads)
             return Runner(name, network, _tokenizer(compiled), meta)
     return None
 
@@ -51,9 +49,7 @@ def int8_runner(compiled: Compiled, threads: int) -> Runner | None:
                 quantize_dynamic(str(compiled.graph), str(fresh), weight_type=QuantType.QInt8)
             finally:
                 root.setLevel(before)
-    return Runner(
-        "onnxruntime", _onnxruntime(quantized, threads), _tokenizer(compiled), Meta.read(compiled.folder / "meta.json")
-    )
+    return Runner("onnxruntime", _onnxruntime(quantized, threads), _tokenizer(compiled), Meta.read(compiled.folder / "meta.json"))
 
 
 def _tokenizer(compiled: Compiled) -> Any:

@@ -53,9 +53,7 @@ class Scores:
         con.close()
         return found.cast(pa.schema([*((name, pa.float32()) for name in CATEGORIES), ("precision", pa.string())]))
 
-    def missing(
-        self, hashes: pa.Array, threshold: float | None = None, reach: dict[str, float] | None = None
-    ) -> pa.Array:
+    def missing(self, hashes: pa.Array, threshold: float | None = None, reach: dict[str, float] | None = None) -> pa.Array:
         """True for each hash to be scored: it has no score, or a reduced one within reach of the threshold."""
         import pyarrow as pa
         import pyarrow.compute as pc
@@ -66,22 +64,15 @@ class Scores:
             top = pc.max_element_wise(*(known[name] for name in CATEGORIES))
             for precision, distance in reach.items():
                 if distance:
-                    near = pc.less_equal(
-                        pc.abs(pc.subtract(top, pa.scalar(threshold, pa.float32()))), pa.scalar(distance, pa.float32())
-                    )
+                    near = pc.less_equal(pc.abs(pc.subtract(top, pa.scalar(threshold, pa.float32()))), pa.scalar(distance, pa.float32()))
                     wanted = pc.or_(wanted, pc.fill_null(pc.and_(pc.equal(known["precision"], precision), near), False))
-        return (
-            pc.and_(wanted, pc.is_valid(hashes)).combine_chunks()
-            if isinstance(wanted, pa.ChunkedArray)
-            else pc.and_(wanted, pc.is_valid(hashes))
-        )
+        return pc.and_(wanted, pc.is_valid(hashes)).combine_chunks() if isinstance(wanted, pa.ChunkedArray) else pc.and_(wanted, pc.is_valid(hashes))
 
     def precisions(self) -> dict[str, int]:
         """How many texts have a score in each precision."""
         con = self._connect()
         rows = con.execute(
-            f"SELECT precision, count(DISTINCT text_hash) FROM {self._files()}"
-            " WHERE model = $model AND revision = $revision GROUP BY 1 ORDER BY 1",
+            f"SELECT precision, count(DISTINCT text_hash) FROM {self._files()} WHERE model = $model AND revision = $revision GROUP BY 1 ORDER BY 1",
             {"model": self.model, "revision": self.revision},
         ).fetchall()
         con.close()
@@ -106,10 +97,7 @@ class Scores:
                 "model": pa.array([self.model] * len(hashes), pa.string()),
                 "revision": pa.array([self.revision] * len(hashes), pa.string()),
                 "precision": pa.array(precisions, pa.string()),
-                **{
-                    name: pa.array([0.0 if n is None else row[n] for row in scores], pa.float32())
-                    for name, n in zip(CATEGORIES, place, strict=True)
-                },
+                **{name: pa.array([0.0 if n is None else row[n] for row in scores], pa.float32()) for name, n in zip(CATEGORIES, place, strict=True)},
             }
         )
         path = Path(self.folder) / f"part-{self._next():06d}.parquet"
@@ -150,10 +138,7 @@ class Scores:
         if files:
             listed = ", ".join("'" + file.replace("'", "''") + "'" for file in files)
             return f"read_parquet([{listed}])"
-        columns = ", ".join(
-            f"NULL::{'FLOAT' if column.type == 'float32' else 'VARCHAR'} AS {column.name}"
-            for column in table(TABLE).columns
-        )
+        columns = ", ".join(f"NULL::{'FLOAT' if column.type == 'float32' else 'VARCHAR'} AS {column.name}" for column in table(TABLE).columns)
         return f"(SELECT {columns} WHERE false)"
 
     def _next(self) -> int:

@@ -96,9 +96,7 @@ class Scorer:
             )
         return self.scores.lookup(hashes)
 
-    def columns(
-        self, texts: pa.Array | pa.ChunkedArray, prefix: str = "toxicity", categories: bool = True
-    ) -> dict[str, pa.ChunkedArray]:
+    def columns(self, texts: pa.Array | pa.ChunkedArray, prefix: str = "toxicity", categories: bool = True) -> dict[str, pa.ChunkedArray]:
         """The largest category as `prefix`, and with `categories` each one as `prefix_<category>`."""
         import pyarrow.compute as pc
 
@@ -185,8 +183,4 @@ def scores(key: str, root: Path | str, source: str, texts: pa.Array | pa.Chunked
     if not key:
         return pa.table({name: pa.nulls(len(texts), pa.float32()) for name in CATEGORIES})
     model, _, revision = key.rpartition("@")
-    return (
-        Scores(str(Path(root) / "annotations" / source), model, revision)
-        .lookup(text_hashes(texts))
-        .select(list(CATEGORIES))
-    )
+    return Scores(str(Path(root) / "annotations" / source), model, revision).lookup(text_hashes(texts)).select(list(CATEGORIES))

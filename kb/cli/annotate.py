@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -35,35 +34,23 @@ class Device(StrEnum):
 
 PrecisionOption = Annotated[
     Precision,
-    typer.Option(
-        "--precision", help="Reduced ones are faster, recorded with the scores, and exact again near the threshold."
-    ),
+    typer.Option("--precision", help="Reduced ones are faster, recorded with the scores, and exact again near the threshold."),
 ]
-DeviceOption = Annotated[
-    Device, typer.Option("--device", help="Where the model runs; auto takes a GPU when there is one.")
-]
-
-
-def _texts(run: Run, source: str) -> Iterator[Any]:
-    """The texts that the source's filter would score: by its pipeline, where that has a way of its own."""
-    from kb.core import pipeline
-    from kb.filters.clean import texts
-
-    own = getattr(pipeline.load(str(pipeline.locate(source, run.pipeline))), "texts", None)
-    return own(run) if own else texts(run, source)
+DeviceOption = Annotated[Device, typer.Option("--device", help="Where the model runs; auto takes a GPU when there is one.")]
 
 
 def _annotate(run: Run, source: str, precision: Precision, device: Device) -> Summary:
     from kb.annotate.toxicity import Scorer
     from kb.core.errors import KbError
     from kb.core.verdict import Summary
+    from kb.filters.clean import texts
 
     run.profile.section(source)
     scorer = Scorer.open(run, source, str(precision), str(device))
     if not scorer.on:
         return Summary(source=source, toxicity="off in the profile", scored=0)
     try:
-        counts = scorer.annotate(_texts(run, source))
+        counts = scorer.annotate(texts(run, source))
     except KbError as error:
         error.summary = Summary(source=source, precisions=scorer.scores.precisions())  # type: ignore[attr-defined, union-attr]
         raise

@@ -54,9 +54,11 @@ class Tree(typer.core.TyperGroup):
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Where to start."""
-        formatter.write("\nStart here:\n  kb demo                      the whole job on invented services\n"
-                        "  kb youtube crawl --plan      what a real crawl would cost\n"
-                        "  kb COMMAND --help            options and examples of a command\n")
+        formatter.write(
+            "\nStart here:\n  kb demo                      the whole job on invented services\n"
+            "  kb youtube crawl --plan      what a real crawl would cost\n"
+            "  kb COMMAND --help            options and examples of a command\n"
+        )
 
 
 def _version(wanted: bool) -> None:
@@ -66,9 +68,7 @@ def _version(wanted: bool) -> None:
 
 
 # Help is plain text: it is read in pipes and on small terminals, and needs no rich to be imported.
-app = typer.Typer(
-    name="kb", cls=Tree, no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
-)
+app = typer.Typer(name="kb", cls=Tree, no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 
 @app.callback()

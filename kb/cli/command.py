@@ -57,7 +57,11 @@ class Group(typer.core.TyperGroup):
 def group(about: str) -> typer.Typer:
     """An app for a file of kb/cli: a group of commands, or the holder of a single one."""
     return typer.Typer(
-        help=about, cls=Group, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False,
+        help=about,
+        cls=Group,
+        add_completion=False,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
     )
 
 
@@ -95,8 +99,7 @@ def _wrap(function: Callable[..., Any], *, raw: bool, resumable: bool, main: boo
     parameters = [
         parameter.replace(
             kind=inspect.Parameter.KEYWORD_ONLY,
-            annotation=eval(parameter.annotation, function.__globals__)
-            if isinstance(parameter.annotation, str) else parameter.annotation,
+            annotation=eval(parameter.annotation, function.__globals__) if isinstance(parameter.annotation, str) else parameter.annotation,
         )
         for parameter in own
     ]

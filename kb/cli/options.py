@@ -24,24 +24,24 @@ class Engine(StrEnum):
 
 # name -> (annotation, default); the names are the fields of Options.
 COMMON: dict[str, tuple[Any, Any]] = {
-    "data": (Annotated[Path | None, typer.Option(
-        "--data", metavar="DIR", help="The data root. [default: KB_DATA, or data]")], None),
-    "profile": (Annotated[str | None, typer.Option(
-        "--profile", metavar="NAME|FILE", help="The domain: a shipped profile or a .toml file. [default: KB_PROFILE, or minecraft]")], None),
-    "workers": (Annotated[int | None, typer.Option(
-        "--workers", min=1, metavar="N", help="Parallel workers. [default: one a core]")], None),
-    "limit": (Annotated[int | None, typer.Option(
-        "--limit", min=1, metavar="N", help="Stop after N new items with exit code 3; the next run goes on.")], None),
-    "wait": (Annotated[bool, typer.Option(
-        "--wait", help="Sleep until a spent quota or limit is reset instead of stopping.")], False),
-    "again": (Annotated[bool, typer.Option(
-        "--again", help="A new round that reads only what is new.")], False),
-    "engine": (Annotated[Engine, typer.Option(
-        "--engine", help="Where stages run: processes on this machine, or a Dask cluster.")], Engine.local),
-    "scheduler": (Annotated[str | None, typer.Option(
-        "--scheduler", metavar="ADDRESS", help="The Dask scheduler, e.g. tcp://10.0.0.1:8786.")], None),
-    "pipeline": (Annotated[Path | None, typer.Option(
-        "--pipeline", metavar="FILE", help="Your own pipeline file instead of the shipped one.")], None),
+    "data": (Annotated[Path | None, typer.Option("--data", metavar="DIR", help="The data root. [default: KB_DATA, or data]")], None),
+    "profile": (
+        Annotated[
+            str | None,
+            typer.Option("--profile", metavar="NAME|FILE", help="The domain: a shipped profile or a .toml file. [default: KB_PROFILE, or minecraft]"),
+        ],
+        None,
+    ),
+    "workers": (Annotated[int | None, typer.Option("--workers", min=1, metavar="N", help="Parallel workers. [default: one a core]")], None),
+    "limit": (
+        Annotated[int | None, typer.Option("--limit", min=1, metavar="N", help="Stop after N new items with exit code 3; the next run goes on.")],
+        None,
+    ),
+    "wait": (Annotated[bool, typer.Option("--wait", help="Sleep until a spent quota or limit is reset instead of stopping.")], False),
+    "again": (Annotated[bool, typer.Option("--again", help="A new round that reads only what is new.")], False),
+    "engine": (Annotated[Engine, typer.Option("--engine", help="Where stages run: processes on this machine, or a Dask cluster.")], Engine.local),
+    "scheduler": (Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="The Dask scheduler, e.g. tcp://10.0.0.1:8786.")], None),
+    "pipeline": (Annotated[Path | None, typer.Option("--pipeline", metavar="FILE", help="Your own pipeline file instead of the shipped one.")], None),
     "quiet": (Annotated[bool, typer.Option("--quiet", help="No progress; warnings and errors only.")], False),
     "json": (Annotated[bool, typer.Option("--json", help="The summary as JSON, the last line on stdout.")], False),
     "debug": (Annotated[bool, typer.Option("--debug", help="More log lines, and tracebacks.")], False),
@@ -108,7 +108,7 @@ Part = Annotated[str | None, typer.Option("--part", metavar="I/N", help="The I-t
 
 
 def parse_part(text: str | None) -> tuple[int, int] | None:
-    """"2/4" as (2, 4), counted from 1. Raises SettingError."""
+    """ "2/4" as (2, 4), counted from 1. Raises SettingError."""
     if text is None:
         return None
     from kb.core.errors import SettingError

@@ -73,8 +73,7 @@ def describe(error: BaseException) -> tuple[str, str, int]:
     if isinstance(error, KeyboardInterrupt):
         return "stopped", "the same command goes on where it stopped", INTERRUPTED
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        return (f"no space left to write {error.filename or 'a file'}",
-                "free some space; the same command goes on where it stopped", 3)
+        return (f"no space left to write {error.filename or 'a file'}", "free some space; the same command goes on where it stopped", 3)
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}", "", 1
     if isinstance(error, MemoryError):

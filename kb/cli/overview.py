@@ -76,8 +76,7 @@ def _quota(run: Run, source: str, frontier: Any) -> dict[str, Any]:
     day, reset_at = quota.today(), quota.next_reset()
     limits = {"general": run.profile.youtube.units_per_day, "search": run.profile.youtube.searches_per_day}
     return {
-        bucket: {"spent": (spent := frontier.spent(bucket, day)), "left": max(0, limit - spent), "limit": limit,
-                 "resets_at": clock.stamp(reset_at)}
+        bucket: {"spent": (spent := frontier.spent(bucket, day)), "left": max(0, limit - spent), "limit": limit, "resets_at": clock.stamp(reset_at)}
         for bucket, limit in limits.items()
     }
 
@@ -100,8 +99,9 @@ def _age(run: Run, source: str) -> dict[str, Any]:
             if "fetched_at" not in columns:
                 continue
             low, high, old = db.execute(
-                "SELECT min(fetched_at)::TIMESTAMP, max(fetched_at)::TIMESTAMP, count(*) FILTER (fetched_at < ?::TIMESTAMPTZ)"
-                " FROM read_parquet(?)", [clock.stamp(limit), pattern]).fetchone()
+                "SELECT min(fetched_at)::TIMESTAMP, max(fetched_at)::TIMESTAMP, count(*) FILTER (fetched_at < ?::TIMESTAMPTZ) FROM read_parquet(?)",
+                [clock.stamp(limit), pattern],
+            ).fetchone()
         too_old += old if max_age else 0
         oldest = min(filter(None, (oldest, low)), default=None)
         newest = max(filter(None, (newest, high)), default=None)
@@ -127,8 +127,9 @@ def _table_folders(root: Path, source: str, *, verdicts: bool = False) -> list[P
     clean = root / "clean" / source
     if not clean.is_dir():
         return []
-    return [path for path in sorted(clean.iterdir())
-            if any(path.glob("*.parquet")) and (verdicts or path.name not in ("rejected", "failed", "pending"))]
+    return [
+        path for path in sorted(clean.iterdir()) if any(path.glob("*.parquet")) and (verdicts or path.name not in ("rejected", "failed", "pending"))
+    ]
 
 
 def _unknown_keys(root: Path, source: str) -> dict[str, int]:

@@ -26,17 +26,23 @@ class Format(StrEnum):
     video2dataset = "video2dataset"
 
 
-@command(app, main=True, examples=[
-    "kb pairs                                    match, grow, choose: pairs/ with text, release/pairs/ without",
-    "kb pairs --limit 1000                       1,000 transcripts now, the rest with the next run",
-    "kb pairs --format video2dataset             the list of clips that video2dataset downloads",
-    "kb pairs --from-index pairs-00000-of-00001.parquet   texts of a released index, from your own transcripts",
-])
+@command(
+    app,
+    main=True,
+    examples=[
+        "kb pairs                                    match, grow, choose: pairs/ with text, release/pairs/ without",
+        "kb pairs --limit 1000                       1,000 transcripts now, the rest with the next run",
+        "kb pairs --format video2dataset             the list of clips that video2dataset downloads",
+        "kb pairs --from-index pairs-00000-of-00001.parquet   texts of a released index, from your own transcripts",
+    ],
+)
 def pairs(
     run: Run,
     format: Annotated[Format, typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/.")] = Format.parquet,
-    from_index: Annotated[Path | None, typer.Option(
-        "--from-index", metavar="FILE", help="Fill the text of this released index (a file or its folder) from your own transcripts.")] = None,
+    from_index: Annotated[
+        Path | None,
+        typer.Option("--from-index", metavar="FILE", help="Fill the text of this released index (a file or its folder) from your own transcripts."),
+    ] = None,
 ) -> Summary:
     """Make the index of aligned clips and texts from clean/youtube: the same input gives the same rows.
 
@@ -53,11 +59,14 @@ def pairs(
     return pipeline.refill(run, from_index)
 
 
-@command(app, examples=[
-    "kb pairs keywords                           hits per keyword, with three examples each",
-    "kb pairs keywords --kind block --videos 500 blocks, in 500 transcripts",
-    "kb pairs keywords --unused --examples 0     keywords without a hit as well, no examples",
-])
+@command(
+    app,
+    examples=[
+        "kb pairs keywords                           hits per keyword, with three examples each",
+        "kb pairs keywords --kind block --videos 500 blocks, in 500 transcripts",
+        "kb pairs keywords --unused --examples 0     keywords without a hit as well, no examples",
+    ],
+)
 def keywords(
     run: Run,
     examples: Annotated[int, typer.Option("--examples", min=0, max=100, metavar="N", help="Examples in context for each keyword.")] = 3,

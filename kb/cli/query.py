@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 app = group("SQL over the tables of the data root, by DuckDB.")
 
-_TABLE_ROWS = 100       # rows shown by --format table
-_CELL = 60              # characters of a cell shown by --format table
+_TABLE_ROWS = 100  # rows shown by --format table
+_CELL = 60  # characters of a cell shown by --format table
 
 
 class Format(StrEnum):
@@ -33,12 +33,17 @@ class Format(StrEnum):
     parquet = "parquet"
 
 
-@command(app, raw=True, resumable=False, examples=[
-    "kb query --tables",
-    'kb query "SELECT title, view_count FROM youtube_videos ORDER BY view_count DESC LIMIT 5"',
-    'kb query "SELECT stage, count(*) FROM clean.youtube_rejected GROUP BY stage" --format csv',
-    'kb query "FROM release.reddit_posts" --format parquet --out posts.parquet',
-])
+@command(
+    app,
+    raw=True,
+    resumable=False,
+    examples=[
+        "kb query --tables",
+        'kb query "SELECT title, view_count FROM youtube_videos ORDER BY view_count DESC LIMIT 5"',
+        'kb query "SELECT stage, count(*) FROM clean.youtube_rejected GROUP BY stage" --format csv',
+        'kb query "FROM release.reddit_posts" --format parquet --out posts.parquet',
+    ],
+)
 def query(
     options: Options,
     sql: Annotated[str | None, typer.Argument(metavar="SQL", help="A query; views are named SOURCE_TABLE.")] = None,
@@ -127,8 +132,10 @@ def as_table(answer: pa.RecordBatchReader) -> Iterator[str]:
     numeric = [_is_number(field.type) for field in answer.schema]
     widths = [max(len(name), *(len(row[i]) for row in shown)) if shown else len(name) for i, name in enumerate(head)]
     for cells in (head, ["-" * width for width in widths], *shown):
-        yield "  ".join(cell.rjust(width) if right else cell.ljust(width)
-                        for cell, width, right in zip(cells, widths, numeric, strict=True)).rstrip() + "\n"
+        yield (
+            "  ".join(cell.rjust(width) if right else cell.ljust(width) for cell, width, right in zip(cells, widths, numeric, strict=True)).rstrip()
+            + "\n"
+        )
     if total > len(shown):
         yield f"... {total:,} rows in all; --format csv prints every one\n"
 
@@ -203,4 +210,3 @@ def _plain(value: Any) -> Any:
         text = value.isoformat()
         return text.removesuffix("+00:00") + "Z" if text.endswith("+00:00") else text
     return value
-

@@ -30,11 +30,14 @@ Since = Annotated[str | None, typer.Option("--since", metavar="DATE", help="Only
 Until = Annotated[str | None, typer.Option("--until", metavar="DATE", help="Only posts made before this time (UTC).")]
 
 
-@command(app, examples=[
-    "kb reddit crawl                          every listing of the profile's subreddit, and all comments",
-    "kb reddit crawl --limit 100              100 posts with their comments",
-    "kb reddit crawl --since 2026-01-01       only posts of this year",
-])
+@command(
+    app,
+    examples=[
+        "kb reddit crawl                          every listing of the profile's subreddit, and all comments",
+        "kb reddit crawl --limit 100              100 posts with their comments",
+        "kb reddit crawl --since 2026-01-01       only posts of this year",
+    ],
+)
 def crawl(run: Run, since: Since = None, until: Until = None) -> Summary:
     """Crawl posts and whole comment trees, as raw JSON.
 
@@ -46,10 +49,14 @@ def crawl(run: Run, since: Since = None, until: Until = None) -> Summary:
     return room(run, since=_moment("--since", since), until=_moment("--until", until))
 
 
-@command(app, name="import", examples=[
-    "kb reddit import RS_2024-01.zst RC_2024-01.zst       monthly dumps, all subreddits mixed",
-    "kb reddit import Minecraft_submissions.zst           a file of one subreddit",
-])
+@command(
+    app,
+    name="import",
+    examples=[
+        "kb reddit import RS_2024-01.zst RC_2024-01.zst       monthly dumps, all subreddits mixed",
+        "kb reddit import Minecraft_submissions.zst           a file of one subreddit",
+    ],
+)
 def import_(
     run: Run,
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Archive dumps (.zst).")],
@@ -84,15 +91,25 @@ def export(
     return pipeline.load(str(pipeline.locate("reddit", run.pipeline))).export(run, format.value)
 
 
-@command(app, examples=[
-    "kb reddit reconstruct                                 the data root's own release",
-    "kb reddit reconstruct --ids posts-00000-of-00001.parquet --out full",
-    "kb reddit reconstruct --ids reddit.json --out full    MineDojo's published list: whole trees",
-])
+@command(
+    app,
+    examples=[
+        "kb reddit reconstruct                                 the data root's own release",
+        "kb reddit reconstruct --ids posts-00000-of-00001.parquet --out full",
+        "kb reddit reconstruct --ids reddit.json --out full    MineDojo's published list: whole trees",
+    ],
+)
 def reconstruct(
     run: Run,
-    ids: Annotated[Path | None, typer.Option("--ids", metavar="FILE", help="Full names one a line, a released Parquet file, or MineDojo's reddit.json. [default: release/reddit]")] = None,
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Where the tables go. [default: export/reconstructed in the data root]")] = None,
+    ids: Annotated[
+        Path | None,
+        typer.Option(
+            "--ids", metavar="FILE", help="Full names one a line, a released Parquet file, or MineDojo's reddit.json. [default: release/reddit]"
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Where the tables go. [default: export/reconstructed in the data root]")
+    ] = None,
 ) -> Summary:
     """Bring back full posts and comments from released ids, with your own app's key.
 

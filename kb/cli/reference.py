@@ -1,11 +1,11 @@
 """The reference pages, made from what they describe, so that they can't differ from it.
 
-    python -m kb.cli.reference           writes them (make reference)
-    python -m kb.cli.reference --check   exit code 1 when one is out of date
+python -m kb.cli.reference           writes them (make reference)
+python -m kb.cli.reference --check   exit code 1 when one is out of date
 
-    kb/cli/README.md           commands and settings
-    data/profiles/README.md    the keys of a profile
-    schemas/README.md          tables and columns
+kb/cli/README.md           commands and settings
+data/profiles/README.md    the keys of a profile
+schemas/README.md          tables and columns
 """
 
 from __future__ import annotations
@@ -85,8 +85,12 @@ def settings() -> str:
     """Every environment variable."""
     from kb.core.settings import Settings
 
-    lines = ["# Settings\n", "From the environment, or `.env` in the working folder (`.env.example` is a start); the environment wins.\n",
-             "| name | meaning | default |", "|---|---|---|"]
+    lines = [
+        "# Settings\n",
+        "From the environment, or `.env` in the working folder (`.env.example` is a start); the environment wins.\n",
+        "| name | meaning | default |",
+        "|---|---|---|",
+    ]
     for name, field in Settings.model_fields.items():
         default = "" if field.default is None else f"`{field.default}`"
         lines.append(f"| `{name.upper()}` | {_cell(field.description or '')} | {default} |")
@@ -155,7 +159,8 @@ def _type(annotation: Any) -> str:
     if origin is typing.Annotated:
         return _type(inner[0])
     return {"str": "text", "int": "integer", "float": "number", "bool": "true or false"}.get(
-        getattr(annotation, "__name__", ""), getattr(annotation, "__name__", str(annotation)))
+        getattr(annotation, "__name__", ""), getattr(annotation, "__name__", str(annotation))
+    )
 
 
 def _short(value: Any) -> str:
@@ -174,8 +179,13 @@ def columns() -> str:
 
     lines = ["# Tables\n", "Times are UTC. A column without a reason for null is never null. *Released* columns are those of `release/`.\n"]
     for table in tables().values():
-        lines += [f"## `{table.name}`\n", f"{table.doc}\n", f"Key: {', '.join(f'`{name}`' for name in table.key)}.\n",
-                  "| column | type | unit | null when | released | meaning | from |", "|---|---|---|---|---|---|---|"]
+        lines += [
+            f"## `{table.name}`\n",
+            f"{table.doc}\n",
+            f"Key: {', '.join(f'`{name}`' for name in table.key)}.\n",
+            "| column | type | unit | null when | released | meaning | from |",
+            "|---|---|---|---|---|---|---|",
+        ]
         lines += [
             f"| `{column.name}` | {_cell(column.type)} | {column.unit} | {_cell(column.why_null)} | {'yes' if column.released else ''}"
             f" | {_cell(column.doc)} | {_cell(str(column.source))} |"
@@ -192,8 +202,7 @@ def _cell(text: str) -> str:
 def main(arguments: list[str]) -> int:
     """Write the pages, or name those that are out of date."""
     root = Path(importlib.import_module("kb").__file__ or "").resolve().parent.parent
-    stale = {name: text for name, text in pages().items()
-             if not (root / name).is_file() or (root / name).read_text(encoding="utf-8") != text}
+    stale = {name: text for name, text in pages().items() if not (root / name).is_file() or (root / name).read_text(encoding="utf-8") != text}
     if "--check" in arguments:
         for name in stale:
             print(f"{name} is out of date; run `make reference`", file=sys.stderr)

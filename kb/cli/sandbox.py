@@ -37,15 +37,11 @@ def sandbox(
         list[str] | None,
         typer.Argument(metavar="[-- COMMAND]", help="A command to run with the settings; its exit code is kb's."),
     ] = None,
-    env: Annotated[
-        Path | None, typer.Option("--env", metavar="FILE", help="Write the settings to FILE, as NAME=value lines.")
-    ] = None,
+    env: Annotated[Path | None, typer.Option("--env", metavar="FILE", help="Write the settings to FILE, as NAME=value lines.")] = None,
     seed: Annotated[int, typer.Option("--seed", help="Which world.")] = 0,
     channels: Annotated[int, typer.Option("--channels", min=1, help="YouTube channels of the world.")] = 12,
     videos: Annotated[int, typer.Option("--videos", min=0, help="YouTube videos of the world.")] = 300,
-    model: Annotated[
-        bool, typer.Option("--model/--no-model", help="Make the tiny toxicity model, if there is none yet.")
-    ] = True,
+    model: Annotated[bool, typer.Option("--model/--no-model", help="Make the tiny toxicity model, if there is none yet.")] = True,
 ) -> None:
     """Serve YouTube, wiki, Reddit and Zenodo of one small invented world on loopback.
 

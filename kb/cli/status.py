@@ -35,13 +35,18 @@ def _lines(about: dict[str, Any]) -> list[str]:
     for source, facts in about["sources"].items():
         running = f" (being written by pid {facts['running_pid']})" if facts["running_pid"] else ""
         lines += ["", f"{source}{running}"]
-        lines += _table("phase", ["done", "left", "error", "skipped"], {
-            kind: [counts.get("done", 0), counts["left"], counts.get("error", 0), counts.get("skipped", 0)]
-            for kind, counts in facts["phases"].items()
-        })
+        lines += _table(
+            "phase",
+            ["done", "left", "error", "skipped"],
+            {
+                kind: [counts.get("done", 0), counts["left"], counts.get("error", 0), counts.get("skipped", 0)]
+                for kind, counts in facts["phases"].items()
+            },
+        )
         for bucket, quota in facts["quota"].items():
-            lines.append(f"  quota {bucket}: {quota['spent']:,} of {quota['limit']:,} spent today, {quota['left']:,} left,"
-                         f" resets {quota['resets_at']}")
+            lines.append(
+                f"  quota {bucket}: {quota['spent']:,} of {quota['limit']:,} spent today, {quota['left']:,} left, resets {quota['resets_at']}"
+            )
         if facts["requests"]:
             lines.append(f"  requests so far: {facts['requests']:,}" + (f", units {facts['units']:,}" if facts["units"] else ""))
         if facts["rows"]:

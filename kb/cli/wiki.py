@@ -55,17 +55,15 @@ def crawl(
 @command(app, name="filter", examples=["kb wiki filter", "kb wiki filter --profile mine.toml"])
 def filter_(run: Run) -> Summary:
     """Sort captured pages into clean/wiki: kept, rejected with the reason, failed and pending."""
-    from kb.core.pipeline import load, locate
+    from kb.filters.clean import run_clean
 
-    return load(str(locate("wiki", run.pipeline))).clean(run)
+    return run_clean(run, "wiki")
 
 
 @command(app, examples=["kb wiki export", "kb wiki export --format minedojo"])
 def export(
     run: Run,
-    format: Annotated[
-        Format, typer.Option("--format", help="Parquet and tar shards go to release/, others to export/FORMAT/.")
-    ] = Format.parquet,
+    format: Annotated[Format, typer.Option("--format", help="Parquet and tar shards go to release/, others to export/FORMAT/.")] = Format.parquet,
 ) -> Summary:
     """Write clean/wiki as the released tables with their pictures, or in another layout."""
     from kb.core.pipeline import load, locate

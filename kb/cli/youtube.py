@@ -34,20 +34,24 @@ class Format(StrEnum):
     minedojo = "minedojo"
 
 
-@command(app, examples=[
-    "kb youtube crawl --plan                  what is left costs: units, calls, hours, GB, days",
-    "kb youtube crawl --limit 100             100 videos through every phase",
-    "kb youtube crawl --only metadata --wait  one phase, sleeping through quota resets",
-    "kb youtube crawl --ids videos.parquet    known videos, no discovery",
-    "kb youtube crawl --part 1/4              the first of four machines",
-])
+@command(
+    app,
+    examples=[
+        "kb youtube crawl --plan                  what is left costs: units, calls, hours, GB, days",
+        "kb youtube crawl --limit 100             100 videos through every phase",
+        "kb youtube crawl --only metadata --wait  one phase, sleeping through quota resets",
+        "kb youtube crawl --ids videos.parquet    known videos, no discovery",
+        "kb youtube crawl --part 1/4              the first of four machines",
+    ],
+)
 def crawl(
     run: Run,
     plan: Annotated[bool, typer.Option("--plan", help="Print what is left and what it costs; send nothing.")] = False,
     only: Annotated[Phase | None, typer.Option("--only", help="Run one phase alone.")] = None,
     part: Part = None,
-    ids: Annotated[Path | None, typer.Option(
-        "--ids", metavar="FILE", help="Video ids: lines, a released Parquet file or MineDojo's JSON; skips discovery.")] = None,
+    ids: Annotated[
+        Path | None, typer.Option("--ids", metavar="FILE", help="Video ids: lines, a released Parquet file or MineDojo's JSON; skips discovery.")
+    ] = None,
 ) -> Summary:
     """Crawl channels by keyword, their uploads, metadata and transcripts, as raw JSON.
 

@@ -108,9 +108,7 @@ class _Future(Future[Any]):
         try:
             return self._inner.result(timeout)
         except KilledWorker as error:
-            raise FatalError(
-                "several Dask workers died of the same task", hint="they may need more memory; see their logs"
-            ) from error
+            raise FatalError("several Dask workers died of the same task", hint="they may need more memory; see their logs") from error
 
     def cancel(self) -> bool:
         """Ask the cluster not to run it."""
@@ -121,9 +119,7 @@ class _Future(Future[Any]):
         return self._inner.done()
 
 
-def _call(
-    environment: dict[str, str | None], fn: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]
-) -> Any:
+def _call(environment: dict[str, str | None], fn: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
     """Runs on a worker."""
     for name, value in environment.items():
         if value is None:

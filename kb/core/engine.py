@@ -26,7 +26,7 @@ class Inline(Executor):
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001  whoever asks for the result gets it
             future.set_exception(error)
         return future
 
@@ -59,9 +59,7 @@ def make_executor(engine: str = "local", workers: int = 1, scheduler: str | None
     raise SettingError(f"--engine is {engine!r}", hint="allowed: local, dask")
 
 
-def map_in_order(
-    executor: Executor, fn: Callable[..., Any], tasks: Iterable[tuple[Any, ...]], window: int = 4
-) -> Iterator[Any]:
+def map_in_order(executor: Executor, fn: Callable[..., Any], tasks: Iterable[tuple[Any, ...]], window: int = 4) -> Iterator[Any]:
     """Results of `fn(*task)` in task order, with at most `window` tasks submitted at once.
 
     Memory is bounded by the window. Stops with Interrupted between tasks when asked to.

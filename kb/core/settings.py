@@ -39,8 +39,7 @@ class Settings(BaseSettings):
     source_date_epoch: int | None = Field(None, ge=0, description="build date in releases, seconds since 1970")
     kb_now: str | None = Field(None, description="the date for data and quota days, for tests")
 
-    @field_validator("kb_youtube_endpoint", "kb_youtube_web", "kb_reddit_endpoint", "kb_wiki_url",
-                     "kb_zenodo_endpoint", "kb_models_endpoint")
+    @field_validator("kb_youtube_endpoint", "kb_youtube_web", "kb_reddit_endpoint", "kb_wiki_url", "kb_zenodo_endpoint", "kb_models_endpoint")
     @classmethod
     def _is_root(cls, value: str | None) -> str | None:
         if not value:

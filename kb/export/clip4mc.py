@@ -35,8 +35,11 @@ def write(run: Run) -> Path:
             if row["text"] is None:
                 raise FatalError("a pair has no text", hint="run `kb pairs`, or `kb pairs --from-index` with all transcripts")
             pair = {
-                "vid": row["video_id"], "transcript clip": row["text"], "size": [1.0] * _FRAMES,
-                "begin position": row["clip_start_s"], "end position": row["clip_end_s"],
+                "vid": row["video_id"],
+                "transcript clip": row["text"],
+                "size": [1.0] * _FRAMES,
+                "begin position": row["clip_start_s"],
+                "end position": row["clip_end_s"],
             }
             file.write((b",\n" if count else b"\n") + orjson.dumps(pair))
             count += 1

@@ -22,8 +22,13 @@ if TYPE_CHECKING:
 
 # MineDojo's name ← ours, in the published order
 YOUTUBE = {
-    "id": "video_id", "title": "title", "link": "link", "view_count": "view_count", "like_count": "like_count",
-    "duration": "duration_s", "fps": "fps",
+    "id": "video_id",
+    "title": "title",
+    "link": "link",
+    "view_count": "view_count",
+    "like_count": "like_count",
+    "duration": "duration_s",
+    "fps": "fps",
 }
 
 

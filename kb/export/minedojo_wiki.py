@@ -81,11 +81,7 @@ def wiki(run: Run) -> Summary:
 
 def folder_name(url: str) -> str:
     """The page's folder: the path of its address, each step a plain name that can't lead elsewhere."""
-    steps = [
-        re.sub(r'[\x00-\x1f<>:"\\|?*]', "_", unquote(step).replace("/", "_"))
-        for step in urlsplit(url).path.split("/")
-        if step
-    ]
+    steps = [re.sub(r'[\x00-\x1f<>:"\\|?*]', "_", unquote(step).replace("/", "_")) for step in urlsplit(url).path.split("/") if step]
     # The published loader skips names that start with a dot; no file system takes more than 255 bytes.
     return os.sep.join(_short(re.sub(r"^\.+", "_", step)) for step in steps) or "_"
 
@@ -122,11 +118,7 @@ def box(row: Row) -> list[int]:
 def _data(root: Path, folder: Path, page: Row, elements: list[Row], cells: list[Row], images: list[Row]) -> Row:
     seen = {row["element_id"]: row for row in elements if row["visible"]}
     of_table = {number: list(group) for number, group in groupby(cells, key=lambda row: row["table_id"])}
-    shown = [
-        row
-        for row in images
-        if row["element_id"] in seen and seen[row["element_id"]]["kind"] != "sprite" and not row["frame_index"]
-    ]
+    shown = [row for row in images if row["element_id"] in seen and seen[row["element_id"]]["kind"] != "sprite" and not row["frame_index"]]
     return {
         "metadata": {
             "url": page["url"],
@@ -136,9 +128,7 @@ def _data(root: Path, folder: Path, page: Row, elements: list[Row], cells: list[
         "tables": [_table(row, of_table.get(row["element_id"], [])) for row in seen.values() if row["kind"] == "table"],
         "images": [held for row in shown if (held := _image(root, folder, row, seen[row["element_id"]]))],
         "sprites": [{"text": row["text"] or "", "bbox": box(row)} for row in seen.values() if row["kind"] == "sprite"],
-        "texts": [
-            {"text": row["text"], "bbox": box(row)} for row in seen.values() if row["kind"] == "text" and row["text"]
-        ],
+        "texts": [{"text": row["text"], "bbox": box(row)} for row in seen.values() if row["kind"] == "text" and row["text"]],
     }
 
 
@@ -147,10 +137,7 @@ def _table(row: Row, cells: list[Row]) -> Row:
         True: [cell for cell in cells if cell["is_header"]],
         False: [cell for cell in cells if not cell["is_header"]],
     }
-    held = {
-        kind: {"text": [cell["text"] for cell in part], "bboxes": [box(cell) for cell in part]}
-        for kind, part in parts.items()
-    }
+    held = {kind: {"text": [cell["text"] for cell in part], "bboxes": [box(cell) for cell in part]} for kind, part in parts.items()}
     return {"bbox": box(row), "headers": held[True], "cells": held[False]}
 
 

@@ -32,7 +32,11 @@ class Change(NamedTuple):
 
 
 def export(
-    run: Run, source: str, *, changes: Mapping[str, Change] | None = None, beside: Callable[[Path], None] | None = None,
+    run: Run,
+    source: str,
+    *,
+    changes: Mapping[str, Change] | None = None,
+    beside: Callable[[Path], None] | None = None,
 ) -> Summary:
     """Writes release/<source>/ and returns the rows of each table.
 
@@ -53,8 +57,9 @@ def export(
             change = (changes or {}).get(declared.name)
             if change is not None:
                 # What the change knows is in this process only.
-                made = shards.sorted_shards(found[declared.name], fresh, declared, rows_per_shard=size,
-                                            reads=change.reads, change=change.make, sync=False)
+                made = shards.sorted_shards(
+                    found[declared.name], fresh, declared, rows_per_shard=size, reads=change.reads, change=change.make, sync=False
+                )
                 summary[declared.short] = sum(shard.rows for shard in made)
                 task.advance(1, rows=summary[declared.short])
         plain = [declared for declared in released if declared.name not in (changes or {})]

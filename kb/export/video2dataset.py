@@ -29,8 +29,17 @@ def schema() -> pa.Schema:
     import pyarrow as pa
 
     texts = pa.list_(pa.string())
-    return pa.schema({"url": pa.string(), "caption": pa.string(), "clips": pa.list_(pa.list_(pa.float64())),
-                      "video_id": pa.string(), "pair_ids": texts, "keywords": texts, "captions": texts})
+    return pa.schema(
+        {
+            "url": pa.string(),
+            "caption": pa.string(),
+            "clips": pa.list_(pa.list_(pa.float64())),
+            "video_id": pa.string(),
+            "pair_ids": texts,
+            "keywords": texts,
+            "captions": texts,
+        }
+    )
 
 
 def write(run: Run) -> Path:
@@ -43,11 +52,17 @@ def write(run: Run) -> Path:
         waiting: list[dict[str, object]] = []
         for video, rows in by_video(run, _COLUMNS):
             texts = [row["text"] for row in rows]
-            waiting.append({
-                "url": f"https://www.youtube.com/watch?v={video}", "caption": "\n".join(text for text in texts if text),
-                "clips": [[row["clip_start_s"], row["clip_end_s"]] for row in rows], "video_id": video,
-                "pair_ids": [row["pair_id"] for row in rows], "keywords": [row["keyword"] for row in rows], "captions": texts,
-            })
+            waiting.append(
+                {
+                    "url": f"https://www.youtube.com/watch?v={video}",
+                    "caption": "\n".join(text for text in texts if text),
+                    "clips": [[row["clip_start_s"], row["clip_end_s"]] for row in rows],
+                    "video_id": video,
+                    "pair_ids": [row["pair_id"] for row in rows],
+                    "keywords": [row["keyword"] for row in rows],
+                    "captions": texts,
+                }
+            )
             if len(waiting) == _ROWS:
                 file.write_table(pa.Table.from_pylist(waiting, schema()))
                 waiting = []

@@ -130,9 +130,7 @@ def _sample(root: Path, name: str, path: str, about: dict[str, Any]) -> Sample:
     try:
         size = file.stat().st_size
     except OSError:
-        raise DamagedData(
-            f"{file} is not there, but clean/wiki names it", hint="run `kb wiki crawl --again` and `kb wiki filter`"
-        ) from None
+        raise DamagedData(f"{file} is not there, but clean/wiki names it", hint="run `kb wiki crawl --again` and `kb wiki filter`") from None
     text = json.dumps(about, ensure_ascii=False, sort_keys=True).encode()
     return Sample(name, file.suffix.removeprefix("."), file, size, text)
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from kb.core.settings import Settings
 
-TIMEOUT_S = (10.0, 60.0)    # to connect, and between two bytes
+TIMEOUT_S = (10.0, 60.0)  # to connect, and between two bytes
 
 
 def user_agent(contact: str | None) -> str:
@@ -51,12 +51,14 @@ def send(session: requests.Session, method: str, url: str, **options: Any) -> re
     try:
         response = session.request(method, url, **options)
         response.content  # noqa: B018  an answer that breaks off raises here
-    except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError,
-            requests.exceptions.ContentDecodingError) as error:
+    except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError, requests.exceptions.ContentDecodingError) as error:
         raise Retryable(redact.text(f"{type(error).__name__} at {_place(url)}"), unreachable=True) from None
     if response.status_code == 429 or response.status_code >= 500:
-        raise Retryable(f"HTTP {response.status_code} at {_place(url)}", after=retry_after(response.headers.get("Retry-After")),
-                        throttled=response.status_code == 429)
+        raise Retryable(
+            f"HTTP {response.status_code} at {_place(url)}",
+            after=retry_after(response.headers.get("Retry-After")),
+            throttled=response.status_code == 429,
+        )
     return response
 
 

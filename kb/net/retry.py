@@ -1,7 +1,7 @@
 """Which errors are tried again, how often, and how long to wait in between: one policy for every service.
 
-    Retryable    backoff with full jitter, or the service's own wish (Retry-After)
-    others       leave at once: final for the item, stop the stage, or end the run
+Retryable    backoff with full jitter, or the service's own wish (Retry-After)
+others       leave at once: final for the item, stop the stage, or end the run
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Result = TypeVar("Result")
 
 TRIES = 5
 FIRST_S, LONGEST_S = 0.5, 60.0
-PATIENCE_S = 300.0      # a longer Retry-After is no hiccup: the run stops and goes on another time
+PATIENCE_S = 300.0  # a longer Retry-After is no hiccup: the run stops and goes on another time
 
 
 def attempt(call: Callable[[], Result], *, tries: int = TRIES, patience: float = PATIENCE_S) -> Result:
@@ -49,11 +49,15 @@ def attempt(call: Callable[[], Result], *, tries: int = TRIES, patience: float =
         return retrying(call)
     except Retryable as error:
         if error.unreachable:
-            raise Unreachable(f"no connection after {tries} tries: {error.reason}",
-                              hint="check the network; the same command goes on where it stopped") from error
+            raise Unreachable(
+                f"no connection after {tries} tries: {error.reason}", hint="check the network; the same command goes on where it stopped"
+            ) from error
         if error.throttled:
-            raise Blocked(f"the service turns us away {tries} times in a row ({error})",
-                          hint="run the same command later, or add --wait", after=error.after or patience) from error
+            raise Blocked(
+                f"the service turns us away {tries} times in a row ({error})",
+                hint="run the same command later, or add --wait",
+                after=error.after or patience,
+            ) from error
         raise
 
 

@@ -104,7 +104,7 @@ def _one_by_one(start: np.ndarray, end: np.ndarray, video: np.ndarray, place: np
         inside = kept.setdefault(of[one], [])
         at = bisect.bisect(inside, (begins[one], ends[one]))
         # Kept clips are in order of their start; unless they may overlap, only the two beside can be too near.
-        near = inside if gap < 0 else inside[max(at - 1, 0): at + 1]
+        near = inside if gap < 0 else inside[max(at - 1, 0) : at + 1]
         if all(begins[one] >= finish + gap or begin >= ends[one] + gap for begin, finish in near):
             inside.insert(at, (begins[one], ends[one]))
             taken[one] = True

@@ -18,9 +18,7 @@ WALL = 0xFF  # between texts: no byte of UTF-8, so no phrase reaches across
 _GONE = 0x00
 
 # ASCII: letters to lower case, digits kept, all else to a space. Bytes of longer characters stay for now.
-ASCII = bytes(
-    byte if byte >= 0x80 else ord(chr(byte).lower()) if chr(byte).isalnum() else 0x20 for byte in range(256)
-)
+ASCII = bytes(byte if byte >= 0x80 else ord(chr(byte).lower()) if chr(byte).isalnum() else 0x20 for byte in range(256))
 
 
 @lru_cache(maxsize=65_536)

@@ -5,14 +5,32 @@ from __future__ import annotations
 from collections.abc import Collection
 
 _SAME = {"sheep", "fish", "salmon", "cod", "squid", "deer", "bread", "ice", "sand", "gravel", "lava", "water", "dirt", "wool"}
-_ODD = {"wolf": "wolves", "leaf": "leaves", "shelf": "shelves", "bookshelf": "bookshelves", "calf": "calves", "ox": "oxen",
-        "knife": "knives", "half": "halves", "mouse": "mice", "goose": "geese", "foot": "feet", "tooth": "teeth", "man": "men",
-        "potato": "potatoes", "tomato": "tomatoes", "torch": "torches", "loaf": "loaves", "hoof": "hooves", "cactus": "cacti"}
+_ODD = {
+    "wolf": "wolves",
+    "leaf": "leaves",
+    "shelf": "shelves",
+    "bookshelf": "bookshelves",
+    "calf": "calves",
+    "ox": "oxen",
+    "knife": "knives",
+    "half": "halves",
+    "mouse": "mice",
+    "goose": "geese",
+    "foot": "feet",
+    "tooth": "teeth",
+    "man": "men",
+    "potato": "potatoes",
+    "tomato": "tomatoes",
+    "torch": "torches",
+    "loaf": "loaves",
+    "hoof": "hooves",
+    "cactus": "cacti",
+}
 _SINGULAR = {plural: singular for singular, plural in _ODD.items()}
 
 
 def plural(word: str) -> str:
-    """"berry" → "berries", "torch" → "torches", "wolf" → "wolves"; plurals and mass nouns stay."""
+    """ "berry" → "berries", "torch" → "torches", "wolf" → "wolves"; plurals and mass nouns stay."""
     if word in _SAME or word in _SINGULAR or not (word[-1:].isalpha() and word[:1].isascii()):
         return word
     if word in _ODD:
@@ -25,7 +43,7 @@ def plural(word: str) -> str:
 
 
 def singular(word: str) -> str:
-    """"planks" → "plank", "leaves" → "leaf"; words that only look like plurals stay ("glass", "cactus")."""
+    """ "planks" → "plank", "leaves" → "leaf"; words that only look like plurals stay ("glass", "cactus")."""
     if word in _SINGULAR:
         return _SINGULAR[word]
     if word in _SAME or not word.endswith("s") or word.endswith(("ss", "us", "is", "ness")) or len(word) < 4:
@@ -41,7 +59,7 @@ def numbers(phrase: str) -> set[str]:
     """Singular and plural of a folded phrase: of its last word, or of the word before "of"."""
     words = phrase.split(" ")
     head = words.index("of") - 1 if "of" in words[1:] else len(words) - 1
-    return {" ".join([*words[:head], made, *words[head + 1:]]) for made in (words[head], plural(words[head]), singular(words[head]))}
+    return {" ".join([*words[:head], made, *words[head + 1 :]]) for made in (words[head], plural(words[head]), singular(words[head]))}
 
 
 def joined(phrase: str) -> set[str]:

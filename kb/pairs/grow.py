@@ -29,8 +29,16 @@ class Grown(NamedTuple):
 
 
 def grow(
-    text: Text, counter: Tokens, places: tuple[np.ndarray, np.ndarray], words: tuple[np.ndarray, np.ndarray], video: np.ndarray, *,
-    goal: np.ndarray, side: np.ndarray, low: int, high: int,
+    text: Text,
+    counter: Tokens,
+    places: tuple[np.ndarray, np.ndarray],
+    words: tuple[np.ndarray, np.ndarray],
+    video: np.ndarray,
+    *,
+    goal: np.ndarray,
+    side: np.ndarray,
+    low: int,
+    high: int,
 ) -> Grown:
     """`places`: first byte of the phrase and the one after it; `words`: its first and last word; `goal`: tokens
     drawn; `side`: tokens out of `goal` for the left, at most."""
@@ -57,8 +65,7 @@ def grow(
     for one in np.flatnonzero(hard).tolist():
         begins = (int(start[one]), int(end[one])) if tokens[one] > high else (int(grown.start[one]), int(grown.end[one]))
         bounds = (int(text.video_at[video[one]]), int(text.video_end[video[one]]))
-        grown.start[one], grown.end[one], grown.tokens[one] = _cut(
-            text, counter, begins, bounds, goal=max(low, int(goal[one]) + ENDS), high=high)
+        grown.start[one], grown.end[one], grown.tokens[one] = _cut(text, counter, begins, bounds, goal=max(low, int(goal[one]) + ENDS), high=high)
         grown.first[one], grown.last[one] = text.word_of(grown.start[one]), np.searchsorted(text.words, grown.end[one]) - 1
     return grown
 
@@ -72,7 +79,13 @@ def _within(low: np.ndarray, high: np.ndarray, size: int) -> np.ndarray:
 
 
 def _cut(
-    text: Text, counter: Tokens, begins: tuple[int, int], bounds: tuple[int, int], *, goal: int, high: int,
+    text: Text,
+    counter: Tokens,
+    begins: tuple[int, int],
+    bounds: tuple[int, int],
+    *,
+    goal: int,
+    high: int,
 ) -> tuple[int, int, int]:
     """The rare text beside words too long to take whole: grown on, character by character, right and then left."""
     start, end = begins

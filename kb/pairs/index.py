@@ -130,8 +130,12 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, Counts]:
     taken = np.flatnonzero(choose.apart(clip_start, clip_end, found.video, rng.bits("rank"), gap, section.max_pairs_per_video))
     found, position, rng = found.take(taken), position[taken], rng.take(taken)
     grown = Grown(*(column[taken] for column in grown)) if grown else _grow(text, tools, found, rng)
-    times = {"segment": tuple(column[taken] for column in segment), "match": _times(text, found.first, found.last),
-             "text": _times(text, grown.first, grown.last), "clip": (clip_start[taken], clip_end[taken])}
+    times = {
+        "segment": tuple(column[taken] for column in segment),
+        "match": _times(text, found.first, found.last),
+        "text": _times(text, grown.first, grown.last),
+        "clip": (clip_start[taken], clip_end[taken]),
+    }
     counts.tell(tools.keywords, "pairs", found.keyword)
     return _table(text, tools.keywords, found, grown, position, rng, times, center[taken]), counts
 
@@ -161,8 +165,17 @@ def _lengths(section: Pairs) -> tuple[int, int]:
 def _grow(text: Text, tools: Tools, found: Matches, rng: _Draws) -> Grown:
     section = tools.section
     goal = rng.whole("tokens", section.min_tokens, section.max_tokens)
-    return grow(text, tools.tokens, (found.start, found.end), (found.first, found.last), found.video,
-                goal=goal, side=rng.whole("side", 0, goal - ENDS), low=section.min_tokens, high=section.max_tokens)
+    return grow(
+        text,
+        tools.tokens,
+        (found.start, found.end),
+        (found.first, found.last),
+        found.video,
+        goal=goal,
+        side=rng.whole("side", 0, goal - ENDS),
+        low=section.min_tokens,
+        high=section.max_tokens,
+    )
 
 
 def _segment(text: Text, found: Matches) -> tuple[np.ndarray, np.ndarray]:
@@ -185,8 +198,14 @@ def _times(text: Text, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray,
 
 
 def _table(
-    text: Text, keywords: Keywords, found: Matches, grown: Grown, position: np.ndarray, rng: _Draws,
-    times: dict[str, tuple[np.ndarray, np.ndarray]], center: np.ndarray,
+    text: Text,
+    keywords: Keywords,
+    found: Matches,
+    grown: Grown,
+    position: np.ndarray,
+    rng: _Draws,
+    times: dict[str, tuple[np.ndarray, np.ndarray]],
+    center: np.ndarray,
 ) -> pa.Table:
     import pyarrow as pa
 
@@ -194,23 +213,25 @@ def _table(
     kinds = pa.array([keyword.kind for keyword in keywords.every])
     keyword, video = pa.array(found.keyword), pa.array(found.video)
     words, end = _texts(text, grown)
-    return pa.table({
-        "pair_id": draw.hexadecimal(rng.bits("id")),
-        "video_id": text.ids.take(video),
-        "keyword": names.take(keyword),
-        "keyword_kind": kinds.take(keyword),
-        "text": words,
-        "token_count": pa.array(grown.tokens),
-        "match_start_char": pa.array(position),
-        "match_end_char": pa.array(text.characters(found.end, found.video)),
-        "text_start_char": pa.array(text.characters(grown.start, found.video)),
-        "text_end_char": pa.array(text.characters(end, found.video)),
-        **{f"{what}_{side}_s": pa.array(ms / 1000) for what, both in times.items() for side, ms in zip(("start", "end"), both, strict=True)},
-        "center_s": pa.array(center / 1000),
-        "clip_start_s": pa.array(times["clip"][0] / 1000),
-        "clip_end_s": pa.array(times["clip"][1] / 1000),
-        "transcript_kind": text.kinds.take(video),
-    })
+    return pa.table(
+        {
+            "pair_id": draw.hexadecimal(rng.bits("id")),
+            "video_id": text.ids.take(video),
+            "keyword": names.take(keyword),
+            "keyword_kind": kinds.take(keyword),
+            "text": words,
+            "token_count": pa.array(grown.tokens),
+            "match_start_char": pa.array(position),
+            "match_end_char": pa.array(text.characters(found.end, found.video)),
+            "text_start_char": pa.array(text.characters(grown.start, found.video)),
+            "text_end_char": pa.array(text.characters(end, found.video)),
+            **{f"{what}_{side}_s": pa.array(ms / 1000) for what, both in times.items() for side, ms in zip(("start", "end"), both, strict=True)},
+            "center_s": pa.array(center / 1000),
+            "clip_start_s": pa.array(times["clip"][0] / 1000),
+            "clip_end_s": pa.array(times["clip"][1] / 1000),
+            "transcript_kind": text.kinds.take(video),
+        }
+    )
 
 
 def _texts(text: Text, grown: Grown) -> tuple[pa.Array, np.ndarray]:

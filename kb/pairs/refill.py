@@ -50,7 +50,7 @@ def refill(run: Run, index: Path) -> Summary:
                 signals.stop.check()
                 for video, whole in _wanted(batch, places):
                     for row in places[video]:
-                        text = " ".join(whole[starts[row]:ends[row]].split())
+                        text = " ".join(whole[starts[row] : ends[row]].split())
                         if counter.count(text) + ENDS == tokens[row]:
                             texts[row] = text
                             found += 1
@@ -87,8 +87,9 @@ def _read(index: Path) -> pa.Table:
 def _wanted(batch: Text, places: dict[str, list[int]]) -> list[tuple[str, str]]:
     """Ids and whole texts of the transcripts that the index names."""
     return [
-        (video, batch.raw[batch.video_at[row]:batch.video_end[row]].decode("utf-8", "replace"))
-        for row, video in enumerate(batch.ids.to_pylist()) if video in places
+        (video, batch.raw[batch.video_at[row] : batch.video_end[row]].decode("utf-8", "replace"))
+        for row, video in enumerate(batch.ids.to_pylist())
+        if video in places
     ]
 
 

@@ -85,5 +85,7 @@ class _Examples:
 
 def _context(text: Text, start: int, end: int, video: int) -> str:
     low, high = max(int(text.video_at[video]), start - _AROUND), min(int(text.video_end[video]), end + _AROUND)
-    before, phrase, behind = (" ".join(part.decode("utf-8", "ignore").split()) for part in (text.raw[low:start], text.raw[start:end], text.raw[end:high]))
+    before, phrase, behind = (
+        " ".join(part.decode("utf-8", "ignore").split()) for part in (text.raw[low:start], text.raw[start:end], text.raw[end:high])
+    )
     return f"{text.ids[video].as_py()}: …{before} [{phrase}] {behind}…"

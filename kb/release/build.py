@@ -86,11 +86,7 @@ def write(run: Run, folder: Folder) -> Facts:
         "LICENSE": _licence(facts),
         "croissant.json": croissant(run, facts),
         folders.DEPOSIT: deposit(run, facts),
-        **{
-            f"LICENSE-{name}.txt": KNOWN[name].text
-            for name, _ in facts.licences
-            if name in KNOWN and name != facts.licence
-        },
+        **{f"LICENSE-{name}.txt": KNOWN[name].text for name, _ in facts.licences if name in KNOWN and name != facts.licence},
     }
     for name, text in texts.items():
         write_text(folder.path / name, text)

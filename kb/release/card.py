@@ -50,21 +50,11 @@ def card(run: Run, facts: Facts) -> str:
         *[_table(table) for table in facts.tables],
         _others(facts),
         _use(facts),
-        "## How it was made\n\n"
-        + about.on(run.profile.title, about.collection)
-        + "\n\n"
-        + "".join(f"- {line}\n" for line in about.processing),
+        "## How it was made\n\n" + about.on(run.profile.title, about.collection) + "\n\n" + "".join(f"- {line}\n" for line in about.processing),
         _dropped(facts),
         "## Limits\n\n" + "".join(f"- {line}\n" for line in (*about.biases, *about.limits, about.absent)),
-        "## People and removal\n\n"
-        + about.people
-        + "\n\n"
-        + about.upkeep
-        + f"\n\nTo have something removed, write to {contact(run)}.\n",
-        (
-            f"## Licence and credit\n\n{about.attribution}\n\n{law.title} ({law.spdx}): {law.short} The full text is "
-            "in LICENSE.\n"
-        ),
+        "## People and removal\n\n" + about.people + "\n\n" + about.upkeep + f"\n\nTo have something removed, write to {contact(run)}.\n",
+        (f"## Licence and credit\n\n{about.attribution}\n\n{law.title} ({law.spdx}): {law.short} The full text is in LICENSE.\n"),
         (
             f"## Citation\n\n```bibtex\n{bibtex(run, facts)}\n```\n\nCITATION.cff says the same for machines; "
             "DATASHEET.md answers the questions of *Datasheets for Datasets*.\n"
@@ -118,26 +108,16 @@ def _table(table: TableFacts) -> str:
         if fact.top:
             values = ", ".join(f"{name} {n:,}" for name, n in fact.top)
         else:
-            values = " – ".join(
-                dict.fromkeys(value(thing) for thing in (fact.low, fact.middle, fact.high) if thing is not None)
-            )
+            values = " – ".join(dict.fromkeys(value(thing) for thing in (fact.low, fact.middle, fact.high) if thing is not None))
         lines.append((f"`{column.name}`", column.type, column.unit, doc, values))
-    return (
-        head
-        + "\n"
-        + rows(("column", "type", "unit", "what it is", "smallest – median – largest, or most frequent"), lines)
-    )
+    return head + "\n" + rows(("column", "type", "unit", "what it is", "smallest – median – largest, or most frequent"), lines)
 
 
 def _others(facts: Facts) -> str:
     if not facts.others:
         return ""
     head = "Path columns read `<tar>/<member>`: the file `<member>` inside the archive `<tar>` of this folder.\n\n"
-    return (
-        "### Archives\n\n"
-        + head
-        + rows(("file", "size"), [(f"`{file.name}`", size(file.size)) for file in facts.others])
-    )
+    return "### Archives\n\n" + head + rows(("file", "size"), [(f"`{file.name}`", size(file.size)) for file in facts.others])
 
 
 def _use(facts: Facts) -> str:

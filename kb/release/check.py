@@ -33,9 +33,7 @@ def check(run: Run, folders: list[Folder]) -> list[Problem]:
     for folder in folders:
         problems += _files(folder)
         broken = {problem.where for problem in problems}
-        whole = [
-            part for part in folder.parts if not any(f"{folder.source}/{shard.name}" in broken for shard in part.shards)
-        ]
+        whole = [part for part in folder.parts if not any(f"{folder.source}/{shard.name}" in broken for shard in part.shards)]
         problems += [found for part in whole for found in _counts(run.root, folder.source, part)]
         problems += _absent(run.root, folder)
         problems += checksums.check(folder, folder.data)
@@ -86,9 +84,7 @@ def _files(folder: Folder) -> list[Problem]:
             try:
                 schema = pq.read_schema(shard)
             except (pa.ArrowInvalid, OSError) as error:
-                found.append(
-                    Problem("damaged", where, f"can't be read ({str(error).splitlines()[0][:80]}); export it again")
-                )
+                found.append(Problem("damaged", where, f"can't be read ({str(error).splitlines()[0][:80]}); export it again"))
                 continue
             found += _columns(part, schema, where)
             if folder.source == "reddit":
@@ -104,11 +100,7 @@ def _numbering(folder: Folder, part: Part) -> list[Problem]:
     names = [f"{part.table.short}-{index:05d}-of-{total:05d}.parquet" for index in range(total)]
     if names == [shard.name for shard in part.shards]:
         return []
-    return [
-        Problem(
-            "damaged", f"{folder.source}/{part.table.short}", "shards are missing or of two exports; export it again"
-        )
-    ]
+    return [Problem("damaged", f"{folder.source}/{part.table.short}", "shards are missing or of two exports; export it again")]
 
 
 def _columns(part: Part, schema: pa.Schema, where: str) -> list[Problem]:
@@ -123,14 +115,8 @@ def _columns(part: Part, schema: pa.Schema, where: str) -> list[Problem]:
             word = "content" if column.content else "unreleased"
             found.append(Problem(word, where, f"column {field.name} may not be released"))
         elif field.type != expected.field(field.name).type:
-            found.append(
-                Problem("undescribed", where, f"column {field.name} is {field.type}, schemas/ says {column.type}")
-            )
-    found += [
-        Problem("undescribed", where, f"column {name} is missing")
-        for name in expected.names
-        if name not in schema.names
-    ]
+            found.append(Problem("undescribed", where, f"column {field.name} is {field.type}, schemas/ says {column.type}"))
+    found += [Problem("undescribed", where, f"column {name} is missing") for name in expected.names if name not in schema.names]
     return found
 
 
@@ -145,9 +131,7 @@ def _reddit_values(shard: Path, where: str) -> list[Problem]:
     for name in [field.name for field in file.schema_arrow if pa.types.is_string(field.type)]:
         for batch in file.iter_batches(columns=[name]):
             values = batch.column(0).drop_null()
-            odd = pc.or_(
-                pc.greater(pc.utf8_length(values), _REDDIT_LONGEST), pc.match_substring_regex(values, r"[\s/@]")
-            )
+            odd = pc.or_(pc.greater(pc.utf8_length(values), _REDDIT_LONGEST), pc.match_substring_regex(values, r"[\s/@]"))
             if pc.any(odd).as_py():
                 found.append(Problem("content", where, f"column {name} holds text that is no id"))
                 break
@@ -165,9 +149,7 @@ def _counts(root: Path, source: str, part: Part) -> list[Problem]:
     rows, expected = _rows(part.shards), _rows(clean)
     if rows == expected:
         return []
-    return [
-        Problem("rows", f"{source}/{part.table.short}", f"{rows:,} released, {expected:,} clean; run the export again")
-    ]
+    return [Problem("rows", f"{source}/{part.table.short}", f"{rows:,} released, {expected:,} clean; run the export again")]
 
 
 def _absent(root: Path, folder: Folder) -> list[Problem]:
@@ -211,16 +193,10 @@ def _scores(run: Run, folder: Folder) -> list[Problem]:
         if "toxicity" in names and "word_count" in names:
             tests["the page's text"] = "word_count > 0 AND toxicity IS NULL"
         for text, test in tests.items():
-            row = duckdb.connect().execute(
-                f"SELECT count(*) FROM read_parquet(?) WHERE {test}", [[str(path) for path in files]]
-            ).fetchone()
+            row = duckdb.connect().execute(f"SELECT count(*) FROM read_parquet(?) WHERE {test}", [[str(path) for path in files]]).fetchone()
             if row and row[0]:
                 what = f"{row[0]:,} rows have no toxicity score of {text}"
-                what += (
-                    "; run `kb annotate`"
-                    if run.profile.toxicity.on
-                    else "; the release is incomplete, toxicity is off in the profile"
-                )
+                what += "; run `kb annotate`" if run.profile.toxicity.on else "; the release is incomplete, toxicity is off in the profile"
                 found.append(Problem("toxicity", f"{folder.source}/{declared.short}", what))
     return found
 
@@ -238,10 +214,14 @@ def _age(run: Run, source: str, part: Part) -> list[Problem]:
     if days is None or "fetched_at" not in part.table.names(released=True):
         return []
     limit = clock.now() - timedelta(days=days)
-    row = duckdb.connect().execute(
-        "SELECT count(*), min(fetched_at)::DATE FROM read_parquet(?) WHERE fetched_at < ?",
-        [[str(path) for path in part.shards], limit],
-    ).fetchone()
+    row = (
+        duckdb.connect()
+        .execute(
+            "SELECT count(*), min(fetched_at)::DATE FROM read_parquet(?) WHERE fetched_at < ?",
+            [[str(path) for path in part.shards], limit],
+        )
+        .fetchone()
+    )
     if not row or not row[0]:
         return []
     what = f"{row[0]:,} rows were read more than {days} days ago (the oldest on {row[1]})"

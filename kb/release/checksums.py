@@ -45,9 +45,5 @@ def check(folder: Folder, files: Sequence[Path], *, all_listed: bool = False) ->
         elif digest(file) != sums[file.name]:
             found.append(Problem("checksum", where, f"differs from {SUMS}; export it again"))
     if all_listed:
-        found += [
-            Problem("checksum", f"{folder.source}/{name}", f"is in {SUMS} but not there")
-            for name in sums
-            if not (folder.path / name).exists()
-        ]
+        found += [Problem("checksum", f"{folder.source}/{name}", f"is in {SUMS} but not there") for name in sums if not (folder.path / name).exists()]
     return found

@@ -29,10 +29,7 @@ def citation(run: Run, facts: Facts) -> str:
         lines.append(f"url: {folded(section.homepage)}")
     lines += [
         "keywords:",
-        *[
-            f"  - {folded(word)}"
-            for word in dict.fromkeys((run.profile.name, *ABOUT[facts.source].words, *section.keywords))
-        ],
+        *[f"  - {folded(word)}" for word in dict.fromkeys((run.profile.name, *ABOUT[facts.source].words, *section.keywords))],
         "authors:",
     ]
     for creator in section.creators:

@@ -77,18 +77,14 @@ def croissant(run: Run, facts: Facts) -> str:
         "license": licence(facts.licence).url,
         "version": section.version,
         "citeAs": bibtex(run, facts),
-        "creator": [
-            {"@type": "sc:Organization" if "," not in one.name else "sc:Person", "name": one.name}
-            for one in section.creators
-        ],
+        "creator": [{"@type": "sc:Organization" if "," not in one.name else "sc:Person", "name": one.name} for one in section.creators],
         "keywords": list(dict.fromkeys((run.profile.name, *about.words, *section.keywords))),
         "datePublished": day(facts.built),
         "dateModified": day(facts.built),
         "inLanguage": run.profile.youtube.language if run.profile.youtube else "en",
         **({"url": section.homepage} if section.homepage else {}),
         **_responsible(run, facts),
-        "distribution": [file for table in facts.tables for file in _files(table)]
-        + [_archive(file) for file in facts.others],
+        "distribution": [file for table in facts.tables for file in _files(table)] + [_archive(file) for file in facts.others],
         "recordSet": [_records(table) for table in facts.tables],
     }
     return json.dumps(document, ensure_ascii=False, indent=1) + "\n"
@@ -104,12 +100,9 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
         "rai:dataCollectionMissingData": about.absent,
         "rai:dataPreprocessingProtocol": list(about.processing),
         "rai:dataAnnotationProtocol": [
-            f"Texts were scored by the toxicity model {model} ({revision}) in {precision}."
-            for model, revision, precision in facts.models
+            f"Texts were scored by the toxicity model {model} ({revision}) in {precision}." for model, revision, precision in facts.models
         ],
-        "rai:machineAnnotationTools": [
-            f"Detoxify {model} {revision} {precision}" for model, revision, precision in facts.models
-        ],
+        "rai:machineAnnotationTools": [f"Detoxify {model} {revision} {precision}" for model, revision, precision in facts.models],
         "rai:dataBiases": list(about.biases),
         "rai:dataLimitations": [*about.limits, *(["not for: " + what for what in about.avoid])],
         "rai:dataUseCases": list(about.uses),
@@ -178,11 +171,7 @@ def _archive(file: File) -> dict[str, Any]:
 
 def _records(table: TableFacts) -> dict[str, Any]:
     short = table.table.short
-    source = (
-        {"fileObject": {"@id": table.files[0].name}}
-        if len(table.files) == 1
-        else {"fileSet": {"@id": f"{short}-files"}}
-    )
+    source = {"fileObject": {"@id": table.files[0].name}} if len(table.files) == 1 else {"fileSet": {"@id": f"{short}-files"}}
     return {
         "@type": "cr:RecordSet",
         "@id": short,

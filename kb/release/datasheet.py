@@ -22,10 +22,7 @@ def datasheet(run: Run, facts: Facts) -> str:
     """The whole datasheet."""
     parts = [
         f"# Datasheet: {title(run, facts)}\n",
-        (
-            f"Version {run.profile.release.version}, built {day(facts.built)}. Every figure here was measured on the "
-            "data of this folder.\n"
-        ),
+        (f"Version {run.profile.release.version}, built {day(facts.built)}. Every figure here was measured on the data of this folder.\n"),
     ]
     if facts.sandbox:
         parts.append(f"> **{SANDBOX_NOTE}**\n")
@@ -37,23 +34,16 @@ def datasheet(run: Run, facts: Facts) -> str:
 
 def _sections(run: Run, facts: Facts) -> list[tuple[str, list[tuple[str, str]]]]:
     about, law = ABOUT[facts.source], licence(facts.licence)
-    who = ", ".join(
-        one.name + (f" ({one.affiliation})" if one.affiliation else "") for one in run.profile.release.creators
-    )
+    who = ", ".join(one.name + (f" ({one.affiliation})" if one.affiliation else "") for one in run.profile.release.creators)
     rejected = sum(n for _, _, n in facts.rejected)
-    kept = next(
-        (table.rows for table in facts.tables if table.table.short in ("videos", "pages", "posts", "pairs")), facts.rows
-    )
+    kept = next((table.rows for table in facts.tables if table.table.short in ("videos", "pages", "posts", "pairs")), facts.rows)
     return [
         (
             "Motivation",
             [
                 (
                     "For what purpose was the dataset created?",
-                    (
-                        "For research on agents and models that learn from what people publish about "
-                        f"{run.profile.title}. Uses in mind: "
-                    )
+                    (f"For research on agents and models that learn from what people publish about {run.profile.title}. Uses in mind: ")
                     + "; ".join(about.uses)
                     + ".",
                 ),
@@ -86,16 +76,11 @@ def _sections(run: Run, facts: Facts) -> list[tuple[str, list[tuple[str, str]]]]
                 ("Is any information missing?", about.absent + "\n\n" + _nulls(facts)),
                 (
                     "Are relationships between instances explicit?",
-                    "Yes, by the key columns: "
-                    + "; ".join(f"{t.table.short} ({', '.join(t.table.key)})" for t in facts.tables)
-                    + ".",
+                    "Yes, by the key columns: " + "; ".join(f"{t.table.short} ({', '.join(t.table.key)})" for t in facts.tables) + ".",
                 ),
                 (
                     "Are there recommended splits?",
-                    (
-                        "No. Everything is in one split, so that users can split by channel, page or thread and keep "
-                        "near-duplicates together."
-                    ),
+                    ("No. Everything is in one split, so that users can split by channel, page or thread and keep near-duplicates together."),
                 ),
                 (
                     "Are there errors, noise or redundancies?",
@@ -224,6 +209,4 @@ def _personal(facts: Facts) -> str:
 def _licences(facts: Facts) -> str:
     if len(facts.licences) <= 1:
         return ""
-    return "\n\nRows name these licences:\n\n" + rows(
-        ("licence", "rows"), [(name, f"{n:,}") for name, n in facts.licences]
-    )
+    return "\n\nRows name these licences:\n\n" + rows(("licence", "rows"), [(name, f"{n:,}") for name, n in facts.licences])

@@ -185,9 +185,7 @@ class Zenodo:
                 hint="the deposit may have been removed by hand",
             )
         if not 200 <= answer.status_code < 300:
-            raise FatalError(
-                f"the deposit service refused ({answer.status_code}): {_message(answer)}", hint="nothing was published"
-            )
+            raise FatalError(f"the deposit service refused ({answer.status_code}): {_message(answer)}", hint="nothing was published")
         try:
             return answer.json() if answer.content else {}
         except ValueError:
@@ -197,9 +195,7 @@ class Zenodo:
         """A short wait is waited out, a long one ends the run with the time to come back (or --wait)."""
         now = datetime.now(UTC).timestamp()  # the service's own clock: KB_NOW does not move it
         try:
-            seconds = (
-                float(headers["Retry-After"]) if "Retry-After" in headers else float(headers["X-RateLimit-Reset"]) - now
-            )
+            seconds = float(headers["Retry-After"]) if "Retry-After" in headers else float(headers["X-RateLimit-Reset"]) - now
         except (KeyError, ValueError):
             seconds = 60.0
         seconds = max(seconds, 0.0)
@@ -224,8 +220,5 @@ def _message(answer: Any) -> str:
         body = answer.json()
     except ValueError:
         return answer.reason or "no message"
-    fields = [
-        f"{one.get('field', '?')}: {one.get('message') or ' '.join(one.get('messages', []))}"
-        for one in body.get("errors") or []
-    ]
+    fields = [f"{one.get('field', '?')}: {one.get('message') or ' '.join(one.get('messages', []))}" for one in body.get("errors") or []]
     return "; ".join([str(body.get("message", "")).strip(), *fields])[:600]

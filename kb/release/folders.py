@@ -41,11 +41,7 @@ class Folder:
 
     def files(self) -> list[Path]:
         """Every file of the folder but the checksums, by name."""
-        return sorted(
-            path
-            for path in self.path.iterdir()
-            if path.is_file() and path.name != SUMS and not path.name.startswith(".")
-        )
+        return sorted(path for path in self.path.iterdir() if path.is_file() and path.name != SUMS and not path.name.startswith("."))
 
 
 def released_tables(source: str) -> list[Table]:
@@ -67,11 +63,7 @@ def read(path: Path, source: str) -> Folder:
     )
     shards = {shard for part in parts for shard in part.shards}
     made = set(MADE)
-    others = tuple(
-        file
-        for file in sorted(path.glob("*"))
-        if file.is_file() and file not in shards and not is_made(file.name, made)
-    )
+    others = tuple(file for file in sorted(path.glob("*")) if file.is_file() and file not in shards and not is_made(file.name, made))
     return Folder(source, path, parts, others)
 
 

@@ -40,14 +40,8 @@ class Licence:
 
 _CC = "https://creativecommons.org"
 _BY = "Share and adapt it, also commercially, if you give credit, link the licence and say what you changed."
-_SA = (
-    "Share and adapt it, also commercially, if you give credit, say what you changed and pass it on under the same "
-    "licence."
-)
-_NC = (
-    "Share and adapt it for non-commercial purposes, if you give credit, say what you changed and pass it on under "
-    "the same licence."
-)
+_SA = "Share and adapt it, also commercially, if you give credit, say what you changed and pass it on under the same licence."
+_NC = "Share and adapt it for non-commercial purposes, if you give credit, say what you changed and pass it on under the same licence."
 KNOWN = {
     licence.spdx: licence
     for licence in (
@@ -58,9 +52,7 @@ KNOWN = {
             f"{_CC}/licenses/by-sa/4.0/",
             _SA,
         ),
-        Licence(
-            "CC-BY-SA-3.0", "Creative Commons Attribution-ShareAlike 3.0 Unported", f"{_CC}/licenses/by-sa/3.0/", _SA
-        ),
+        Licence("CC-BY-SA-3.0", "Creative Commons Attribution-ShareAlike 3.0 Unported", f"{_CC}/licenses/by-sa/3.0/", _SA),
         Licence(
             "CC-BY-NC-SA-4.0",
             "Creative Commons Attribution-NonCommercial-ShareAlike 4.0 International",
@@ -88,6 +80,4 @@ def licence(spdx: str) -> Licence:
     try:
         return KNOWN[spdx]
     except KeyError:
-        raise ProfileError(
-            f"{spdx!r} is no licence that a release can carry", hint=f"known: {', '.join(sorted(KNOWN))}"
-        ) from None
+        raise ProfileError(f"{spdx!r} is no licence that a release can carry", hint=f"known: {', '.join(sorted(KNOWN))}") from None

@@ -107,9 +107,7 @@ def measure(run: Run, folder: Folder) -> Facts:
     con = duckdb.connect()
     con.execute("SET TimeZone = 'UTC'")
     tables = tuple(_table(con, part) for part in folder.parts)
-    read = _span(con, folder, ("fetched_at",)) or _clean_span(
-        con, run.root, "youtube" if folder.source == "pairs" else folder.source
-    )
+    read = _span(con, folder, ("fetched_at",)) or _clean_span(con, run.root, "youtube" if folder.source == "pairs" else folder.source)
     made = _span(con, folder, ("published_at", "created_utc", "revision_timestamp"))
     facts = Facts(
         source=folder.source,
@@ -147,9 +145,7 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     files = sorted((root / "annotations" / ("youtube" if source == "pairs" else source)).glob("**/*.parquet"))
     if not files:
         return ()
-    rows = duckdb.connect().execute(
-        "SELECT DISTINCT model, revision, precision FROM read_parquet(?) ORDER BY ALL", [[str(file) for file in files]]
-    )
+    rows = duckdb.connect().execute("SELECT DISTINCT model, revision, precision FROM read_parquet(?) ORDER BY ALL", [[str(file) for file in files]])
     return tuple(rows.fetchall())
 
 
@@ -176,10 +172,7 @@ def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tu
         for part in folder.parts:
             if part.table.short == short and "license" in part.table.names(released=True):
                 rows = con.execute(
-                    (
-                        "SELECT license, count(*) AS n FROM read_parquet(?) WHERE license IS NOT NULL GROUP BY 1 "
-                        "ORDER BY n DESC, 1"
-                    ),
+                    ("SELECT license, count(*) AS n FROM read_parquet(?) WHERE license IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1"),
                     [[str(shard) for shard in part.shards]],
                 ).fetchall()
                 for name, n in rows:
@@ -190,9 +183,7 @@ def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tu
 def _table(con: DuckDBPyConnection, part: Part) -> TableFacts:
     import pyarrow.parquet as pq
 
-    files = tuple(
-        File(shard.name, shard.stat().st_size, pq.read_metadata(shard).num_rows, digest(shard)) for shard in part.shards
-    )
+    files = tuple(File(shard.name, shard.stat().st_size, pq.read_metadata(shard).num_rows, digest(shard)) for shard in part.shards)
     names = [str(shard) for shard in part.shards]
     columns = tuple(_column(con, names, column) for column in part.table.columns if column.released)
     return TableFacts(part.table, sum(file.rows or 0 for file in files), files, columns)
@@ -202,26 +193,22 @@ def _column(con: DuckDBPyConnection, names: list[str], column: Column) -> Column
     name = f'"{column.name}"'
     if column.type.startswith(("int", "float")) and not column.name.endswith("_id"):
         row = con.execute(
-            (
-                f"SELECT count(*) - count({name}), min({name}), quantile_disc({name}, 0.5), max({name}) FROM "
-                "read_parquet(?)"
-            ),
+            (f"SELECT count(*) - count({name}), min({name}), quantile_disc({name}, 0.5), max({name}) FROM read_parquet(?)"),
             [names],
         ).fetchone()
         return ColumnFacts(column, *(row or (0,)))
     if column.type.startswith(("timestamp", "date")):
-        row = con.execute(
-            f"SELECT count(*) - count({name}), {_LOW.format(name)}, {_HIGH.format(name)} FROM read_parquet(?)", [names]
-        ).fetchone() or (0, None, None)
+        row = con.execute(f"SELECT count(*) - count({name}), {_LOW.format(name)}, {_HIGH.format(name)} FROM read_parquet(?)", [names]).fetchone() or (
+            0,
+            None,
+            None,
+        )
         return ColumnFacts(column, row[0], _utc(row[1]), None, _utc(row[2]))
     nulls = (con.execute(f"SELECT count(*) - count({name}) FROM read_parquet(?)", [names]).fetchone() or (0,))[0]
     if not (column.dictionary or column.type == "bool"):
         return ColumnFacts(column, nulls)
     top = con.execute(
-        (
-            f"SELECT {name}::VARCHAR, count(*) AS n FROM read_parquet(?) WHERE {name} IS NOT NULL GROUP BY 1 ORDER BY "
-            f"n DESC, 1 LIMIT {_TOPS}"
-        ),
+        (f"SELECT {name}::VARCHAR, count(*) AS n FROM read_parquet(?) WHERE {name} IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {_TOPS}"),
         [names],
     )
     return ColumnFacts(column, nulls, top=tuple(top.fetchall()))

@@ -74,14 +74,10 @@ def _marked(run: Run, found: list[Folder], loopback: bool) -> list[Problem]:
         Problem(
             "sandbox model",
             folder.source,
-            (
-                "scored with the sandbox's tiny model, whose scores mean nothing about real texts; run `kb models "
-                "fetch` and filter again"
-            ),
+            ("scored with the sandbox's tiny model, whose scores mean nothing about real texts; run `kb models fetch` and filter again"),
         )
         for folder in found
-        if any(model == SANDBOX_MODEL for model, _, _ in models(run.root, folder.source))
-        or _document(folder).get("sandbox_model")
+        if any(model == SANDBOX_MODEL for model, _, _ in models(run.root, folder.source)) or _document(folder).get("sandbox_model")
     ]
 
 
@@ -98,13 +94,9 @@ def _limits(found: list[Folder]) -> list[Problem]:
         files = [*folder.files(), folder.path / SUMS]
         total = sum(path.stat().st_size for path in files if path.exists())
         if len(files) > MOST_FILES:
-            problems.append(
-                Problem("size", folder.source, f"{len(files)} files, a record takes {MOST_FILES}; export larger shards")
-            )
+            problems.append(Problem("size", folder.source, f"{len(files)} files, a record takes {MOST_FILES}; export larger shards"))
         if total > MOST_BYTES:
-            problems.append(
-                Problem("size", folder.source, f"{total / 1e9:.1f} GB, a record takes {MOST_BYTES / 1e9:.0f}")
-            )
+            problems.append(Problem("size", folder.source, f"{total / 1e9:.1f} GB, a record takes {MOST_BYTES / 1e9:.0f}"))
     return problems
 
 
@@ -179,11 +171,7 @@ class _Upload:
         if not known.get("creating"):
             return None
         return next(
-            (
-                one
-                for one in self.service.drafts()
-                if one.get("title") == self.metadata["title"] and not one.get("files")
-            ),
+            (one for one in self.service.drafts() if one.get("title") == self.metadata["title"] and not one.get("files")),
             None,
         )
 
@@ -191,9 +179,7 @@ class _Upload:
         """Make the draft hold exactly the folder's files; how many were sent."""
         there = self.service.files(draft["id"])
         local = [*self.folder.files(), self.folder.path / SUMS]
-        task = self.run.progress.task(
-            f"upload {self.folder.source}", total=sum(path.stat().st_size for path in local), unit="bytes"
-        )
+        task = self.run.progress.task(f"upload {self.folder.source}", total=sum(path.stat().st_size for path in local), unit="bytes")
         for name in sorted(set(there) - {path.name for path in local}):
             self.service.remove(draft["id"], there[name]["id"])
         sent = 0
@@ -214,9 +200,7 @@ class _Upload:
         try:
             return dict(json.loads(self.path.read_text(encoding="utf-8")))
         except ValueError:
-            raise DamagedData(
-                f"{self.path} can't be read", hint="move it away; the next run makes new drafts"
-            ) from None
+            raise DamagedData(f"{self.path} can't be read", hint="move it away; the next run makes new drafts") from None
 
     def _read(self) -> dict[str, Any]:
         return dict(self._all().get(self.key, {}))

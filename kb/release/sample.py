@@ -29,8 +29,7 @@ def write(folder: Folder, megabytes: float) -> list[Path]:
         con.execute("SET TimeZone = 'UTC'")
         lead = next((part for part in folder.parts if part.table.key == (shared,)), folder.parts[0])
         con.execute(
-            f'CREATE TABLE chosen AS SELECT DISTINCT "{shared}" AS k, md5("{shared}"::VARCHAR) AS h'
-            " FROM read_parquet(?) ORDER BY h",
+            f'CREATE TABLE chosen AS SELECT DISTINCT "{shared}" AS k, md5("{shared}"::VARCHAR) AS h FROM read_parquet(?) ORDER BY h',
             [[str(shard) for shard in lead.shards]],
         )
         total = con.execute("SELECT count(*) FROM chosen").fetchall()[0][0]

@@ -75,16 +75,10 @@ def _in_parquet(path: Path, literals: Sequence[str]) -> Iterator[tuple[str, str]
         file = pq.ParquetFile(path)
     except (pa.ArrowInvalid, OSError):
         return  # the structure check reports it
-    about = b"\n".join(key + b"=" + value for key, value in (file.schema_arrow.metadata or {}).items()).decode(
-        errors="replace"
-    )
+    about = b"\n".join(key + b"=" + value for key, value in (file.schema_arrow.metadata or {}).items()).decode(errors="replace")
     if any(value in about for value in literals):
         yield "its metadata", "the value of a setting"
-    names = [
-        field.name
-        for field in file.schema_arrow
-        if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)
-    ]
+    names = [field.name for field in file.schema_arrow if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)]
     any_literal = "|".join(re.escape(value) for value in literals)
     shapes = {"the value of a setting": any_literal} if any_literal else {}
     shapes |= KEY_SHAPES
@@ -120,10 +114,7 @@ def personal(folder: Folder, section: Release) -> list[Problem]:
                     Problem(
                         "personal data",
                         f"{folder.source}/{table}",
-                        (
-                            f"{hits:,} of {rows:,} rows have {what} in {name}, [release] {key} tolerates "
-                            f"{tolerated:g} per 1,000"
-                        ),
+                        (f"{hits:,} of {rows:,} rows have {what} in {name}, [release] {key} tolerates {tolerated:g} per 1,000"),
                     )
                 )
     return found

@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from kb.release.measure import Facts
 
 SANDBOX_NOTE = (
-    "Made with the sandbox's tiny toxicity model, whose scores mean nothing about real texts: for trying the "
-    "software only, not for publication."
+    "Made with the sandbox's tiny toxicity model, whose scores mean nothing about real texts: for trying the software only, not for publication."
 )
 
 

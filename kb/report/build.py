@@ -75,10 +75,7 @@ def report(run: Run) -> Summary:
     try:
         sections = [_section(run, data, source) for source in TITLES]
         cards = [
-            (f"{name.partition('/')[2]}", data.count(name), TITLES[source])
-            for source, names in TABLES.items()
-            for name in names
-            if data.files(name)
+            (f"{name.partition('/')[2]}", data.count(name), TITLES[source]) for source, names in TABLES.items() for name in names if data.files(name)
         ]
         notes = _notes(run)
         html = page(f"{run.profile.title}: what was collected", data.newest(), cards, sections, notes)
@@ -112,15 +109,9 @@ def _section(run: Run, data: Data, source: str) -> Section:
     for name in TABLES.get(source, ()):
         if name in SAMPLES and run.profile.report.samples and data.count(name):
             rows = data.samples(name, SAMPLES[name], run.profile.report.samples)
-            section.samples.append(
-                (f"Some {name.partition('/')[2]}", [_head(name, column) for column in SAMPLES[name]], rows)
-            )
+            section.samples.append((f"Some {name.partition('/')[2]}", [_head(name, column) for column in SAMPLES[name]], rows))
     if not section.figures:
-        section.missing.append(
-            f"No data of {TITLES[source]} yet: {NEXT[source]}."
-            if source != "services"
-            else f"No ledger: {NEXT[source]}."
-        )
+        section.missing.append(f"No data of {TITLES[source]} yet: {NEXT[source]}." if source != "services" else f"No ledger: {NEXT[source]}.")
     return section
 
 
@@ -143,10 +134,7 @@ def _notes(run: Run) -> list[str]:
     if not files:
         return []
     models = [
-        row[0]
-        for row in duckdb.connect().execute(
-            "SELECT DISTINCT model FROM read_parquet(?, union_by_name = true) ORDER BY 1", [files]
-        ).fetchall()
+        row[0] for row in duckdb.connect().execute("SELECT DISTINCT model FROM read_parquet(?, union_by_name = true) ORDER BY 1", [files]).fetchall()
     ]
     if any(model == "lorebase_tiny" for model in models):
         return ["Toxicity scores are those of the sandbox's tiny model: they mean nothing about real texts."]

@@ -32,10 +32,7 @@ def words(data: Data, profile: Profile, table: str, columns: tuple[str, ...]) ->
     return Figure(
         f"{source}-words",
         f"What {rows} are about",
-        (
-            f"The {len(found)} most frequent words of {' and '.join(columns)}; a word's size follows the number of "
-            f"{rows} that say it."
-        ),
+        (f"The {len(found)} most frequent words of {' and '.join(columns)}; a word's size follows the number of {rows} that say it."),
         "Word cloud; the largest words are " + ", ".join(f"{word} ({number(n)})" for word, n in found[:12]) + ".",
         png,
         svg,

@@ -97,8 +97,7 @@ class Data:
         """The most frequent values."""
         return self.rows(
             name,
-            f'SELECT "{column}"::VARCHAR, count(*) AS n FROM {{t}} WHERE "{column}" IS NOT NULL'
-            f" GROUP BY 1 ORDER BY n DESC, 1 LIMIT {n}",
+            f'SELECT "{column}"::VARCHAR, count(*) AS n FROM {{t}} WHERE "{column}" IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {n}',
         )
 
     def funnel(self, name: str) -> Funnel | None:
@@ -110,9 +109,7 @@ class Data:
         if not (kept or dropped or failed or pending):
             return None
         order = STAGES.get(name, ())
-        stages = [(stage, dropped.get(stage, 0)) for stage in order] + sorted(
-            (stage, n) for stage, n in dropped.items() if stage not in order
-        )
+        stages = [(stage, dropped.get(stage, 0)) for stage in order] + sorted((stage, n) for stage, n in dropped.items() if stage not in order)
         crawled = kept + sum(dropped.values()) + sum(failed.values()) + sum(pending.values())
         return Funnel(name, crawled, tuple(stages), sum(failed.values()), sum(pending.values()), kept)
 
@@ -156,9 +153,7 @@ class Data:
             row[0]
             for name in names
             if self.files(name)
-            for row in self.rows(
-                name, "SELECT strftime(max(fetched_at AT TIME ZONE 'UTC'), '%Y-%m-%d %H:%M UTC') FROM {t}"
-            )
+            for row in self.rows(name, "SELECT strftime(max(fetched_at AT TIME ZONE 'UTC'), '%Y-%m-%d %H:%M UTC') FROM {t}")
             if row[0]
         ]
         return max(moments, default="")
@@ -168,9 +163,7 @@ class Data:
         key = table(name).key[0]
         # Times as text: DuckDB hands them out only where pytz is installed.
         shown = ", ".join(
-            f"strftime(\"{column}\" AT TIME ZONE 'UTC', '%Y-%m-%d')"
-            if table(name).column(column).type.startswith("timestamp")
-            else f'"{column}"'
+            f"strftime(\"{column}\" AT TIME ZONE 'UTC', '%Y-%m-%d')" if table(name).column(column).type.startswith("timestamp") else f'"{column}"'
             for column in columns
         )
         return self.rows(name, f'SELECT {shown} FROM {{t}} ORDER BY md5("{key}"::VARCHAR), "{key}" LIMIT {n}')

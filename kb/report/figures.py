@@ -46,16 +46,11 @@ def durations(data: Data, profile: Profile) -> Figure | None:
     edges = _even(min(low, high), max(high, low + 60))
     values = data.histogram("youtube/videos", "duration_s", edges)
     minutes = [edge / 60 for edge in edges]
-    sheet = histogram(
-        minutes, values, x="duration (minutes)", y="videos", marks=[(middle / 60, f"median {middle / 60:.1f} min")]
-    )
+    sheet = histogram(minutes, values, x="duration (minutes)", y="videos", marks=[(middle / 60, f"median {middle / 60:.1f} min")])
     return _figure(
         "youtube-durations",
         "How long the videos are",
-        (
-            f"Durations up to the {percent:g}th percentile ({high / 60:.1f} minutes); the longest {100 - percent:g}% "
-            "are left out, as in the paper."
-        ),
+        (f"Durations up to the {percent:g}th percentile ({high / 60:.1f} minutes); the longest {100 - percent:g}% are left out, as in the paper."),
         (
             f"Histogram of video durations from {minutes[0]:.0f} to {minutes[-1]:.1f} minutes; half of the videos are "
             f"shorter than {middle / 60:.1f} minutes."
@@ -96,9 +91,7 @@ def scores(data: Data, profile: Profile) -> Figure | None:
     )
 
 
-def _logarithmic(
-    data: Data, table: str, column: str, name: str, title: str, x: str, y: str, unit: str, color: str
-) -> Figure | None:
+def _logarithmic(data: Data, table: str, column: str, name: str, title: str, x: str, y: str, unit: str, color: str) -> Figure | None:
     high, middle, low = (data.quantile(table, column, share) for share in (1.0, 0.5, 0.0))
     if high is None or middle is None or low is None or high < 1:
         return None
@@ -106,17 +99,12 @@ def _logarithmic(
     steps = max(1, (last - first) * 6)
     edges = [10 ** (first + (last - first) * step / steps) for step in range(steps + 1)]
     values = data.histogram(table, column, edges)
-    sheet = histogram(
-        edges, values, x=x, y=y, log=True, color=color, marks=[(max(middle, edges[0]), f"median {number(middle)}")]
-    )
+    sheet = histogram(edges, values, x=x, y=y, log=True, color=color, marks=[(max(middle, edges[0]), f"median {number(middle)}")])
     return _figure(
         name,
         title,
         f"Half of the {y} have {number(middle)} {unit} or fewer, the largest has {number(high)}.",
-        (
-            f"Histogram of {unit} per row on a logarithmic axis from {number(edges[0])} to {number(edges[-1])}, "
-            f"median {number(middle)}."
-        ),
+        (f"Histogram of {unit} per row on a logarithmic axis from {number(edges[0])} to {number(edges[-1])}, median {number(middle)}."),
         sheet,
         (unit, y),
         [(f"{number(a)} to {number(b)}", n) for a, b, n in zip(edges, edges[1:], values, strict=False)],
@@ -181,10 +169,7 @@ def _steps(found: Funnel) -> list[tuple[str, int, int]]:
 
 def quota(data: Data, profile: Profile) -> Figure | None:
     """Units of YouTube's quota, or requests of the others, over days."""
-    rows = [
-        (day, f"{source} {bucket}" if bucket != source else source, units or requests)
-        for source, day, bucket, requests, units in data.ledgers()
-    ]
+    rows = [(day, f"{source} {bucket}" if bucket != source else source, units or requests) for source, day, bucket, requests, units in data.ledgers()]
     if not rows:
         return None
     days = sorted({day for day, _, _ in rows})[-60:]
@@ -248,10 +233,7 @@ def lengths(data: Data, profile: Profile) -> Figure | None:
     """Lengths of clips and texts of the pairs."""
     found = data.rows(
         "pairs/pairs",
-        (
-            "SELECT min(token_count), max(token_count), min(clip_end_s - clip_start_s), max(clip_end_s - "
-            "clip_start_s) FROM {t}"
-        ),
+        ("SELECT min(token_count), max(token_count), min(clip_end_s - clip_start_s), max(clip_end_s - clip_start_s) FROM {t}"),
     )
     if not found or found[0][0] is None:
         return None
@@ -259,14 +241,8 @@ def lengths(data: Data, profile: Profile) -> Figure | None:
     tokens = _even(low, max(high, low + 1) + 1, 20)
     clips = _even(short, max(long, short + 1), 20)
     by_token = data.histogram("pairs/pairs", "token_count", tokens)
-    tests = ", ".join(
-        f"count(*) FILTER (d >= {a!r} AND d {'<=' if b == clips[-1] else '<'} {b!r})"
-        for a, b in itertools.pairwise(clips)
-    )
-    by_clip = [
-        int(n)
-        for n in data.rows("pairs/pairs", f"SELECT {tests} FROM (SELECT clip_end_s - clip_start_s AS d FROM {{t}})")[0]
-    ]
+    tests = ", ".join(f"count(*) FILTER (d >= {a!r} AND d {'<=' if b == clips[-1] else '<'} {b!r})" for a, b in itertools.pairwise(clips))
+    by_clip = [int(n) for n in data.rows("pairs/pairs", f"SELECT {tests} FROM (SELECT clip_end_s - clip_start_s AS d FROM {{t}})")[0]]
     sheet, axes = canvas(2.7, 2)
     histogram(clips, by_clip, x="clip (seconds)", y="pairs", color=GREEN, axes=axes[0])
     histogram(tokens, by_token, x="text (CLIP tokens)", y="", color=ORANGE, axes=axes[1])
@@ -274,10 +250,7 @@ def lengths(data: Data, profile: Profile) -> Figure | None:
         "pairs-lengths",
         "How long clips and texts are",
         f"Clips last {short:.1f} to {long:.1f} seconds, texts have {low:.0f} to {high:.0f} CLIP tokens.",
-        (
-            f"Two histograms: clip length from {short:.1f} to {long:.1f} seconds, text length from {low:.0f} to "
-            f"{high:.0f} tokens."
-        ),
+        (f"Two histograms: clip length from {short:.1f} to {long:.1f} seconds, text length from {low:.0f} to {high:.0f} tokens."),
         sheet,
         ("seconds", "pairs"),
         [(f"{a:.1f} to {b:.1f}", n) for a, b, n in zip(clips, clips[1:], by_clip, strict=False)],

@@ -62,40 +62,28 @@ class Section:
     missing: list[str] = field(default_factory=list)
 
 
-def page(
-    title: str, as_of: str, cards: Sequence[tuple[str, int, str]], sections: Sequence[Section], notes: Sequence[str]
-) -> str:
+def page(title: str, as_of: str, cards: Sequence[tuple[str, int, str]], sections: Sequence[Section], notes: Sequence[str]) -> str:
     """The whole document. `cards` are (what, number, remark)."""
     parts = [
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        (
-            '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; style-src '
-            "'unsafe-inline'\">"
-        ),
+        ("<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'\">"),
         f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
         f"<header>\n<h1>{escape(title)}</h1>",
         f'<p class="soft">{escape(f"Data as of {as_of}." if as_of else "No data yet.")}</p>',
-        "<nav>"
-        + "".join(f'<a href="#{section.id}">{escape(section.title)}</a>' for section in sections)
-        + "</nav>\n</header>\n<main>",
+        "<nav>" + "".join(f'<a href="#{section.id}">{escape(section.title)}</a>' for section in sections) + "</nav>\n</header>\n<main>",
     ]
     if cards:
         parts.append(
             '<div class="cards">'
             + "".join(
-                f'<div class="card"><b>{number(n)}</b>{escape(what)}<br>'
-                f'<span class="soft">{escape(remark)}</span></div>'
-                for what, n, remark in cards
+                f'<div class="card"><b>{number(n)}</b>{escape(what)}<br><span class="soft">{escape(remark)}</span></div>' for what, n, remark in cards
             )
             + "</div>"
         )
     parts += [f'<p class="missing">{escape(note)}</p>' for note in notes]
     parts += [_section(section) for section in sections]
-    parts.append(
-        "</main>\n<footer>Made by <code>kb report</code>. Each figure is beside this page as SVG and "
-        "PNG.</footer>\n</body>\n</html>\n"
-    )
+    parts.append("</main>\n<footer>Made by <code>kb report</code>. Each figure is beside this page as SVG and PNG.</footer>\n</body>\n</html>\n")
     return "\n".join(parts)
 
 
@@ -110,17 +98,9 @@ def _section(section: Section) -> str:
 
 def _figure(figure: Figure) -> str:
     # A screenshot inside an SVG weighs more than the picture itself.
-    kind, data = (
-        ("image/png", figure.png)
-        if len(figure.svg) > 2 * len(figure.png) and len(figure.svg) > 400_000
-        else ("image/svg+xml", figure.svg)
-    )
+    kind, data = ("image/png", figure.png) if len(figure.svg) > 2 * len(figure.png) and len(figure.svg) > 400_000 else ("image/svg+xml", figure.svg)
     source = f"data:{kind};base64,{base64.b64encode(data).decode()}"
-    numbers = (
-        f"<details><summary>The numbers</summary>{_table('', figure.head, figure.rows)}</details>"
-        if figure.rows
-        else ""
-    )
+    numbers = f"<details><summary>The numbers</summary>{_table('', figure.head, figure.rows)}</details>" if figure.rows else ""
     picture = f'<img src="{source}" alt="{escape(figure.alt, quote=True)}">'
     caption = f"<figcaption>{escape(figure.caption)}</figcaption>"
     return f'<figure id="{figure.name}"><h3>{escape(figure.title)}</h3>{picture}{caption}{numbers}</figure>'

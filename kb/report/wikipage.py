@@ -19,10 +19,7 @@ def page(data: Data, profile: Profile) -> Figure | None:
     """The page whose first screen shows most kinds of elements; without screenshot, boxes on white."""
     found = data.rows(
         "wiki/pages",
-        (
-            "SELECT page_id, title, url, screenshot_path, page_width, page_height, device_pixel_ratio FROM {t} ORDER "
-            "BY page_id"
-        ),
+        ("SELECT page_id, title, url, screenshot_path, page_width, page_height, device_pixel_ratio FROM {t} ORDER BY page_id"),
     )
     if not found or not data.files("wiki/elements"):
         return None
@@ -34,10 +31,7 @@ def page(data: Data, profile: Profile) -> Figure | None:
     shown = min(height, width * _TALLEST, (low or height) + _MARGIN)  # pages often end in empty space
     boxes = data.rows(
         "wiki/elements",
-        (
-            "SELECT kind, x, y, width, height FROM {t} WHERE page_id = ? AND visible AND width > 0 AND height > 0 "
-            "AND y < ? ORDER BY reading_order"
-        ),
+        ("SELECT kind, x, y, width, height FROM {t} WHERE page_id = ? AND visible AND width > 0 AND height > 0 AND y < ? ORDER BY reading_order"),
         number,
         shown,
     )
@@ -49,11 +43,7 @@ def page(data: Data, profile: Profile) -> Figure | None:
     png, svg = saved(sheet)
     counts = {kind: sum(box[0] == kind for box in boxes) for kind in KINDS}
     said = ", ".join(f"{n} {kind}" for kind, n in counts.items() if n)
-    more = (
-        ""
-        if shown >= min(height, (low or height) + _MARGIN)
-        else f" The first {shown:.0f} of {height:,} pixels are shown."
-    )
+    more = "" if shown >= min(height, (low or height) + _MARGIN) else f" The first {shown:.0f} of {height:,} pixels are shown."
     return Figure(
         "wiki-page",
         f"A page with its boxes: {title}",
@@ -96,11 +86,7 @@ def _draw(axes: Any, boxes: list[tuple[Any, ...]], width: float, shown: float) -
     for kind, x, y, w, h in boxes:
         color = KINDS.get(kind, BLUE)
         axes.add_patch(Rectangle((x, y), w, min(h, shown - y), facecolor=color, alpha=0.10, linewidth=0))
-        axes.add_patch(
-            Rectangle(
-                (x, y), w, min(h, shown - y), fill=False, edgecolor=color, linewidth=0.7 if kind == "cell" else 1.1
-            )
-        )
+        axes.add_patch(Rectangle((x, y), w, min(h, shown - y), fill=False, edgecolor=color, linewidth=0.7 if kind == "cell" else 1.1))
     there = [kind for kind in KINDS if any(box[0] == kind for box in boxes)]
     axes.set_xlim(0, width)
     axes.set_ylim(shown, 0)

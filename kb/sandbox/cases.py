@@ -70,9 +70,7 @@ CASES: list[Case] = [
     ),
     _kept("label, topic nowhere in the text", title="plain", tags=["let's play"], often=2),
     _out("no label, topic nowhere", "topic", game=None, title="plain", tags=["let's play"], often=2),
-    _out(
-        "no label, topic only as part of a word", "topic", game=None, title="Minecraftesque building, a talk", tags=[]
-    ),
+    _out("no label, topic only as part of a word", "topic", game=None, title="Minecraftesque building, a talk", tags=[]),
     _out("music about the topic", "topic", category_id="10", often=1),
     _out("99 views", "views", view_count="99", often=3),
     _kept("100 views", view_count="100"),

@@ -145,9 +145,7 @@ class Faults:
 
         return serve
 
-    def _strike(
-        self, fault: Fault, seen: Seen, application: Wsgi, environ: dict[str, Any], start: Callable[..., Any]
-    ) -> Iterable[bytes]:
+    def _strike(self, fault: Fault, seen: Seen, application: Wsgi, environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
         if fault.then:
             fault.then(seen)
         if fault.hold:
@@ -195,9 +193,7 @@ def _reset(environ: dict[str, Any]) -> None:
     raise ConnectionResetError("reset by the fault plan")
 
 
-def _cut(
-    application: Wsgi, environ: dict[str, Any], start: Callable[..., Any], part: float, honest: bool
-) -> Iterable[bytes]:
+def _cut(application: Wsgi, environ: dict[str, Any], start: Callable[..., Any], part: float, honest: bool) -> Iterable[bytes]:
     held: list[Any] = []
 
     def keep(status: str, headers: list[tuple[str, str]], exc_info: Any = None) -> Any:
@@ -210,7 +206,6 @@ def _cut(
     length = len(data) if honest else len(whole)
     start(
         status,
-        [(name, value) for name, value in headers if name.lower() != "content-length"]
-        + [("Content-Length", str(length))],
+        [(name, value) for name, value in headers if name.lower() != "content-length"] + [("Content-Length", str(length))],
     )
     return [data]

@@ -40,11 +40,7 @@ class Ledger:
 
     def open(self, service: str, environ: dict[str, Any]) -> Seen:
         """Write down a request that has just come."""
-        pairs = [
-            pair
-            for pair in parse_qsl(environ.get("QUERY_STRING", ""), keep_blank_values=True)
-            if pair[0] not in _SECRET
-        ]
+        pairs = [pair for pair in parse_qsl(environ.get("QUERY_STRING", ""), keep_blank_values=True) if pair[0] not in _SECRET]
         with self._lock:
             seen = Seen(
                 number=len(self._seen),

@@ -79,8 +79,11 @@ class Service:
                 self._window, self._used = monotonic(), 0
             self._used += 1
             left = max(0, ROOM - self._used)
-            return {"x-ratelimit-used": str(self._used), "x-ratelimit-remaining": f"{left}.0",
-                    "x-ratelimit-reset": str(int(WINDOW_S - (monotonic() - self._window)))}
+            return {
+                "x-ratelimit-used": str(self._used),
+                "x-ratelimit-remaining": f"{left}.0",
+                "x-ratelimit-reset": str(int(WINDOW_S - (monotonic() - self._window))),
+            }
 
     def _listing(self, request: Request, name: str, listing: str, room: dict[str, str]) -> Response:
         if name.lower() != self.subreddit.name.lower():
@@ -126,14 +129,22 @@ class Service:
             replies = self.subreddit.replies.get(f"t1_{key}", [])
             inner: list[dict[str, Any]] = []
             if replies and data["depth"] - base >= DEEPEST - 1:
-                inner = [{"kind": "more", "data": {"count": 0, "name": "t1__", "id": "_", "parent_id": f"t1_{key}", "depth": data["depth"] + 1, "children": []}}]
+                inner = [
+                    {
+                        "kind": "more",
+                        "data": {"count": 0, "name": "t1__", "id": "_", "parent_id": f"t1_{key}", "depth": data["depth"] + 1, "children": []},
+                    }
+                ]
             elif replies:
                 inner = self._below(replies, f"t1_{key}", base, left)
             found.append({"kind": "t1", "data": {**data, "replies": _list(inner) if inner else ""}})
         return found
 
     def _stub(self, keys: list[str], parent: str) -> dict[str, Any]:
-        return {"kind": "more", "data": {"count": len(keys), "name": f"t1_{keys[0]}", "id": keys[0], "parent_id": parent, "depth": 0, "children": keys}}
+        return {
+            "kind": "more",
+            "data": {"count": len(keys), "name": f"t1_{keys[0]}", "id": keys[0], "parent_id": parent, "depth": 0, "children": keys},
+        }
 
     def _more(self, request: Request, room: dict[str, str]) -> Response:
         keys = [key for key in request.values.get("children", "").split(",") if key]

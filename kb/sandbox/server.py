@@ -74,9 +74,7 @@ class Server:
 class Sandbox:
     """The services over one world, with one fault plan and one ledger."""
 
-    def __init__(
-        self, world: World | None = None, faults: Faults | None = None, services: Sequence[str] | None = None
-    ) -> None:
+    def __init__(self, world: World | None = None, faults: Faults | None = None, services: Sequence[str] | None = None) -> None:
         self.world = world or World()
         self.faults = faults or Faults()
         self.servers: dict[str, Server] = {}
@@ -129,7 +127,5 @@ class Sandbox:
     def __enter__(self) -> Sandbox:
         return self.start()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.stop()

@@ -14,14 +14,41 @@ from kb.core import clock
 from kb.sandbox import speech
 
 NAME = "Minecraft"
-START = 1_700_000_000   # 2023-11-14
+START = 1_700_000_000  # 2023-11-14
 _YEAR = 31_536_000
-_PEOPLE = [f"{first}_{second}{n}" for n, (first, second) in enumerate(
-    (first, second) for first in ("brisk", "quiet", "sunny", "rusty", "tidy", "mossy") for second in ("otter", "lantern", "anvil", "heron", "pebble"))]
+_PEOPLE = [
+    f"{first}_{second}{n}"
+    for n, (first, second) in enumerate(
+        (first, second)
+        for first in ("brisk", "quiet", "sunny", "rusty", "tidy", "mossy")
+        for second in ("otter", "lantern", "anvil", "heron", "pebble")
+    )
+]
 _RUDE = ["you are a stupid worthless idiot", "shut up you pathetic moron", "what a dumb ugly loser you are"]
 CASES = (
-    "text", "image", "image_album", "image_direct", "video_hosted", "video_youtube", "video_gifv", "link", "poll", "gallery", "crosspost",
-    "low_score", "nsfw", "removed", "deleted", "rude_title", "rude_body", "odd_text", "no_score", "deep", "wide", "link_video_page", "empty_text",
+    "text",
+    "image",
+    "image_album",
+    "image_direct",
+    "video_hosted",
+    "video_youtube",
+    "video_gifv",
+    "link",
+    "poll",
+    "gallery",
+    "crosspost",
+    "low_score",
+    "nsfw",
+    "removed",
+    "deleted",
+    "rude_title",
+    "rude_body",
+    "odd_text",
+    "no_score",
+    "deep",
+    "wide",
+    "link_video_page",
+    "empty_text",
 )
 
 
@@ -30,7 +57,7 @@ class Subreddit:
 
     def __init__(self, seed: int = 0, n_posts: int = 240, *, width: int = 1_200, depth: int = 40, name: str = NAME) -> None:
         self.seed, self.n_posts, self.width, self.depth, self.name = seed, n_posts, width, depth, name
-        self.gone: set[str] = set()     # full names that the service no longer knows
+        self.gone: set[str] = set()  # full names that the service no longer knows
         self.removed: set[str] = set()  # full names whose content moderators took down
 
     @cached_property
@@ -62,12 +89,24 @@ class Subreddit:
         posts, comments = {}, {}
         for post in past.posts.values():
             key, page = f"d{post['id']}", f"/r/{self.name}/comments/d{post['id']}/post/"
-            posts[key] = {**post, "id": key, "name": f"t3_{key}", "permalink": page, "created_utc": post["created_utc"] - _YEAR,
-                          **({"url": f"https://www.reddit.com{page}"} if post["is_self"] else {})}
+            posts[key] = {
+                **post,
+                "id": key,
+                "name": f"t3_{key}",
+                "permalink": page,
+                "created_utc": post["created_utc"] - _YEAR,
+                **({"url": f"https://www.reddit.com{page}"} if post["is_self"] else {}),
+            }
         for comment in past.comments.values():
             key, parent = f"d{comment['id']}", comment["parent_id"]
-            comments[key] = {**comment, "id": key, "name": f"t1_{key}", "link_id": f"t3_d{comment['link_id'][3:]}",
-                             "parent_id": f"{parent[:3]}d{parent[3:]}", "created_utc": comment["created_utc"] - _YEAR}
+            comments[key] = {
+                **comment,
+                "id": key,
+                "name": f"t1_{key}",
+                "link_id": f"t3_d{comment['link_id'][3:]}",
+                "parent_id": f"{parent[:3]}d{parent[3:]}",
+                "created_utc": comment["created_utc"] - _YEAR,
+            }
         return posts, comments
 
     def shown(self, name: str) -> dict[str, Any] | None:
@@ -81,48 +120,113 @@ class Subreddit:
             data = None if key in list(posts)[-3:] else (posts if kind == "t3" else comments).get(key)
         if data is None or name not in self.removed:
             return data
-        return {**data, ("selftext" if kind == "t3" else "body"): "[removed]", "author": "[deleted]",
-                **({"removed_by_category": "moderator", "is_robot_indexable": False} if kind == "t3" else {})}
+        return {
+            **data,
+            ("selftext" if kind == "t3" else "body"): "[removed]",
+            "author": "[deleted]",
+            **({"removed_by_category": "moderator", "is_robot_indexable": False} if kind == "t3" else {}),
+        }
 
     def _post(self, number: int) -> dict[str, Any]:
         rng = clock.rng("subreddit", self.seed, number)
         key, made = _base36(40_000_000 + 7 * number), START + 3_600 * number
-        title = speech.fill(rng.choice(["My {build} out of {block}", "How do I craft a {item}?", "Found a {mob} in the {place}", "Is {block} worth it in a {place}?"]), rng, "")
+        title = speech.fill(
+            rng.choice(
+                ["My {build} out of {block}", "How do I craft a {item}?", "Found a {mob} in the {place}", "Is {block} worth it in a {place}?"]
+            ),
+            rng,
+            "",
+        )
         post: dict[str, Any] = {
-            "id": key, "name": f"t3_{key}", "subreddit": self.name, "subreddit_name_prefixed": f"r/{self.name}", "title": title,
-            "author": rng.choice(_PEOPLE), "author_fullname": f"t2_{_base36(9_000 + rng.randrange(900))}", "author_flair_text": None,
-            "created_utc": float(made), "score": rng.randrange(5, 4_000), "upvote_ratio": round(rng.uniform(0.6, 1), 2), "num_comments": 0,
-            "over_18": False, "is_self": True, "selftext": speech.about(rng, 2), "url": f"https://www.reddit.com/r/{self.name}/comments/{key}/post/",
-            "permalink": f"/r/{self.name}/comments/{key}/post/", "domain": f"self.{self.name}", "is_video": False, "removed_by_category": None,
-            "is_robot_indexable": True, "edited": False, "stickied": False, "distinguished": None, "media": None,
+            "id": key,
+            "name": f"t3_{key}",
+            "subreddit": self.name,
+            "subreddit_name_prefixed": f"r/{self.name}",
+            "title": title,
+            "author": rng.choice(_PEOPLE),
+            "author_fullname": f"t2_{_base36(9_000 + rng.randrange(900))}",
+            "author_flair_text": None,
+            "created_utc": float(made),
+            "score": rng.randrange(5, 4_000),
+            "upvote_ratio": round(rng.uniform(0.6, 1), 2),
+            "num_comments": 0,
+            "over_18": False,
+            "is_self": True,
+            "selftext": speech.about(rng, 2),
+            "url": f"https://www.reddit.com/r/{self.name}/comments/{key}/post/",
+            "permalink": f"/r/{self.name}/comments/{key}/post/",
+            "domain": f"self.{self.name}",
+            "is_video": False,
+            "removed_by_category": None,
+            "is_robot_indexable": True,
+            "edited": False,
+            "stickied": False,
+            "distinguished": None,
+            "media": None,
         }
-        case = CASES[number] if number < len(CASES) else rng.choices(("text", "image", "link", "video_hosted", "gallery", "low_score"), (5, 6, 2, 2, 1, 3))[0]
+        case = (
+            CASES[number]
+            if number < len(CASES)
+            else rng.choices(("text", "image", "link", "video_hosted", "gallery", "low_score"), (5, 6, 2, 2, 1, 3))[0]
+        )
         self._shape(post, case, rng)
         return post
 
     def _shape(self, post: dict[str, Any], case: str, rng: random.Random) -> None:
         key = post["id"]
         links = {
-            "image": f"https://i.redd.it/{key}pic.png", "image_album": f"https://imgur.com/a/{key}", "image_direct": f"https://pictures.example/{key}.jpg",
-            "video_hosted": f"https://v.redd.it/{key}", "video_youtube": f"https://www.youtube.com/watch?v={key}vid0", "video_gifv": f"https://i.imgur.com/{key}.gifv",
-            "link": f"https://notes.example/{rng.choice(speech.PLACES)}/{key}", "link_video_page": "https://www.youtube.com/@brisk-otter-builds",
+            "image": f"https://i.redd.it/{key}pic.png",
+            "image_album": f"https://imgur.com/a/{key}",
+            "image_direct": f"https://pictures.example/{key}.jpg",
+            "video_hosted": f"https://v.redd.it/{key}",
+            "video_youtube": f"https://www.youtube.com/watch?v={key}vid0",
+            "video_gifv": f"https://i.imgur.com/{key}.gifv",
+            "link": f"https://notes.example/{rng.choice(speech.PLACES)}/{key}",
+            "link_video_page": "https://www.youtube.com/@brisk-otter-builds",
             "gallery": f"https://www.reddit.com/gallery/{key}",
         }
         if case in links:
-            post |= {"is_self": False, "selftext": "", "url": links[case], "url_overridden_by_dest": links[case], "domain": links[case].split("/")[2],
-                     "is_video": case == "video_hosted"}
+            post |= {
+                "is_self": False,
+                "selftext": "",
+                "url": links[case],
+                "url_overridden_by_dest": links[case],
+                "domain": links[case].split("/")[2],
+                "is_video": case == "video_hosted",
+            }
             if case == "image":
                 post["post_hint"] = "image"
         if case == "gallery":
-            post |= {"is_gallery": True, "gallery_data": {"items": [{"media_id": f"{key}a", "id": 1}, {"media_id": f"{key}b", "id": 2}]},
-                     "media_metadata": {f"{key}{part}": {"status": "valid", "e": "Image", "m": "image/png"} for part in "ab"}}
+            post |= {
+                "is_gallery": True,
+                "gallery_data": {"items": [{"media_id": f"{key}a", "id": 1}, {"media_id": f"{key}b", "id": 2}]},
+                "media_metadata": {f"{key}{part}": {"status": "valid", "e": "Image", "m": "image/png"} for part in "ab"},
+            }
         elif case == "poll":
-            post["poll_data"] = {"options": [{"text": word, "id": str(n), "vote_count": 3 * n} for n, word in enumerate(("cobblestone", "oak & spruce"))],
-                                 "total_vote_count": 3, "voting_end_timestamp": int(post["created_utc"] * 1_000) + 86_400_000}
+            post["poll_data"] = {
+                "options": [{"text": word, "id": str(n), "vote_count": 3 * n} for n, word in enumerate(("cobblestone", "oak & spruce"))],
+                "total_vote_count": 3,
+                "voting_end_timestamp": int(post["created_utc"] * 1_000) + 86_400_000,
+            }
         elif case == "crosspost":
-            parent = {**post, "id": "zz9zz9", "name": "t3_zz9zz9", "subreddit": "u_mossy_heron17", "is_self": False, "selftext": "",
-                      "permalink": "/user/mossy_heron17/comments/zz9zz9/post/", "url": "https://v.redd.it/zz9zz9", "is_video": True}
-            post |= {"crosspost_parent": "t3_zz9zz9", "crosspost_parent_list": [parent], "is_self": False, "selftext": "", "url": "https://v.redd.it/zz9zz9"}
+            parent = {
+                **post,
+                "id": "zz9zz9",
+                "name": "t3_zz9zz9",
+                "subreddit": "u_mossy_heron17",
+                "is_self": False,
+                "selftext": "",
+                "permalink": "/user/mossy_heron17/comments/zz9zz9/post/",
+                "url": "https://v.redd.it/zz9zz9",
+                "is_video": True,
+            }
+            post |= {
+                "crosspost_parent": "t3_zz9zz9",
+                "crosspost_parent_list": [parent],
+                "is_self": False,
+                "selftext": "",
+                "url": "https://v.redd.it/zz9zz9",
+            }
         elif case == "low_score":
             post["score"] = rng.randrange(0, 5)
         elif case == "no_score":
@@ -162,10 +266,23 @@ class Subreddit:
     def _comment(self, post: dict[str, Any], parent: dict[str, Any] | None, number: int, rng: random.Random) -> dict[str, Any]:
         key = f"{post['id']}{_base36(number).rjust(3, '0')}"
         comment = {
-            "id": key, "name": f"t1_{key}", "link_id": post["name"], "parent_id": parent["name"] if parent else post["name"], "subreddit": self.name,
-            "author": rng.choice(_PEOPLE), "author_fullname": f"t2_{_base36(9_000 + rng.randrange(900))}", "body": speech.about(rng, 1),
-            "created_utc": post["created_utc"] + 60 * (number + 1), "score": rng.randrange(-3, 90), "edited": False, "stickied": False, "distinguished": None,
-            "permalink": f"{post['permalink']}{key}/", "score_hidden": False, "depth": parent["depth"] + 1 if parent else 0, "replies": "",
+            "id": key,
+            "name": f"t1_{key}",
+            "link_id": post["name"],
+            "parent_id": parent["name"] if parent else post["name"],
+            "subreddit": self.name,
+            "author": rng.choice(_PEOPLE),
+            "author_fullname": f"t2_{_base36(9_000 + rng.randrange(900))}",
+            "body": speech.about(rng, 1),
+            "created_utc": post["created_utc"] + 60 * (number + 1),
+            "score": rng.randrange(-3, 90),
+            "edited": False,
+            "stickied": False,
+            "distinguished": None,
+            "permalink": f"{post['permalink']}{key}/",
+            "score_hidden": False,
+            "depth": parent["depth"] + 1 if parent else 0,
+            "replies": "",
         }
         roll = rng.random()
         if roll < 0.04:

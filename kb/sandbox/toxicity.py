@@ -169,9 +169,7 @@ def _train(folder: Path) -> None:
                 if _share_told(model, tokenizer) >= 0.93:
                     break
             else:
-                raise FatalError(
-                    "the tiny toxicity model learned nothing", hint="remove it from the cache and try again"
-                )
+                raise FatalError("the tiny toxicity model learned nothing", hint="remove it from the cache and try again")
     finally:
         torch.set_num_threads(threads)
     arguments = {

@@ -74,12 +74,7 @@ class Video:
             return self.duration
         minutes, seconds = divmod(self.seconds, 60)
         hours, minutes = divmod(minutes, 60)
-        return (
-            "PT"
-            + (f"{hours}H" if hours else "")
-            + (f"{minutes}M" if minutes else "")
-            + (f"{seconds}S" if seconds or not minutes else "")
-        )
+        return "PT" + (f"{hours}H" if hours else "") + (f"{minutes}M" if minutes else "") + (f"{seconds}S" if seconds or not minutes else "")
 
 
 @dataclass

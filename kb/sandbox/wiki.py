@@ -92,11 +92,7 @@ def _slugs() -> dict[str, str]:
 @cache
 def _pages(later: bool) -> dict[str, dict[str, Any]]:
     """The pages of a state by title, redirects too."""
-    pages = [
-        page
-        for page in _load("later/pages.json" if later else "pages.json")["query"]["pages"]
-        if not page.get("missing")
-    ]
+    pages = [page for page in _load("later/pages.json" if later else "pages.json")["query"]["pages"] if not page.get("missing")]
     if later:
         known = {page["title"] for page in pages}
         for part in (1, 2, 3):
@@ -154,8 +150,7 @@ def _allpages(query: dict[str, str], later: bool, answer: dict[str, Any]) -> Non
     pages = [
         page
         for page in _pages(later).values()
-        if str(page["ns"]) == query.get("apnamespace", "0")
-        and (filter_ == "all" or bool(page.get("redirect")) == (filter_ == "redirects"))
+        if str(page["ns"]) == query.get("apnamespace", "0") and (filter_ == "all" or bool(page.get("redirect")) == (filter_ == "redirects"))
     ]
     pages.sort(key=lambda page: page["title"])
     pages = [page for page in pages if page["title"].replace(" ", "_") >= query.get("apcontinue", "")]
@@ -191,9 +186,7 @@ def _details(query: dict[str, str], later: bool, answer: dict[str, Any]) -> None
             )
         else:
             found.append(held or {"ns": 6 if title.startswith("File:") else 0, "title": title, "missing": True})
-    found += [
-        by_id.get(key) or {"pageid": int(key), "missing": True} for key in query.get("pageids", "").split("|") if key
-    ]
+    found += [by_id.get(key) or {"pageid": int(key), "missing": True} for key in query.get("pageids", "").split("|") if key]
     found += [by_revision[key] for key in query.get("revids", "").split("|") if key in by_revision]
     if normalized:
         answer["query"]["normalized"] = normalized

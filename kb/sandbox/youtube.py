@@ -75,9 +75,7 @@ class DataApi:
         except Refused as refused:
             status, body = refused.answer
         # Escaped as ASCII, so that NUL and lone surrogates travel as JSON allows.
-        return Response(
-            json.dumps(body, indent=2), status, {"Vary": "Origin"}, content_type="application/json; charset=UTF-8"
-        )
+        return Response(json.dumps(body, indent=2), status, {"Vary": "Origin"}, content_type="application/json; charset=UTF-8")
 
     def _spend(self, request: Request, bucket: str) -> None:
         given = request.args.get("key") or request.headers.get("X-Goog-Api-Key")
@@ -88,9 +86,7 @@ class DataApi:
         with self._lock:
             day = self.world.pacific_day()
             if self.world.used[day, bucket] >= self.world.quota[bucket]:
-                raise Refused(
-                    errors.search_spent(self.world.quota[bucket]) if bucket == "search" else errors.general_spent()
-                )
+                raise Refused(errors.search_spent(self.world.quota[bucket]) if bucket == "search" else errors.general_spent())
             self.world.used[day, bucket] += 1
         request.environ |= {"sandbox.units": 1, "sandbox.bucket": bucket}
 
@@ -103,11 +99,7 @@ class DataApi:
         return parts
 
     def _search(self, request: Request, parts: set[str]) -> dict[str, Any]:
-        hits = (
-            self.world.youtube.search(request.args.get("q", ""))
-            if request.args.get("type", "channel") == "channel"
-            else []
-        )
+        hits = self.world.youtube.search(request.args.get("q", "")) if request.args.get("type", "channel") == "channel" else []
         found, tokens, size = _paged(request, hits[:MOST_HITS])
         body = answers.page(
             "search",
@@ -121,17 +113,13 @@ class DataApi:
     def _channels(self, request: Request, parts: set[str]) -> dict[str, Any]:
         wanted = _ids(request)
         found = [one for one in self.world.youtube.channels if one.id in wanted]
-        return answers.page(
-            "channel", [_item("channel", one.id, answers.channel_parts(one), parts) for one in found], len(found), 5
-        )
+        return answers.page("channel", [_item("channel", one.id, answers.channel_parts(one), parts) for one in found], len(found), 5)
 
     def _playlists(self, request: Request, parts: set[str]) -> dict[str, Any]:
         owner, wanted = request.args.get("channelId"), _list(request, "id")
         if not owner and not wanted:
             raise Refused(errors.no_filter())
-        found = [
-            one for one in self.world.youtube.channels if one.listed and (one.id == owner or one.uploads in wanted)
-        ]
+        found = [one for one in self.world.youtube.channels if one.listed and (one.id == owner or one.uploads in wanted)]
         return answers.page(
             "playlist",
             [_item("playlist", one.uploads, answers.playlist_parts(one), parts) for one in found],
@@ -166,11 +154,7 @@ class DataApi:
             shown = {
                 "snippet": {"publishTime": one.published_at},
                 "contentDetails": {"duration": full["contentDetails"].get("duration")},
-                "statistics": {
-                    name: full["statistics"][name]
-                    for name in ("viewCount", "likeCount", "commentCount")
-                    if name in full["statistics"]
-                },
+                "statistics": {name: full["statistics"][name] for name in ("viewCount", "likeCount", "commentCount") if name in full["statistics"]},
             }
             items.append(_item("videoStats", one.id, shown, parts))
         return {"kind": "youtube#batchGetStatsResponse", "etag": answers.etag("stats", len(items)), "items": items}

@@ -195,8 +195,7 @@ def _captions(video: Video) -> dict[str, Any]:
         "captionTracks": tracks,
         "audioTracks": [{"captionTrackIndices": list(range(len(tracks))), "hasDefaultTrack": True}],
         "translationLanguages": [
-            {"languageCode": code, "languageName": {"runs": [{"text": NAMES[code]}]}}
-            for code in ("ar", "en", "fr", "de", "ja", "es")
+            {"languageCode": code, "languageName": {"runs": [{"text": NAMES[code]}]}} for code in ("ar", "en", "fr", "de", "ja", "es")
         ],
         "defaultAudioTrackIndex": 0,
     }

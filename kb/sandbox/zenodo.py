@@ -139,9 +139,7 @@ class Deposits:
     def _update(self, request: Request, number: int) -> Response:
         found, body = self._draft(number), json_body(request)
         if "metadata" not in body:
-            raise Answer(
-                400, "Validation error.", [{"field": "metadata", "message": "Missing data for required field."}]
-            )
+            raise Answer(400, "Validation error.", [{"field": "metadata", "message": "Missing data for required field."}])
         found.metadata = checked_metadata(body["metadata"], whole=False)
         return as_json(self._shown(found, request))
 
@@ -198,9 +196,7 @@ class Deposits:
         found = self._draft(number)
         found.metadata = checked_metadata(found.metadata, whole=True)
         if not found.files:
-            raise Answer(
-                400, "Validation error.", [{"field": "files", "message": "Minimum one file must be provided."}]
-            )
+            raise Answer(400, "Validation error.", [{"field": "files", "message": "Minimum one file must be provided."}])
         found.submitted = True
         found.metadata["doi"] = f"10.5072/zenodo.{found.id}"
         return as_json(self._shown(found, request), 202)
@@ -218,12 +214,8 @@ class Deposits:
             )
         if draft is None:
             number = next(self._numbers)
-            kept = {
-                key: what for key, what in found.metadata.items() if key not in ("doi", "publication_date", "version")
-            }
-            draft = Deposit(
-                number, found.concept, str(uuid.uuid5(uuid.NAMESPACE_URL, str(number))), kept, dict(found.files)
-            )
+            kept = {key: what for key, what in found.metadata.items() if key not in ("doi", "publication_date", "version")}
+            draft = Deposit(number, found.concept, str(uuid.uuid5(uuid.NAMESPACE_URL, str(number))), kept, dict(found.files))
             self.by_id[number] = draft
         return as_json(self._shown(found, request), 201)
 

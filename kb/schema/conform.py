@@ -42,7 +42,5 @@ def conform(declared: Table | str, rows: pa.Table, *, released: bool = False) ->
             problems.append(f"column {field.name!r} has {column.null_count} nulls and may have none")
         columns.append(column)
     if problems:
-        raise SchemaMismatch(
-            f"{declared.name}: " + "; ".join(problems), hint=f"see schemas/tables/{declared.name}.toml"
-        )
+        raise SchemaMismatch(f"{declared.name}: " + "; ".join(problems), hint=f"see schemas/tables/{declared.name}.toml")
     return pa.Table.from_arrays(columns, schema=schema)

@@ -61,9 +61,7 @@ class Reader:
             items = ("items", list[response], msgspec.field(default_factory=list))  # type: ignore[valid-type]
             response = msgspec.defstruct("Response", [items])
         request = msgspec.defstruct("Request", [("params", dict[str, Any], msgspec.field(default_factory=dict))])
-        envelope = msgspec.defstruct(
-            "Envelope", [("fetched_at", str | None), ("request", request), ("status", int), ("response", response)]
-        )
+        envelope = msgspec.defstruct("Envelope", [("fetched_at", str | None), ("request", request), ("status", int), ("response", response)])
         self._decoder = msgspec.json.Decoder(envelope)
         self._parents = sorted({tuple(path[:-1]) for path in self._paths}, key=len)
 

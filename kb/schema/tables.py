@@ -99,9 +99,7 @@ class Table:
         try:
             return self._by_name[name]
         except KeyError:
-            raise SchemaMismatch(
-                f"{self.name} has no column {name!r}", hint=f"declare it in schemas/tables/{self.name}.toml"
-            ) from None
+            raise SchemaMismatch(f"{self.name} has no column {name!r}", hint=f"declare it in schemas/tables/{self.name}.toml") from None
 
     def names(self, released: bool = False) -> list[str]:
         return [column.name for column in self.columns if column.released or not released]

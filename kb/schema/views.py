@@ -140,10 +140,7 @@ def one_line(error: Exception) -> str:
 
 
 def _names(con: duckdb.DuckDBPyConnection) -> str:
-    rows = con.execute(
-        "SELECT schema_name || '.' || view_name FROM duckdb_views()"
-        " WHERE schema_name IN ('clean', 'release') ORDER BY ALL"
-    ).fetchall()
+    rows = con.execute("SELECT schema_name || '.' || view_name FROM duckdb_views() WHERE schema_name IN ('clean', 'release') ORDER BY ALL").fetchall()
     names = ", ".join(row[0] for row in rows)
     return f"there are: {names}" if names else "no tables yet: run a crawl and filter first, or make demo"
 

@@ -28,8 +28,13 @@ class Api:
         # build() must not see a secret in an exception of its own; it only reads a file of the package.
         self._http = httplib2.Http(timeout=TIMEOUT_S[1])
         self._service = build(
-            "youtube", "v3", developerKey=settings.need("youtube_api_key"), http=self._http, static_discovery=True,
-            cache_discovery=False, client_options={"api_endpoint": settings.kb_youtube_endpoint or GOOGLE},
+            "youtube",
+            "v3",
+            developerKey=settings.need("youtube_api_key"),
+            http=self._http,
+            static_discovery=True,
+            cache_discovery=False,
+            client_options={"api_endpoint": settings.kb_youtube_endpoint or GOOGLE},
         )
         self._agent = user_agent(settings.kb_contact)
         self._profile, self._frontier = profile, frontier

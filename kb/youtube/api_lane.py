@@ -118,9 +118,7 @@ class ApiLane:
             self.job.spend_room(n)
         self.job.show(phase, unit, n)
 
-    def _ask(
-        self, items: list[Item], call: Callable[[], dict[str, Any]], *, final: bool = True
-    ) -> dict[str, Any] | None:
+    def _ask(self, items: list[Item], call: Callable[[], dict[str, Any]], *, final: bool = True) -> dict[str, Any] | None:
         """The answer; None when the items failed. What stops the run gives them back first."""
         kind, keys = items[0].kind, [item.key for item in items]
         try:

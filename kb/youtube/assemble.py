@@ -55,8 +55,9 @@ def _joined(videos: pa.Table, found: pa.Table, words: Callable[[Any], pa.Array])
     had = pc.fill_null(pc.equal(outcome, "ok"), False)
     final = pc.fill_null(pc.not_equal(outcome, "failed"), False)
     kind = pc.if_else(had, _column(side, "kind"), pc.if_else(final, "none", "unknown"))
-    restricted = pc.or_(pc.equal(pc.fill_null(_column(videos, "yt_rating"), ""), "ytAgeRestricted"),
-                        pc.equal(pc.fill_null(outcome, ""), "age_restricted"))
+    restricted = pc.or_(
+        pc.equal(pc.fill_null(_column(videos, "yt_rating"), ""), "ytAgeRestricted"), pc.equal(pc.fill_null(outcome, ""), "age_restricted")
+    )
     counted = _words(_column(side, "cues"), words)
     own: dict[str, Any] = {
         "link": pc.binary_join_element_wise(WATCH, _column(videos, "video_id"), ""),
@@ -116,8 +117,9 @@ def _without_overlap(cues: pa.Array, automatic: pa.Array) -> pa.Array:
     track = pc.list_parent_indices(cues)
     gap = pc.round(pc.subtract(start.slice(1), start.slice(0, len(start) - 1)), 3)
     within = pc.and_(pc.equal(track.slice(1), track.slice(0, len(track) - 1)), automatic.take(track.slice(1)))
-    before_last = pc.if_else(pc.and_(within, pc.greater_equal(gap, 0)), pc.min_element_wise(gap, length.slice(0, len(length) - 1)),
-                             length.slice(0, len(length) - 1))
+    before_last = pc.if_else(
+        pc.and_(within, pc.greater_equal(gap, 0)), pc.min_element_wise(gap, length.slice(0, len(length) - 1)), length.slice(0, len(length) - 1)
+    )
     length = pa.concat_arrays([before_last, length.slice(len(length) - 1)])
     fitted = pa.StructArray.from_arrays([start, length, flat.field("text")], names=["start_s", "duration_s", "text"])
     sizes = pc.fill_null(pc.list_value_length(cues), 0).cast(pa.int32())

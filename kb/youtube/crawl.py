@@ -32,9 +32,7 @@ from kb.youtube.web_lane import WebLane
 PHASES = {"channels": (SEARCHES,), "uploads": (UPLOADS,), "metadata": (VIDEOS,), "transcripts": (TRANSCRIPTS,)}
 
 
-def crawl(
-    run: Run, wanted: Wanted, *, only: str | None = None, ids: Path | None = None, part: tuple[int, int] | None = None
-) -> Summary:
+def crawl(run: Run, wanted: Wanted, *, only: str | None = None, ids: Path | None = None, part: tuple[int, int] | None = None) -> Summary:
     """Crawl until nothing is left. `wanted` picks the videos whose transcript is worth asking for.
 
     Raises Stopped (with `summary`) when something is left for another run, and what kb.core.errors says for the rest.

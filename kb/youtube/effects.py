@@ -1,10 +1,10 @@
 """What an answer means for the frontier: the same function live and when the raw log is replayed, so idempotent.
 
-    searches      key "<keyword>#<page token>"      → channels, and the next page
-    channels      key channel id: found, never asked for by itself
-    uploads       key channel id, payload {playlist, token}: pages of the uploads list → videos
-    videos        key video id: metadata → transcripts, for those that pass the cheap filters
-    transcripts   key video id
+searches      key "<keyword>#<page token>"      → channels, and the next page
+channels      key channel id: found, never asked for by itself
+uploads       key channel id, payload {playlist, token}: pages of the uploads list → videos
+videos        key video id: metadata → transcripts, for those that pass the cheap filters
+transcripts   key video id
 """
 
 from __future__ import annotations

@@ -12,8 +12,18 @@ from kb.youtube import quota
 
 _SPENT = {"quotaExceeded", "dailyLimitExceeded", "dailyLimitExceededUnreg"}
 _BURST = {"rateLimitExceeded", "userRateLimitExceeded"}
-_KEY = {"keyInvalid", "keyExpired", "accessNotConfigured", "ipRefererBlocked", "forbidden", "authError", "required",
-        "API_KEY_INVALID", "API_KEY_SERVICE_BLOCKED", "SERVICE_DISABLED"}
+_KEY = {
+    "keyInvalid",
+    "keyExpired",
+    "accessNotConfigured",
+    "ipRefererBlocked",
+    "forbidden",
+    "authError",
+    "required",
+    "API_KEY_INVALID",
+    "API_KEY_SERVICE_BLOCKED",
+    "SERVICE_DISABLED",
+}
 
 
 def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> KbError:
@@ -33,8 +43,9 @@ def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> 
     if status >= 500:
         return Retryable(f"HTTP {status} from the YouTube API", after=after)
     if status == 401 or reasons & _KEY:
-        return CredentialRefused(f"the YouTube API refuses the key ({shown})",
-                                 hint="check YOUTUBE_API_KEY and that the YouTube Data API v3 is enabled for it")
+        return CredentialRefused(
+            f"the YouTube API refuses the key ({shown})", hint="check YOUTUBE_API_KEY and that the YouTube Data API v3 is enabled for it"
+        )
     return ItemFinal("not_found" if status == 404 else shown, str(status))
 
 

@@ -21,10 +21,10 @@ from kb.youtube.ids import read_ids, share
 from kb.youtube.job import PACK
 
 # Used only where this data root has nothing to measure.
-CHANNELS_A_PAGE = 25            # results without doubles
+CHANNELS_A_PAGE = 25  # results without doubles
 VIDEOS_A_CHANNEL = 200
-WORTH_A_TRANSCRIPT = 0.6        # of videos, pass category, views, aspect ratio, duration, age
-BYTES = {effects.RAW_SEARCH: 6_000, effects.RAW_LIST: 3_000, effects.RAW_VIDEOS: 60_000, effects.RAW_TRANSCRIPTS: 12_000}     # a call or video
+WORTH_A_TRANSCRIPT = 0.6  # of videos, pass category, views, aspect ratio, duration, age
+BYTES = {effects.RAW_SEARCH: 6_000, effects.RAW_LIST: 3_000, effects.RAW_VIDEOS: 60_000, effects.RAW_TRANSCRIPTS: 12_000}  # a call or video
 REQUESTS_A_TRANSCRIPT = 3
 
 
@@ -38,13 +38,23 @@ def plan(run: Run, ids: Path | None = None, part: tuple[int, int] | None = None)
     general = calls["playlist_items"] + calls["videos"]
     hours = 0.0 if is_loopback(run.settings.kb_youtube_web or "") else left["transcripts"] / profile.transcripts_per_hour
     sizes = _bytes_each(run, state)
-    size = (calls["search"] * sizes[effects.RAW_SEARCH] + calls["playlist_items"] * sizes[effects.RAW_LIST]
-            + calls["videos"] * sizes[effects.RAW_VIDEOS] + left["transcripts"] * sizes[effects.RAW_TRANSCRIPTS])
+    size = (
+        calls["search"] * sizes[effects.RAW_SEARCH]
+        + calls["playlist_items"] * sizes[effects.RAW_LIST]
+        + calls["videos"] * sizes[effects.RAW_VIDEOS]
+        + left["transcripts"] * sizes[effects.RAW_TRANSCRIPTS]
+    )
     days = max(calls["search"] / profile.searches_per_day, general / profile.units_per_day, hours / 24)
     return Summary(
-        channels=left["channels"], videos=left["videos"], transcripts=left["transcripts"],
-        searches=calls["search"], units=general, calls=sum(calls.values()) + left["transcripts"] * REQUESTS_A_TRANSCRIPT,
-        transcript_hours=round(hours, 1), gb=round(size / 1e9, 3), days=round(days, 2),
+        channels=left["channels"],
+        videos=left["videos"],
+        transcripts=left["transcripts"],
+        searches=calls["search"],
+        units=general,
+        calls=sum(calls.values()) + left["transcripts"] * REQUESTS_A_TRANSCRIPT,
+        transcript_hours=round(hours, 1),
+        gb=round(size / 1e9, 3),
+        days=round(days, 2),
         searches_left_today=max(0, profile.searches_per_day - state["spent"]["search"]),
         units_left_today=max(0, profile.units_per_day - state["spent"]["general"]),
         assumed=", ".join(assumed) if not ids and assumed else None,
@@ -72,6 +82,7 @@ def _state(run: Run) -> dict[str, Any]:
 
 def _measured(state: dict[str, Any]) -> tuple[dict[str, float], list[str]]:
     """Rates that this data root shows, and the names of those that had to be assumed."""
+
     def count(kind: str, *statuses: str) -> int:
         return sum(n for status, n in state["kinds"].get(kind, {}).items() if not statuses or status in statuses)
 
@@ -100,8 +111,13 @@ def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[
     channels = todo(UPLOADS) + round(searches * rates["channels_a_page"])
     unlisted = round(channels * rates["videos_a_channel"])
     videos = todo(VIDEOS) + unlisted
-    return {"searches": searches, "channels": channels, "pages": max(channels, math.ceil(unlisted / PACK)), "videos": videos,
-            "transcripts": todo(TRANSCRIPTS) + round(videos * rates["worth_a_transcript"])}
+    return {
+        "searches": searches,
+        "channels": channels,
+        "pages": max(channels, math.ceil(unlisted / PACK)),
+        "videos": videos,
+        "transcripts": todo(TRANSCRIPTS) + round(videos * rates["worth_a_transcript"]),
+    }
 
 
 def _left_of_ids(run: Run, ids: Path, part: tuple[int, int] | None, state: dict[str, Any]) -> dict[str, int]:
@@ -118,14 +134,23 @@ def _left_of_ids(run: Run, ids: Path, part: tuple[int, int] | None, state: dict[
             pending = frontier.counts(TRANSCRIPTS).get("todo", 0)
         finally:
             frontier.close()
-    return {"searches": 0, "channels": 0, "pages": 0, "videos": len(wanted),
-            "transcripts": pending + round(len(wanted) * rates["worth_a_transcript"])}
+    return {
+        "searches": 0,
+        "channels": 0,
+        "pages": 0,
+        "videos": len(wanted),
+        "transcripts": pending + round(len(wanted) * rates["worth_a_transcript"]),
+    }
 
 
 def _bytes_each(run: Run, state: dict[str, Any]) -> dict[str, float]:
     """Compressed bytes of one call (one video for transcripts), measured where there is something."""
-    answered = {effects.RAW_SEARCH: (SEARCHES, 1), effects.RAW_LIST: (UPLOADS, 1), effects.RAW_VIDEOS: (VIDEOS, PACK),
-                effects.RAW_TRANSCRIPTS: (TRANSCRIPTS, 1)}
+    answered = {
+        effects.RAW_SEARCH: (SEARCHES, 1),
+        effects.RAW_LIST: (UPLOADS, 1),
+        effects.RAW_VIDEOS: (VIDEOS, PACK),
+        effects.RAW_TRANSCRIPTS: (TRANSCRIPTS, 1),
+    }
     sizes = {}
     for kind, (items, pack) in answered.items():
         done = state["kinds"].get(items, {}).get("done", 0)

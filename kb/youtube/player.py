@@ -30,13 +30,19 @@ def facts(answer: Any, page: str, game_ids: tuple[str, ...] = ()) -> dict[str, A
     tracks = _at(answer, "captions", "playerCaptionsTracklistRenderer", "captionTracks")
     label_id, label = game(page, game_ids)
     return {
-        "width": width, "height": height, "fps": fps,
+        "width": width,
+        "height": height,
+        "fps": fps,
         "length_s": int(length) if isinstance(length, str) and length.isdigit() else None,
-        "game_label_id": label_id, "game_label": label,
-        "playability": _text(_at(playability, "status")), "reason": _text(_at(playability, "reason")),
-        "tracks": [{"language": track["languageCode"], "kind": "asr" if track.get("kind") == "asr" else "manual"}
-                   for track in (tracks if isinstance(tracks, list) else ())
-                   if isinstance(track, dict) and isinstance(track.get("languageCode"), str)],
+        "game_label_id": label_id,
+        "game_label": label,
+        "playability": _text(_at(playability, "status")),
+        "reason": _text(_at(playability, "reason")),
+        "tracks": [
+            {"language": track["languageCode"], "kind": "asr" if track.get("kind") == "asr" else "manual"}
+            for track in (tracks if isinstance(tracks, list) else ())
+            if isinstance(track, dict) and isinstance(track.get("languageCode"), str)
+        ],
     }
 
 

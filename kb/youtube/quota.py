@@ -1,8 +1,8 @@
 """The Data API's quota: two buckets a Pacific day, kept in the ledger and never overrun knowingly.
 
-    search     search.list, 1 a call
-    general    every other list call, 1 a call
-    web        requests to the public site: no units, counted only
+search     search.list, 1 a call
+general    every other list call, 1 a call
+web        requests to the public site: no units, counted only
 """
 
 from __future__ import annotations

@@ -118,6 +118,5 @@ def _sleep_until(reset: datetime) -> None:
 def _final(summary: Summary, frontier: Frontier, before: tuple[int, int]) -> Summary:
     requests, units = frontier.requests()
     counts = frontier.counts(REFRESH)
-    summary |= {"requests": requests - before[0], "units": units - before[1], "failed": counts.get("error", 0),
-                "left": counts.get("todo", 0)}
+    summary |= {"requests": requests - before[0], "units": units - before[1], "failed": counts.get("error", 0), "left": counts.get("todo", 0)}
     return summary

@@ -62,13 +62,21 @@ class Fetcher:
         import youtube_transcript_api as lib
 
         self._page, self._answer = "", None
-        found: dict[str, Any] = {"video_id": video_id, "outcome": "ok", "reason": None, "kind": None, "language": None,
-                                 "original_kind": None, "cues": None}
+        found: dict[str, Any] = {
+            "video_id": video_id,
+            "outcome": "ok",
+            "reason": None,
+            "kind": None,
+            "language": None,
+            "original_kind": None,
+            "cues": None,
+        }
         try:
             found |= self._read(self._api.list(video_id))
         except (lib.RequestBlocked, lib.IpBlocked) as error:
-            raise Blocked(f"YouTube blocks this address ({type(error).__name__})",
-                          hint="go on later or from another address; the same command goes on") from None
+            raise Blocked(
+                f"YouTube blocks this address ({type(error).__name__})", hint="go on later or from another address; the same command goes on"
+            ) from None
         except lib.FailedToCreateConsentCookie:
             raise Blocked("YouTube shows a consent wall instead of the watch page", hint="go on from another address") from None
         except lib.NoTranscriptFound:
@@ -83,7 +91,7 @@ class Fetcher:
             # An empty body of the timed text raises the parser's own error.
             raise Retryable(_reason(error)) from None
         except (KeyError, IndexError, TypeError, AttributeError) as error:
-            raise Retryable(f"unreadable ({type(error).__name__})") from None    # an answer of another form than the library expects
+            raise Retryable(f"unreadable ({type(error).__name__})") from None  # an answer of another form than the library expects
         except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError) as error:
             raise Retryable(f"{type(error).__name__} at www.youtube.com", unreachable=True) from None
         found["player"] = player.facts(self._answer, self._page, self._profile.game_ids)
@@ -101,7 +109,9 @@ class Fetcher:
                 continue
             original = "asr" if track.is_generated else "manual"
             return {
-                "kind": "translated" if translate else original, "original_kind": original, "language": track.language_code,
+                "kind": "translated" if translate else original,
+                "original_kind": original,
+                "language": track.language_code,
                 "cues": [[cue.start, cue.duration, cue.text] for cue in shown.fetch()],
             }
         raise lib.NoTranscriptFound(tracks.video_id, [language], tracks)

@@ -30,9 +30,7 @@ class WebLane:
     def work(self) -> None:
         """One thread's part: until nothing is left and nothing can come, or a reason to stop was found."""
         job = self.job
-        fetcher = Fetcher(
-            job.run.settings, job.profile, self._pace, lambda endpoint: self.frontier.spend(WEB, 0, endpoint)
-        )
+        fetcher = Fetcher(job.run.settings, job.profile, self._pace, lambda endpoint: self.frontier.spend(WEB, 0, endpoint))
         try:
             while self.stop is None:
                 signals.stop.check()
@@ -102,8 +100,6 @@ class WebLane:
 def _as_stop(error: BaseException) -> KbError:
     if isinstance(error, OSError):
         return FatalError(str(error))
-    failure = KbError(
-        f"unexpected {type(error).__name__} in a transcript's thread: {error}", hint="run it again with --debug"
-    )
+    failure = KbError(f"unexpected {type(error).__name__} in a transcript's thread: {error}", hint="run it again with --debug")
     failure.__cause__ = error
     return failure

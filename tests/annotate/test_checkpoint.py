@@ -108,9 +108,7 @@ def test_a_file_that_is_no_checkpoint_is_exit_2(copied):
 def test_a_configuration_of_another_model_is_exit_2(copied):
     config = copied.parent / "config.json"
     config.write_text(
-        config.read_text()
-        .replace('"hidden_size": 64', '"hidden_size": 32')
-        .replace('"num_hidden_layers": 2', '"num_hidden_layers": 3')
+        config.read_text().replace('"hidden_size": 64', '"hidden_size": 32').replace('"num_hidden_layers": 2', '"num_hidden_layers": 3')
     )
     with pytest.raises(MissingModel, match="doesn't fit"):
         load_detoxify(find(copied, kb_toxicity_sha256=sha256_of(copied)))

@@ -87,9 +87,7 @@ def test_the_tiny_model_tells_insults_from_plain_text(checkpoint):
 
 def test_each_text_is_scored_once_in_this_and_all_later_runs(make_run, monkeypatch):
     seen: list[str] = []
-    monkeypatch.setattr(
-        room, "score_chunk", lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts)
-    )
+    monkeypatch.setattr(room, "score_chunk", lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts))
     run = make_run()
     first = Scorer.open(run, "reddit").annotate([pa.array([*TEXTS, None, "", TEXTS[1]]), TEXTS[:3]])
     assert (first.texts, first.scored) == (len(TEXTS), len(TEXTS))
@@ -104,9 +102,7 @@ def test_equal_texts_far_apart_are_scored_once_too(make_run, monkeypatch):
     monkeypatch.setattr(chunks, "LOOKUP_TEXTS", 2)
     monkeypatch.setattr(chunks, "CHUNK_TEXTS", 3)
     seen: list[str] = []
-    monkeypatch.setattr(
-        room, "score_chunk", lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts)
-    )
+    monkeypatch.setattr(room, "score_chunk", lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts))
     counts = Scorer.open(make_run(), "reddit").annotate([["a", "b"], ["a", "c"], ["d", "e"], ["a", "e"], ["f", "b"]])
     assert seen == ["a", "b", "c", "d", "e", "f"]
     assert (counts.texts, counts.scored, counts.known) == (10, 6, 4)
@@ -143,9 +139,7 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, 
     assert sum(pq.read_metadata(path).num_rows for path in folder.iterdir()) == 4
     counts = Scorer.open(make_run(root=tmp_path / "cut"), "reddit").annotate([TEXTS])
     assert (counts.scored, counts.known) == (len(TEXTS) - 4, 4)
-    assert (folder / "toxicity.parquet").read_bytes() == (
-        whole.root / "annotations/reddit/toxicity.parquet"
-    ).read_bytes()
+    assert (folder / "toxicity.parquet").read_bytes() == (whole.root / "annotations/reddit/toxicity.parquet").read_bytes()
     assert len(list(folder.iterdir())) == 1
 
 
@@ -177,24 +171,17 @@ def test_reduced_precision_is_recorded_and_exact_near_the_threshold(make_run, ch
     other = precisions.index("bf16")
     again = make_run(thresholds={"reddit": max(reduced[other])})
     assert Scorer.open(again, "reddit").annotate([TEXTS]).scored >= 1
-    assert Scorer.open(again, "reddit").lookup(text_hashes(pa.array([TEXTS[other]])))["precision"].to_pylist() == [
-        "fp32"
-    ]
+    assert Scorer.open(again, "reddit").lookup(text_hashes(pa.array([TEXTS[other]])))["precision"].to_pylist() == ["fp32"]
 
 
 def test_int8_is_near_enough(checkpoint):
     pytest.importorskip("onnxruntime")
     exact = backends.open_runner(checkpoint).score(TEXTS)
     reduced = backends.open_runner(checkpoint, "int8").score(TEXTS)
-    assert (
-        max(abs(a - b) for x, y in zip(exact, reduced, strict=True) for a, b in zip(x, y, strict=True))
-        < backends.REACH["int8"]
-    )
+    assert max(abs(a - b) for x, y in zip(exact, reduced, strict=True) for a, b in zip(x, y, strict=True)) < backends.REACH["int8"]
 
 
-@pytest.mark.parametrize(
-    ("options", "words"), [({"precision": "fp8"}, "fp32, bf16, int8"), ({"device": "tpu"}, "auto, cpu, cuda")]
-)
+@pytest.mark.parametrize(("options", "words"), [({"precision": "fp8"}, "fp32, bf16, int8"), ({"device": "tpu"}, "auto, cpu, cuda")])
 def test_wrong_options_are_exit_2(make_run, options, words):
     with pytest.raises(SettingError) as error:
         Scorer.open(make_run(), "reddit", **options)
@@ -215,9 +202,7 @@ def test_off_in_the_profile_scores_nothing(make_run):
     run = make_run(model="no such model")
     from dataclasses import replace
 
-    off = replace(
-        run, profile=run.profile.model_copy(update={"toxicity": type(run.profile.toxicity).model_validate("off")})
-    )
+    off = replace(run, profile=run.profile.model_copy(update={"toxicity": type(run.profile.toxicity).model_validate("off")}))
     scorer = Scorer.open(off, "youtube")
     assert not scorer.on
     assert scorer.annotate([TEXTS]).texts == 0

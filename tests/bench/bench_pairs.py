@@ -112,7 +112,9 @@ def test_pairs_matching_and_pipeline(said: Said, tools) -> None:  # type: ignore
     _flashtext(said, phrases, rates, hits)
     _pyahocorasick(said, phrases, rates, hits)
     _duckdb(said, phrases, rates)
-    _show(f"{len(phrases):,} phrases, {said.words:,} words, a match in {1 / hits['kb: fold + match + resolve']:.0f} words", rates, "one re alternation")
+    _show(
+        f"{len(phrases):,} phrases, {said.words:,} words, a match in {1 / hits['kb: fold + match + resolve']:.0f} words", rates, "one re alternation"
+    )
     print("  matches a word: " + ", ".join(f"{name} {share:.4f}" for name, share in hits.items()))
     assert rates["kb: fold + match + resolve"] >= 300 * rates["one re alternation"]
     assert rates["kb: whole pipeline with CLIP tokens"] >= 90 * rates["one re alternation"]
@@ -182,11 +184,15 @@ def test_pairs_at_scale(tools, tmp_path: Path, make_rows) -> None:  # type: igno
         child = subprocess.run([sys.executable, "-c", _CHILD, str(root)], capture_output=True, text=True, check=True)
         one = json.loads(child.stdout.splitlines()[-1])
         measured.append(one)
-        print(f"  {share * _SCALE:6.2%}: {one['videos']:,} videos, {one['words'] / 1e6:.1f} M words, {one['pairs']:,} pairs: "
-              f"{one['cpu']:.1f} s of CPU ({one['seconds']:.1f} s), {one['words'] / one['cpu'] / 1e6:.2f} M words/s, peak {one['peak_mb']:.0f} MB")
+        print(
+            f"  {share * _SCALE:6.2%}: {one['videos']:,} videos, {one['words'] / 1e6:.1f} M words, {one['pairs']:,} pairs: "
+            f"{one['cpu']:.1f} s of CPU ({one['seconds']:.1f} s), {one['words'] / one['cpu'] / 1e6:.2f} M words/s, peak {one['peak_mb']:.0f} MB"
+        )
     last = measured[-1]
-    print(f"  extrapolated from the last line, not measured: 100% is {last['cpu'] * WORDS / last['words'] / 60:.0f} minutes of one core, "
-          f"about {last['pairs'] * WORDS / last['words'] / 1e6:.1f} M pairs before max_pairs_per_video")
+    print(
+        f"  extrapolated from the last line, not measured: 100% is {last['cpu'] * WORDS / last['words'] / 60:.0f} minutes of one core, "
+        f"about {last['pairs'] * WORDS / last['words'] / 1e6:.1f} M pairs before max_pairs_per_video"
+    )
     assert last["peak_mb"] < 2 * measured[0]["peak_mb"] + 100  # ten times the data in about the same memory
 
 

@@ -32,14 +32,58 @@ ROUNDS = 5
 
 # What a comment of 2023 has besides; one of 2012 doesn't. Most are empty in most lines, as in the archive's.
 LATER = {
-    "all_awardings": [], "approved_at_utc": None, "approved_by": None, "archived": False, "associated_award": None, "author_created_utc": 1_500_000_000,
-    "author_flair_background_color": None, "author_flair_css_class": None, "author_flair_richtext": [], "author_flair_template_id": None, "author_flair_text": None,
-    "author_flair_text_color": None, "author_flair_type": "text", "author_is_blocked": False, "author_patreon_flair": False, "author_premium": False, "awarders": [],
-    "banned_at_utc": None, "banned_by": None, "can_gild": True, "can_mod_post": False, "collapsed": False, "collapsed_because_crowd_control": None,
-    "collapsed_reason": None, "collapsed_reason_code": None, "comment_type": None, "created": 1_700_000_000, "downs": 0, "gildings": {}, "is_submitter": False,
-    "likes": None, "locked": False, "mod_note": None, "mod_reason_by": None, "mod_reason_title": None, "mod_reports": [], "nest_level": 1, "no_follow": True,
-    "num_reports": None, "removal_reason": None, "replies": "", "report_reasons": None, "saved": False, "send_replies": True, "subreddit_name_prefixed": "r/all",
-    "subreddit_type": "public", "top_awarded_type": None, "treatment_tags": [], "unrepliable_reason": None, "updated_on": None, "ups": 1, "user_reports": [],
+    "all_awardings": [],
+    "approved_at_utc": None,
+    "approved_by": None,
+    "archived": False,
+    "associated_award": None,
+    "author_created_utc": 1_500_000_000,
+    "author_flair_background_color": None,
+    "author_flair_css_class": None,
+    "author_flair_richtext": [],
+    "author_flair_template_id": None,
+    "author_flair_text": None,
+    "author_flair_text_color": None,
+    "author_flair_type": "text",
+    "author_is_blocked": False,
+    "author_patreon_flair": False,
+    "author_premium": False,
+    "awarders": [],
+    "banned_at_utc": None,
+    "banned_by": None,
+    "can_gild": True,
+    "can_mod_post": False,
+    "collapsed": False,
+    "collapsed_because_crowd_control": None,
+    "collapsed_reason": None,
+    "collapsed_reason_code": None,
+    "comment_type": None,
+    "created": 1_700_000_000,
+    "downs": 0,
+    "gildings": {},
+    "is_submitter": False,
+    "likes": None,
+    "locked": False,
+    "mod_note": None,
+    "mod_reason_by": None,
+    "mod_reason_title": None,
+    "mod_reports": [],
+    "nest_level": 1,
+    "no_follow": True,
+    "num_reports": None,
+    "removal_reason": None,
+    "replies": "",
+    "report_reasons": None,
+    "saved": False,
+    "send_replies": True,
+    "subreddit_name_prefixed": "r/all",
+    "subreddit_type": "public",
+    "top_awarded_type": None,
+    "treatment_tags": [],
+    "unrepliable_reason": None,
+    "updated_on": None,
+    "ups": 1,
+    "user_reports": [],
 }
 
 
@@ -50,13 +94,33 @@ def write(path: Path, lines: int, later: dict[str, object]) -> None:
     with path.open("wb") as file, zstandard.ZstdCompressor(level=3).stream_writer(file) as out:
         for number in range(lines):
             name = "Minecraft" if number % 200 == 7 else rng.choice(("gardening", "trains", "AskAnything", "pics"))
-            out.write(json.dumps({
-                "id": f"c{number:07x}", "subreddit": name, "author": f"person{number % 977}", "author_fullname": f"t2_{number % 977:x}", "link_id": f"t3_p{number % 5000:x}",
-                "parent_id": f"t3_p{number % 5000:x}", "created_utc": 1_700_000_000 + number, "retrieved_on": 1_701_000_000, "score": number % 90,
-                "body": " ".join(rng.choices(words, k=30)), "permalink": f"/r/{name}/comments/p{number % 5000:x}/post/c{number:07x}/", "edited": False,
-                "distinguished": None, "stickied": False, "controversiality": 0, "gilded": 0, "score_hidden": False, "subreddit_id": "t5_2r05i", "total_awards_received": 0,
-                **later,
-            }).encode() + b"\n")
+            out.write(
+                json.dumps(
+                    {
+                        "id": f"c{number:07x}",
+                        "subreddit": name,
+                        "author": f"person{number % 977}",
+                        "author_fullname": f"t2_{number % 977:x}",
+                        "link_id": f"t3_p{number % 5000:x}",
+                        "parent_id": f"t3_p{number % 5000:x}",
+                        "created_utc": 1_700_000_000 + number,
+                        "retrieved_on": 1_701_000_000,
+                        "score": number % 90,
+                        "body": " ".join(rng.choices(words, k=30)),
+                        "permalink": f"/r/{name}/comments/p{number % 5000:x}/post/c{number:07x}/",
+                        "edited": False,
+                        "distinguished": None,
+                        "stickied": False,
+                        "controversiality": 0,
+                        "gilded": 0,
+                        "score_hidden": False,
+                        "subreddit_id": "t5_2r05i",
+                        "total_awards_received": 0,
+                        **later,
+                    }
+                ).encode()
+                + b"\n"
+            )
 
 
 def lines_of(path: Path) -> Iterator[bytes]:
@@ -77,9 +141,13 @@ def with_duckdb(path: Path) -> int:
     import duckdb
 
     con = duckdb.connect(config={"threads": 1})
-    columns = "{id: 'VARCHAR', subreddit: 'VARCHAR', author: 'VARCHAR', link_id: 'VARCHAR', parent_id: 'VARCHAR', created_utc: 'BIGINT', score: 'BIGINT', body: 'VARCHAR'}"
+    texts = dict.fromkeys(("id", "subreddit", "author", "link_id", "parent_id", "body"), "VARCHAR")
+    columns = texts | {"created_utc": "BIGINT", "score": "BIGINT"}
     rows = con.execute(
-        f"SELECT count(*), max(length(body)) FROM read_json('{path}', format='newline_delimited', compression='zstd', columns={columns}) WHERE subreddit = 'Minecraft'").fetchone()
+        f"""SELECT count(*), max(length(body))
+        FROM read_json('{path}', format='newline_delimited', compression='zstd', columns={columns})
+        WHERE subreddit = 'Minecraft'"""
+    ).fetchone()
     return rows[0]
 
 
@@ -93,8 +161,10 @@ def test_six_times_json(tmp_path, record_property, later):
     path = tmp_path / "RC_2024-01.zst"
     write(path, LINES, later)
     ways: dict[str, Callable[[int], int]] = {
-        "json": lambda turn: parsed(json.loads, path), "orjson": lambda turn: parsed(orjson.loads, path),
-        "DuckDB": lambda turn: with_duckdb(path), "ours": lambda turn: ours(path, tmp_path / f"root{turn}"),
+        "json": lambda turn: parsed(json.loads, path),
+        "orjson": lambda turn: parsed(orjson.loads, path),
+        "DuckDB": lambda turn: with_duckdb(path),
+        "ours": lambda turn: ours(path, tmp_path / f"root{turn}"),
     }
     rates: dict[str, list[float]] = {name: [] for name in ways}
     for turn in range(ROUNDS):
@@ -115,13 +185,13 @@ def test_memory_does_not_grow_with_the_file(tmp_path, record_property):
     for lines in (LINES // 4, LINES):
         path = tmp_path / f"RC_{lines}.zst"
         write(path, lines, LATER)
-        program = ("import sys; from kb.reddit.importing import Job, import_file; import resource;"
-                   "import_file(Job(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'), 0)); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)")
+        program = (
+            "import sys; from kb.reddit.importing import Job, import_file; import resource;"
+            "import_file(Job(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'), 0)); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+        )
         done = subprocess.run([sys.executable, "-c", program, str(path), str(tmp_path / f"root{lines}")], capture_output=True, text=True, check=True)
         peaks[lines] = int(done.stdout) / 1024
     print("\npeak memory, MiB: " + ", ".join(f"{lines:,} lines {peak:.0f}" for lines, peak in peaks.items()))
     record_property("peaks", peaks)
     small, large = peaks.values()
     assert large < 1.25 * small
-
-

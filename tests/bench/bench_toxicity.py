@@ -53,8 +53,12 @@ def checkpoint(tmp_path_factory):
     args = {"model_type": "bert-base-uncased", "model_name": "BertForSequenceClassification", "tokenizer_name": "BertTokenizer", "num_classes": 6}
     path = folder / "base.ckpt"
     torch.save(
-        {"config": {"arch": {"args": args}, "dataset": {"args": {"classes": list(tiny.CLASSES)}}},
-         "state_dict": BertForSequenceClassification(config).state_dict()}, path)
+        {
+            "config": {"arch": {"args": args}, "dataset": {"args": {"classes": list(tiny.CLASSES)}}},
+            "state_dict": BertForSequenceClassification(config).state_dict(),
+        },
+        path,
+    )
     return find_checkpoint(load_settings(dotenv=False, kb_toxicity_model=str(path), kb_toxicity_sha256=sha256_of(path)))
 
 
@@ -101,8 +105,11 @@ def test_same_scores_at_three_times_the_rate(checkpoint, texts):
     print(f"one by one      {one:7.1f} texts/s   1.00×")
     print(f"arrival order   {arrival:7.1f} texts/s   {arrival / one:.2f}×   (once, {len(some)} texts)")
     for name, rate in best.items():
-        print(f"{name:<16}{rate:7.1f} texts/s   {rate / one:.2f}×   largest difference {differences[name]:.1e}"
-              f"{'   ' + runners[name].name if name == 'chosen' else ''}", flush=True)
+        print(
+            f"{name:<16}{rate:7.1f} texts/s   {rate / one:.2f}×   largest difference {differences[name]:.1e}"
+            f"{'   ' + runners[name].name if name == 'chosen' else ''}",
+            flush=True,
+        )
     exact = [name for name in best if name not in ("bf16", "int8")]
     assert all(differences[name] < 1e-4 for name in exact)
     assert all(differences[name] < backends.REACH[name] for name in ("bf16", "int8") if name in best)

@@ -86,12 +86,8 @@ def test_one_call_against_webdriver(make_pool, wiki, section):
 
     with make_pool() as pool:
         elements, ours, by_driver, theirs = pool.use(work)
-    assert [(e["tag"], round(e["box"][2])) for e in elements] == [
-        (tag, round(rect["width"])) for tag, _, rect, _ in by_driver
-    ]
-    print(
-        f"\n{len(elements)} elements: one call {ours * 1000:.1f} ms, WebDriver {theirs:.2f} s: {theirs / ours:.0f} times"
-    )
+    assert [(e["tag"], round(e["box"][2])) for e in elements] == [(tag, round(rect["width"])) for tag, _, rect, _ in by_driver]
+    print(f"\n{len(elements)} elements: one call {ours * 1000:.1f} ms, WebDriver {theirs:.2f} s: {theirs / ours:.0f} times")
     assert theirs / ours >= 100
 
 
@@ -124,13 +120,9 @@ def test_pages_a_second(make_pool, wiki, section, tmp_path):
                 for held in seconds:
                     parts.update(held)
     total = sum(parts.values())
-    print(
-        f"\nbare load {loads:.1f} pages/s; whole pages with 1 browser {rates[1]:.2f}, with 2 {rates[2]:.2f} ({rates[2] / rates[1]:.1f} times)"
-    )
+    print(f"\nbare load {loads:.1f} pages/s; whole pages with 1 browser {rates[1]:.2f}, with 2 {rates[2]:.2f} ({rates[2] / rates[1]:.1f} times)")
     print(
         "where a page's time goes: "
-        + ", ".join(
-            f"{name} {value / len(urls) * 1000:.0f} ms ({value / total:.0%})" for name, value in parts.most_common()
-        )
+        + ", ".join(f"{name} {value / len(urls) * 1000:.0f} ms ({value / total:.0%})" for name, value in parts.most_common())
     )
     assert rates[2] > rates[1]

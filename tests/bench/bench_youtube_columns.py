@@ -24,8 +24,9 @@ pytestmark = pytest.mark.bench
 
 def script(*arguments: object) -> dict[str, Any]:
     """One process for each measurement, so that its memory is its own."""
-    done = subprocess.run([sys.executable, str(SCRIPT), *map(str, arguments)], capture_output=True, text=True, check=False,
-                          env=os.environ | {"PYTHONPATH": str(ROOT)})
+    done = subprocess.run(
+        [sys.executable, str(SCRIPT), *map(str, arguments)], capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": str(ROOT)}
+    )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout) if done.stdout.strip() else {}
 
@@ -40,8 +41,10 @@ def test_rate_and_memory(tmp_path: Path) -> None:
     print(f"\n{'':12} {'records':>10} {'seconds':>8} {'CPU s':>7} {'records/s':>10} {'ratio':>6} {'peak MB':>8} {'worker MB':>9}")
     for (name, size), found in figures.items():
         ratio = figures["plain", size]["seconds"] / found["seconds"]
-        print(f"{name:12} {size:10,} {found['seconds']:8.1f} {found['cpu_s']:7.1f} {size / found['seconds']:10,.0f} {ratio:6.2f}"
-              f" {found['peak_mb']:8} {found['worker_mb']:9}")
+        print(
+            f"{name:12} {size:10,} {found['seconds']:8.1f} {found['cpu_s']:7.1f} {size / found['seconds']:10,.0f} {ratio:6.2f}"
+            f" {found['peak_mb']:8} {found['worker_mb']:9}"
+        )
     for size in (SMALL, LARGE):
         for name in ("one worker", "two workers"):
             for count in ("kept", "rejected"):

@@ -38,17 +38,35 @@ def make(root: Path, count: int) -> None:
             for number in range(start, min(start + per_segment, count // 50)):
                 items = [_item(number * 50 + index, chance, texts) for index in range(50)]
                 asked = ",".join(item["id"] for item in items)
-                file.write(compress(orjson.dumps({
-                    "fetched_at": "2026-11-20T12:00:00Z", "request": {"endpoint": "videos.list", "params": {"id": asked}}, "status": 200,
-                    "response": {"kind": "youtube#videoListResponse", "etag": "e", "items": items,
-                                 "pageInfo": {"totalResults": 50, "resultsPerPage": 50}},
-                }) + b"\n"))
+                file.write(
+                    compress(
+                        orjson.dumps(
+                            {
+                                "fetched_at": "2026-11-20T12:00:00Z",
+                                "request": {"endpoint": "videos.list", "params": {"id": asked}},
+                                "status": 200,
+                                "response": {
+                                    "kind": "youtube#videoListResponse",
+                                    "etag": "e",
+                                    "items": items,
+                                    "pageInfo": {"totalResults": 50, "resultsPerPage": 50},
+                                },
+                            }
+                        )
+                        + b"\n"
+                    )
+                )
 
 
 def _item(number: int, chance: random.Random, texts: list[str]) -> dict[str, Any]:
     key = f"{(number * 2654435761) % (1 << 40):010x}x"
     title = chance.choice(texts)[:50] + (" Minecraft guide" if chance.random() < 0.7 else "")
-    statistics = {"viewCount": str(int(10 ** (chance.random() * 6))), "likeCount": str(chance.randrange(10_000)), "favoriteCount": "0", "commentCount": "3"}
+    statistics = {
+        "viewCount": str(int(10 ** (chance.random() * 6))),
+        "likeCount": str(chance.randrange(10_000)),
+        "favoriteCount": "0",
+        "commentCount": "3",
+    }
     odd = chance.random()
     if odd < 0.01:
         del statistics["likeCount"]
@@ -58,22 +76,42 @@ def _item(number: int, chance: random.Random, texts: list[str]) -> dict[str, Any
         del statistics["viewCount"]
     tall = chance.random() < 0.1
     return {
-        "kind": "youtube#video", "etag": "x" * 27, "id": key,
+        "kind": "youtube#video",
+        "etag": "x" * 27,
+        "id": key,
         "snippet": {
-            "publishedAt": f"20{chance.randrange(10, 26)}-03-21T20:37:49Z", "channelId": f"UC{number % 5000:022d}", "title": title,
-            "description": chance.choice(texts), "channelTitle": "a channel",
-            "thumbnails": {size: {"url": f"https://i.ytimg.com/vi/{key}/{size}.jpg", "width": 120, "height": 90}
-                           for size in ("default", "medium", "high", "standard", "maxres")},
-            "tags": chance.choice(texts).split()[:8], "categoryId": chance.choice(("20", "20", "20", "22")),
-            "liveBroadcastContent": "none", "localized": {"title": title, "description": chance.choice(texts)}, "defaultAudioLanguage": "en",
+            "publishedAt": f"20{chance.randrange(10, 26)}-03-21T20:37:49Z",
+            "channelId": f"UC{number % 5000:022d}",
+            "title": title,
+            "description": chance.choice(texts),
+            "channelTitle": "a channel",
+            "thumbnails": {
+                size: {"url": f"https://i.ytimg.com/vi/{key}/{size}.jpg", "width": 120, "height": 90}
+                for size in ("default", "medium", "high", "standard", "maxres")
+            },
+            "tags": chance.choice(texts).split()[:8],
+            "categoryId": chance.choice(("20", "20", "20", "22")),
+            "liveBroadcastContent": "none",
+            "localized": {"title": title, "description": chance.choice(texts)},
+            "defaultAudioLanguage": "en",
         },
         "contentDetails": {
-            "duration": f"PT{chance.randrange(60)}M{chance.randrange(60)}S" if chance.random() > 0.01 else "P0D", "dimension": "2d", "definition": "hd",
-            "caption": "false", "licensedContent": True, "contentRating": {"ytRating": "ytAgeRestricted"} if chance.random() < 0.01 else {},
+            "duration": f"PT{chance.randrange(60)}M{chance.randrange(60)}S" if chance.random() > 0.01 else "P0D",
+            "dimension": "2d",
+            "definition": "hd",
+            "caption": "false",
+            "licensedContent": True,
+            "contentRating": {"ytRating": "ytAgeRestricted"} if chance.random() < 0.01 else {},
             "projection": "rectangular",
         },
-        "status": {"uploadStatus": "processed", "privacyStatus": "public", "license": "youtube", "embeddable": True,
-                   "publicStatsViewable": True, "madeForKids": False},
+        "status": {
+            "uploadStatus": "processed",
+            "privacyStatus": "public",
+            "license": "youtube",
+            "embeddable": True,
+            "publicStatsViewable": True,
+            "madeForKids": False,
+        },
         "statistics": statistics,
         "player": {"embedHtml": "<iframe></iframe>", "embedWidth": "405" if tall else "854", "embedHeight": "720" if tall else "480"},
     }
@@ -161,11 +199,25 @@ def _judge(item: dict[str, Any], fetched_at: str, word: Any, shape: Any) -> dict
         return drop("age_restricted", "age_restricted", None, "")
     likes = item["statistics"].get("likeCount")
     return {
-        "video_id": key, "title": snippet["title"], "link": f"https://www.youtube.com/watch?v={key}", "channel_id": snippet["channelId"],
-        "published_at": snippet["publishedAt"], "category_id": int(snippet["categoryId"]), "view_count": int(views),
-        "like_count": None if likes is None else int(likes), "duration_s": duration, "width": width, "height": height, "fps": None,
-        "license": item["status"]["license"], "topic_evidence": "keywords", "transcript_kind": "unknown", "word_count": None,
-        "fetched_at": fetched_at, "toxicity_title": None, "toxicity_description": None,
+        "video_id": key,
+        "title": snippet["title"],
+        "link": f"https://www.youtube.com/watch?v={key}",
+        "channel_id": snippet["channelId"],
+        "published_at": snippet["publishedAt"],
+        "category_id": int(snippet["categoryId"]),
+        "view_count": int(views),
+        "like_count": None if likes is None else int(likes),
+        "duration_s": duration,
+        "width": width,
+        "height": height,
+        "fps": None,
+        "license": item["status"]["license"],
+        "topic_evidence": "keywords",
+        "transcript_kind": "unknown",
+        "word_count": None,
+        "fetched_at": fetched_at,
+        "toxicity_title": None,
+        "toxicity_description": None,
     }
 
 

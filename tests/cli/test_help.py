@@ -18,8 +18,28 @@ from kb.cli.options import COMMON
 
 # What may be imported before a command runs: a budget in modules, as a time would depend on the machine.
 NOT_FOR_HELP = (
-    "rich", "pydantic", "pydantic_settings", "structlog", "pyarrow", "duckdb", "numpy", "requests", "googleapiclient", "praw", "selenium",
-    "torch", "dask", "distributed", "matplotlib", "PIL", "transformers", "detoxify", "zstandard", "orjson", "msgspec", "werkzeug",
+    "rich",
+    "pydantic",
+    "pydantic_settings",
+    "structlog",
+    "pyarrow",
+    "duckdb",
+    "numpy",
+    "requests",
+    "googleapiclient",
+    "praw",
+    "selenium",
+    "torch",
+    "dask",
+    "distributed",
+    "matplotlib",
+    "PIL",
+    "transformers",
+    "detoxify",
+    "zstandard",
+    "orjson",
+    "msgspec",
+    "werkzeug",
 )
 
 
@@ -29,7 +49,7 @@ def leaves() -> Iterator[tuple[str, Any]]:
     context = typer.Context(root, info_name="kb")
     for name, (module, _) in TREE.items():
         if importlib.util.find_spec(module) is None:
-            continue    # tests/test_arrows.py says so
+            continue  # tests/test_arrows.py says so
         command = root.get_command(context, name)  # type: ignore[attr-defined]
         inner = getattr(command, "commands", {})
         if not inner or command.invoke_without_command:
@@ -43,8 +63,11 @@ COMMANDS = dict(leaves())
 
 def imports_of(code: str) -> set[str]:
     answer = subprocess.run(
-        [sys.executable, "-c", f"import json, sys\ntry:\n    {code}\nexcept SystemExit:\n    pass\n"
-         "print('\\n' + json.dumps(sorted(sys.modules)))"], capture_output=True, text=True, check=True)
+        [sys.executable, "-c", f"import json, sys\ntry:\n    {code}\nexcept SystemExit:\n    pass\nprint('\\n' + json.dumps(sorted(sys.modules)))"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     return set(json.loads(answer.stdout.splitlines()[-1]))
 
 
@@ -104,6 +127,6 @@ def test_examples_name_options_that_exist(name: str) -> None:
     for example in command.epilog.splitlines():
         before_comment = re.split(r"  +", example)[0].split(" -- ")[0]
         if before_comment.removeprefix(f"kb {name} ").split(" ")[0] in getattr(command, "commands", {}):
-            continue    # an example of one of the group's commands
+            continue  # an example of one of the group's commands
         for option in re.findall(r"(?<=\s)--[a-z-]+", before_comment):
             assert option in known, f"{option} in: {example}"

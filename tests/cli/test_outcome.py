@@ -54,12 +54,15 @@ def test_a_stop_shows_what_was_done(end: Any) -> None:
     assert json.loads(out) == {"crawled": 5, "kept": 4, "rejected": 1, "stopped": "--limit 5 reached"}
 
 
-@pytest.mark.parametrize(("error", "code", "words"), [
-    (KeyboardInterrupt(), 3, "the same command goes on"),
-    (OSError(errno.ENOSPC, "No space left on device", "/data/x"), 3, "no space left to write /data/x"),
-    (PermissionError(errno.EACCES, "Permission denied", "/data/y"), 1, "/data/y: Permission denied"),
-    (ZeroDivisionError("division by zero"), 1, "unexpected ZeroDivisionError: division by zero; run it again with --debug"),
-])
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (KeyboardInterrupt(), 3, "the same command goes on"),
+        (OSError(errno.ENOSPC, "No space left on device", "/data/x"), 3, "no space left to write /data/x"),
+        (PermissionError(errno.EACCES, "Permission denied", "/data/y"), 1, "/data/y: Permission denied"),
+        (ZeroDivisionError("division by zero"), 1, "unexpected ZeroDivisionError: division by zero; run it again with --debug"),
+    ],
+)
 def test_errors_of_the_machine_and_our_own_mistakes(end: Any, error: BaseException, code: int, words: str) -> None:
     got, out, err = end(error)
     assert got == code
@@ -79,22 +82,25 @@ def test_a_message_of_several_lines_becomes_one(end: Any) -> None:
     assert err == "kb: first second\n"
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    (["yuotube", "crawl"], ["'yuotube'", "'youtube'", "kb --help"]),
-    (["youtube", "crwal"], ["'crwal'", "'crawl'", "kb youtube --help"]),
-    (["youtube"], ["Missing command", "kb youtube --help"]),
-    (["youtube", "crawl", "--limt", "3"], ["--limt", "--limit", "kb youtube crawl --help"]),
-    (["youtube", "crawl", "--limit", "0"], ["--limit", "1"]),
-    (["youtube", "crawl", "--limit", "many"], ["--limit"]),
-    (["youtube", "crawl", "--only", "chanels"], ["--only", "chanels", "channels"]),
-    (["youtube", "crawl", "--part", "5/4"], ["--part", "5/4", "1/4"]),
-    (["status", "--engine", "ray"], ["--engine", "'ray'", "dask"]),
-    (["status", "--scheduler", "tcp://127.0.0.1:1"], ["--scheduler", "--engine dask"]),
-    (["status", "--profile", "minecarft"], ["minecarft", "minecraft"]),
-    (["status", "--profile", "nowhere.toml"], ["nowhere.toml"]),
-    (["query"], ["--tables"]),
-    (["query", "--tables", "FROM x"], ["--tables"]),
-])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["yuotube", "crawl"], ["'yuotube'", "'youtube'", "kb --help"]),
+        (["youtube", "crwal"], ["'crwal'", "'crawl'", "kb youtube --help"]),
+        (["youtube"], ["Missing command", "kb youtube --help"]),
+        (["youtube", "crawl", "--limt", "3"], ["--limt", "--limit", "kb youtube crawl --help"]),
+        (["youtube", "crawl", "--limit", "0"], ["--limit", "1"]),
+        (["youtube", "crawl", "--limit", "many"], ["--limit"]),
+        (["youtube", "crawl", "--only", "chanels"], ["--only", "chanels", "channels"]),
+        (["youtube", "crawl", "--part", "5/4"], ["--part", "5/4", "1/4"]),
+        (["status", "--engine", "ray"], ["--engine", "'ray'", "dask"]),
+        (["status", "--scheduler", "tcp://127.0.0.1:1"], ["--scheduler", "--engine dask"]),
+        (["status", "--profile", "minecarft"], ["minecarft", "minecraft"]),
+        (["status", "--profile", "nowhere.toml"], ["nowhere.toml"]),
+        (["query"], ["--tables"]),
+        (["query", "--tables", "FROM x"], ["--tables"]),
+    ],
+)
 def test_wrong_usage_is_exit_2_with_a_guess_and_writes_nothing(kb: Any, tmp_path: Path, arguments: list[str], words: list[str]) -> None:
     answer = kb(*arguments)
     assert answer.returncode == 2, answer.stderr
@@ -126,6 +132,12 @@ def test_a_reader_that_leaves_early_is_no_failure(tmp_path: Path) -> None:
     os.close(reading)
     done = subprocess.run(
         [sys.executable, "-m", "kb", "query", "SELECT * FROM range(1000000)", "--format", "csv"],
-        cwd=tmp_path, env=clean_environment(), stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+        cwd=tmp_path,
+        env=clean_environment(),
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
     os.close(writing)
     assert (done.returncode, done.stderr) == (0, "")

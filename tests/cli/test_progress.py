@@ -32,14 +32,20 @@ print('result')
 def on_a_terminal(*arguments: str) -> tuple[str, str]:
     """(stdout, what the terminal on stderr saw)."""
     ours, theirs = pty.openpty()
-    process = subprocess.Popen([sys.executable, "-c", PROGRAM, *arguments], stdout=subprocess.PIPE, stderr=theirs, text=True,
-                               env={**clean_environment(), "TERM": "xterm", "COLUMNS": "120"}, cwd=Path(__file__).parents[2])
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+        text=True,
+        env={**clean_environment(), "TERM": "xterm", "COLUMNS": "120"},
+        cwd=Path(__file__).parents[2],
+    )
     os.close(theirs)
     seen = b""
     while True:
         try:
             chunk = os.read(ours, 65536)
-        except OSError:     # Linux answers EIO when the other side is closed
+        except OSError:  # Linux answers EIO when the other side is closed
             break
         if not chunk:
             break
@@ -63,8 +69,9 @@ def test_quiet_shows_nothing() -> None:
 
 
 def test_a_pipe_gets_lines() -> None:
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2],
-                          env=clean_environment())
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2], env=clean_environment()
+    )
     assert done.stdout == "result\n"
     assert "metadata: 40/40 videos" in done.stderr
     assert "units 4/10000" in done.stderr

@@ -17,8 +17,10 @@ import pytest
 from kb.schema.tables import table
 from tests.cli.conftest import clean_environment
 
-SQL = ("SELECT 1 AS n, 'a, \"b\"' AS text, TIMESTAMPTZ '2026-11-20 12:00:00+00' AS at, [1.5, NULL] AS list, NULL AS nothing"
-       " UNION ALL SELECT 2, 'é' || chr(10) || 'x', NULL, NULL, NULL ORDER BY n")
+SQL = (
+    "SELECT 1 AS n, 'a, \"b\"' AS text, TIMESTAMPTZ '2026-11-20 12:00:00+00' AS at, [1.5, NULL] AS list, NULL AS nothing"
+    " UNION ALL SELECT 2, 'é' || chr(10) || 'x', NULL, NULL, NULL ORDER BY n"
+)
 
 
 @pytest.fixture
@@ -27,8 +29,10 @@ def root(tmp_path: Path) -> Path:
     folder = tmp_path / "data" / "clean" / "youtube" / "rejected"
     folder.mkdir(parents=True)
     schema = table("shared/rejected").arrow()
-    rows = [{field.name: None for field in schema} | {"key": key, "stage": "views", "reason": "low", "value": value, "threshold": "100"}
-            for key, value in (("dQw4w9WgXcQ", "7"), ("J---aiyznGQ", "99"))]
+    rows = [
+        {field.name: None for field in schema} | {"key": key, "stage": "views", "reason": "low", "value": value, "threshold": "100"}
+        for key, value in (("dQw4w9WgXcQ", "7"), ("J---aiyznGQ", "99"))
+    ]
     pq.write_table(pa.Table.from_pylist(rows, schema=pa.schema([field.with_nullable(True) for field in schema])), folder / "part-0.parquet")
     return tmp_path / "data"
 
@@ -60,8 +64,9 @@ def test_json(kb: Any) -> None:
 
 
 def test_parquet_to_a_pipe_and_to_a_file(kb: Any, tmp_path: Path) -> None:
-    done = subprocess.run([sys.executable, "-m", "kb", "query", SQL, "--format", "parquet"], cwd=tmp_path, env=clean_environment(),
-                          capture_output=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "kb", "query", SQL, "--format", "parquet"], cwd=tmp_path, env=clean_environment(), capture_output=True, check=True
+    )
     piped = pq.read_table(io.BytesIO(done.stdout))
     assert piped["at"].to_pylist() == [datetime(2026, 11, 20, 12, tzinfo=UTC), None]
     assert kb("query", SQL, "--format", "parquet", "--out", "answer.parquet").returncode == 0
@@ -77,20 +82,24 @@ def test_a_long_answer_is_cut_for_people_and_says_so(kb: Any) -> None:
 
 def test_views_of_the_data_root(kb: Any, root: Path) -> None:
     assert kb("query", "SELECT key, value::INT AS v FROM youtube_rejected ORDER BY v", "--format", "csv").stdout == (
-        "key,v\ndQw4w9WgXcQ,7\nJ---aiyznGQ,99\n")
+        "key,v\ndQw4w9WgXcQ,7\nJ---aiyznGQ,99\n"
+    )
     (line,) = json.loads(kb("query", "--tables", "--format", "json").stdout)
     assert (line["schema"], line["view"], line["rows"]) == ("clean", "youtube_rejected", 2)
 
 
-@pytest.mark.parametrize(("sql", "words"), [
-    ("SELECT keyy FROM youtube_rejected", ["keyy", '"key"']),
-    ("FROM youtube_rejectd", ["youtube_rejectd", "youtube_rejected"]),
-    ("SELEC 1", ["SELEC"]),
-    ("SELECT 1; SELECT 2", ["2 statements"]),
-    ("DROP VIEW clean.youtube_rejected", ["only reads"]),
-    ("COPY (SELECT 1) TO 'x.csv'", ["only reads"]),
-    ("SELECT 'x'::INT", ["x"]),
-])
+@pytest.mark.parametrize(
+    ("sql", "words"),
+    [
+        ("SELECT keyy FROM youtube_rejected", ["keyy", '"key"']),
+        ("FROM youtube_rejectd", ["youtube_rejectd", "youtube_rejected"]),
+        ("SELEC 1", ["SELEC"]),
+        ("SELECT 1; SELECT 2", ["2 statements"]),
+        ("DROP VIEW clean.youtube_rejected", ["only reads"]),
+        ("COPY (SELECT 1) TO 'x.csv'", ["only reads"]),
+        ("SELECT 'x'::INT", ["x"]),
+    ],
+)
 def test_a_wrong_query_is_one_line_and_exit_2(kb: Any, root: Path, tmp_path: Path, sql: str, words: list[str]) -> None:
     before = sorted(tmp_path.rglob("*"))
     answer = kb("query", sql)

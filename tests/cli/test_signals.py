@@ -58,8 +58,9 @@ sys.exit(outcome.guarded(lambda: app(prog_name="x", standalone_mode=False)))
 
 def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
     environment = {**clean_environment(), "PYTHONPATH": str(Path(__file__).parents[2])}
-    process = subprocess.Popen([sys.executable, "-c", PROGRAM, *arguments], cwd=folder, env=environment, text=True,
-                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, *arguments], cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
     return process

@@ -55,7 +55,7 @@ pairs = "CC-BY-4.0"
 WORDS = "keyword\tkind\trule\tforms\n" + "".join(f"{word}\tplace\t\t\n" for word in ("River", "Harbour", "Bridge", "Village", "Torch", "Wolf"))
 
 
-def test_the_whole_chain_from_a_file_of_its_own(tmp_path: Path, kb: Kb) -> None:
+def test_the_whole_chain_from_a_file_of_its_own(tmp_path: Path, kb: Kb) -> None:  # noqa: F811
     (tmp_path / "words.tsv").write_text(WORDS)
     (tmp_path / "harborlight.toml").write_text(PROFILE)
     world = World()

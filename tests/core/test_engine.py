@@ -48,5 +48,5 @@ def test_workers_of_a_killed_parent_end(tmp_path):
     assert workers
     parent.kill()
     parent.wait()
-    gone, alive = psutil.wait_procs(workers, timeout=30)
+    _gone, alive = psutil.wait_procs(workers, timeout=30)
     assert not alive

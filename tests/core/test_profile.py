@@ -29,15 +29,18 @@ def test_a_profile_by_path_with_one_source(tmp_path):
         profile.section("reddit")
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    (("category_ids", "categoy_ids"), "unknown key 'youtube.categoy_ids', did you mean 'category_ids'"),
-    (("[youtube]", "[youtub]"), "unknown key 'youtub', did you mean 'youtube'"),
-    (('category_ids = [26]', 'category_ids = [26]\ntranscripts = "requird"'), r"'youtube.transcripts' is 'requird'.*did you mean 'required'"),
-    (('category_ids = [26]', 'category_ids = [26]\nmin_views = -1'), r"'youtube.min_views' is -1: input should be greater than or equal to 0"),
-    (('keywords = ["roses"]', "keywords = []"), r"'youtube.keywords'"),
-    (('keywords = ["roses"]\n', ""), "'youtube.keywords' is missing"),
-    (('title = "Garden"', "title = "), "not valid TOML"),
-])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("category_ids", "categoy_ids"), "unknown key 'youtube.categoy_ids', did you mean 'category_ids'"),
+        (("[youtube]", "[youtub]"), "unknown key 'youtub', did you mean 'youtube'"),
+        (("category_ids = [26]", 'category_ids = [26]\ntranscripts = "requird"'), r"'youtube.transcripts' is 'requird'.*did you mean 'required'"),
+        (("category_ids = [26]", "category_ids = [26]\nmin_views = -1"), r"'youtube.min_views' is -1: input should be greater than or equal to 0"),
+        (('keywords = ["roses"]', "keywords = []"), r"'youtube.keywords'"),
+        (('keywords = ["roses"]\n', ""), "'youtube.keywords' is missing"),
+        (('title = "Garden"', "title = "), "not valid TOML"),
+    ],
+)
 def test_mistakes_are_named(tmp_path, change, message):
     with pytest.raises(ProfileError, match=message):
         load_profile(write(tmp_path, GOOD.replace(*change)))

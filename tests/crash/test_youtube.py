@@ -55,9 +55,7 @@ def test_killed_again_and_again_it_makes_the_same_release(plain: Job, tmp_path: 
         assert plain_units(sandbox) <= sandbox.ledger.units() <= plain_units(sandbox) + kills
         watched = Counter(seen.about for seen in sandbox.ledger.requests("/watch"))
         assert sum(watched.values()) - len(watched) <= kills * WORKERS
-        calls = Counter(
-            (seen.path, seen.query) for seen in sandbox.ledger.requests("/youtube/v3/(search|playlistItems)")
-        )
+        calls = Counter((seen.path, seen.query) for seen in sandbox.ledger.requests("/youtube/v3/(search|playlistItems)"))
         assert sum(calls.values()) - len(calls) <= kills
 
 

@@ -43,8 +43,15 @@ def test_there_are_queries_with_output() -> None:
 @pytest.mark.parametrize("number", range(len(SESSIONS)))
 def test_what_is_shown_is_what_comes(number: int, demo: Path, installed: Path) -> None:
     command, wanted = SESSIONS[number]
-    done = subprocess.run(["bash", "-c", command], cwd=demo, env={**clean_environment(), "PATH": f"{installed}:{os.environ['PATH']}"},
-                          capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
+    done = subprocess.run(
+        ["bash", "-c", command],
+        cwd=demo,
+        env={**clean_environment(), "PATH": f"{installed}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        check=False,
+        stdin=subprocess.DEVNULL,
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.rstrip() == wanted.rstrip()
 
@@ -68,7 +75,7 @@ def test_commands_that_are_only_shown_exist() -> None:
 
 
 def test_the_table_of_commands_is_whole() -> None:
-    table = TEXT[TEXT.index("## Commands"):TEXT.index("## ", TEXT.index("## Commands") + 3)]
+    table = TEXT[TEXT.index("## Commands") : TEXT.index("## ", TEXT.index("## Commands") + 3)]
     for name in TREE:
         assert f"kb {name}" in table or "`kb … " in table, name
     for target in re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text(), re.M):

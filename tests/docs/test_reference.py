@@ -42,7 +42,18 @@ def test_every_make_target_is_in_make_help() -> None:
     described = set(re.findall(r"^([a-z-]+):.*## \S", text, re.M))
     assert targets == described
     wanted = {
-        "setup", "demo", "models", "annotate", "pairs", "release", "report", "status", "test", "bench", "reddit-import", "reddit-reconstruct",
+        "setup",
+        "demo",
+        "models",
+        "annotate",
+        "pairs",
+        "release",
+        "report",
+        "status",
+        "test",
+        "bench",
+        "reddit-import",
+        "reddit-reconstruct",
         *(f"{source}-{step}" for source in ("youtube", "wiki", "reddit") for step in ("crawl", "filter", "export")),
     }
     assert wanted <= targets

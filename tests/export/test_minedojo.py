@@ -17,10 +17,13 @@ PUBLISHED = {
         "required": ["id", "title", "link", "view_count", "like_count", "duration", "fps"],
         "additionalProperties": False,
         "properties": {
-            "id": {"type": "string"}, "title": {"type": "string"},
+            "id": {"type": "string"},
+            "title": {"type": "string"},
             "link": {"type": "string", "pattern": "^https://www.youtube.com/watch"},
-            "view_count": {"type": "integer"}, "like_count": {"type": ["integer", "null"]},
-            "duration": {"type": "number"}, "fps": {"type": ["number", "null"]},
+            "view_count": {"type": "integer"},
+            "like_count": {"type": ["integer", "null"]},
+            "duration": {"type": "number"},
+            "fps": {"type": ["number", "null"]},
         },
     },
 }
@@ -37,8 +40,13 @@ def test_youtube_full_json(tmp_path: Path, make_rows, run_at, fill) -> None:  # 
     assert [video["id"] for video in published] == rows["video_id"].to_pylist()
     first = rows.slice(0, 1).to_pylist()[0]
     assert published[0] == {
-        "id": first["video_id"], "title": 'a "quoted" ☃', "link": links[0], "view_count": first["view_count"],
-        "like_count": None, "duration": first["duration_s"], "fps": None,
+        "id": first["video_id"],
+        "title": 'a "quoted" ☃',
+        "link": links[0],
+        "view_count": first["view_count"],
+        "like_count": None,
+        "duration": first["duration_s"],
+        "fps": None,
     }
     assert summary["videos"] == 50
     before = path.read_bytes()

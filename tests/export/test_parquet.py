@@ -49,7 +49,8 @@ def test_the_same_bytes_whatever_the_parts_and_twice(tmp_path: Path, make_rows, 
         for _ in range(2):
             parquet.export(run_at(tmp_path / name), "youtube")
             seen.append(digests(tmp_path / name / "release" / "youtube"))
-    assert all(other == seen[0] for other in seen) and len(seen[0]) == 3
+    assert all(other == seen[0] for other in seen)
+    assert len(seen[0]) == 3
 
 
 def test_an_older_release_goes_whole(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]

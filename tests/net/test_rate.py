@@ -39,10 +39,18 @@ def test_a_rest_counts_for_everyone_and_a_pace_only_gets_slower(monkeypatch: pyt
     assert waits == [10.0, 13.0]
 
 
-@pytest.mark.parametrize(("url", "wanted"), [
-    ("http://127.0.0.1:8000", True), ("http://localhost:1/x", True), ("http://[::1]:80", True), ("http://127.9.9.9", True),
-    ("https://www.youtube.com", False), ("http://10.0.0.1", False), ("http://127.0.0.1.example.org", False),
-])
+@pytest.mark.parametrize(
+    ("url", "wanted"),
+    [
+        ("http://127.0.0.1:8000", True),
+        ("http://localhost:1/x", True),
+        ("http://[::1]:80", True),
+        ("http://127.9.9.9", True),
+        ("https://www.youtube.com", False),
+        ("http://10.0.0.1", False),
+        ("http://127.0.0.1.example.org", False),
+    ],
+)
 def test_loopback(url: str, wanted: bool) -> None:
     assert is_loopback(url) is wanted
 

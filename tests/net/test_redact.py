@@ -19,24 +19,30 @@ def _forget() -> Iterator[None]:
     redact.know([])
 
 
-@pytest.mark.parametrize(("line", "wanted"), [
-    (f"HttpError 400 when requesting https://x/youtube/v3/search?part=id&key={KEY}&alt=json", "&key=***&alt=json"),
-    (f"found {KEY} in a page", "found *** in a page"),
-    ("{'Authorization': 'Bearer eyJhbGciOiJSUzI1NiIsImtpZCI6'}", "Bearer ***"),
-    ("Authorization: Basic dXNlcjpwYXNz", "Basic ***"),
-    ("POST grant_type=refresh_token&refresh_token=abc-123&client_secret=s3", "refresh_token=***&client_secret=***"),
-    ("proxy http://user:hunter2@10.0.0.1:3128/ refused", "http://***@10.0.0.1:3128/"),
-])
+@pytest.mark.parametrize(
+    ("line", "wanted"),
+    [
+        (f"HttpError 400 when requesting https://x/youtube/v3/search?part=id&key={KEY}&alt=json", "&key=***&alt=json"),
+        (f"found {KEY} in a page", "found *** in a page"),
+        ("{'Authorization': 'Bearer eyJhbGciOiJSUzI1NiIsImtpZCI6'}", "Bearer ***"),
+        ("Authorization: Basic dXNlcjpwYXNz", "Basic ***"),
+        ("POST grant_type=refresh_token&refresh_token=abc-123&client_secret=s3", "refresh_token=***&client_secret=***"),
+        ("proxy http://user:hunter2@10.0.0.1:3128/ refused", "http://***@10.0.0.1:3128/"),
+    ],
+)
 def test_what_looks_like_a_secret_is_replaced(line: str, wanted: str) -> None:
     assert wanted in redact.text(line)
 
 
-@pytest.mark.parametrize("line", [
-    "kb: unknown key 'min_vews', did you mean 'min_views'?",
-    "videos.list: 50 ids, 1 unit",
-    "https://www.youtube.com/watch?v=dQw4w9WgXcQ",
-    "metadata: 40/40 videos, 12.0/s, units 4/10000",
-])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "kb: unknown key 'min_vews', did you mean 'min_views'?",
+        "videos.list: 50 ids, 1 unit",
+        "https://www.youtube.com/watch?v=dQw4w9WgXcQ",
+        "metadata: 40/40 videos, 12.0/s, units 4/10000",
+    ],
+)
 def test_ordinary_lines_stay(line: str) -> None:
     assert redact.text(line) == line
 

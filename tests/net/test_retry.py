@@ -78,10 +78,20 @@ def test_a_signal_ends_the_waiting() -> None:
         signals.stop.clear()
 
 
-@pytest.mark.parametrize(("value", "wanted"), [
-    ("120", 120.0), ("0", 0.0), ("-5", 0.0), (None, None), ("", None), ("soon", None), ("2.5", 2.5),
-    ("Fri, 20 Nov 2026 12:01:30 GMT", 90.0), ("Fri, 20 Nov 2026 11:00:00 GMT", 0.0),
-])
+@pytest.mark.parametrize(
+    ("value", "wanted"),
+    [
+        ("120", 120.0),
+        ("0", 0.0),
+        ("-5", 0.0),
+        (None, None),
+        ("", None),
+        ("soon", None),
+        ("2.5", 2.5),
+        ("Fri, 20 Nov 2026 12:01:30 GMT", 90.0),
+        ("Fri, 20 Nov 2026 11:00:00 GMT", 0.0),
+    ],
+)
 def test_retry_after_is_a_number_or_a_date(monkeypatch: Any, value: str | None, wanted: float | None) -> None:
     monkeypatch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
     assert retry.retry_after(value) == wanted

@@ -9,8 +9,23 @@ from pathlib import Path
 
 import pytest
 
-STEPS = ["youtube crawl", "youtube filter", "youtube export", "wiki crawl", "wiki filter", "wiki export",
-         "reddit crawl", "reddit import", "refresh reddit", "reddit filter", "reddit export", "reddit reconstruct", "pairs", "release", "report"]
+STEPS = [
+    "youtube crawl",
+    "youtube filter",
+    "youtube export",
+    "wiki crawl",
+    "wiki filter",
+    "wiki export",
+    "reddit crawl",
+    "reddit import",
+    "refresh reddit",
+    "reddit filter",
+    "reddit export",
+    "reddit reconstruct",
+    "pairs",
+    "release",
+    "report",
+]
 
 
 def summary(demo: Path) -> dict[str, object]:

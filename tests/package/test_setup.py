@@ -32,8 +32,11 @@ def checkout(tmp_path: Path) -> Path:
     tools = tmp_path / "tools"
     tools.mkdir()
     for name, text in {
-        "python3": PYTHON, "chromium": "#!/bin/sh\n", "apt-get": "#!/bin/sh\necho apt-get \"$@\" >> calls\n",
-        "id": "#!/bin/sh\necho ${FAKE_UID:-0}\n", "uname": "#!/bin/sh\necho ${FAKE_SYSTEM:-Linux}\n",
+        "python3": PYTHON,
+        "chromium": "#!/bin/sh\n",
+        "apt-get": '#!/bin/sh\necho apt-get "$@" >> calls\n',
+        "id": "#!/bin/sh\necho ${FAKE_UID:-0}\n",
+        "uname": "#!/bin/sh\necho ${FAKE_SYSTEM:-Linux}\n",
     }.items():
         (tools / name).write_text(text)
         (tools / name).chmod(0o755)
@@ -48,8 +51,15 @@ def setup(checkout: Path, **env: str) -> tuple[list[str], subprocess.CompletedPr
     """What was asked of pip and apt, and how set-up ended."""
     calls = checkout / "calls"
     calls.unlink(missing_ok=True)
-    done = subprocess.run(["make", "setup"], cwd=checkout, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL,
-                          env={"PATH": str(checkout / "tools"), "HOME": os.environ.get("HOME", "/"), "FAILING": "nothing fails", **env})
+    done = subprocess.run(
+        ["make", "setup"],
+        cwd=checkout,
+        capture_output=True,
+        text=True,
+        check=False,
+        stdin=subprocess.DEVNULL,
+        env={"PATH": str(checkout / "tools"), "HOME": os.environ.get("HOME", "/"), "FAILING": "nothing fails", **env},
+    )
     return (calls.read_text().splitlines() if calls.exists() else []), done
 
 
@@ -133,11 +143,17 @@ def test_the_lock_names_no_place() -> None:
 def test_targets_take_exit_3_for_success_and_pass_others_on(checkout: Path) -> None:
     setup(checkout)
     kb = checkout / ".venv" / "bin" / "kb"
-    for code, wanted in ((0, 0), (3, 0), (1, 2), (2, 2)):       # make itself ends with 2 when a target fails
+    for code, wanted in ((0, 0), (3, 0), (1, 2), (2, 2)):  # make itself ends with 2 when a target fails
         kb.write_text(f"#!/bin/sh\necho \"$@\"\necho 'kb: a line' >&2\nexit {code}\n")
         kb.chmod(0o755)
-        done = subprocess.run(["make", "youtube-crawl", "ARGS=--limit 5"], cwd=checkout, capture_output=True, text=True, check=False,
-                              env={"PATH": str(checkout / "tools")})
+        done = subprocess.run(
+            ["make", "youtube-crawl", "ARGS=--limit 5"],
+            cwd=checkout,
+            capture_output=True,
+            text=True,
+            check=False,
+            env={"PATH": str(checkout / "tools")},
+        )
         assert done.returncode == wanted
         assert done.stdout.splitlines()[0] == "youtube crawl --limit 5"
         assert "kb: a line" in done.stderr

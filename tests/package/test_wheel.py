@@ -16,8 +16,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def run(folder: Path, *command: str | Path, **env: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, cwd=folder, env={**clean_environment(), **env}, capture_output=True, text=True,
-                          check=False, stdin=subprocess.DEVNULL)
+    return subprocess.run(
+        command, cwd=folder, env={**clean_environment(), **env}, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
+    )
 
 
 def test_it_holds_every_file_that_the_code_reads(wheel: Path) -> None:
@@ -64,8 +65,21 @@ def test_profile_schemas_and_pipelines_are_found_in_it(installed: Path, tmp_path
 
 
 OPTIONAL = (
-    "torch", "transformers", "detoxify", "onnxruntime", "openvino", "selenium", "PIL", "dask", "distributed", "matplotlib",
-    "wordcloud", "instant_clip_tokenizer", "mlcroissant", "cffconvert", "numpy",
+    "torch",
+    "transformers",
+    "detoxify",
+    "onnxruntime",
+    "openvino",
+    "selenium",
+    "PIL",
+    "dask",
+    "distributed",
+    "matplotlib",
+    "wordcloud",
+    "instant_clip_tokenizer",
+    "mlcroissant",
+    "cffconvert",
+    "numpy",
 )
 
 

@@ -13,9 +13,20 @@ from kb.pairs.text import Text
 from kb.schema import table
 
 LIST = [
-    Keyword("Creeper", "entity"), Keyword("Oak", "block"), Keyword("Oak Log", "block"), Keyword("Log", "block"), Keyword("Iron Golem", "entity"),
-    Keyword("Jack o'Lantern", "block"), Keyword("Block of Diamond", "block"), Keyword("Cobblestone", "block"), Keyword("Ender Dragon", "entity"),
-    Keyword("Café", "structure"), Keyword("苦力怕", "entity"), Keyword("Bed", "block", 5), Keyword("Chest", "block", 3), Keyword("Air", "block", NEVER),
+    Keyword("Creeper", "entity"),
+    Keyword("Oak", "block"),
+    Keyword("Oak Log", "block"),
+    Keyword("Log", "block"),
+    Keyword("Iron Golem", "entity"),
+    Keyword("Jack o'Lantern", "block"),
+    Keyword("Block of Diamond", "block"),
+    Keyword("Cobblestone", "block"),
+    Keyword("Ender Dragon", "entity"),
+    Keyword("Café", "structure"),
+    Keyword("苦力怕", "entity"),
+    Keyword("Bed", "block", 5),
+    Keyword("Chest", "block", 3),
+    Keyword("Air", "block", NEVER),
 ]
 
 
@@ -47,8 +58,12 @@ def with_section(tools: Tools):  # type: ignore[no-untyped-def]
 def transcripts(*videos: tuple[str, str, list]) -> pa.Table:  # type: ignore[type-arg]
     """(id, kind, [(start, duration, text), …]) as rows of youtube/transcripts."""
     rows = [
-        {"video_id": name, "kind": kind, "language": "en",
-         "cues": [{"start_s": start, "duration_s": last, "text": text} for start, last, text in cues]}
+        {
+            "video_id": name,
+            "kind": kind,
+            "language": "en",
+            "cues": [{"start_s": start, "duration_s": last, "text": text} for start, last, text in cues],
+        }
         for name, kind, cues in videos
     ]
     return pa.Table.from_pylist(rows, table("youtube/transcripts").arrow())

@@ -12,7 +12,59 @@ from kb.store.shards import write_table
 
 _LETTERS = np.frombuffer(b"etaoinshrdlucmfwypvbgkjqxz", np.uint8)
 _WORDS_A_CUE = 8
-COMMON = ["so", "we", "are", "going", "to", "get", "some", "of", "the", "and", "you", "can", "see", "that", "i", "have", "a", "lot", "it", "is", "right", "here", "let's", "go", "ahead", "then", "this", "one", "just", "like", "in", "my", "world", "now", "what", "want", "make", "sure", "guys", "hey", "everyone", "welcome", "back", "today", "video", "because", "really", "little", "bit", "over", "there"]
+COMMON = [
+    "so",
+    "we",
+    "are",
+    "going",
+    "to",
+    "get",
+    "some",
+    "of",
+    "the",
+    "and",
+    "you",
+    "can",
+    "see",
+    "that",
+    "i",
+    "have",
+    "a",
+    "lot",
+    "it",
+    "is",
+    "right",
+    "here",
+    "let's",
+    "go",
+    "ahead",
+    "then",
+    "this",
+    "one",
+    "just",
+    "like",
+    "in",
+    "my",
+    "world",
+    "now",
+    "what",
+    "want",
+    "make",
+    "sure",
+    "guys",
+    "hey",
+    "everyone",
+    "welcome",
+    "back",
+    "today",
+    "video",
+    "because",
+    "really",
+    "little",
+    "bit",
+    "over",
+    "there",
+]
 
 
 def vocabulary(size: int, seed: int = 7) -> list[str]:
@@ -49,10 +101,10 @@ def tables(videos: int, words_each: int, phrases: list[str], share: float = 0.03
     ids, kinds, cues, lengths = [], [], [], []
     at = 0
     for video, size in enumerate(sizes.tolist()):
-        mine = stream[at:at + size]
+        mine = stream[at : at + size]
         at += size
         made = [
-            {"start_s": round(place * 0.47 * _WORDS_A_CUE / 8 + 0.2, 2), "duration_s": 5.0, "text": " ".join(mine[place:place + _WORDS_A_CUE])}
+            {"start_s": round(place * 0.47 * _WORDS_A_CUE / 8 + 0.2, 2), "duration_s": 5.0, "text": " ".join(mine[place : place + _WORDS_A_CUE])}
             for place in range(0, size, _WORDS_A_CUE)
         ]
         ids.append(f"v{seed % 1000:03d}{video:07d}")
@@ -60,7 +112,9 @@ def tables(videos: int, words_each: int, phrases: list[str], share: float = 0.03
         cues.append(made)
         lengths.append(float(round(size * 0.47 / 8 * _WORDS_A_CUE + 20)))
     schema = table("youtube/transcripts").arrow()
-    transcripts = pa.table({"video_id": ids, "kind": kinds, "language": ["en"] * videos, "cues": pa.array(cues, schema.field("cues").type)}, schema=schema)
+    transcripts = pa.table(
+        {"video_id": ids, "kind": kinds, "language": ["en"] * videos, "cues": pa.array(cues, schema.field("cues").type)}, schema=schema
+    )
     return transcripts, pa.table({"video_id": ids, "duration_s": pa.array(lengths, pa.float64())})
 
 
@@ -69,5 +123,7 @@ def fill(root: Path, transcripts: pa.Table, lengths: pa.Table, make_rows, files:
     for number in range(files):
         mine = np.arange(number, transcripts.num_rows, files)
         write_table(root / f"clean/youtube/transcripts/part-{number:05d}.parquet", transcripts.take(mine), "youtube/transcripts")
-        rows = make_rows("youtube/videos", len(mine), video_id=lengths["video_id"].take(mine).to_pylist(), duration_s=lengths["duration_s"].take(mine).to_pylist())
+        rows = make_rows(
+            "youtube/videos", len(mine), video_id=lengths["video_id"].take(mine).to_pylist(), duration_s=lengths["duration_s"].take(mine).to_pylist()
+        )
         write_table(root / f"clean/youtube/videos/part-{number:05d}.parquet", rows, "youtube/videos")

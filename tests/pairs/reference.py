@@ -14,6 +14,7 @@ class Hit(NamedTuple):
 
 def joined(cues: list[dict]) -> str:  # type: ignore[type-arg]
     """A transcript's text: its cues by start (what is no time counts as 0), one space between two."""
+
     def start(cue: dict) -> float:  # type: ignore[type-arg]
         value = cue["start_s"]
         return round(max(value, 0) * 1000) if value is not None and abs(value) < 1e9 else 0

@@ -42,7 +42,10 @@ def test_the_whole_job(run: Run) -> None:
     rows = pq.read_table(run.root / "pairs")
     assert summary["videos"] == 60
     assert summary["pairs"] == rows.num_rows > 100
-    assert rows["pair_id"].to_pylist() == rows.sort_by([("video_id", "ascending"), ("clip_start_s", "ascending"), ("pair_id", "ascending")])["pair_id"].to_pylist()
+    assert (
+        rows["pair_id"].to_pylist()
+        == rows.sort_by([("video_id", "ascending"), ("clip_start_s", "ascending"), ("pair_id", "ascending")])["pair_id"].to_pylist()
+    )
     assert len(set(rows["pair_id"].to_pylist())) == rows.num_rows
     released = pq.read_table(run.root / "release" / "pairs")
     assert "text" not in released.column_names
@@ -95,7 +98,11 @@ def test_more_videos_change_no_pair(run: Run, make_rows) -> None:  # type: ignor
     before = pq.read_table(run.root / "pairs").to_pylist()
     more = replace(run, root=run.root.with_name("more"))
     for seed, place in ((0, more.root), (500, more.root.with_name("rest"))):
-        fill(place, *tables(60 if not seed else 10, 400, ["creeper", "oak log", "Iron Golem", "bed", "nether portals", "chest"], share=0.06, seed=seed), make_rows)
+        fill(
+            place,
+            *tables(60 if not seed else 10, 400, ["creeper", "oak log", "Iron Golem", "bed", "nether portals", "chest"], share=0.06, seed=seed),
+            make_rows,
+        )
     for table in ("transcripts", "videos"):
         (more.root.with_name("rest") / f"clean/youtube/{table}/part-00000.parquet").rename(more.root / f"clean/youtube/{table}/part-00009.parquet")
     pipeline.pairs(more, "parquet")

@@ -38,9 +38,16 @@ def test_like_one_by_one(clips, gap, most, crowded):  # type: ignore[no-untyped-
     assert np.flatnonzero(taken).tolist() == one_by_one(clips, gap, most)
 
 
-@pytest.mark.parametrize(("center", "length", "video", "expected"), [
-    (50, 10, 100, (45, 55)), (2, 10, 100, (0, 10)), (99, 10, 100, (90, 100)), (3, 10, 6, (0, 6)), (0, 10, 0, (0, 0)),
-])
+@pytest.mark.parametrize(
+    ("center", "length", "video", "expected"),
+    [
+        (50, 10, 100, (45, 55)),
+        (2, 10, 100, (0, 10)),
+        (99, 10, 100, (90, 100)),
+        (3, 10, 6, (0, 6)),
+        (0, 10, 0, (0, 0)),
+    ],
+)
 def test_clips_stay_inside_the_video(center: int, length: int, video: int, expected: tuple[int, int]) -> None:
     start, end = choose.clips(*(np.array([value]) for value in (center, length, video)))
     assert (start[0], end[0]) == expected

@@ -22,8 +22,16 @@ def root(tmp_path_factory, make_rows) -> Path:  # type: ignore[no-untyped-def]
 
 
 def kb(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "kb", *arguments, "--data", str(root), "--quiet"], cwd=root.parent, env=clean_environment(),
-                          capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL, check=False)
+    return subprocess.run(
+        [sys.executable, "-m", "kb", *arguments, "--data", str(root), "--quiet"],
+        cwd=root.parent,
+        env=clean_environment(),
+        capture_output=True,
+        text=True,
+        timeout=120,
+        stdin=subprocess.DEVNULL,
+        check=False,
+    )
 
 
 def test_pairs_from_the_shell(root: Path) -> None:

@@ -18,15 +18,32 @@ from tests.pairs.reference import joined
 from tests.pairs.test_match import _PARTS
 
 # No shrinking: a failing example is printed as it is, where making it small takes longer than reading it.
-_FILLER = ["the", "so", "Ünïcödé", "supercalifragilisticexpialidocious", "x" * 300, "https://example.com/a/b/c?d=e&f=g", "我们今天玩我的世界真的非常好玩", "🎉🎉"]
+_FILLER = [
+    "the",
+    "so",
+    "Ünïcödé",
+    "supercalifragilisticexpialidocious",
+    "x" * 300,
+    "https://example.com/a/b/c?d=e&f=g",
+    "我们今天玩我的世界真的非常好玩",
+    "🎉🎉",
+]
 _text = st.lists(st.one_of(st.sampled_from(_PARTS + _FILLER), st.sampled_from(["creeper", "oak log"])), max_size=14).map(" ".join)
 _time = st.one_of(st.floats(0, 120), st.sampled_from([0.0, -3.0, float("nan")]))
-_video = st.tuples(st.sampled_from(["asr", "manual", "translated"]), st.lists(st.tuples(_time, _time, _text), max_size=10),
-                   st.one_of(st.none(), st.floats(0.5, 200), st.just(0.0)))
-_rules = st.fixed_dictionaries({}, optional={
-    "center": st.just("grown"), "min_gap_s": st.sampled_from([-8.0, 3.0]), "max_pairs_per_video": st.integers(1, 3),
-    "max_tokens": st.sampled_from([16, 30]),
-})
+_video = st.tuples(
+    st.sampled_from(["asr", "manual", "translated"]),
+    st.lists(st.tuples(_time, _time, _text), max_size=10),
+    st.one_of(st.none(), st.floats(0.5, 200), st.just(0.0)),
+)
+_rules = st.fixed_dictionaries(
+    {},
+    optional={
+        "center": st.just("grown"),
+        "min_gap_s": st.sampled_from([-8.0, 3.0]),
+        "max_pairs_per_video": st.integers(1, 3),
+        "max_tokens": st.sampled_from([16, 30]),
+    },
+)
 
 
 @settings(max_examples=250, deadline=None, phases=(Phase.explicit, Phase.generate))
@@ -44,12 +61,12 @@ def test_every_pair(keywords, with_section, tools, videos, rules):
     assert counts.totals["pairs"] == made.num_rows
     for row in made.to_pylist():
         spoken, end = whole[row["video_id"]], length[row["video_id"]]
-        match = spoken[row["match_start_char"]:row["match_end_char"]]
+        match = spoken[row["match_start_char"] : row["match_end_char"]]
         owner = keywords.every[keywords.of[keywords.phrases.index(phrase(match))]]
         assert (row["keyword"], row["keyword_kind"]) == (owner.name, owner.kind)
         assert f" {phrase(match)} " in f" {phrase(row['text'])} "
         assert row["text_start_char"] <= row["match_start_char"] < row["match_end_char"] <= row["text_end_char"]
-        assert row["text"] == " ".join(spoken[row["text_start_char"]:row["text_end_char"]].split())
+        assert row["text"] == " ".join(spoken[row["text_start_char"] : row["text_end_char"]].split())
         assert row["token_count"] == tools.tokens.count(row["text"]) + 2 <= section.max_tokens
         assert row["token_count"] >= section.min_tokens or _stuck(tools, spoken, row, section.max_tokens)
         assert 0 <= row["clip_start_s"] <= row["center_s"] <= row["clip_end_s"] <= end + 1e-9
@@ -67,10 +84,10 @@ def test_every_pair(keywords, with_section, tools, videos, rules):
 
 def _stuck(tools, spoken, row, most):  # type: ignore[no-untyped-def]
     """Whether one more character on either side would be too many tokens: the only reason for a short text."""
-    left, right = len(spoken[:row["text_start_char"]].rstrip()), row["text_end_char"]
+    left, right = len(spoken[: row["text_start_char"]].rstrip()), row["text_end_char"]
     right += len(spoken[right:]) - len(spoken[right:].lstrip())
-    longer = [spoken[left - 1:row["text_end_char"]]] if left else []
-    longer += [spoken[row["text_start_char"]:right + 1]] if right < len(spoken) else []
+    longer = [spoken[left - 1 : row["text_end_char"]]] if left else []
+    longer += [spoken[row["text_start_char"] : right + 1]] if right < len(spoken) else []
     return all(tools.tokens.count(" ".join(one.split())) + 2 > most for one in longer)
 
 
@@ -97,7 +114,10 @@ def test_another_seed_draws_other_pairs(tools) -> None:  # type: ignore[no-untyp
 
 def test_times_inside_a_cue_follow_the_place_of_the_word(tools) -> None:  # type: ignore[no-untyped-def]
     rows = transcripts(("a", "manual", [(10, 4, "one two creeper four")]), ("b", "manual", [(20, 8, "an iron"), (28, 2, "golem there")]))
-    times = [(row["keyword"], row["match_start_s"], row["match_end_s"], row["segment_start_s"], row["segment_end_s"]) for row in rows_of(tools, rows, [300.0] * 2)]
+    times = [
+        (row["keyword"], row["match_start_s"], row["match_end_s"], row["segment_start_s"], row["segment_end_s"])
+        for row in rows_of(tools, rows, [300.0] * 2)
+    ]
     assert times == [("Creeper", 12.0, 13.0, 10.0, 14.0), ("Iron Golem", 24.0, 29.0, 20.0, 30.0)]
 
 
@@ -134,11 +154,20 @@ def test_matches_after_the_end_of_the_video_make_no_pair(tools) -> None:  # type
     assert made.num_rows == counts.totals["outside"] == 1
 
 
-@pytest.mark.parametrize("cues", [
-    [], [(0, 0, "")], [(0.0, 0.0, "creeper")], [(5.0, -3.0, "a creeper")], [(9.0, 1.0, "log"), (1.0, 1.0, "oak")],
-    [(0.0, 5.0, "creeper 🎉 creeper"), (0.0, 5.0, "creeper")], [(0.0, 3.0, "我们 creeper 今天")], [(float("inf"), 1.0, "creeper")],
-    [(0.0, 1.0, " \n\t "), (1.0, 1.0, "\u00a0")],
-])
+@pytest.mark.parametrize(
+    "cues",
+    [
+        [],
+        [(0, 0, "")],
+        [(0.0, 0.0, "creeper")],
+        [(5.0, -3.0, "a creeper")],
+        [(9.0, 1.0, "log"), (1.0, 1.0, "oak")],
+        [(0.0, 5.0, "creeper 🎉 creeper"), (0.0, 5.0, "creeper")],
+        [(0.0, 3.0, "我们 creeper 今天")],
+        [(float("inf"), 1.0, "creeper")],
+        [(0.0, 1.0, " \n\t "), (1.0, 1.0, "\u00a0")],
+    ],
+)
 def test_strange_transcripts_have_defined_results(tools, cues) -> None:  # type: ignore[no-untyped-def]
     for lengths in ([None], [0.0], [4.0], [3600.0]):
         for row in rows_of(tools, transcripts(("v", "asr", cues)), lengths):

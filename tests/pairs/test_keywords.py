@@ -14,10 +14,22 @@ from kb.pairs.forms import forms, plural, singular
 from kb.pairs.keywords import NEVER, Keyword, load, make, read
 
 
-@pytest.mark.parametrize(("one", "many"), [
-    ("creeper", "creepers"), ("torch", "torches"), ("berry", "berries"), ("key", "keys"), ("wolf", "wolves"), ("sheep", "sheep"),
-    ("glass", "glasses"), ("bookshelf", "bookshelves"), ("cactus", "cacti"), ("box", "boxes"), ("potato", "potatoes"),
-])
+@pytest.mark.parametrize(
+    ("one", "many"),
+    [
+        ("creeper", "creepers"),
+        ("torch", "torches"),
+        ("berry", "berries"),
+        ("key", "keys"),
+        ("wolf", "wolves"),
+        ("sheep", "sheep"),
+        ("glass", "glasses"),
+        ("bookshelf", "bookshelves"),
+        ("cactus", "cacti"),
+        ("box", "boxes"),
+        ("potato", "potatoes"),
+    ],
+)
 def test_singular_and_plural(one: str, many: str) -> None:
     assert plural(one) == plural(many) == many or one == "glass"
     assert singular(many) in (one, many)
@@ -31,7 +43,9 @@ def test_forms() -> None:
     assert forms("cobblestone", {"cobble", "stone"}) >= {"cobble stone"}
 
 
-@pytest.mark.parametrize(("name", "folded"), [("Jack o'Lantern", "jack o lantern"), ("TNT", "tnt"), ("Café", "café"), ("  Ender-Dragon ", "ender dragon"), ("!!", "")])
+@pytest.mark.parametrize(
+    ("name", "folded"), [("Jack o'Lantern", "jack o lantern"), ("TNT", "tnt"), ("Café", "café"), ("  Ender-Dragon ", "ender dragon"), ("!!", "")]
+)
 def test_folded_names(name: str, folded: str) -> None:
     assert phrase(name) == folded
 
@@ -62,15 +76,25 @@ def _list(tmp_path: Path, text: str) -> Path:
 
 
 def test_a_list_of_ones_own(tmp_path: Path) -> None:
-    path = _list(tmp_path, "# mine\nkeyword\tkind\trule\tforms\nRook\tpiece\nPawn\tpiece\tnear:7\tfoot soldier, peon\n\nMove\tterm\tnever\nKing\tpiece\tnear\n")
-    assert read(path, 9) == [Keyword("Rook", "piece"), Keyword("Pawn", "piece", 7, ("foot soldier", "peon")), Keyword("Move", "term", NEVER), Keyword("King", "piece", 9)]
+    path = _list(
+        tmp_path, "# mine\nkeyword\tkind\trule\tforms\nRook\tpiece\nPawn\tpiece\tnear:7\tfoot soldier, peon\n\nMove\tterm\tnever\nKing\tpiece\tnear\n"
+    )
+    assert read(path, 9) == [
+        Keyword("Rook", "piece"),
+        Keyword("Pawn", "piece", 7, ("foot soldier", "peon")),
+        Keyword("Move", "term", NEVER),
+        Keyword("King", "piece", 9),
+    ]
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("Rook\tpiece\n", ":1: the first line must read keyword, kind, rule, forms"),
-    ("keyword\tkind\trule\tforms\nRook\n", ":2: a line has a keyword, a kind"),
-    ("keyword\tkind\trule\tforms\nRook\tpiece\tnaer\n", ":2: the rule is 'naer'; known: near"),
-])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("Rook\tpiece\n", ":1: the first line must read keyword, kind, rule, forms"),
+        ("keyword\tkind\trule\tforms\nRook\n", ":2: a line has a keyword, a kind"),
+        ("keyword\tkind\trule\tforms\nRook\tpiece\tnaer\n", ":2: the rule is 'naer'; known: near"),
+    ],
+)
 def test_a_wrong_list_says_where(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ProfileError, match=re.escape(message)):
         read(_list(tmp_path, text), 20)

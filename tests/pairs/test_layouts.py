@@ -23,21 +23,31 @@ from tests.pairs.made import fill, tables
 
 # MineDojo's published pairs: {keyword: [[video_id, start, end], …]}
 MINEDOJO = {
-    "type": "object", "minProperties": 1,
+    "type": "object",
+    "minProperties": 1,
     "additionalProperties": {
-        "type": "array", "minItems": 1,
-        "items": {"type": "array", "minItems": 3, "maxItems": 3,
-                  "items": [{"type": "string", "minLength": 1}, {"type": "number", "minimum": 0}, {"type": "number", "exclusiveMinimum": 0}]},
+        "type": "array",
+        "minItems": 1,
+        "items": {
+            "type": "array",
+            "minItems": 3,
+            "maxItems": 3,
+            "items": [{"type": "string", "minLength": 1}, {"type": "number", "minimum": 0}, {"type": "number", "exclusiveMinimum": 0}],
+        },
     },
 }
 CLIP4MC = {
     "type": "array",
     "items": {
-        "type": "object", "required": ["vid", "transcript clip", "size", "begin position", "end position"], "additionalProperties": False,
+        "type": "object",
+        "required": ["vid", "transcript clip", "size", "begin position", "end position"],
+        "additionalProperties": False,
         "properties": {
-            "vid": {"type": "string"}, "transcript clip": {"type": "string", "minLength": 1},
+            "vid": {"type": "string"},
+            "transcript clip": {"type": "string", "minLength": 1},
             "size": {"type": "array", "minItems": 16, "maxItems": 16, "items": {"type": "number"}},
-            "begin position": {"type": "number", "minimum": 0}, "end position": {"type": "number"},
+            "begin position": {"type": "number", "minimum": 0},
+            "end position": {"type": "number"},
         },
     },
 }
@@ -71,7 +81,8 @@ def test_clip4mc(run: Run) -> None:
     data = json.loads(_export(run, "clip4mc").read_text())
     jsonschema.validate(data, CLIP4MC)
     assert [(one["vid"], one["transcript clip"], one["begin position"]) for one in data] == [
-        (row["video_id"], row["text"], row["clip_start_s"]) for row in _pairs(run)]
+        (row["video_id"], row["text"], row["clip_start_s"]) for row in _pairs(run)
+    ]
 
 
 def test_clip4mc_needs_texts(run: Run, tmp_path: Path) -> None:
@@ -102,6 +113,8 @@ def test_video2dataset_reads_the_clips(run: Run, tmp_path: Path) -> None:
     rows = [row for file, _ in reader for row in pa.ipc.open_file(file).read_all().to_pylist()]
     pairs = _pairs(run)
     assert [row["url"] for row in rows] == [f"https://www.youtube.com/watch?v={video}" for video in sorted({row["video_id"] for row in pairs})]
-    assert [(row["video_id"], *clip) for row in rows for clip in row["clips"]] == [(row["video_id"], row["clip_start_s"], row["clip_end_s"]) for row in pairs]
+    assert [(row["video_id"], *clip) for row in rows for clip in row["clips"]] == [
+        (row["video_id"], row["clip_start_s"], row["clip_end_s"]) for row in pairs
+    ]
     assert [text for row in rows for text in row["captions"]] == [row["text"] for row in pairs]
     assert all(row["caption"] == "\n".join(row["captions"]) for row in rows)

@@ -13,12 +13,55 @@ from tests.pairs.conftest import transcripts
 from tests.pairs.reference import find, joined
 
 _PARTS = [
-    "creeper", "Creepers", "CREEPER'S", "oak", "log", "logic", "oak logs", "oaklog", "iron", "golem", "irongolem", "jack", "o", "lantern", "jack-o'-lanterns",
-    "block of diamond", "blocks of diamonds", "cobble stone", "ender", "dragon", "enderdragon", "café", "CAFE\u0301", "CAFÉ", "苦力怕", "我的苦力怕世界",
-    "chest", "day", "bed", "air", "the", "cree\u00adper", "cre\u200beper", "creeper\ufe0f", "⛏️", "🎉", "’", ",", "  ", "\n", "\u00a0", "\u3000", "ſtone", "K", "ẞ",
+    "creeper",
+    "Creepers",
+    "CREEPER'S",
+    "oak",
+    "log",
+    "logic",
+    "oak logs",
+    "oaklog",
+    "iron",
+    "golem",
+    "irongolem",
+    "jack",
+    "o",
+    "lantern",
+    "jack-o'-lanterns",
+    "block of diamond",
+    "blocks of diamonds",
+    "cobble stone",
+    "ender",
+    "dragon",
+    "enderdragon",
+    "café",
+    "CAFE\u0301",
+    "CAFÉ",
+    "苦力怕",
+    "我的苦力怕世界",
+    "chest",
+    "day",
+    "bed",
+    "air",
+    "the",
+    "cree\u00adper",
+    "cre\u200beper",
+    "creeper\ufe0f",
+    "⛏️",
+    "🎉",
+    "’",
+    ",",
+    "  ",
+    "\n",
+    "\u00a0",
+    "\u3000",
+    "ſtone",
+    "K",
+    "ẞ",
 ]
 _text = st.lists(st.one_of(st.sampled_from(_PARTS), st.text(max_size=4)), max_size=12).flatmap(
-    lambda parts: st.sampled_from([" ", "", ", ", "-"]).map(lambda between: between.join(parts)))
+    lambda parts: st.sampled_from([" ", "", ", ", "-"]).map(lambda between: between.join(parts))
+)
 _time = st.one_of(st.floats(-5, 60), st.sampled_from([0.0, float("nan"), float("inf"), -1.0]))
 _cues = st.lists(st.tuples(_time, _time, _text), max_size=8)
 
@@ -31,25 +74,32 @@ def test_finds_what_a_slow_obvious_matcher_finds_and_nothing_else(keywords, tool
     found = tools.matcher.find(text.raw)
     video = text.video_of(found.start)
     got = [
-        (one, keywords.phrases[phrase], start, end) for one, phrase, start, end in zip(
-            video.tolist(), found.phrase.tolist(), text.characters(found.start, video).tolist(), text.characters(found.end, video).tolist(), strict=True)
+        (one, keywords.phrases[phrase], start, end)
+        for one, phrase, start, end in zip(
+            video.tolist(),
+            found.phrase.tolist(),
+            text.characters(found.start, video).tolist(),
+            text.characters(found.end, video).tolist(),
+            strict=True,
+        )
     ]
-    expected = [
-        (number, *hit) for number, row in enumerate(rows.to_pylist()) for hit in find(joined(row["cues"]), list(keywords.phrases))
-    ]
+    expected = [(number, *hit) for number, row in enumerate(rows.to_pylist()) for hit in find(joined(row["cues"]), list(keywords.phrases))]
     assert got == expected
 
 
-@pytest.mark.parametrize(("said", "expected"), [
-    ("oak logic", ["oak"]),
-    ("oak log", ["oak log"]),
-    ("oak oak log log", ["oak", "oak log", "log"]),
-    ("Iron\nGOLEM", ["Iron\nGOLEM"]),
-    ("a soakoak creepery creeper.", ["creeper"]),
-    ("the creeper's jack-o'-lantern", ["creeper", "jack-o'-lantern"]),
-    ("ender — dragon!", ["ender — dragon"]),
-    ("minecraft_creeper_2", ["creeper"]),
-])
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        ("oak logic", ["oak"]),
+        ("oak log", ["oak log"]),
+        ("oak oak log log", ["oak", "oak log", "log"]),
+        ("Iron\nGOLEM", ["Iron\nGOLEM"]),
+        ("a soakoak creepery creeper.", ["creeper"]),
+        ("the creeper's jack-o'-lantern", ["creeper", "jack-o'-lantern"]),
+        ("ender — dragon!", ["ender — dragon"]),
+        ("minecraft_creeper_2", ["creeper"]),
+    ],
+)
 def test_words(tools: Tools, said: str, expected: list[str]) -> None:
     raw = f" {said} ".encode()
     found = tools.matcher.find(raw)

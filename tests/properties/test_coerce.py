@@ -52,14 +52,16 @@ moments = st.datetimes(datetime(1970, 1, 1), datetime(2100, 1, 1))
 def test_both_recorded_forms_of_a_time(when: list[datetime], form: str) -> None:
     when = [one if "%f" in form else one.replace(microsecond=0) for one in when]
     column, bad = coerce.times([one.strftime("%Y-%m-%dT%H:%M:%S" + form) for one in when])
-    assert bad == [] and column.to_pylist() == [one.replace(tzinfo=UTC) for one in when]
+    assert bad == []
+    assert column.to_pylist() == [one.replace(tzinfo=UTC) for one in when]
 
 
 @given(st.lists(moments), st.integers(-14 * 60, 14 * 60))
 def test_times_with_an_offset_are_utc(when: list[datetime], minutes: int) -> None:
     zone = timezone(timedelta(minutes=minutes))
     column, bad = coerce.times([one.replace(tzinfo=zone).isoformat() for one in when])
-    assert bad == [] and column.to_pylist() == [one.replace(tzinfo=zone).astimezone(UTC) for one in when]
+    assert bad == []
+    assert column.to_pylist() == [one.replace(tzinfo=zone).astimezone(UTC) for one in when]
 
 
 @given(st.lists(anything))
@@ -86,8 +88,12 @@ def test_any_value_in_any_place_costs_that_value_only(data: st.DataObject) -> No
     path = path[: data.draw(st.integers(1, len(path)))]
     value = data.draw(anything)
     other = {"id": "b", "statistics": {"viewCount": "5"}, "contentDetails": {"duration": "PT9S"}}
-    envelope = {"fetched_at": "2026-11-20T12:00:00Z", "request": {"params": {}}, "status": 200,
-                "response": {"items": [{"id": "a"} | at(path, value), other]}}
-    (rows, _), = reader.tables([json.dumps(envelope).encode()], 10)
+    envelope = {
+        "fetched_at": "2026-11-20T12:00:00Z",
+        "request": {"params": {}},
+        "status": 200,
+        "response": {"items": [{"id": "a"} | at(path, value), other]},
+    }
+    ((rows, _),) = reader.tables([json.dumps(envelope).encode()], 10)
     a, b = rows.to_pylist()
     assert (a["video_id"], b["video_id"], b["view_count"], b["duration_s"], b["problems"]) == ("a", "b", 5, 9, [])

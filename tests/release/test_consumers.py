@@ -75,9 +75,7 @@ def test_sha256sum(downloaded: Path, source: str) -> None:
 @pytest.mark.parametrize("name", TABLES)
 def test_duckdb(downloaded: Path, expected: dict[str, int], name: str) -> None:
     key = ", ".join(tables()[name].key)
-    found = duckdb.connect().execute(
-        f"SELECT count(*), count(DISTINCT ({key})) FROM read_parquet(?)", [shards(downloaded, name)]
-    ).fetchone()
+    found = duckdb.connect().execute(f"SELECT count(*), count(DISTINCT ({key})) FROM read_parquet(?)", [shards(downloaded, name)]).fetchone()
     assert found == (expected[name], expected[name])
 
 
@@ -135,9 +133,7 @@ def datasets(tmp_path_factory: pytest.TempPathFactory) -> Any:
 @pytest.mark.parametrize("name", TABLES)
 def test_hugging_face_datasets(downloaded: Path, expected: dict[str, int], datasets: Any, name: str) -> None:
     source, _, table = name.partition("/")
-    found = datasets.load_dataset(
-        str(downloaded / source), table, split="train", cache_dir=os.environ["HF_DATASETS_CACHE"]
-    )
+    found = datasets.load_dataset(str(downloaded / source), table, split="train", cache_dir=os.environ["HF_DATASETS_CACHE"])
     assert found.num_rows == expected[name]
     assert found.column_names == tables()[name].names(released=True)
 
@@ -202,13 +198,10 @@ def test_cffconvert(downloaded: Path, source: str) -> None:
 @pytest.mark.parametrize("source", SOURCES)
 def test_a_sample_of_rows_that_belong_together(downloaded: Path, source: str) -> None:
     samples = sorted((downloaded / source).glob("sample-*.parquet"))
-    assert [path.stem.removeprefix("sample-") for path in samples] == [
-        name.partition("/")[2] for name in TABLES if name.startswith(f"{source}/")
-    ]
+    assert [path.stem.removeprefix("sample-") for path in samples] == [name.partition("/")[2] for name in TABLES if name.startswith(f"{source}/")]
     if source == "wiki":
         pages, elements = (
-            set(pq.read_table(downloaded / "wiki" / f"sample-{name}.parquet")["page_id"].to_pylist())
-            for name in ("pages", "elements")
+            set(pq.read_table(downloaded / "wiki" / f"sample-{name}.parquet")["page_id"].to_pylist()) for name in ("pages", "elements")
         )
         assert pages == elements
 
@@ -222,12 +215,7 @@ def test_no_text_of_reddit_or_transcripts_leaves(downloaded: Path) -> None:
     )
     for source in ("reddit", "pairs"):
         for path in (downloaded / source).glob("*.parquet"):
-            values = {
-                value
-                for column in pq.read_table(path).itercolumns()
-                for value in column.to_pylist()
-                if isinstance(value, str)
-            }
+            values = {value for column in pq.read_table(path).itercolumns() for value in column.to_pylist() if isinstance(value, str)}
             assert not values & set(texts)
 
 

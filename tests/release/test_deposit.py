@@ -134,9 +134,7 @@ def test_a_killed_upload_goes_on_with_the_same_draft(root: Path, service: Sandbo
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1])["drafts"] == 1
     assert len(store(service).by_id) == 1
-    assert set(next(iter(store(service).by_id.values())).files) == {
-        path.name for path in (root / "release" / "pairs").iterdir()
-    }
+    assert set(next(iter(store(service).by_id.values())).files) == {path.name for path in (root / "release" / "pairs").iterdir()}
     assert TOKEN not in done.stderr + done.stdout
 
 
@@ -274,10 +272,7 @@ def test_changed_release_becomes_a_new_version(root: Path, service: Sandbox) -> 
     shutil.rmtree(root / "release" / "pairs")
     build(root, sources=("pairs",), n=70)
     profile = root / "mine.toml"
-    profile.write_text(
-        'name = "minecraft"\ntitle = "Minecraft"\n[release]\nversion = "1.1.0"\n'
-        '[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\n'
-    )
+    profile.write_text('name = "minecraft"\ntitle = "Minecraft"\n[release]\nversion = "1.1.0"\n[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\n')
     run = a_run(root, profile, kb_zenodo_endpoint=service.servers["zenodo"].url, zenodo_token=TOKEN)
     others = [root / "release" / name for name in ("youtube", "wiki", "reddit")]
     for folder in others:
@@ -316,8 +311,7 @@ def test_release_of_the_tiny_model_goes_to_loopback_only(root: Path, service: Sa
     folder = root / "annotations" / "youtube"
     folder.mkdir(parents=True)
     duckdb.connect().execute(
-        "COPY (SELECT 'lorebase_tiny' AS model, 'abc' AS revision, 'fp32' AS precision) TO "
-        f"'{folder / 'a.parquet'}' (FORMAT parquet)"
+        f"COPY (SELECT 'lorebase_tiny' AS model, 'abc' AS revision, 'fp32' AS precision) TO '{folder / 'a.parquet'}' (FORMAT parquet)"
     )
     assert release(a_run(root))["sandbox_model"]
     assert "tiny toxicity model" in (root / "release" / "youtube" / "README.md").read_text()

@@ -26,9 +26,7 @@ def refused(root: Path, **options: Any) -> list[str]:
     return caught.value.problems  # type: ignore[attr-defined, no-any-return]
 
 
-def changed(
-    name: str, change: Callable[[dict[str, Any]], object], rows: slice = slice(0, 1)
-) -> Callable[[str, Rows], None]:
+def changed(name: str, change: Callable[[dict[str, Any]], object], rows: slice = slice(0, 1)) -> Callable[[str, Rows], None]:
     """An edit of made rows."""
 
     def edit(table: str, made: Rows) -> None:
@@ -49,9 +47,7 @@ def test_nothing_exported(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("key", SECRETS)
 def test_literal_value_of_every_secret_setting(tmp_path: Path, key: str) -> None:
-    build(
-        tmp_path, changed("youtube/videos", lambda row: row.update(title=f"my key is {SECRETS[key]} ok")), ("youtube",)
-    )
+    build(tmp_path, changed("youtube/videos", lambda row: row.update(title=f"my key is {SECRETS[key]} ok")), ("youtube",))
     lines = refused(tmp_path)
     assert lines == ["secret: youtube/videos-00000-of-00002.parquet: column title holds the value of a setting"]
     assert not any(value in line for line in lines for value in SECRETS.values())
@@ -82,8 +78,7 @@ def test_secret_in_the_profile_that_the_card_would_show(tmp_path: Path) -> None:
     kept = {key: value for key, value in tomllib.loads(shipped).items() if key in ("name", "title", "seed")}
     profile = tmp_path / "mine.toml"
     profile.write_text(
-        "\n".join(f"{key} = {json.dumps(value)}" for key, value in kept.items())
-        + f'\n[release]\ncontact = "{SECRETS["zenodo_token"]}"\n'
+        "\n".join(f"{key} = {json.dumps(value)}" for key, value in kept.items()) + f'\n[release]\ncontact = "{SECRETS["zenodo_token"]}"\n'
     )
     lines = refused(tmp_path, profile=profile)
     assert "secret: youtube/README.md: it holds the value of a setting" in lines
@@ -101,9 +96,7 @@ def test_content_columns_of_reddit(tmp_path: Path, column: str) -> None:
 @pytest.mark.parametrize("text", ["a title that somebody wrote", "https://i.redd.it/abc.png", "u/somebody"])
 def test_content_hidden_in_a_released_column_of_reddit(tmp_path: Path, text: str) -> None:
     build(tmp_path, changed("reddit/comments", lambda row: row.update(score_source=text)), ("reddit",))
-    assert "content: reddit/comments-00000-of-00001.parquet: column score_source holds text that is no id" in refused(
-        tmp_path
-    )
+    assert "content: reddit/comments-00000-of-00001.parquet: column score_source holds text that is no id" in refused(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -136,18 +129,14 @@ def test_undescribed_column(tmp_path: Path) -> None:
         tmp_path / "release" / "youtube" / "videos-00001-of-00002.parquet",
         lambda rows: rows.append_column("mood", pa.array(["x"] * rows.num_rows)),
     )
-    assert refused(tmp_path) == [
-        "undescribed: youtube/videos-00001-of-00002.parquet: column mood is not described in schemas/"
-    ]
+    assert refused(tmp_path) == ["undescribed: youtube/videos-00001-of-00002.parquet: column mood is not described in schemas/"]
 
 
 def test_column_of_another_type_or_missing(tmp_path: Path) -> None:
     build(tmp_path, sources=("youtube",))
     rewritten(
         tmp_path / "release" / "youtube" / "videos-00000-of-00002.parquet",
-        lambda rows: rows.drop_columns(["fps"]).set_column(
-            rows.column_names.index("width"), "width", rows["width"].cast(pa.string())
-        ),
+        lambda rows: rows.drop_columns(["fps"]).set_column(rows.column_names.index("width"), "width", rows["width"].cast(pa.string())),
     )
     lines = refused(tmp_path)
     assert "undescribed: youtube/videos-00000-of-00002.parquet: column width is string, schemas/ says int64" in lines
@@ -176,9 +165,7 @@ def test_wiki_without_licence(tmp_path: Path) -> None:
     build(tmp_path, changed("wiki/pages", lambda row: row.update(license=None), slice(None)), ("wiki",))
     profile = tmp_path / "mine.toml"
     profile.write_text('name = "mine"\ntitle = "Mine"\n')
-    assert refused(tmp_path, profile=profile) == [
-        "licence: wiki/LICENSE: none is given; set wiki in [release.licenses] of the profile"
-    ]
+    assert refused(tmp_path, profile=profile) == ["licence: wiki/LICENSE: none is given; set wiki in [release.licenses] of the profile"]
 
 
 def test_damaged_shard_is_a_line_and_no_crash(tmp_path: Path) -> None:
@@ -197,9 +184,7 @@ def test_data_changed_after_the_release(tmp_path: Path) -> None:
         shard,
         lambda rows: rows.set_column(rows.column_names.index("keyword"), "keyword", pa.array(["x"] * rows.num_rows)),
     )
-    assert refused(tmp_path) == [
-        "checksum: pairs/pairs-00000-of-00001.parquet: differs from SHA256SUMS; export it again"
-    ]
+    assert refused(tmp_path) == ["checksum: pairs/pairs-00000-of-00001.parquet: differs from SHA256SUMS; export it again"]
 
 
 @pytest.mark.parametrize(
@@ -212,9 +197,7 @@ def test_data_changed_after_the_release(tmp_path: Path) -> None:
 )
 def test_personal_data_beyond_tolerance(tmp_path: Path, text: str, what: str, key: str, rate: str) -> None:
     build(tmp_path, changed("wiki/cells", lambda row: row.update(text=text)), ("wiki",))
-    assert refused(tmp_path) == [
-        f"personal data: wiki/cells: 1 of 36 rows have {what} in text, [release] {key} tolerates {rate} per 1,000"
-    ]
+    assert refused(tmp_path) == [f"personal data: wiki/cells: 1 of 36 rows have {what} in text, [release] {key} tolerates {rate} per 1,000"]
 
 
 @pytest.mark.parametrize(
@@ -238,12 +221,7 @@ def test_rows_too_old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     build(tmp_path, sources=("youtube",))
     monkeypatch.setenv("KB_NOW", "2026-12-02T00:00:00Z")
     lines = refused(tmp_path)
-    assert lines == [
-        (
-            "age: youtube/videos: 24 rows were read more than 30 days ago (the oldest on 2026-11-01); run `kb "
-            "refresh youtube`"
-        )
-    ]
+    assert lines == [("age: youtube/videos: 24 rows were read more than 30 days ago (the oldest on 2026-11-01); run `kb refresh youtube`")]
 
 
 def test_toxicity_off_is_reported_as_incomplete(tmp_path: Path) -> None:
@@ -254,15 +232,10 @@ def test_toxicity_off_is_reported_as_incomplete(tmp_path: Path) -> None:
     build(tmp_path, edit, ("youtube",))
     profile = tmp_path / "mine.toml"
     profile.write_text('name = "mine"\ntitle = "Mine"\ntoxicity = "off"\n')
-    assert all(
-        "the release is incomplete, toxicity is off in the profile" in line
-        for line in refused(tmp_path, profile=profile)
-    )
+    assert all("the release is incomplete, toxicity is off in the profile" in line for line in refused(tmp_path, profile=profile))
 
 
-def test_everything_is_said_at_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_everything_is_said_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     def edit(name: str, made: Rows) -> None:
         if name == "youtube/videos":
             made[0]["title"] = f"{SECRETS['youtube_api_key']} and jane@mail.example"

@@ -20,11 +20,7 @@ from tests.release.made import build
 
 
 def content(root: Path) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(root)): path.read_bytes()
-        for path in sorted((root / "release").rglob("*"))
-        if path.is_file()
-    }
+    return {str(path.relative_to(root)): path.read_bytes() for path in sorted((root / "release").rglob("*")) if path.is_file()}
 
 
 def test_same_bytes_twice_later_and_with_more_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,10 +119,7 @@ def test_wiki_archives_belong_to_the_release(tmp_path: Path) -> None:
     (tmp_path / "release" / "wiki" / "images-00000.tar").write_bytes(b"\0" * 10240)
     release(a_run(tmp_path))
     raw = json.loads((tmp_path / "release" / "wiki" / "croissant.json").read_text())
-    assert any(
-        file["@id"] == "images-00000.tar" and file["encodingFormat"] == "application/x-tar"
-        for file in raw["distribution"]
-    )
+    assert any(file["@id"] == "images-00000.tar" and file["encodingFormat"] == "application/x-tar" for file in raw["distribution"])
     assert "images-00000.tar" in (tmp_path / "release" / "wiki" / "SHA256SUMS").read_text()
 
 

@@ -55,8 +55,7 @@ def test_readable_without_scrolling_sideways(browser: Any, page: Path, name: str
     browser.get(page.as_uri())
     assert browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
     pictures = browser.execute_script(
-        "return [...document.querySelectorAll('figure img')].map(i => [i.complete, i.naturalWidth, "
-        "i.getBoundingClientRect().width, i.alt.length])"
+        "return [...document.querySelectorAll('figure img')].map(i => [i.complete, i.naturalWidth, i.getBoundingClientRect().width, i.alt.length])"
     )
     assert len(pictures) == 14  # all but the quota, which this root has no ledger for
     assert all(complete and natural > 0 and alt > 20 for complete, natural, _, alt in pictures)
@@ -70,11 +69,7 @@ def test_asks_the_network_for_nothing_and_logs_no_error(browser: Any, page: Path
     browser.get_log("performance")
     browser.get_log("browser")
     browser.get(page.as_uri())
-    asked = [
-        entry["message"]
-        for entry in browser.get_log("performance")
-        if '"Network.requestWillBeSent"' in entry["message"]
-    ]
+    asked = [entry["message"] for entry in browser.get_log("performance") if '"Network.requestWillBeSent"' in entry["message"]]
     assert not [message for message in asked if '"url":"http' in message]
     assert browser.get_log("browser") == []
 

@@ -118,11 +118,7 @@ def test_quota_adds_up_by_day(root: Path) -> None:
     figure = figures.quota(Data(a_run(root)), load_profile("minecraft"))
     assert figure is not None
     assert sorted(tuple(row) for row in figure.rows) == sorted(
-        [
-            (f"2026-11-0{day}", f"youtube {bucket}", day * units)
-            for day in (1, 2, 3)
-            for bucket, units in (("general", 5), ("search", 1))
-        ]
+        [(f"2026-11-0{day}", f"youtube {bucket}", day * units) for day in (1, 2, 3) for bucket, units in (("general", 5), ("search", 1))]
     )
 
 

@@ -42,9 +42,7 @@ def test_search_finds_channels_up_to_five_hundred() -> None:
     from kb.sandbox.world import World
 
     with Sandbox(World(n_channels=640, n_videos=0), services=["youtube"]) as services:
-        answers = pages(
-            make_client(services).search().list, part="snippet", q="Minecraft", type="channel", maxResults=50
-        )
+        answers = pages(make_client(services).search().list, part="snippet", q="Minecraft", type="channel", maxResults=50)
         assert sum(len(answer["items"]) for answer in answers) == 500
         assert services.ledger.units("search") == len(answers) == 10
         assert services.ledger.units("general") == 0
@@ -53,9 +51,7 @@ def test_search_finds_channels_up_to_five_hundred() -> None:
 
 def test_videos_leave_out_what_is_gone_and_hidden(services: Sandbox, data_api: Any) -> None:
     world = services.world.youtube
-    gone, hidden, plain = (
-        world.of_case(name)[0] for name in ("gone between listing and reading", "likes hidden", "manual")
-    )
+    gone, hidden, plain = (world.of_case(name)[0] for name in ("gone between listing and reading", "likes hidden", "manual"))
     answer = data_api.videos().list(part="id,statistics", id=f"{plain.id},{gone.id},{hidden.id}").execute()
     assert [item["id"] for item in answer["items"]] == [plain.id, hidden.id]
     assert set(answer["items"][0]) == {"kind", "etag", "id", "statistics"}
@@ -72,9 +68,7 @@ def test_videos_leave_out_what_is_gone_and_hidden(services: Sandbox, data_api: A
         ("manual", {}, (None, None)),
     ],
 )
-def test_the_embed_has_the_shape_of_the_video(
-    services: Sandbox, data_api: Any, name: str, frame: dict[str, int], size: tuple[str, str]
-) -> None:
+def test_the_embed_has_the_shape_of_the_video(services: Sandbox, data_api: Any, name: str, frame: dict[str, int], size: tuple[str, str]) -> None:
     video = services.world.youtube.of_case(name)[0]
     player = data_api.videos().list(part="player", id=video.id, **frame).execute()["items"][0]["player"]
     assert (player.get("embedWidth"), player.get("embedHeight")) == size
@@ -83,9 +77,7 @@ def test_the_embed_has_the_shape_of_the_video(
 def test_text_that_json_can_only_escape_travels(services: Sandbox, data_api: Any) -> None:
     for name in ("NUL in the title", "lone surrogate in the title", "right-to-left title", "emoji in the title"):
         video = services.world.youtube.of_case(name)[0]
-        assert (
-            data_api.videos().list(part="snippet", id=video.id).execute()["items"][0]["snippet"]["title"] == video.title
-        )
+        assert data_api.videos().list(part="snippet", id=video.id).execute()["items"][0]["snippet"]["title"] == video.title
 
 
 def refusal(call: Any) -> tuple[int, str]:
@@ -100,9 +92,7 @@ def test_refusals_are_googles(services: Sandbox, data_api: Any) -> None:
         404,
         "playlistNotFound",
     )
-    assert refusal(
-        data_api.playlistItems().list(part="snippet", playlistId="UULF" + world.youtube.channels[5].id[2:])
-    ) == (404, "playlistNotFound")
+    assert refusal(data_api.playlistItems().list(part="snippet", playlistId="UULF" + world.youtube.channels[5].id[2:])) == (404, "playlistNotFound")
     assert refusal(data_api.videos().list(part="snippet", id=",".join(ids[:51]))) == (400, "invalidFilters")
     assert refusal(data_api.videos().list(part="nothing", id=ids[0])) == (400, "unknownPart")
     assert refusal(data_api.search().list(part="snippet", q="x", type="channel", maxResults=51)) == (
@@ -112,9 +102,7 @@ def test_refusals_are_googles(services: Sandbox, data_api: Any) -> None:
     assert refusal(make_client(services, "wrong").videos().list(part="snippet", id=ids[0])) == (400, "keyInvalid")
 
 
-def test_each_bucket_ends_with_its_own_answer_and_begins_again_the_next_pacific_day(
-    services: Sandbox, data_api: Any
-) -> None:
+def test_each_bucket_ends_with_its_own_answer_and_begins_again_the_next_pacific_day(services: Sandbox, data_api: Any) -> None:
     from datetime import UTC, datetime
 
     world, one = services.world, next(iter(services.world.youtube.videos))
@@ -172,9 +160,7 @@ def lacking(real: Any, made: Any, path: str = "") -> list[str]:
         return [
             found
             for name in real
-            for found in (
-                [f"{path}.{name} is absent"] if name not in made else lacking(real[name], made[name], f"{path}.{name}")
-            )
+            for found in ([f"{path}.{name} is absent"] if name not in made else lacking(real[name], made[name], f"{path}.{name}"))
         ]
     if isinstance(real, list) and isinstance(made, list):
         return lacking(real[0], made[0], path + "[]") if real and made else []
@@ -211,9 +197,7 @@ GONE = {
         ("videos/videos_info_multi.json", "videos", {"part": "snippet,player"}),
     ],
 )
-def test_answers_have_the_recorded_form(
-    recorded: Path, services: Sandbox, data_api: Any, file: str, method: str, query: dict[str, Any]
-) -> None:
+def test_answers_have_the_recorded_form(recorded: Path, services: Sandbox, data_api: Any, file: str, method: str, query: dict[str, Any]) -> None:
     channel = services.world.youtube.channels[0]
     more = {
         "channels": {"id": channel.id},

@@ -32,9 +32,7 @@ STEPS = [
 
 @pytest.mark.timeout(600)
 def test_the_whole_job(tmp_path: Path) -> None:
-    (tmp_path / ".env").write_text(
-        "YOUTUBE_API_KEY=a-real-key\nKB_YOUTUBE_ENDPOINT=http://192.0.2.1\nKB_WIKI_URL=http://192.0.2.1\n"
-    )
+    (tmp_path / ".env").write_text("YOUTUBE_API_KEY=a-real-key\nKB_YOUTUBE_ENDPOINT=http://192.0.2.1\nKB_WIKI_URL=http://192.0.2.1\n")
     real = {
         "REDDIT_CLIENT_SECRET": "a-real-secret",
         "KB_REDDIT_ENDPOINT": "http://192.0.2.1",

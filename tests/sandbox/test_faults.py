@@ -80,9 +80,7 @@ def test_the_ledger_has_every_request_and_no_key(services: Sandbox) -> None:
 
 
 def test_another_process_sets_the_plan(services: Sandbox) -> None:
-    requests.post(
-        root(services) + "/_sandbox/faults", json={"path": "/watch", "status": 418, "times": None}, timeout=10
-    )
+    requests.post(root(services) + "/_sandbox/faults", json={"path": "/watch", "status": 418, "times": None}, timeout=10)
     assert statuses(services, 2) == [418, 418]
     requests.delete(root(services) + "/_sandbox/faults", timeout=10)
     assert statuses(services, 1) == [200]

@@ -39,10 +39,7 @@ def test_automatic_cues_overlap_and_manual_ones_do_not(services: Sandbox) -> Non
     for name, overlap in (("asr", True), ("manual", False)):
         video = world.of_case(name)[0]
         cues = world.cues(video, video.tracks[0])
-        assert (
-            any(first[0] + first[1] > second[0] + 0.01 for first, second in itertools.pairwise(cues))
-            is overlap
-        )
+        assert any(first[0] + first[1] > second[0] + 0.01 for first, second in itertools.pairwise(cues)) is overlap
 
 
 def test_languages_and_translation(services: Sandbox, client: YouTubeTranscriptApi) -> None:
@@ -67,9 +64,7 @@ def test_languages_and_translation(services: Sandbox, client: YouTubeTranscriptA
         ("age restricted", api.AgeRestricted),
     ],
 )
-def test_what_can_not_be_had(
-    services: Sandbox, client: YouTubeTranscriptApi, case: str, error: type[Exception]
-) -> None:
+def test_what_can_not_be_had(services: Sandbox, client: YouTubeTranscriptApi, case: str, error: type[Exception]) -> None:
     with pytest.raises(error):
         client.list(services.world.youtube.of_case(case)[0].id)
 

@@ -16,8 +16,20 @@ from kb.core.resources import folder
 from kb.schema import raw
 
 ALLOWED = {
-    "$schema", "title", "description", "type", "properties", "required", "items", "prefixItems", "enum", "format", "pattern",
-    "minItems", "maxItems", "additionalProperties",
+    "$schema",
+    "title",
+    "description",
+    "type",
+    "properties",
+    "required",
+    "items",
+    "prefixItems",
+    "enum",
+    "format",
+    "pattern",
+    "minItems",
+    "maxItems",
+    "additionalProperties",
 }
 FOLDERS = {"search": "youtube/search", "playlist_items": "youtube/playlist_items", "videos": "youtube/videos", "channels": "youtube/channels"}
 
@@ -34,7 +46,8 @@ def words(schema: Any) -> set[str]:
 @pytest.mark.parametrize("kind", raw.kinds())
 def test_only_what_check_understands_is_used(kind: str) -> None:
     schema = raw.raw(kind)
-    assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema" and schema["description"]
+    assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+    assert schema["description"]
     assert words(schema) <= ALLOWED
 
 
@@ -76,7 +89,12 @@ def test_recorded_answers_of_reddit_have_no_unknown_key_and_no_problem(recorded:
     assert dict(found.unknown) == {"data.children[].data.aura": 1}
 
 
-WIKI = {"titles": "allpages-", "pages": ("pages", "page-", "contributors-", "generator-", "missing", "redirect"), "imageinfo": "imageinfo", "site": "siteinfo"}
+WIKI = {
+    "titles": "allpages-",
+    "pages": ("pages", "page-", "contributors-", "generator-", "missing", "redirect"),
+    "imageinfo": "imageinfo",
+    "site": "siteinfo",
+}
 
 
 @pytest.mark.parametrize("kind", WIKI)
@@ -93,18 +111,21 @@ def video(**change: Any) -> dict[str, Any]:
     return {"items": [item, item | change]}
 
 
-@pytest.mark.parametrize(("response", "problem"), [
-    (video(id=None), "items[1].id is null, not string"),
-    (video(snippet={"title": 3}), "items[1].snippet.title is 3, not string"),
-    (video(snippet="gone"), 'items[1].snippet is "gone", not object'),
-    (video(statistics={"viewCount": 12}), "items[1].statistics.viewCount is 12, not string"),
-    (video(statistics={"viewCount": "-5"}), 'items[1].statistics.viewCount is "-5", which does not match ^[0-9]+$'),
-    (video(snippet={"tags": ["a", 1]}), "items[1].snippet.tags[1] is 1, not string"),
-    (video(status={"embeddable": 1}), "items[1].status.embeddable is 1, not boolean"),
-    ({"items": [{}]}, "items[0].id is missing"),
-    ({}, "items is missing"),
-    ("cut off", 'the answer is "cut off", not object'),
-])
+@pytest.mark.parametrize(
+    ("response", "problem"),
+    [
+        (video(id=None), "items[1].id is null, not string"),
+        (video(snippet={"title": 3}), "items[1].snippet.title is 3, not string"),
+        (video(snippet="gone"), 'items[1].snippet is "gone", not object'),
+        (video(statistics={"viewCount": 12}), "items[1].statistics.viewCount is 12, not string"),
+        (video(statistics={"viewCount": "-5"}), 'items[1].statistics.viewCount is "-5", which does not match ^[0-9]+$'),
+        (video(snippet={"tags": ["a", 1]}), "items[1].snippet.tags[1] is 1, not string"),
+        (video(status={"embeddable": 1}), "items[1].status.embeddable is 1, not boolean"),
+        ({"items": [{}]}, "items[0].id is missing"),
+        ({}, "items is missing"),
+        ("cut off", 'the answer is "cut off", not object'),
+    ],
+)
 def test_a_wrong_field_is_named_with_what_was_found(response: Any, problem: str) -> None:
     assert raw.check("youtube/videos", response).problems == [problem]
 
@@ -124,8 +145,15 @@ def test_the_fast_look_for_unknown_keys_sees_the_same(recorded: Path) -> None:
     assert raw.unknown_keys("youtube/player", player)["streamingData.adaptiveFormats[].url"] > 10
 
 
-@pytest.mark.parametrize("name", ["youtube.innertube.json", "youtube_age_restricted.innertube.json",
-                                  "youtube_video_unavailable.innertube.json", "youtube_transcripts_disabled2.innertube.json"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "youtube.innertube.json",
+        "youtube_age_restricted.innertube.json",
+        "youtube_video_unavailable.innertube.json",
+        "youtube_transcripts_disabled2.innertube.json",
+    ],
+)
 def test_pick_keeps_no_address_of_anything(name: str, recorded: Path) -> None:
     answer = json.loads((recorded / "youtube" / "transcripts" / name).read_text(encoding="utf-8"))
     kept = raw.pick("youtube/player", answer)
@@ -136,7 +164,8 @@ def test_pick_keeps_no_address_of_anything(name: str, recorded: Path) -> None:
     if name == "youtube.innertube.json":
         assert max(form["width"] for form in kept["streamingData"]["adaptiveFormats"] if "width" in form) == 3840
         tracks = kept["captions"]["playerCaptionsTracklistRenderer"]["captionTracks"]
-        assert [track.get("kind") for track in tracks].count("asr") == 1 and len(tracks) == 9
+        assert [track.get("kind") for track in tracks].count("asr") == 1
+        assert len(tracks) == 9
 
 
 def test_pick_lets_nothing_in_under_a_declared_name() -> None:
@@ -147,8 +176,7 @@ def test_pick_lets_nothing_in_under_a_declared_name() -> None:
 def test_transcripts_outcome() -> None:
     good = {"video_id": "a", "outcome": "ok", "kind": "asr", "language": "en", "cues": [[0.0, 1.5, "hi"]], "player": {"fps": 30}}
     assert raw.check("youtube/transcripts", good).problems == []
-    assert raw.check("youtube/transcripts", good | {"cues": [[0.0, "x"]]}).problems == [
-        "cues[0] has 2 items", 'cues[0][1] is "x", not number']
+    assert raw.check("youtube/transcripts", good | {"cues": [[0.0, "x"]]}).problems == ["cues[0] has 2 items", 'cues[0][1] is "x", not number']
     assert raw.check("youtube/transcripts", good | {"outcome": "maybe"}).problems[0].startswith('outcome is "maybe", none of')
 
 

@@ -23,22 +23,28 @@ FILES = sorted((folder("schemas") / "tables").glob("*/*.toml"))
 CONTRACT = {
     "youtube/videos": (
         "video_id title link channel_id published_at view_count like_count duration_s width height fps category_id topic_evidence"
-        " transcript_kind word_count license fetched_at toxicity_title toxicity_description", "toxicity_title_insult toxicity_description_threat"),
+        " transcript_kind word_count license fetched_at toxicity_title toxicity_description",
+        "toxicity_title_insult toxicity_description_threat",
+    ),
     "youtube/transcripts": ("", "video_id kind language cues"),
     "wiki/pages": (
         "page_id title url revision_id revision_timestamp fetched_at license contributors_url screenshot_path page_width page_height"
-        " viewport_width device_pixel_ratio word_count toxicity", ""),
+        " viewport_width device_pixel_ratio word_count toxicity",
+        "",
+    ),
     "wiki/elements": ("page_id element_id parent_id kind tag region heading_level text x y width height visible reading_order", ""),
     "wiki/cells": ("page_id table_id row_index column_index row_span column_span is_header text x y width height", ""),
-    "wiki/images": (
-        "page_id element_id src path sha256 media_type width height alt_text caption frame_index frame_duration_ms license", ""),
+    "wiki/images": ("page_id element_id src path sha256 media_type width height alt_text caption frame_index frame_duration_ms license", ""),
     "reddit/posts": (
         "post_id type created_utc score num_comments upvote_ratio score_source fetched_at",
-        "title body author_hash source_url link_kind is_crosspost poll_options"),
+        "title body author_hash source_url link_kind is_crosspost poll_options",
+    ),
     "reddit/comments": ("comment_id post_id parent_id depth created_utc score", "body author_hash"),
     "pairs/pairs": (
         "pair_id video_id keyword keyword_kind token_count match_start_s match_end_s segment_start_s segment_end_s text_start_s"
-        " text_end_s center_s clip_start_s clip_end_s transcript_kind", "text"),
+        " text_end_s center_s clip_start_s clip_end_s transcript_kind",
+        "text",
+    ),
     "shared/rejected": ("", "key stage reason value threshold"),
     "shared/failed": ("", "key reason"),
     "shared/pending": ("", "key reason"),
@@ -51,8 +57,10 @@ CONTRACT = {
 def test_every_column_has_a_description_and_an_origin(path: Path) -> None:
     assert check_table(tomllib.loads(path.read_text(encoding="utf-8"))) == []
     for column in load_table(path).columns:
-        assert column.doc.endswith(".") and "\n" not in column.doc, column.name
-        assert column.source.kind and column.source.path, column.name
+        assert column.doc.endswith("."), column.name
+        assert "\n" not in column.doc, column.name
+        assert column.source.kind, column.name
+        assert column.source.path, column.name
 
 
 @pytest.mark.parametrize("name", CONTRACT)
@@ -78,17 +86,20 @@ def test_origins_in_raw_answers_are_declared_there() -> None:
                 assert raw.at(kind, column.source.path) is not None, f"{each.name}.{column.name}: {column.source}"
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ({"doc": ""}, "column a: has no description"),
-    ({"doc": None}, "column a: has no description"),
-    ({"from": None}, "column a: has no origin"),
-    ({"from": "somewhere"}, "column a: `from` is 'somewhere'"),
-    ({"type": "varchar"}, "column a: unknown type 'varchar'"),
-    ({"type": "list<struct<x>>"}, "column a: 'x' in 'struct<x>' is not `name: type`"),
-    ({"null": " "}, "column a: `null` must say why"),
-    ({"unti": "s"}, "column a: unknown key 'unti'"),
-    ({"name": "A b"}, "`name` must be lower case"),
-])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"doc": ""}, "column a: has no description"),
+        ({"doc": None}, "column a: has no description"),
+        ({"from": None}, "column a: has no origin"),
+        ({"from": "somewhere"}, "column a: `from` is 'somewhere'"),
+        ({"type": "varchar"}, "column a: unknown type 'varchar'"),
+        ({"type": "list<struct<x>>"}, "column a: 'x' in 'struct<x>' is not `name: type`"),
+        ({"null": " "}, "column a: `null` must say why"),
+        ({"unti": "s"}, "column a: unknown key 'unti'"),
+        ({"name": "A b"}, "`name` must be lower case"),
+    ],
+)
 def test_a_wrong_column_is_named(tmp_path: Path, change: dict[str, str | None], message: str) -> None:
     block = {"name": "a", "type": "string", "doc": "Doc.", "from": "rule: made up"} | change
     lines = [f"{key} = {json.dumps(value)}" for key, value in block.items() if value is not None]
@@ -96,15 +107,20 @@ def test_a_wrong_column_is_named(tmp_path: Path, change: dict[str, str | None], 
     path.write_text('name = "x/t"\ndoc = "Doc."\nkey = ["a"]\nsort_by = ["a"]\n[[column]]\n' + "\n".join(lines))
     with pytest.raises(SchemaMismatch) as caught:
         load_table(path)
-    assert message in str(caught.value) and str(path) in str(caught.value)
+    assert message in str(caught.value)
+    assert str(path) in str(caught.value)
 
 
 def test_wrong_keys_of_a_table_come_all_at_once() -> None:
     column = {"name": "a", "type": "string", "doc": "Doc.", "from": "rule: x"}
     problems = check_table({"name": "x/t", "colum": 1, "key": ["b"], "sort_by": [], "partition_by": "c", "column": [column, column]})
     assert problems == [
-        "unknown key 'colum'", "`doc` is missing or empty", "column a: declared twice", "`key` names 'b', which is no column",
-        "`sort_by` must list columns", "`partition_by` names 'c', which is no column",
+        "unknown key 'colum'",
+        "`doc` is missing or empty",
+        "column a: declared twice",
+        "`key` names 'b', which is no column",
+        "`sort_by` must list columns",
+        "`partition_by` names 'c', which is no column",
     ]
 
 

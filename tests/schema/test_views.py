@@ -19,7 +19,9 @@ def root(tmp_path: Path, make_rows) -> Path:  # type: ignore[no-untyped-def]
     write_table(root / "clean/youtube/videos/part-00000.parquet", make_rows("youtube/videos", 4), "youtube/videos")
     write_table(root / "clean/youtube/videos/part-00001.parquet", make_rows("youtube/videos", 3), "youtube/videos")
     write_table(root / "clean/youtube/rejected/part-00000.parquet", make_rows("shared/rejected", 2), "shared/rejected")
-    write_table(root / "release/youtube/videos-00000-of-00001.parquet", make_rows("youtube/videos", 5, released=True), "youtube/videos", released=True)
+    write_table(
+        root / "release/youtube/videos-00000-of-00001.parquet", make_rows("youtube/videos", 5, released=True), "youtube/videos", released=True
+    )
     write_table(root / "release/reddit/posts-00000-of-00001.parquet", make_rows("reddit/posts", 6, released=True), "reddit/posts", released=True)
     write_table(root / "pairs/part-00000.parquet", make_rows("pairs/pairs", 1), "pairs/pairs")
     tombstones.add(root, "youtube", [("gone", "named")])
@@ -50,32 +52,53 @@ def test_times_are_utc(root: Path) -> None:
 def test_the_catalog(root: Path) -> None:
     listing = views.catalog(root)
     assert [row[:3] for row in listing] == [
-        ("clean", "pairs", 1), ("clean", "youtube_rejected", 2), ("clean", "youtube_tombstones", 1), ("clean", "youtube_videos", 7),
-        ("release", "reddit_posts", 6), ("release", "youtube_videos", 5)]
+        ("clean", "pairs", 1),
+        ("clean", "youtube_rejected", 2),
+        ("clean", "youtube_tombstones", 1),
+        ("clean", "youtube_videos", 7),
+        ("release", "reddit_posts", 6),
+        ("release", "youtube_videos", 5),
+    ]
     assert all(row[3] for row in listing)
 
 
-@pytest.mark.parametrize(("sql", "said", "hint"), [
-    ("SELECT titel FROM youtube_videos", 'Referenced column "titel" not found in FROM clause! Candidate bindings: "title"', "--tables"),
-    ("SELECT * FROM youtube_video", 'Table with name youtube_video does not exist! Did you mean', "clean.youtube_videos, release.reddit_posts"),
-    ("SELECT * FROM wiki_pages", "Table with name wiki_pages does not exist!", "clean.youtube_videos"),
-    ("SELEC 1", 'syntax error at or near "SELEC"', "--tables"),
-    ("", "0 statements", ""),
-    ("SELECT 1; SELECT 2", "2 statements", ""),
-    ("SELECT 'x'::INT", "Could not convert string 'x' to INT32", ""),
-])
+@pytest.mark.parametrize(
+    ("sql", "said", "hint"),
+    [
+        ("SELECT titel FROM youtube_videos", 'Referenced column "titel" not found in FROM clause! Candidate bindings: "title"', "--tables"),
+        ("SELECT * FROM youtube_video", "Table with name youtube_video does not exist! Did you mean", "clean.youtube_videos, release.reddit_posts"),
+        ("SELECT * FROM wiki_pages", "Table with name wiki_pages does not exist!", "clean.youtube_videos"),
+        ("SELEC 1", 'syntax error at or near "SELEC"', "--tables"),
+        ("", "0 statements", ""),
+        ("SELECT 1; SELECT 2", "2 statements", ""),
+        ("SELECT 'x'::INT", "Could not convert string 'x' to INT32", ""),
+    ],
+)
 def test_a_mistake_is_one_line_with_a_hint(root: Path, sql: str, said: str, hint: str) -> None:
     with pytest.raises(UsageError) as caught:
         rows(root, sql)
-    assert said in str(caught.value) and "\n" not in str(caught.value)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
     assert hint in caught.value.hint
 
 
-@pytest.mark.parametrize("sql", [
-    "CREATE TABLE t AS SELECT 1", "ATTACH '{tmp}/x.db'", "COPY youtube_videos TO '{tmp}/x.csv'", "SET enable_external_access = true",
-    "INSTALL httpfs", "SELECT * FROM read_csv('/etc/hosts')", "SELECT * FROM '{tmp}/other.parquet'", "DELETE FROM clean.youtube_videos",
-    "SELECT * FROM read_text('/etc/hosts')", "EXPORT DATABASE '{tmp}/x'", "PRAGMA database_list", "SELECT * FROM glob('/etc/*')",
-])
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "CREATE TABLE t AS SELECT 1",
+        "ATTACH '{tmp}/x.db'",
+        "COPY youtube_videos TO '{tmp}/x.csv'",
+        "SET enable_external_access = true",
+        "INSTALL httpfs",
+        "SELECT * FROM read_csv('/etc/hosts')",
+        "SELECT * FROM '{tmp}/other.parquet'",
+        "DELETE FROM clean.youtube_videos",
+        "SELECT * FROM read_text('/etc/hosts')",
+        "EXPORT DATABASE '{tmp}/x'",
+        "PRAGMA database_list",
+        "SELECT * FROM glob('/etc/*')",
+    ],
+)
 def test_nothing_but_reading_the_tables(root: Path, tmp_path: Path, sql: str, make_rows) -> None:  # type: ignore[no-untyped-def]
     write_table(tmp_path / "other.parquet", make_rows("shared/failed", 1), "shared/failed")
     before = sorted(tmp_path.rglob("*"))

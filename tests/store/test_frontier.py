@@ -149,5 +149,5 @@ def test_a_root_keeps_to_its_services(tmp_path):
     identity.remember(tmp_path, "reddit", host="http://127.0.0.1:6000", subreddit="minecraft")
     with pytest.raises(OtherService, match="subreddit minecraft, not terraria"):
         identity.remember(tmp_path, "reddit", subreddit="terraria")
-    with pytest.raises(OtherService, match="127.0.0.1, not oauth.reddit.com"):
+    with pytest.raises(OtherService, match=r"127\.0\.0\.1, not oauth\.reddit\.com"):
         identity.remember(tmp_path, "reddit", host="https://oauth.reddit.com")

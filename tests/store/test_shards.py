@@ -44,7 +44,8 @@ def test_settings_of_a_written_file(tmp_path: Path) -> None:
     assert "RLE_DICTIONARY" in chunks["stage"].encodings
     assert "RLE_DICTIONARY" not in chunks["key"].encodings
     schema = pq.read_schema(tmp_path / "a.parquet")
-    assert schema.field("key").metadata[b"doc"] and not schema.field("key").nullable
+    assert schema.field("key").metadata[b"doc"]
+    assert not schema.field("key").nullable
 
 
 def test_rows_are_sorted_and_bytes_follow_from_them_alone(tmp_path: Path) -> None:

@@ -22,9 +22,7 @@ class Job:
     def __init__(self, sandbox: Sandbox, place: Path, *, toxicity: bool = False, **env: str) -> None:
         self.sandbox, self.place, self.root = sandbox, place, place / "data"
         place.mkdir(parents=True, exist_ok=True)
-        self.env = (
-            clean_environment() | sandbox.settings(model=toxicity) | {"KB_DATA": str(self.root), "KB_NOW": NOW} | env
-        )
+        self.env = clean_environment() | sandbox.settings(model=toxicity) | {"KB_DATA": str(self.root), "KB_NOW": NOW} | env
         if not toxicity:
             self.profile(('toxicity = "on"', 'toxicity = "off"'))
 
@@ -70,17 +68,13 @@ class Job:
     def done(self, *words: str, code: int = 0, **env: str) -> dict[str, Any]:
         """The summary of `kb WORDS --json`, which must end with `code`."""
         result = self.kb(*words, "--json", **env)
-        assert result.returncode == code, (
-            f"kb {' '.join(words)} ended with {result.returncode}:\n{result.stderr[-3000:]}"
-        )
+        assert result.returncode == code, f"kb {' '.join(words)} ended with {result.returncode}:\n{result.stderr[-3000:]}"
         return json.loads(result.stdout.splitlines()[-1]) if result.stdout else {}
 
     def stopped(self, *words: str, code: int, **env: str) -> str:
         """The one line of a `kb WORDS` that ends with `code`, and no traceback."""
         result = self.kb(*words, **env)
-        assert result.returncode == code, (
-            f"kb {' '.join(words)} ended with {result.returncode}:\n{result.stderr[-3000:]}"
-        )
+        assert result.returncode == code, f"kb {' '.join(words)} ended with {result.returncode}:\n{result.stderr[-3000:]}"
         assert "Traceback" not in result.stderr
         lines = [line for line in result.stderr.splitlines() if line.startswith("kb: ")]
         assert len(lines) == 1, result.stderr
@@ -100,11 +94,7 @@ class Job:
     def digests(self, *parts: str) -> dict[str, str]:
         """sha256 by path of every file below a folder of the data root."""
         top = self.root.joinpath(*parts)
-        return {
-            str(path.relative_to(top)): hashlib.sha256(path.read_bytes()).hexdigest()
-            for path in sorted(top.rglob("*"))
-            if path.is_file()
-        }
+        return {str(path.relative_to(top)): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(top.rglob("*")) if path.is_file()}
 
     def raw(self, kind: str) -> list[dict[str, Any]]:
         """Every envelope of a raw kind."""

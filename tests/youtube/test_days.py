@@ -50,16 +50,12 @@ def run_with(sandbox: Sandbox, root: Path, wait: bool = False, **limits: int) ->
     profile = load_profile("minecraft")
     assert profile.youtube is not None
     profile = profile.model_copy(update={"youtube": profile.youtube.model_copy(update=limits)})
-    settings = load_settings(
-        dotenv=False, **{key.lower(): value for key, value in sandbox.settings(model=False).items()}
-    )
+    settings = load_settings(dotenv=False, **{key.lower(): value for key, value in sandbox.settings(model=False).items()})
     return Run(settings=settings, profile=profile, root=root, workers=2, wait=wait)
 
 
 def test_wait_goes_on_after_each_reset_and_never_overspends(few: Sandbox, tmp_path: Path, days: Days) -> None:
-    summary = youtube.crawl(
-        run_with(few, tmp_path, wait=True, units_per_day=UNITS, searches_per_day=SEARCHES), None, None, None
-    )
+    summary = youtube.crawl(run_with(few, tmp_path, wait=True, units_per_day=UNITS, searches_per_day=SEARCHES), None, None, None)
     assert (summary["left"], summary["failed"]) == (0, 0)
     with sqlite3.connect(tmp_path / "state" / "youtube.sqlite") as state:
         rows = state.execute("SELECT bucket, day, sum(units) FROM ledger GROUP BY bucket, day")

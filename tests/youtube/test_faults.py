@@ -35,9 +35,7 @@ def check(job: Job) -> None:
     world = job.sandbox.world.youtube
     read = {item["id"] for envelope in job.raw("videos") for item in envelope["response"]["items"]}
     assert read == {video.id for video in world.videos.values() if video.in_api}
-    had = {
-        envelope["response"]["video_id"]: envelope["response"] for envelope in job.raw("transcripts")
-    }  # the newest wins
+    had = {envelope["response"]["video_id"]: envelope["response"] for envelope in job.raw("transcripts")}  # the newest wins
     kept = {video.id: video.case.kind for video in world.videos.values() if video.case.stage in (None, "toxicity")}
     assert {key: had[key]["kind"] for key in kept} == kept
 
@@ -98,9 +96,7 @@ def test_the_ledger_never_overruns_what_the_profile_allows_a_day(job: Job) -> No
 def test_what_passes_is_tried_again(job: Job) -> None:
     """Bursts, 5xx, broken connections and truncated bodies, each somewhere on the way of one crawl."""
     now = {"Retry-After": "0"}
-    burst, burst_429, down = (
-        make() for make in (youtube_errors.burst, youtube_errors.burst_429, youtube_errors.unavailable)
-    )
+    burst, burst_429, down = (make() for make in (youtube_errors.burst, youtube_errors.burst_429, youtube_errors.unavailable))
     for path, what in (
         ("/v3/search", {"status": burst[0], "body": burst[1], "headers": now}),
         ("/v3/search", {"after": 2, "cut": 0.6, "honest": True}),
@@ -201,9 +197,7 @@ def test_a_signal_finishes_the_item_in_hand(job: Job, number: int) -> None:
     assert [line for line in err.splitlines() if line.startswith("kb: stopped")]
     finish(job)
     assert job.sandbox.ledger.units() == plain_units(job.sandbox)  # nothing was asked twice
-    assert len({seen.about for seen in job.sandbox.ledger.requests("/watch")}) == len(
-        job.sandbox.ledger.requests("/watch")
-    )
+    assert len({seen.about for seen in job.sandbox.ledger.requests("/watch")}) == len(job.sandbox.ledger.requests("/watch"))
 
 
 def test_the_key_is_in_no_process_list_and_no_debug_log(job: Job) -> None:
@@ -211,11 +205,7 @@ def test_the_key_is_in_no_process_list_and_no_debug_log(job: Job) -> None:
     job.sandbox.faults.add("/v3/search", reset=True)
     child = job.start(*CRAWL, "--debug")
     assert held.arrived.wait(60)
-    seen = (
-        subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=False).stdout
-        if Path("/bin/ps").exists()
-        else ""
-    )
+    seen = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=False).stdout if Path("/bin/ps").exists() else ""
     seen += Path(f"/proc/{child.pid}/cmdline").read_text()
     job.sandbox.faults.add("/v3/videos", status=400, body=youtube_errors.key_invalid()[1], times=None)
     held.release()

@@ -12,15 +12,24 @@ from kb.core.errors import DamagedData
 from kb.youtube import parse
 
 GOOD: dict[str, Any] = {
-    "id": "a", "snippet": {"title": "t", "publishedAt": "2007-08-23T00:34:43Z", "categoryId": "20"},
-    "contentDetails": {"duration": "PT1M"}, "statistics": {"viewCount": "7"}, "player": {"embedWidth": "854", "embedHeight": "480"},
+    "id": "a",
+    "snippet": {"title": "t", "publishedAt": "2007-08-23T00:34:43Z", "categoryId": "20"},
+    "contentDetails": {"duration": "PT1M"},
+    "statistics": {"viewCount": "7"},
+    "player": {"embedWidth": "854", "embedHeight": "480"},
 }
 
 
 def line(items: Any, ids: Any = None, status: int = 200) -> bytes:
     params = {} if ids is None else {"id": ids}
-    return json.dumps({"fetched_at": "2026-11-20T12:00:00Z", "request": {"endpoint": "videos.list", "params": params},
-                       "status": status, "response": {"items": items}}).encode()
+    return json.dumps(
+        {
+            "fetched_at": "2026-11-20T12:00:00Z",
+            "request": {"endpoint": "videos.list", "params": params},
+            "status": status,
+            "response": {"items": items},
+        }
+    ).encode()
 
 
 def rows(*lines: bytes, batch: int = parse.ROWS) -> list[dict[str, Any]]:
@@ -40,35 +49,38 @@ def changed(path: str, value: Any) -> dict[str, Any]:
     return item
 
 
-@pytest.mark.parametrize(("path", "value", "column", "text"), [
-    ("statistics.viewCount", "", "view_count", ""),
-    ("statistics.viewCount", "-5", "view_count", "-5"),
-    ("statistics.viewCount", "12a", "view_count", "12a"),
-    ("statistics.viewCount", " 12", "view_count", " 12"),
-    ("statistics.viewCount", "1.5", "view_count", "1.5"),
-    ("statistics.viewCount", "٣", "view_count", "٣"),
-    ("statistics.viewCount", "9" * 30, "view_count", "9" * 30),
-    ("statistics.viewCount", 12, "view_count", "12"),
-    ("statistics.viewCount", ["7"], "view_count", '["7"]'),
-    ("statistics", "7", "view_count", "7"),
-    ("contentDetails.duration", "P", "duration_s", "P"),
-    ("contentDetails.duration", "PT", "duration_s", "PT"),
-    ("contentDetails.duration", "", "duration_s", ""),
-    ("contentDetails.duration", "1:30", "duration_s", "1:30"),
-    ("contentDetails.duration", "P1Y", "duration_s", "P1Y"),
-    ("contentDetails.duration", "PT-5S", "duration_s", "PT-5S"),
-    ("contentDetails.duration", 60, "duration_s", "60"),
-    ("snippet.publishedAt", "yesterday", "published_at", "yesterday"),
-    ("snippet.publishedAt", "2019-02-30T00:00:00Z", "published_at", "2019-02-30T00:00:00Z"),
-    ("snippet.publishedAt", "2019-02-03", "published_at", "2019-02-03"),
-    ("snippet.categoryId", "twenty", "category_id", "twenty"),
-    ("snippet.title", {"a": 1}, "title", '{"a": 1}'),
-    ("snippet.tags", "minecraft", "tags", "minecraft"),
-    ("snippet.tags", ["a", 1], "tags", '["a", 1]'),
-    ("contentDetails.caption", "maybe", "caption", "maybe"),
-    ("player.embedWidth", "-1", "embed_width", "-1"),
-    ("player.embedWidth", "wide", "embed_width", "wide"),
-])
+@pytest.mark.parametrize(
+    ("path", "value", "column", "text"),
+    [
+        ("statistics.viewCount", "", "view_count", ""),
+        ("statistics.viewCount", "-5", "view_count", "-5"),
+        ("statistics.viewCount", "12a", "view_count", "12a"),
+        ("statistics.viewCount", " 12", "view_count", " 12"),
+        ("statistics.viewCount", "1.5", "view_count", "1.5"),
+        ("statistics.viewCount", "٣", "view_count", "٣"),
+        ("statistics.viewCount", "9" * 30, "view_count", "9" * 30),
+        ("statistics.viewCount", 12, "view_count", "12"),
+        ("statistics.viewCount", ["7"], "view_count", '["7"]'),
+        ("statistics", "7", "view_count", "7"),
+        ("contentDetails.duration", "P", "duration_s", "P"),
+        ("contentDetails.duration", "PT", "duration_s", "PT"),
+        ("contentDetails.duration", "", "duration_s", ""),
+        ("contentDetails.duration", "1:30", "duration_s", "1:30"),
+        ("contentDetails.duration", "P1Y", "duration_s", "P1Y"),
+        ("contentDetails.duration", "PT-5S", "duration_s", "PT-5S"),
+        ("contentDetails.duration", 60, "duration_s", "60"),
+        ("snippet.publishedAt", "yesterday", "published_at", "yesterday"),
+        ("snippet.publishedAt", "2019-02-30T00:00:00Z", "published_at", "2019-02-30T00:00:00Z"),
+        ("snippet.publishedAt", "2019-02-03", "published_at", "2019-02-03"),
+        ("snippet.categoryId", "twenty", "category_id", "twenty"),
+        ("snippet.title", {"a": 1}, "title", '{"a": 1}'),
+        ("snippet.tags", "minecraft", "tags", "minecraft"),
+        ("snippet.tags", ["a", 1], "tags", '["a", 1]'),
+        ("contentDetails.caption", "maybe", "caption", "maybe"),
+        ("player.embedWidth", "-1", "embed_width", "-1"),
+        ("player.embedWidth", "wide", "embed_width", "wide"),
+    ],
+)
 def test_a_malformed_value(path: str, value: Any, column: str, text: str) -> None:
     bad, good = rows(line([changed(path, value), GOOD | {"id": "b"}]))
     found = [problem for problem in bad["problems"] if problem["column"] == column]
@@ -78,9 +90,15 @@ def test_a_malformed_value(path: str, value: Any, column: str, text: str) -> Non
     assert (good["view_count"], good["duration_s"], good["category_id"]) == (7, 60, 20)
 
 
-@pytest.mark.parametrize(("path", "column"), [
-    ("statistics.viewCount", "view_count"), ("statistics", "view_count"), ("contentDetails", "duration_s"), ("contentDetails.duration", "duration_s"),
-])
+@pytest.mark.parametrize(
+    ("path", "column"),
+    [
+        ("statistics.viewCount", "view_count"),
+        ("statistics", "view_count"),
+        ("contentDetails", "duration_s"),
+        ("contentDetails.duration", "duration_s"),
+    ],
+)
 def test_an_absent_value_that_a_stage_needs(path: str, column: str) -> None:
     for value in (KeyError, None):
         row = rows(line([changed(path, value)]))[0]
@@ -93,9 +111,19 @@ def test_a_hidden_like_count_and_no_tags_are_no_problem() -> None:
     assert (row["like_count"], row["tags"], row["problems"]) == (None, [], [])
 
 
-@pytest.mark.parametrize(("duration", "seconds"), [
-    ("P0D", 0), ("PT0S", 0), ("PT21M7S", 1267), ("PT10H", 36_000), ("P1DT2H3M4S", 93_784), ("P2W", 1_209_600), ("P1W1DT1S", 691_201), ("PT90M", 5_400),
-])
+@pytest.mark.parametrize(
+    ("duration", "seconds"),
+    [
+        ("P0D", 0),
+        ("PT0S", 0),
+        ("PT21M7S", 1267),
+        ("PT10H", 36_000),
+        ("P1DT2H3M4S", 93_784),
+        ("P2W", 1_209_600),
+        ("P1W1DT1S", 691_201),
+        ("PT90M", 5_400),
+    ],
+)
 def test_durations(duration: str, seconds: int) -> None:
     assert rows(line([changed("contentDetails.duration", duration)]))[0]["duration_s"] == seconds
 
@@ -149,11 +177,14 @@ def test_a_line_that_is_no_envelope() -> None:
 
 def test_transcripts_of_every_outcome() -> None:
     def outcome(**response: Any) -> bytes:
-        return json.dumps({"fetched_at": "2026-11-20T12:00:00Z", "request": {"endpoint": "transcript", "params": {}}, "status": 200,
-                           "response": response}).encode()
+        return json.dumps(
+            {"fetched_at": "2026-11-20T12:00:00Z", "request": {"endpoint": "transcript", "params": {}}, "status": 200, "response": response}
+        ).encode()
 
     lines = [
-        outcome(video_id="a", outcome="ok", kind="asr", language="en", cues=[[0, 1.5, "hi"], [1, 2, "a\x00b"]], player={"fps": 60, "game_label_id": "UC1"}),
+        outcome(
+            video_id="a", outcome="ok", kind="asr", language="en", cues=[[0, 1.5, "hi"], [1, 2, "a\x00b"]], player={"fps": 60, "game_label_id": "UC1"}
+        ),
         outcome(video_id="b", outcome="disabled", player=None),
         outcome(video_id="c", outcome="ok", kind="manual", language="en-GB", cues=[[0, "x", "y"]]),
         outcome(video_id="d", outcome="ok", kind="manual", language="en", cues=[]),

@@ -85,7 +85,7 @@ def test_a_purge_that_was_killed_goes_on(finished: Job) -> None:
         except subprocess.TimeoutExpired:
             child.send_signal(signal.SIGKILL)
             child.communicate()
-        words = ("purge", "youtube")    # the list of names is remembered
+        words = ("purge", "youtube")  # the list of names is remembered
     job.done("purge", "youtube")
     # Killed before it wrote its list down, a purge has promised nothing; named again it must be complete.
     job.done("purge", "youtube", "--ids", ids_file(job, *named))

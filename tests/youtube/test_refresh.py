@@ -35,7 +35,12 @@ def test_what_is_too_old_is_read_again_fifty_a_unit(job: Job) -> None:
 
 
 def test_wait_sleeps_through_a_burst_and_ends_whole(job: Job) -> None:
-    job.sandbox.faults.add("/youtube/v3/videos", status=429, times=1, headers={"Retry-After": "1"},
-                           body={"error": {"code": 429, "errors": [{"reason": "rateLimitExceeded"}], "message": "slow down"}})
+    job.sandbox.faults.add(
+        "/youtube/v3/videos",
+        status=429,
+        times=1,
+        headers={"Retry-After": "1"},
+        body={"error": {"code": 429, "errors": [{"reason": "rateLimitExceeded"}], "message": "slow down"}},
+    )
     job.done(*CRAWL, "--wait")
     check(job)

@@ -16,26 +16,62 @@ import sys
 from pathlib import Path
 
 VERSIONS = (
-    "1.7", "1.8", "1.9", "1.10", "1.11", "1.12", "1.13",
-    "1.14", "1.15", "1.16", "1.17", "1.18", "1.19", "1.20", "1.21.4", "1.21.11", "26.1",
+    "1.7",
+    "1.8",
+    "1.9",
+    "1.10",
+    "1.11",
+    "1.12",
+    "1.13",
+    "1.14",
+    "1.15",
+    "1.16",
+    "1.17",
+    "1.18",
+    "1.19",
+    "1.20",
+    "1.21.4",
+    "1.21.11",
+    "26.1",
 )
 # In the order in which a kind wins when a name has several.
 KINDS = (
-    ("entity", "entities"), ("block", "blocks"),
-    ("item", "items"), ("biome", "biomes"), ("effect", "effects"), ("enchantment", "enchantments"),
+    ("entity", "entities"),
+    ("block", "blocks"),
+    ("item", "items"),
+    ("biome", "biomes"),
+    ("effect", "effects"),
+    ("enchantment", "enchantments"),
 )
 
-STRUCTURES = """abandoned mineshaft, ancient city, bastion remnant, buried treasure, desert pyramid, desert temple, desert well, dungeon, end city, end gateway,
-end portal, end ship, exit portal, fossil, igloo, jungle pyramid, jungle temple, mineshaft, mob spawner, nether fortress, nether fossil, nether portal,
-ocean monument, ocean ruins, pillager outpost, ruined portal, shipwreck, spawner, stronghold, swamp hut, trail ruins, trial chamber, village, witch hut, woodland mansion"""
+STRUCTURES = """abandoned mineshaft, ancient city, bastion remnant, buried treasure, desert pyramid, desert temple, desert well,
+dungeon, end city, end gateway, end portal, end ship, exit portal, fossil, igloo, jungle pyramid, jungle temple,
+mineshaft, mob spawner, nether fortress, nether fossil, nether portal, ocean monument, ocean ruins,
+pillager outpost, ruined portal, shipwreck, spawner, stronghold, swamp hut, trail ruins, trial chamber, village,
+witch hut, woodland mansion"""
 DIMENSIONS = "Nether, The Nether, The End, Overworld"
 SPOKEN = {  # what people say and no version writes
-    "Crafting Table": "workbench, crafting bench", "Zombified Piglin": "zombie pigman, pig zombie, pigman",
-    "Cobblestone": "cobble", "Enchanting Table": "enchantment table, enchant table", "Eye of Ender": "ender eye",
-    "TNT": "t n t", "Redstone Dust": "redstone", "Lapis Lazuli": "lapis", "Glowstone": "glow stone", "Netherrack": "nether rack",
-    "Bone Meal": "bonemeal", "Flint and Steel": "flint n steel", "Experience Orb": "xp orb", "Elytra": "elytra wings",
-    "Bottle o' Enchanting": "xp bottle, experience bottle", "Water Bucket": "bucket of water", "Lava Bucket": "bucket of lava",
-    "Milk Bucket": "bucket of milk", "Powder Snow Bucket": "bucket of powder snow", "Diamond Pickaxe": "diamond pick", "Iron Pickaxe": "iron pick",
+    "Crafting Table": "workbench, crafting bench",
+    "Zombified Piglin": "zombie pigman, pig zombie, pigman",
+    "Cobblestone": "cobble",
+    "Enchanting Table": "enchantment table, enchant table",
+    "Eye of Ender": "ender eye",
+    "TNT": "t n t",
+    "Redstone Dust": "redstone",
+    "Lapis Lazuli": "lapis",
+    "Glowstone": "glow stone",
+    "Netherrack": "nether rack",
+    "Bone Meal": "bonemeal",
+    "Flint and Steel": "flint n steel",
+    "Experience Orb": "xp orb",
+    "Elytra": "elytra wings",
+    "Bottle o' Enchanting": "xp bottle, experience bottle",
+    "Water Bucket": "bucket of water",
+    "Lava Bucket": "bucket of lava",
+    "Milk Bucket": "bucket of milk",
+    "Powder Snow Bucket": "bucket of powder snow",
+    "Diamond Pickaxe": "diamond pick",
+    "Iron Pickaxe": "iron pick",
 }
 # Everyday words: alone they say little about the game. "near" wants an unmistakable keyword close by; "never" makes no pair.
 NEAR = """
@@ -67,7 +103,10 @@ NEVER = """air, breach, corner, data, density, end, fire, gate, head, infinity, 
 player, power, rain, save, sign, spawn, speed, target, unluck"""
 SKIP = re.compile(
     r"^(?:tile|item|block)\.|%|\(|^minecraft|unused|^null$|^unknown|spawn egg$|^potted "
-    r"|smithing template|pottery sherd|banner pattern$|^map \d|void$|^\W*$| wall banner$|text display|interaction|entity$|^cauldront$|^xp ?orb$|rideable|^primed |signal$|texture|facing", re.I)
+    r"|smithing template|pottery sherd|banner pattern$|^map \d|void$|^\W*$| wall banner$|text display|interaction"
+    r"|entity$|^cauldront$|^xp ?orb$|rideable|^primed |signal$|texture|facing",
+    re.I,
+)
 
 
 def words(text: str) -> set[str]:

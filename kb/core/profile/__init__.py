@@ -1,7 +1,7 @@
 """One domain in one TOML file: keywords, addresses, thresholds, rules. No code knows a domain.
 
-    load_profile("minecraft")       by name, from the package
-    load_profile("mine.toml")       by path, from anywhere
+load_profile("minecraft")       by name, from the package
+load_profile("mine.toml")       by path, from anywhere
 """
 
 from __future__ import annotations

@@ -19,7 +19,8 @@ class Pairs(Section):
     min_tokens: int = Field(16, ge=3, le=77, description="CLIP tokens of a text, start and end tokens counted")
     max_tokens: int = Field(77, ge=3, le=77, description="CLIP tokens of a text, start and end tokens counted")
     center: Literal["segment", "grown"] = Field(
-        "segment", description="the clip's centre is drawn inside the cues that hold the phrase, or inside the grown text (VideoCLIP)")
+        "segment", description="the clip's centre is drawn inside the cues that hold the phrase, or inside the grown text (VideoCLIP)"
+    )
     min_clip_s: float = Field(8, gt=0, le=3600, description="seconds")
     max_clip_s: float = Field(16, gt=0, le=3600, description="seconds")
     min_gap_s: float = Field(0, ge=-3600, le=3600, description="seconds between two clips of a video; negative: they may overlap by that much")
