@@ -52,8 +52,7 @@ def promising(p: Profile, videos: Any) -> list[str]:
 
 def clean(p: Profile) -> Clean:
     """Raw answers to videos and transcripts, stages in the paper's order."""
-    limit = p.toxicity.threshold("youtube")
-    helpers = ("missing", "game_label_id", "game_label", "transcript_outcome")
+    limit, helpers = p.toxicity.threshold("youtube"), ("missing", "game_label_id", "game_label", "transcript_outcome")
     scored = {"title": "toxicity_title", "description": "toxicity_description"}
     stages = (
         NotTrue("missing", stage="missing", reason="missing"),
