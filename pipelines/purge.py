@@ -40,12 +40,9 @@ def _scores(run: Run, source: str) -> int:
     import pyarrow as pa
 
     from kb.annotate.hashes import text_hashes
-    from kb.core.pipeline import load, locate
     from kb.filters.clean import texts
 
-    # A pipeline may know its texts itself (the wiki's are in files beside the raw log).
-    own = getattr(load(str(locate(source))), "texts", None)
-    hashes = [text_hashes(part) for part in (own(run) if own else texts(run, source))]
+    hashes = [text_hashes(part) for part in texts(run, source)]
     return store.drop_annotations(run.root, source, pa.chunked_array(hashes, pa.string()).unique() if hashes else pa.array([], pa.string()))
 
 
@@ -62,8 +59,12 @@ def _made(run: Run, source: str) -> None:
             export(run, format)
     if source == "youtube":
         shutil.rmtree(run.root / "state" / "pairs", ignore_errors=True)
-        for files, write in {"release/pairs": lambda run: parquet.export(run, "pairs"), "export/minedojo/pairs.json": minedojo_pairs.write,
-                             "export/clip4mc/*": clip4mc.write, "export/video2dataset/*": video2dataset.write}.items():
+        for files, write in {
+            "release/pairs": lambda run: parquet.export(run, "pairs"),
+            "export/minedojo/pairs.json": minedojo_pairs.write,
+            "export/clip4mc/*": clip4mc.write,
+            "export/video2dataset/*": video2dataset.write,
+        }.items():
             if any(run.root.glob(files)):
                 write(run)
     describe(run, [source, "pairs"])

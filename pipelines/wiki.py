@@ -10,13 +10,18 @@ tables, pictures with captions, sprites, and all frames of what moves.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any
 
+from kb.annotate import toxicity
 from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.verdict import Summary
+from kb.filters.chain import Beside, Chain, Clean, Follow, Kind
+from kb.filters.judgement import Predicate
+from kb.filters.predicates import AtLeast, AtMost, Present, Told, Waits
+from kb.wiki import parse, tables
+from kb.wiki.assemble import HELPERS, assemble
 
 
 def crawl(run: Run, titles: Path | None = None) -> Summary:
@@ -26,32 +31,38 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
     return crawl(run, titles)
 
 
-def filters(p: Profile) -> list[Any]:
-    """What a captured page must be like, in the contract's order of stages."""
-    from kb.filters.predicates import AtLeast, AtMost
-
-    stages: list[Any] = [AtLeast("word_count", p.section("wiki").min_words, stage="words")]
+def stages(p: Profile) -> tuple[Predicate, ...]:
+    """What the crawl found out, then what a captured page must be like."""
     most = p.toxicity.threshold("wiki")
-    if most is not None:
-        stages.append(AtMost("toxicity", most, stage="toxicity", null_passes=True))
-    return stages
+    return (
+        Told("missing", stage="missing"),
+        *(Present(column, stage="missing") for column in ("page_id", "title", "url", "revision_id", "revision_timestamp")),
+        Told("robots", value="said", stage="robots"),
+        Told("render", value="said", stage="render"),
+        Waits("captured", (False,), stage="render", reason="render"),
+        AtLeast("word_count", p.wiki.min_words, stage="words"),
+        *((AtMost("toxicity", most, stage="toxicity", null_passes=True),) if most is not None else ()),
+    )
 
 
-def clean(run: Run) -> Summary:
-    """Raw pages to clean/wiki, scored and judged."""
-    from kb.wiki.clean import clean
-
-    scorer = None
-    if run.profile.toxicity.on:
-        from kb.annotate import toxicity as scorer
-    return clean(run, filters(run.profile), scorer)
-
-
-def texts(run: Run) -> Iterator[Any]:
-    """What `kb annotate wiki` scores."""
-    from kb.wiki.clean import texts
-
-    return texts(run)
+def clean(p: Profile) -> Clean:
+    """Raw answers and captured pages to pages, elements, cells and images."""
+    return Clean(
+        source="wiki",
+        kinds={
+            "pages": Kind(parse.pages, key=("of", "name"), bucket="name", echo="echo"),
+            "renders": Kind(parse.renders, key=("page_id", "captured", "revision_id", "title"), bucket="page_id"),
+            "files": Kind(parse.files, key=("key",), named_by=("renders", "files")),
+            "site": Kind(parse.site, key=()),
+            "titles": Kind(parse.nothing, key=()),
+            "imageinfo": Kind(parse.nothing, key=()),
+        },
+        assemble=partial(assemble, url=p.wiki.url),
+        chains=(Chain("wiki/pages", "key", stages(p), scores={"text": "toxicity"}, helpers=HELPERS, also=("title",)),),
+        follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
+        scorer=toxicity,
+        beside=Beside(tables.read_pages, tables.size),
+    )
 
 
 def export(run: Run, format: str = "parquet") -> Summary:

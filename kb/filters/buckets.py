@@ -24,15 +24,15 @@ from kb.store.rawlog import Frames
 if TYPE_CHECKING:
     import pyarrow as pa
 
-RAW_BYTES = 8 << 20   # compressed raw data a bucket, about 100,000 rows of small answers
+RAW_BYTES = 8 << 20  # compressed raw data a bucket, about 100,000 rows of small answers
 MOST = 512
-PIECE = 32_768        # rows that are spread at once
-LOOKED_AT = 20        # envelopes of a segment that are all searched for unknown keys; then every hundredth
+PIECE = 32_768  # rows that are spread at once
+LOOKED_AT = 20  # envelopes of a segment that are all searched for unknown keys; then every hundredth
 
 
-def how_many(paths: list[Path]) -> int:
-    """Buckets for these segments: a power of two, so that a little more data changes nothing."""
-    wanted = sum(path.stat().st_size for path in paths) // RAW_BYTES + 1
+def how_many(size: int) -> int:
+    """Buckets for so many bytes of raw data: a power of two, so that a little more data changes nothing."""
+    wanted = size // RAW_BYTES + 1
     return min(MOST, 1 << (wanted - 1).bit_length())
 
 
@@ -111,7 +111,7 @@ def _split(rows: pa.Table, column: str, buckets: int) -> Iterator[tuple[int, pa.
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    if buckets == 1:
+    if buckets == 1 or not column:
         yield 0, rows
         return
     keys = pc.fill_null(rows.column(column).cast(pa.string()), "None").cast(pa.binary()).to_pylist()
@@ -125,8 +125,11 @@ def _split(rows: pa.Table, column: str, buckets: int) -> Iterator[tuple[int, pa.
         start += counts[bucket]
 
 
-def newest(folder: Path, kind: Kind) -> tuple[pa.Table | None, int]:
-    """The newest row of each key of one kind's bucket, sorted by key, and how many older ones were left out."""
+def newest(folder: Path, kind: Kind, wanted: pa.Array | None = None) -> tuple[pa.Table | None, int]:
+    """The newest row of each key of one kind's bucket, sorted by key, and how many older ones were left out.
+
+    With `wanted` only the rows whose first key column is in it are read. Echoes don't count as left out.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -135,19 +138,33 @@ def newest(folder: Path, kind: Kind) -> tuple[pa.Table | None, int]:
         return None, 0
     parts = []
     for number, path in enumerate(paths):
-        with pa.ipc.open_file(str(path)) as file:
-            part = file.read_all()
+        part = _read(path, kind, wanted)
         parts.append(part.append_column("_segment", pa.repeat(pa.scalar(number, pa.int32()), part.num_rows)))
     rows = pa.concat_tables(parts)
     by = [*kind.key, *([kind.prefer] if kind.prefer else []), "fetched_at", "_segment", "_at"]
     # nulls first: an answer that doesn't say when it was read is older than any that does
     order = pc.sort_indices(rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by])
     keys = [rows.column(name).take(order).combine_chunks() for name in kind.key]
-    last = pa.array([True], pa.bool_())
+    last = pa.array([True] * min(1, rows.num_rows), pa.bool_())
     if rows.num_rows > 1:
         same = pa.array([True] * (rows.num_rows - 1), pa.bool_())
         for column in keys:
             same = pc.and_(same, pc.fill_null(pc.equal(column.slice(0, len(column) - 1), column.slice(1)), False))
         last = pa.concat_arrays([pc.invert(same), last])
     chosen = order.filter(last)
-    return rows.take(chosen).drop_columns(["_segment", "_at"]), rows.num_rows - len(chosen)
+    older = rows.num_rows - len(chosen)
+    if kind.echo:
+        older -= pc.sum(rows.column(kind.echo)).as_py() - pc.sum(rows.column(kind.echo).take(chosen)).as_py()
+    return rows.take(chosen).drop_columns(["_segment", "_at"]), older
+
+
+def _read(path: Path, kind: Kind, wanted: pa.Array | None) -> pa.Table:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    with pa.ipc.open_file(str(path)) as file:
+        if wanted is None:
+            return file.read_all()
+        batches = (file.get_batch(number) for number in range(file.num_record_batches))
+        found = [batch.filter(pc.is_in(batch.column(kind.key[0]), value_set=wanted)) for batch in batches]
+        return pa.Table.from_batches(found, file.schema)

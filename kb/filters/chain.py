@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from kb.core.errors import SchemaMismatch
-from kb.filters.predicates import Judgement, Predicate
+from kb.filters.judgement import Judgement, Predicate
 from kb.schema.tables import table
 
 if TYPE_CHECKING:
@@ -39,12 +39,18 @@ class Kind:
     Of several rows with one key the newest stays (`fetched_at`, then place in the raw log); with
     `prefer` (a boolean column) a row where it is true beats one where it is not. Everything that is
     joined must share its bucket, so `bucket` is the same thing in all kinds (a video's id).
+
+    A kind without `bucket` is read by every bucket: all of it (few rows), or with `named_by` (another
+    kind and its column of lists) the rows whose key is named there. `echo` is a boolean column, true
+    for a row that says again under another key what a row before it says: no duplicate of anything.
     """
 
     parse: Callable[[Iterable[bytes]], Iterator[pa.Table]]
     key: tuple[str, ...]
-    bucket: str
+    bucket: str = ""
     prefer: str = ""
+    named_by: tuple[str, str] = ("", "")
+    echo: str = ""
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,8 @@ class Chain:
 
     `prefix` comes before the key in rejected, failed and pending ("t3_"). `scores` maps a text
     column to the column of its largest toxicity category; `scored` names the stage before which
-    scores are joined. `helpers` are columns that stages use and no table has.
+    scores are joined. `helpers` are columns that stages use and no table has. A tombstone names the
+    key, or what is in one of the columns `also` (a page's title).
     """
 
     table: str
@@ -63,6 +70,7 @@ class Chain:
     scores: Mapping[str, str] = field(default_factory=dict)
     scored: str = "toxicity"
     helpers: tuple[str, ...] = ()
+    also: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -72,6 +80,18 @@ class Follow:
     table: str
     of: str
     on: str
+
+
+class Beside(NamedTuple):
+    """Files that lie beside the raw log and that its answers name: captured pages.
+
+    `read` gets the data root, what `assemble` gave, and whether the tables that follow are wanted as
+    well; it returns the tables with what the files say. `size` is how much there is, in bytes of
+    compressed raw data, so that a bucket's share fits into memory.
+    """
+
+    read: Callable[[Path, dict[str, Any], bool], dict[str, Any]]
+    size: Callable[[Path], int]
 
 
 @dataclass(frozen=True)
@@ -90,6 +110,7 @@ class Clean:
     follow: tuple[Follow, ...] = ()
     scorer: Scorer | None = None
     unanswered: Callable[[Path], Iterable[tuple[str, str]]] | None = None
+    beside: Beside | None = None
 
 
 class Sorted(NamedTuple):
@@ -99,8 +120,6 @@ class Sorted(NamedTuple):
     rejected: pa.Table
     failed: pa.Table
     pending: pa.Table
-
-
 
 
 def sort_rows(rows: pa.Table, chain: Chain, join: Callable[[pa.Table], pa.Table], *, until: str = "") -> Sorted:
@@ -144,10 +163,15 @@ def _verdicts(rows: pa.Table, judged: Judgement, out_of: Any, chain: Chain, stag
 
     key = pc.binary_join_element_wise(chain.prefix, rows.column(chain.key).cast(pa.string()).combine_chunks(), "")
     size = rows.num_rows
-    whole = pa.table({
-        "key": key, "stage": pa.repeat(stage, size), "reason": judged.reason, "value": judged.value,
-        "threshold": pa.repeat(pa.scalar(judged.threshold, pa.string()), size),
-    })
+    whole = pa.table(
+        {
+            "key": key,
+            "stage": pa.repeat(stage, size),
+            "reason": judged.reason,
+            "value": judged.value,
+            "threshold": pa.repeat(pa.scalar(judged.threshold, pa.string()), size),
+        }
+    )
     for verdict in VERDICTS:
         hit = pc.and_(out_of, pc.equal(judged.verdict, verdict)) if isinstance(judged.verdict, pa.Array) else out_of
         if isinstance(judged.verdict, str) and judged.verdict != verdict:

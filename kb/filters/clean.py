@@ -14,20 +14,19 @@ import json
 import shutil
 from collections import Counter
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from kb.core import pipeline
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
-from kb.core.profile import Profile
 from kb.core.verdict import Summary, Tally
 from kb.filters import buckets
-from kb.filters.chain import VERDICTS, Chain, Clean, Sorted, declared_columns, sort_rows
+from kb.filters.chain import VERDICTS, Clean
+from kb.filters.tasks import Job, parse_segment, removed_keys, sort_bucket, spec_of, texts_of
 from kb.schema.tables import table
 from kb.store import rawlog, tombstones
-from kb.store.atomic import full_disk_is_resumable, replacing_folder, write_text
+from kb.store.atomic import replacing_folder, write_text
 from kb.store.lock import writer
 from kb.store.shards import write_table
 
@@ -35,21 +34,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from kb.core.context import Run
-
-
-class Job(NamedTuple):
-    """What a worker needs to know; plain strings and numbers."""
-
-    pipeline: str
-    profile: str
-    profile_path: str
-    source: str
-    root: str
-    work: str
-    out: str
-    buckets: int
-    scores: str
-    tombstones: int  # when their file was changed, so that no process trusts an older one
 
 
 def run_clean(run: Run, source: str) -> Summary:
@@ -60,11 +44,11 @@ def run_clean(run: Run, source: str) -> Summary:
     """
     run.profile.section(source)
     job = _job(run, source)
-    spec = _spec(job)
+    spec = spec_of(job)
     key = spec.scorer.check(run, source) if spec.scorer is not None else ""
     with writer(run.root, source), _work(job) as work:
         segments = _segments(run.root, spec)
-        job = job._replace(work=str(work), buckets=buckets.how_many([path for _, path in segments]), scores=key)
+        job = job._replace(work=str(work), buckets=_buckets(run.root, spec, segments), scores=key)
         with make_executor(run.engine, run.workers, run.scheduler) as executor:
             parsed = _parse(run, job, segments, executor)
             if key and spec.scorer is not None:
@@ -81,8 +65,9 @@ def texts(run: Run, source: str) -> Iterator[pa.Array]:
     """The texts that the toxicity stage of a source would look at, for `kb annotate`."""
     job = _job(run, source)
     with writer(run.root, source), _work(job) as work:
-        segments = _segments(run.root, _spec(job))
-        job = job._replace(work=str(work), buckets=buckets.how_many([path for _, path in segments]))
+        spec = spec_of(job)
+        segments = _segments(run.root, spec)
+        job = job._replace(work=str(work), buckets=_buckets(run.root, spec, segments))
         with make_executor(run.engine, run.workers, run.scheduler) as executor:
             _parse(run, job, segments, executor)
             yield from _texts(run, job, executor)
@@ -110,24 +95,16 @@ class _work:
         shutil.rmtree(self.path, ignore_errors=True)
 
 
-@cache
-def _load(path: str, profile: str, profile_path: str, source: str) -> Clean:
-    made = Profile.model_validate({**json.loads(profile), "path": profile_path})
-    spec = pipeline.load(path).clean(made)
-    if not isinstance(spec, Clean) or spec.source != source:
-        raise FatalError(f"{path}: clean(p) must return the Clean of {source}")
-    return spec
-
-
-def _spec(job: Job) -> Clean:
-    return _load(job.pipeline, job.profile, job.profile_path, job.source)
-
-
 def _segments(root: Path, spec: Clean) -> list[tuple[str, Path]]:
     found = [(kind, path) for kind in spec.kinds for path in rawlog.segments(root, spec.source, kind)]
-    if not found:
+    if not any(spec.kinds[kind].bucket for kind, _ in found):
         raise FatalError(f"nothing to filter: {root / 'raw' / spec.source} is empty", hint=f"run `kb {spec.source} crawl` first")
     return found
+
+
+def _buckets(root: Path, spec: Clean, segments: list[tuple[str, Path]]) -> int:
+    size = sum(path.stat().st_size for _, path in segments)
+    return buckets.how_many(size + (spec.beside.size(root) if spec.beside is not None else 0))
 
 
 def _parse(run: Run, job: Job, segments: list[tuple[str, Path]], executor: Any) -> Counter[str]:
@@ -135,7 +112,7 @@ def _parse(run: Run, job: Job, segments: list[tuple[str, Path]], executor: Any) 
     total: Counter[str] = Counter()
     task = run.progress.task(f"parse {job.source}", total=len(segments), unit="segments")
     tasks = ((job, kind, str(path), place) for place, (kind, path) in enumerate(segments))
-    for number, done in enumerate(map_in_order(executor, _parse_one, tasks, window=2 * run.workers)):
+    for number, done in enumerate(map_in_order(executor, parse_segment, tasks, window=2 * run.workers)):
         total["rows"] += done["rows"]
         total.update({f"?{path}": count for path, count in done["unknown"].items()})
         if done["torn"]:
@@ -146,43 +123,23 @@ def _parse(run: Run, job: Job, segments: list[tuple[str, Path]], executor: Any) 
     return total
 
 
-def _parse_one(job: Job, kind: str, segment: str, number: int) -> dict[str, Any]:
-    with full_disk_is_resumable(Path(job.work)):
-        return buckets.spread(_spec(job).kinds[kind], f"{job.source}/{kind}", Path(segment), number, Path(job.work, kind), job.buckets)
-
-
 def _texts(run: Run, job: Job, executor: Any) -> Iterator[pa.Array]:
     import pyarrow as pa
 
     tasks = ((job, number) for number in range(job.buckets))
-    for path in map_in_order(executor, _texts_of, tasks, window=2 * run.workers):
+    for path in map_in_order(executor, texts_of, tasks, window=2 * run.workers):
         with pa.ipc.open_file(path) as file:
             for number in range(file.num_record_batches):
                 yield file.get_batch(number).column(0)
         Path(path).unlink()
 
 
-def _texts_of(job: Job, number: int) -> str:
-    """Write the texts of a bucket that reach their toxicity stage to a file; its path."""
-    import pyarrow as pa
-
-    spec = _spec(job)
-    path = str(Path(job.work, f"texts-{number:06d}.arrow"))
-    schema = pa.schema([("text", pa.string())])
-    with full_disk_is_resumable(Path(job.work)), pa.ipc.new_file(path, schema) as file:
-        for chain, done in _walk(job, spec, number, lambda chain, rows: rows, dry=True)[0]:
-            for column in chain.scores if chain.scores else ():
-                for chunk in done.kept.column(column).chunks:
-                    file.write_batch(pa.record_batch([chunk.cast(pa.string())], schema=schema))
-    return path
-
-
 def _sort(run: Run, job: Job, executor: Any) -> Counter[str]:
     total: Counter[str] = Counter()
-    spec = _spec(job)
+    spec = spec_of(job)
     task = run.progress.task(f"filter {job.source}", total=job.buckets, unit="buckets")
     tasks = ((job, number) for number in range(job.buckets))
-    for done in map_in_order(executor, _sort_one, tasks, window=2 * run.workers):
+    for done in map_in_order(executor, sort_bucket, tasks, window=2 * run.workers):
         total.update(done)
         task.advance(1, kept=total["kept"], rejected=total["rejected"])
     task.close()
@@ -191,103 +148,6 @@ def _sort(run: Run, job: Job, executor: Any) -> Counter[str]:
     for cut in Path(job.out).rglob(".*.tmp"):  # of a worker that died; its task was done again by another
         cut.unlink()
     return total
-
-
-def _sort_one(job: Job, number: int) -> dict[str, int]:
-    """Sort one bucket and write its part files; counts for the summary."""
-    import pyarrow as pa
-
-    spec = _spec(job)
-
-    def join(chain: Chain, rows: pa.Table) -> pa.Table:
-        return _join(job, spec, chain, rows)
-
-    done, follows, counts = _walk(job, spec, number, join)
-    for chain, found in done:
-        counts["crawled"] += sum(part.num_rows for part in found)
-        counts["kept"] += found.kept.num_rows
-        counts[f"kept {chain.table}"] += found.kept.num_rows
-        _write(job, chain.table, number, declared_columns(found.kept, chain))
-    for name, rows in follows.items():
-        counts[f"kept {name}"] += rows.num_rows
-        _write(job, name, number, rows)
-    for verdict in VERDICTS if done else ():  # a bucket may be empty
-        rows = pa.concat_tables([getattr(found, verdict) for _, found in done])
-        counts[verdict] += rows.num_rows
-        for entry in rows.group_by(["stage"]).aggregate([([], "count_all")]).to_pylist() if verdict == "rejected" else ():
-            counts[f"stage {entry['stage']}"] += entry["count_all"]
-        _write(job, f"shared/{verdict}", number, rows)
-    return dict(counts)
-
-
-def _walk(job: Job, spec: Clean, number: int, join: Any, dry: bool = False) -> tuple[list[tuple[Chain, Sorted]], dict[str, pa.Table], Counter[str]]:
-    """Assemble a bucket and run its chains; `dry` stops each that has scores before its scored stage."""
-    import pyarrow.compute as pc
-
-    counts: Counter[str] = Counter()
-    newest: dict[str, Any] = {}
-    for kind, about in spec.kinds.items():
-        newest[kind], older = buckets.newest(Path(job.work, kind, str(number)), about)
-        counts["duplicates"] += older
-    rows = spec.assemble({kind: part for kind, part in newest.items() if part is not None})
-    gone = _tombstones(job.root, job.source, job.tombstones)
-    kept: dict[str, pa.Table] = {}
-    done = []
-    for chain in spec.chains:
-        if chain.table not in rows:
-            continue
-        mine = rows[chain.table](kept) if callable(rows[chain.table]) else rows[chain.table]
-        mine = _without(mine, chain, gone)
-        until = chain.scored if dry and chain.scores else ""
-        found = sort_rows(mine, chain, lambda part, chain=chain: join(chain, part), until=until)
-        kept[chain.table] = found.kept
-        done.append((chain, found))
-    follows = {}
-    for follow in spec.follow if not dry else ():
-        if follow.table in rows and follow.of in kept:
-            mine = rows[follow.table]
-            there = pc.is_in(mine.column(follow.on), kept[follow.of].column(follow.on).combine_chunks())
-            follows[follow.table] = mine.filter(there)
-    return done, follows, counts
-
-
-def _without(rows: pa.Table, chain: Chain, gone: frozenset[str]) -> pa.Table:
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    if not gone:
-        return rows
-    bare = [key.removeprefix(chain.prefix) for key in gone if key.startswith(chain.prefix)]
-    return rows.filter(pc.invert(pc.is_in(rows.column(chain.key).cast(pa.string()), pa.array(bare, pa.string()))))
-
-
-@cache
-def _tombstones(root: str, source: str, changed: int) -> frozenset[str]:
-    return frozenset(tombstones.keys(Path(root), source))
-
-
-def _join(job: Job, spec: Clean, chain: Chain, rows: pa.Table) -> pa.Table:
-    """The rows with a column for each category of each scored text, and one for the largest; null when nothing is scored."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    for column, largest in chain.scores.items():
-        if not job.scores or spec.scorer is None:
-            rows = rows.append_column(largest, pa.nulls(rows.num_rows, pa.float32()))
-            continue
-        texts_of = rows.column(column).combine_chunks()
-        got = spec.scorer.scores(job.scores, Path(job.root), job.source, texts_of.cast(pa.string()))
-        top = pc.max_element_wise(*(got.column(name).combine_chunks() for name in got.column_names))
-        rows = rows.append_column(largest, top.cast(pa.float32()))
-        for name in got.column_names:
-            rows = rows.append_column(f"{largest}_{name}", got.column(name))
-    return rows
-
-
-def _write(job: Job, name: str, number: int, rows: pa.Table) -> None:
-    """A part file; empty ones only for the first bucket, so that each table is there."""
-    if rows.num_rows or number == 0:
-        write_table(Path(job.out, table(name).short, f"part-{number:05d}.parquet"), rows, name, sync=False)
 
 
 def _unanswered(run: Run, job: Job, spec: Clean) -> dict[str, int]:
@@ -302,7 +162,7 @@ def _unanswered(run: Run, job: Job, spec: Clean) -> dict[str, int]:
         for path in Path(job.out, table(name).short).glob("*.parquet"):
             for key in pq.read_table(path, columns=[column])[column].to_pylist():
                 lost.pop(f"{prefix}{key}", None)
-    for key in _tombstones(job.root, job.source, job.tombstones) if lost else ():
+    for key in removed_keys(job.root, job.source, job.tombstones) if lost else ():
         lost.pop(key, None)
     if lost:
         rows = pa.table({"key": list(lost), "reason": list(lost.values())})

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from kb.filters.predicates import Judgement, Predicate, malformed, nothing, one, passes, text
+from kb.filters.judgement import Judgement, Predicate, malformed, nothing, one, text
+from kb.filters.predicates import passes
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -78,12 +79,20 @@ class Topic:
         lost = pc.if_else(pc.is_valid(bad), "malformed", "absent")
         why = pc.case_when(
             pc.make_struct(waiting, pc.invert(off), named, pc.is_null(category), pc.invert(categorised)),
-            pa.scalar("label"), pa.scalar(None, pa.string()), pa.scalar("other_game"), lost, pa.scalar("category"), pa.scalar("keywords"),
+            pa.scalar("label"),
+            pa.scalar(None, pa.string()),
+            pa.scalar("other_game"),
+            lost,
+            pa.scalar("category"),
+            pa.scalar("keywords"),
         )
         label = pc.coalesce(one(rows, "game_label"), one(rows, "game_label_id"))
         value = pc.case_when(
             pc.make_struct(pc.equal(why, "other_game"), pc.equal(why, "malformed"), pc.equal(why, "category")),
-            label, bad, text(category), nothing(rows),
+            label,
+            bad,
+            text(category),
+            nothing(rows),
         )
         threshold = ", ".join(str(each) for each in self.category_ids)
         return Judgement(why, value, threshold, pc.if_else(waiting, pc.if_else(failed, "failed", "pending"), "rejected"))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from kb.filters.predicates import NotIn, Predicate, Waits
+from kb.filters.judgement import Predicate
+from kb.filters.predicates import NotIn, Waits
 
 NONE = ("none", "disabled", "unavailable", "age_restricted")
 

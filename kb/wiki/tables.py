@@ -1,21 +1,68 @@
-"""One captured page → rows of the contract's tables. Pure: what the raw files say, nothing is asked."""
+"""Captured pages → the contract's tables: what the extractions beside the raw log say, nothing is asked."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import zstandard
 
-from kb.core import clock
 from kb.core.errors import DamagedData
+from kb.schema.tables import table
 from kb.wiki import addresses
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 Row = dict[str, Any]
 Files = Mapping[str, Row]
-Size = Callable[[str], tuple[int, int]]
+
+PARTS = ("wiki/elements", "wiki/cells", "wiki/images")
+MEASURED = {
+    "page_width": lambda page: int(page["width"]),
+    "page_height": lambda page: int(page["height"]),
+    "viewport_width": lambda page: int(page["viewport_width"]),
+    "device_pixel_ratio": lambda page: float(page["device_pixel_ratio"]),
+}
+LEAST_BYTES = 32 << 10  # what a small extraction counts at least: at most 256 pages to a bucket of 8 MB
+
+
+def size(root: Path) -> int:
+    """Bytes of all extractions, as raw data that a bucket must hold."""
+    return sum(max(path.stat().st_size, LEAST_BYTES) for path in (root / "raw" / "wiki" / "pages").glob("*/*/extraction.json.zst"))
+
+
+def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
+    """Pages with their sizes, `text` and `word_count`, and with `whole` their elements, cells and images.
+
+    `rows` is what kb.wiki.assemble gave; a page that was not captured gets nulls. Of the extractions
+    one at a time is held. Raises DamagedData.
+    """
+    import pyarrow as pa
+
+    pages = rows["wiki/pages"]
+    held: Files = {row["key"]: row for row in rows["files"].to_pylist() if row["path"] is not None} if whole else {}
+    parts: dict[str, list[pa.Table]] = {name: [table(name).arrow().empty_table()] for name in PARTS}
+    columns: dict[str, list[Any]] = {name: [] for name in ("screenshot_path", *MEASURED, "word_count", "text")}
+    for page_id, folder in zip(pages["page_id"].to_pylist(), pages["folder"].to_pylist(), strict=True):
+        found: Row = {}
+        if folder is not None:
+            extraction = read_extraction(root / folder)
+            text = page_text(extraction["elements"])
+            found = {name: measure(extraction["page"]) for name, measure in MEASURED.items()}
+            found |= {"screenshot_path": f"{folder}/screenshot.png", "word_count": len(text.split()), "text": text}
+            if whole:
+                parts["wiki/elements"].append(elements(page_id, extraction["elements"]))
+                parts["wiki/cells"].append(cells(page_id, extraction["cells"]))
+                parts["wiki/images"].append(_columns("wiki/images", image_rows(page_id, extraction, held)))
+        for name, values in columns.items():
+            values.append(found.get(name))
+    types = {column.name: column.parsed.arrow() for column in table("wiki/pages").columns}
+    for name, values in columns.items():
+        pages = pages.append_column(name, pa.array(values, types.get(name, pa.string())))
+    return {"wiki/pages": pages, **({name: pa.concat_tables(found) for name, found in parts.items()} if whole else {})}
 
 
 def read_extraction(folder: Path) -> Row:
@@ -27,10 +74,9 @@ def read_extraction(folder: Path) -> Row:
         raise DamagedData(f"{path} can't be read: {error}", hint="crawl again with --again") from None
 
 
-def tops(elements: list[Row]) -> list[Row]:
+def tops(elements: list[Row]) -> Iterator[Row]:
     """Visible texts and cells that no other text or cell of the same table holds: every word once."""
     by_id = {element["id"]: element for element in elements}
-    found = []
     for element in elements:
         if element["kind"] not in ("text", "cell") or not element["visible"]:
             continue
@@ -39,8 +85,7 @@ def tops(elements: list[Row]) -> list[Row]:
         while parent is not None and parent["kind"] not in ("text", "cell", "table"):
             parent = by_id.get(parent["parent"])
         if parent is None or parent["kind"] == "table":
-            found.append(element)
-    return found
+            yield element
 
 
 def page_text(elements: list[Row]) -> str:
@@ -48,106 +93,68 @@ def page_text(elements: list[Row]) -> str:
     return "\n".join(element["text"] for element in tops(elements) if element["text"])
 
 
-def page_row(info: Row, render: Row, fetched_at: str, site: Row, extraction: Row) -> Row:
-    """The row of `pages` without its scores."""
-    page = extraction["page"]
-    revision = info["revisions"][0]
-    text = page_text(extraction["elements"])
-    return {
-        "page_id": int(render["page_id"]),
-        "title": info["title"],
-        "url": info["fullurl"],
-        "revision_id": int(render["revision_id"]),
-        "revision_timestamp": clock.parse(revision["timestamp"]),
-        "fetched_at": clock.parse(fetched_at),
-        "license": site.get("license"),
-        "contributors_url": addresses.history(site["script"], info["title"]),
-        "screenshot_path": f"{render['folder']}/screenshot.png",
-        "page_width": int(page["width"]),
-        "page_height": int(page["height"]),
-        "viewport_width": int(page["viewport_width"]),
-        "device_pixel_ratio": float(page["device_pixel_ratio"]),
-        "word_count": len(text.split()),
+def elements(page_id: int, found: list[Row]) -> pa.Table:
+    """Rows of wiki/elements, in reading order."""
+    held = ("text", "cell", "sprite")
+    makers: dict[str, Callable[[Row], Any]] = {
+        "element_id": lambda element: element["id"],
+        "parent_id": lambda element: element["parent"],
+        "heading_level": lambda element: element["level"],
+        "text": lambda element: element["text"] if element["kind"] in held else None,
+        **{name: lambda element, name=name: element[name] for name in ("kind", "tag", "region", "visible")},
+        **_box(),
     }
+    return _made("wiki/elements", page_id, found, makers, reading_order=range(len(found)))
 
 
-def element_rows(page_id: int, extraction: Row) -> list[Row]:
-    """Rows of `elements`, in reading order."""
-    rows = []
-    for order, element in enumerate(extraction["elements"]):
-        x, y, width, height = map(float, element["box"])
-        held = element["text"] if element["kind"] in ("text", "cell", "sprite") else None
-        rows.append(
-            {
-                "page_id": page_id,
-                "element_id": element["id"],
-                "parent_id": element["parent"],
-                "kind": element["kind"],
-                "tag": element["tag"],
-                "region": element["region"],
-                "heading_level": element["level"],
-                "text": held,
-                "x": x,
-                "y": y,
-                "width": width,
-                "height": height,
-                "visible": element["visible"],
-                "reading_order": order,
-            }
-        )
-    return rows
+def cells(page_id: int, found: list[Row]) -> pa.Table:
+    """Rows of wiki/cells, grid places from 0."""
+    fields = {
+        "table_id": "table",
+        "row_index": "row",
+        "column_index": "column",
+        "row_span": "rowspan",
+        "column_span": "colspan",
+        "is_header": "header",
+        "text": "text",
+    }
+    makers = {name: lambda cell, field=field: cell[field] for name, field in fields.items()}
+    return _made("wiki/cells", page_id, found, {**makers, **_box()})
 
 
-def cell_rows(page_id: int, extraction: Row) -> list[Row]:
-    """Rows of `cells`, grid places from 0."""
-    rows = []
-    for cell in extraction["cells"]:
-        x, y, width, height = map(float, cell["box"])
-        rows.append(
-            {
-                "page_id": page_id,
-                "table_id": cell["table"],
-                "row_index": cell["row"],
-                "column_index": cell["column"],
-                "row_span": cell["rowspan"],
-                "column_span": cell["colspan"],
-                "is_header": cell["header"],
-                "text": cell["text"],
-                "x": x,
-                "y": y,
-                "width": width,
-                "height": height,
-            }
-        )
-    return rows
+def _box() -> dict[str, Callable[[Row], float]]:
+    return {name: lambda row, place=place: row["box"][place] for place, name in enumerate(("x", "y", "width", "height"))}
+
+
+def _made(name: str, page_id: int, found: list[Row], makers: Mapping[str, Callable[[Row], Any]], **more: Any) -> pa.Table:
+    import pyarrow as pa
+
+    columns = {column: list(map(make, found)) for column, make in makers.items()} | more | {"page_id": [page_id] * len(found)}
+    schema = table(name).arrow()
+    return pa.table([pa.array(columns[field.name], field.type) for field in schema], schema=schema)
+
+
+def _columns(name: str, rows: list[Row]) -> pa.Table:
+    import pyarrow as pa
+
+    return pa.Table.from_pylist(rows, table(name).arrow())
 
 
 def image_rows(page_id: int, extraction: Row, files: Files) -> list[Row]:
-    """Rows of `images`: the original file of every picture, one row a frame of what moves."""
+    """Rows of wiki/images: the original file of every picture, one row a frame of what moves."""
     rows: list[Row] = []
     sprites = extraction.get("sprites", {})
     for element in extraction["elements"]:
         if element["kind"] not in ("image", "sprite", "animation"):
             continue
-        base = {
-            "page_id": page_id,
-            "element_id": element["id"],
-            "alt_text": element.get("alt") or None,
-            "caption": element.get("caption") or None,
-        }
+        base = {"page_id": page_id, "element_id": element["id"], "alt_text": element.get("alt") or None, "caption": element.get("caption") or None}
         if element.get("frames"):
             for index, frame in enumerate(element["frames"]):
                 if row := _file_row(frame.get("src"), files):
                     held = frame.get("duration")
-                    rows.append(
-                        {
-                            **base,
-                            **row,
-                            "alt_text": frame.get("alt") or base["alt_text"],
-                            "frame_index": index,
-                            "frame_duration_ms": None if held is None else round(held),
-                        }
-                    )
+                    alt = frame.get("alt") or base["alt_text"]
+                    moment = {"alt_text": alt, "frame_index": index, "frame_duration_ms": None if held is None else round(held)}
+                    rows.append({**base, **row, **moment})
             continue
         row = _file_row(element.get("src"), files)
         if row is None:
@@ -155,19 +162,11 @@ def image_rows(page_id: int, extraction: Row, files: Files) -> list[Row]:
         pixels = sprites.get(str(element["id"]))
         if pixels:
             # An icon of a sheet: the cut-out pixels, not the sheet that it shares with all the others.
-            box = [round(n) for n in element["crop"]] if element.get("crop") else None
-            row |= {
-                "path": f"raw/wiki/images/{pixels}.png",
-                "sha256": pixels,
-                "media_type": "image/png",
-                "width": box[0] if box else None,
-                "height": box[1] if box else None,
-            }
+            width, height = map(round, element["crop"]) if element.get("crop") else (None, None)
+            row |= {"path": f"raw/wiki/images/{pixels}.png", "sha256": pixels, "media_type": "image/png", "width": width, "height": height}
         durations = () if pixels else _durations(element.get("src"), files)
         if durations:
-            rows += [
-                {**base, **row, "frame_index": index, "frame_duration_ms": held} for index, held in enumerate(durations)
-            ]
+            rows += [{**base, **row, "frame_index": index, "frame_duration_ms": held} for index, held in enumerate(durations)]
         else:
             rows.append({**base, **row, "frame_index": None, "frame_duration_ms": None})
     return rows
@@ -177,29 +176,10 @@ def _file_row(src: str | None, files: Files) -> Row | None:
     if not src or not src.startswith(("http:", "https:")):
         return None
     key = addresses.original(src)
-    held = files.get(key) or {}
-    stored = held.get("outcome") == "stored"
-    return {
-        "src": held["url"] if stored else key,
-        **{
-            name: held.get(name) if stored else None
-            for name in ("path", "sha256", "media_type", "width", "height", "license")
-        },
-    }
+    held = files.get(key, {})
+    names = ("path", "sha256", "media_type", "width", "height", "license")
+    return {"src": held.get("url") or key, **{name: held.get(name) for name in names}}
 
 
 def _durations(src: str | None, files: Files) -> list[int | None]:
-    held = files.get(addresses.original(src or ""), {})
-    return held.get("frames") or [] if held.get("outcome") == "stored" else []
-
-
-def site_facts(site: Row, url: str) -> Row:
-    """What every page needs of the site's own description: its licence and its script's address."""
-    general, rights = site.get("general", {}), site.get("rightsinfo", {})
-    server = general.get("server") or url
-    if server.startswith("//"):
-        server = url.split("//", 1)[0] + server
-    return {
-        "license": addresses.licence(rights.get("url") or None, rights.get("text")),
-        "script": server + (general.get("script") or "/index.php"),
-    }
+    return files.get(addresses.original(src or ""), {}).get("frames") or []

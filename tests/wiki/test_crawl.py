@@ -17,6 +17,7 @@ import pytest
 
 from kb.core.errors import Blocked, LimitReached, MissingExtra, OtherService, SettingError, Unreachable
 from kb.core.pipeline import load, locate
+from kb.filters.clean import run_clean
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store import rawlog, tombstones
@@ -58,7 +59,7 @@ def make_run(run_on, sandbox):
 
 def tables(run) -> dict[str, list[dict]]:
     """The clean tables, after filtering."""
-    load(str(locate("wiki"))).clean(run)
+    run_clean(run, "wiki")
     return {
         name: pq.read_table(run.root / "clean" / "wiki" / name).to_pylist()
         for name in ("pages", "elements", "cells", "images", "rejected")
@@ -231,7 +232,7 @@ def test_page_that_hangs_is_tried_three_times_and_recorded(make_run, faults, tmp
         body="<!DOCTYPE html><script>while (true) {}</script>",
         headers={"Content-Type": "text/html"},
     )
-    run = make_run(tmp_path / "data", wiki={"page_seconds": 3.0, "max_tries": 2})
+    run = make_run(tmp_path / "data", wiki={"page_seconds": 5.0, "max_tries": 2})
     assert crawl(run, names)["failed"] == 1
     found = tables(run)
     assert [row["title"] for row in found["pages"]] == ["Saltstone"]

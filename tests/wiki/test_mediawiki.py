@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from kb.core.pipeline import load, locate
+from kb.filters.clean import run_clean
 from kb.store import rawlog, tombstones
 from kb.wiki.crawl import crawl
 
@@ -41,7 +41,7 @@ def data(mediawiki, programs, run_on, tmp_path_factory):
     """A crawled and filtered data root: (run, crawl summary, filter summary)."""
     run = unscored(run_on(tmp_path_factory.mktemp("kiln"), mediawiki.url))
     crawled = crawl(run)
-    cleaned = load(str(locate("wiki"))).clean(run)
+    cleaned = run_clean(run, "wiki")
     return run, crawled, cleaned
 
 
@@ -248,7 +248,7 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     assert again["new"] == 3
     renders = [e.response["title"] for e in rawlog.read(run.root, "wiki", "renders")][shown:]
     assert sorted(renders) == ["Brand new", "Grids", "Has moved"]
-    load(str(locate("wiki"))).clean(run)
+    run_clean(run, "wiki")
     rows = {row["title"]: row for row in query(run, "SELECT * FROM pages")}
     assert "To be deleted" not in rows
     # A picture that was replaced under its name is fetched again, without showing its pages again.

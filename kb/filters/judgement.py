@@ -1,0 +1,108 @@
+"""What a stage answers for each row, and the columns of text that such answers are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+class Judgement(NamedTuple):
+    """One answer a row. `reason` is null where the row passes.
+
+    `value` is text or null, `threshold` the same for every row. `verdict` is what becomes of rows
+    with a reason: "rejected", "pending" or "failed", one for all or one each.
+    """
+
+    reason: pa.Array
+    value: pa.Array
+    threshold: str | None = None
+    verdict: str | pa.Array = "rejected"
+
+
+class Predicate(Protocol):
+    """One stage of a chain."""
+
+    stage: str
+
+    @property
+    def reads(self) -> frozenset[str]: ...
+
+    def judge(self, rows: pa.Table) -> Judgement: ...
+
+
+def compared(
+    rows: pa.Table,
+    values: pa.Array,
+    outside: pa.Array,
+    reason: str,
+    threshold: float | str | None,
+    needed: Sequence[str],
+) -> Judgement:
+    """`reason` where `outside`; where a `needed` value is null, `malformed` or `absent` by the rows' problems."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    out = pc.fill_null(outside, False)
+    reasons = pc.if_else(out, reason, None).cast(pa.string())
+    value = text(pc.if_else(out, values, pa.scalar(None, values.type)))
+    gone = pc.is_null(values)
+    if needed and pc.any(gone).as_py():
+        bad = nothing(rows)
+        for name in needed:
+            bad = pc.coalesce(bad, malformed(rows, name))
+        reasons = pc.if_else(gone, pc.if_else(pc.is_valid(bad), "malformed", "absent"), reasons)
+        value = pc.if_else(gone, bad, value)
+    return Judgement(reasons, value, None if threshold is None else number(threshold))
+
+
+def malformed(rows: pa.Table, column: str) -> pa.Array:
+    """The text of what could not be read as `column`, null where all is well."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if "problems" not in rows.column_names or not rows.num_rows:
+        return nothing(rows)
+    problems = one(rows, "problems")
+    found = pc.list_flatten(problems)
+    if not len(found):
+        return nothing(rows)
+    hit = pc.and_(pc.equal(found.field("column"), column), pc.equal(found.field("reason"), "malformed"))
+    parents = pc.list_parent_indices(problems).filter(hit)
+    at = pc.index_in(pa.array(range(rows.num_rows), parents.type), value_set=parents)
+    return found.field("value").filter(hit).take(at)
+
+
+def one(rows: pa.Table, name: str) -> pa.Array:
+    """A column as one array."""
+    import pyarrow as pa
+
+    column = rows.column(name)
+    whole = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
+    return pa.concat_arrays(whole.chunks) if isinstance(whole, pa.ChunkedArray) else whole
+
+
+def text(values: pa.Array) -> pa.Array:
+    """Values as `rejected.value` shows them."""
+    import pyarrow as pa
+    import pyarrow.types as kinds
+
+    if kinds.is_floating(values.type):
+        return pa.array([None if value is None else number(value) for value in values.to_pylist()], pa.string())
+    return values.cast(pa.string())
+
+
+def number(value: float | str) -> str:
+    """A threshold or value as text: 1 rather than 1.0, six digits at most."""
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.6g}" if abs(value) < 1e6 else f"{value:.0f}"
+
+
+def nothing(rows: pa.Table) -> pa.Array:
+    """A text column of nulls."""
+    import pyarrow as pa
+
+    return pa.nulls(rows.num_rows, pa.string())

@@ -1,0 +1,197 @@
+"""What a worker does for `kb <source> filter`: parse one segment, or look for texts in one bucket, or sort it.
+
+A task is a `Job` and the name of a segment or the number of a bucket; the pipeline is loaded by its
+path. Nothing here holds more than a bucket.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from kb.core import pipeline
+from kb.core.errors import FatalError
+from kb.core.profile import Profile
+from kb.filters import buckets
+from kb.filters.chain import VERDICTS, Chain, Clean, Sorted, declared_columns, sort_rows
+from kb.schema.tables import table
+from kb.store import tombstones
+from kb.store.atomic import full_disk_is_resumable
+from kb.store.shards import write_table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+class Job(NamedTuple):
+    """What a worker needs to know; plain strings and numbers."""
+
+    pipeline: str
+    profile: str
+    profile_path: str
+    source: str
+    root: str
+    work: str
+    out: str
+    buckets: int
+    scores: str
+    tombstones: int  # when their file was changed, so that no process trusts an older one
+
+
+@cache
+def _load(path: str, profile: str, profile_path: str, source: str) -> Clean:
+    made = Profile.model_validate({**json.loads(profile), "path": profile_path})
+    spec = pipeline.load(path).clean(made)
+    if not isinstance(spec, Clean) or spec.source != source:
+        raise FatalError(f"{path}: clean(p) must return the Clean of {source}")
+    return spec
+
+
+def spec_of(job: Job) -> Clean:
+    return _load(job.pipeline, job.profile, job.profile_path, job.source)
+
+
+def parse_segment(job: Job, kind: str, segment: str, number: int) -> dict[str, Any]:
+    with full_disk_is_resumable(Path(job.work)):
+        return buckets.spread(spec_of(job).kinds[kind], f"{job.source}/{kind}", Path(segment), number, Path(job.work, kind), job.buckets)
+
+
+def texts_of(job: Job, number: int) -> str:
+    """Write the texts of a bucket that reach their toxicity stage to a file; its path."""
+    import pyarrow as pa
+
+    spec = spec_of(job)
+    path = str(Path(job.work, f"texts-{number:06d}.arrow"))
+    schema = pa.schema([("text", pa.string())])
+    with full_disk_is_resumable(Path(job.work)), pa.ipc.new_file(path, schema) as file:
+        for chain, done in _walk(job, spec, number, lambda chain, rows: rows, dry=True)[0]:
+            for column in chain.scores if chain.scores else ():
+                for chunk in done.kept.column(column).chunks:
+                    file.write_batch(pa.record_batch([chunk.cast(pa.string())], schema=schema))
+    return path
+
+
+def sort_bucket(job: Job, number: int) -> dict[str, int]:
+    """Sort one bucket and write its part files; counts for the summary."""
+    import pyarrow as pa
+
+    spec = spec_of(job)
+
+    def join(chain: Chain, rows: pa.Table) -> pa.Table:
+        return _join(job, spec, chain, rows)
+
+    done, follows, counts = _walk(job, spec, number, join)
+    for chain, found in done:
+        counts["crawled"] += sum(part.num_rows for part in found)
+        counts["kept"] += found.kept.num_rows
+        counts[f"kept {chain.table}"] += found.kept.num_rows
+        _write(job, chain.table, number, declared_columns(found.kept, chain))
+    for name, rows in follows.items():
+        counts[f"kept {name}"] += rows.num_rows
+        _write(job, name, number, rows)
+    for verdict in VERDICTS if done else ():  # a bucket may be empty
+        rows = pa.concat_tables([getattr(found, verdict) for _, found in done])
+        counts[verdict] += rows.num_rows
+        for entry in rows.group_by(["stage"]).aggregate([([], "count_all")]).to_pylist() if verdict == "rejected" else ():
+            counts[f"stage {entry['stage']}"] += entry["count_all"]
+        _write(job, f"shared/{verdict}", number, rows)
+    return dict(counts)
+
+
+def _walk(job: Job, spec: Clean, number: int, join: Any, dry: bool = False) -> tuple[list[tuple[Chain, Sorted]], dict[str, pa.Table], Counter[str]]:
+    """Assemble a bucket and run its chains; `dry` stops each that has scores before its scored stage."""
+    import pyarrow.compute as pc
+
+    newest, counts = _newest(job, spec, number)
+    rows = spec.assemble(newest)
+    gone = removed_keys(job.root, job.source, job.tombstones)
+    for chain in spec.chains:
+        if chain.table in rows and not callable(rows[chain.table]):
+            rows[chain.table] = _without(rows[chain.table], chain, gone)
+    if spec.beside is not None:
+        rows = spec.beside.read(Path(job.root), rows, not dry)
+    kept: dict[str, pa.Table] = {}
+    done = []
+    for chain in spec.chains:
+        if chain.table not in rows:
+            continue
+        mine = rows[chain.table]
+        if callable(mine):
+            mine = _without(mine(kept), chain, gone)
+        until = chain.scored if dry and chain.scores else ""
+        found = sort_rows(mine, chain, lambda part, chain=chain: join(chain, part), until=until)
+        kept[chain.table] = found.kept
+        done.append((chain, found))
+    follows = {}
+    for follow in spec.follow if not dry else ():
+        if follow.table in rows and follow.of in kept:
+            mine = rows[follow.table]
+            there = pc.is_in(mine.column(follow.on), kept[follow.of].column(follow.on).combine_chunks())
+            follows[follow.table] = mine.filter(there)
+    return done, follows, counts
+
+
+def _newest(job: Job, spec: Clean, number: int) -> tuple[dict[str, pa.Table], Counter[str]]:
+    """The newest rows of a bucket by kind, those that any bucket may need among them, and how many older ones it had."""
+    import pyarrow.compute as pc
+
+    counts: Counter[str] = Counter()
+    newest: dict[str, pa.Table] = {}
+    for kind, about in spec.kinds.items():
+        wanted = None
+        if about.named_by[0]:
+            namer = newest.get(about.named_by[0])
+            if namer is None:
+                continue
+            wanted = pc.unique(pc.list_flatten(namer.column(about.named_by[1])))
+        part, older = buckets.newest(Path(job.work, kind, str(number) if about.bucket else "0"), about, wanted)
+        counts["duplicates"] += older if about.bucket else 0
+        if part is not None:
+            newest[kind] = part
+    return newest, counts
+
+
+def _without(rows: pa.Table, chain: Chain, gone: frozenset[str]) -> pa.Table:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if not gone:
+        return rows
+    bare = pa.array([key.removeprefix(chain.prefix) for key in gone if key.startswith(chain.prefix)], pa.string())
+    for name in (chain.key, *chain.also):
+        rows = rows.filter(pc.invert(pc.is_in(rows.column(name).cast(pa.string()), bare)))
+    return rows
+
+
+@cache
+def removed_keys(root: str, source: str, changed: int) -> frozenset[str]:
+    return frozenset(tombstones.keys(Path(root), source))
+
+
+def _join(job: Job, spec: Clean, chain: Chain, rows: pa.Table) -> pa.Table:
+    """The rows with the largest category of each scored text, and those categories that the table has; null when nothing is scored."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    declared = table(chain.table).names()
+    for column, largest in chain.scores.items():
+        if not job.scores or spec.scorer is None:
+            rows = rows.append_column(largest, pa.nulls(rows.num_rows, pa.float32()))
+            continue
+        texts_of = rows.column(column).combine_chunks()
+        got = spec.scorer.scores(job.scores, Path(job.root), job.source, texts_of.cast(pa.string()))
+        top = pc.max_element_wise(*(got.column(name).combine_chunks() for name in got.column_names))
+        rows = rows.append_column(largest, top.cast(pa.float32()))
+        for name in got.column_names:
+            if f"{largest}_{name}" in declared:
+                rows = rows.append_column(f"{largest}_{name}", got.column(name))
+    return rows
+
+
+def _write(job: Job, name: str, number: int, rows: pa.Table) -> None:
+    """A part file; empty ones only for the first bucket, so that each table is there."""
+    if rows.num_rows or number == 0:
+        write_table(Path(job.out, table(name).short, f"part-{number:05d}.parquet"), rows, name, sync=False)

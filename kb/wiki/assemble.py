@@ -1,0 +1,85 @@
+"""Newest answers → the pages that the stages judge: what the wiki says of each, and whether it was captured."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from kb.wiki import addresses, parse
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+# Columns that the stages read and the table has not.
+HELPERS = ("key", "missing", "captured", "robots", "render", "said", "folder", "text")
+
+
+def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
+    """Pages and titles of one bucket as rows of wiki/pages, and the picture files that they name.
+
+    A page is captured when its newest revision was shown under its newest title. Adds `key` (the id
+    as text, or a title that has no page), `missing`, `robots` and `render` (reasons) and `said` (what
+    goes with the reason). Pages that are gone by the newest answer are left out: the crawl writes
+    their tombstones. `url` is the wiki's root, for a site that does not say its server.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    rows = newest.get("pages", parse.schema("pages").empty_table())
+    there = pc.equal(rows["state"], "there")
+    page = pc.equal(rows["of"], "page")
+    rows = rows.filter(pc.equal(page, there)).combine_chunks()  # pages that are there, and titles that are not
+    absent = pc.not_equal(rows["state"], "there")
+    shown, failed = _shown(rows, newest.get("renders", parse.schema("renders").empty_table()))
+    robots = pc.equal(failed["outcome"], "robots")
+    open_ = pc.and_(pc.is_null(shown["folder"]), pc.invert(absent))
+    none = pa.scalar(None, pa.string())
+    own: dict[str, Any] = {
+        "key": rows["name"],
+        "missing": pc.if_else(absent, rows["state"], none),
+        "captured": pc.is_valid(shown["folder"]),
+        "robots": pc.if_else(pc.and_(open_, robots), failed["reason"], none),
+        "render": pc.if_else(pc.and_(open_, pc.invert(robots)), failed["reason"], none),
+        "said": pc.if_else(robots, failed["url"], failed["value"]),
+        "folder": shown["folder"],
+        "fetched_at": shown["fetched_at"],
+        **_of_site(rows["title"], newest.get("site"), url),
+    }
+    kept = ("page_id", "title", "url", "revision_id", "revision_timestamp", "problems")
+    pages = pa.table({**{name: rows[name] for name in kept}, **own})
+    return {"wiki/pages": pages, "files": newest.get("files", parse.schema("files").empty_table())}
+
+
+def _shown(rows: pa.Table, renders: pa.Table) -> tuple[pa.Table, pa.Table]:
+    """For each row the capture of its revision under its title, and what was said where capturing failed; nulls for none."""
+    import pyarrow.compute as pc
+
+    captures, failures = renders.filter(renders["captured"]), renders.filter(pc.invert(renders["captured"]))
+    return _joined(rows, captures, ("page_id", "revision_id", "title")), _joined(rows, failures, ("page_id", "revision_id"))
+
+
+def _joined(rows: pa.Table, other: pa.Table, on: tuple[str, ...]) -> pa.Table:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    def keys(table: pa.Table) -> pa.Array:
+        column = pc.binary_join_element_wise(*(table[name].cast(pa.string()) for name in on), "\n")
+        return pa.concat_arrays([pa.array([], pa.string()), *column.chunks])
+
+    held = keys(other)
+    if not len(held):
+        return pa.table({field.name: pa.nulls(rows.num_rows, field.type) for field in other.schema})
+    return other.take(pc.index_in(keys(rows), value_set=held, skip_nulls=True)).combine_chunks()
+
+
+def _of_site(titles: pa.ChunkedArray, site: pa.Table | None, url: str) -> dict[str, pa.Array]:
+    """What every page has of the site's own description: its licence, and the address of its history."""
+    import pyarrow as pa
+
+    said = site.to_pylist()[0] if site is not None else dict.fromkeys(parse.schema("site").names)
+    server = said["server"] or url
+    if server.startswith("//"):
+        server = url.split("//", 1)[0] + server
+    script = server + (said["script"] or "/index.php")
+    license = addresses.licence(said["license_url"] or None, said["license_text"])
+    history = [None if title is None else addresses.history(script, title) for title in titles.to_pylist()]
+    return {"license": pa.array([license] * len(history), pa.string()), "contributors_url": pa.array(history, pa.string())}
