@@ -11,9 +11,9 @@ from collections.abc import Collection
 from pathlib import Path
 
 from kb.core.context import Run
+from kb.reddit.known import known
 from kb.reddit.reconstruction import OUT
 from kb.reddit.refresh import KIND as INFO
-from kb.reddit.refresh import newest
 from kb.reddit.state import apply
 from kb.reddit.strip import strip
 from kb.reddit.wanted import read_wanted
@@ -35,19 +35,25 @@ ROWS = (
 
 def collect(run: Run, ids: Path | None) -> dict[str, str]:
     """What is to go and why: `deleted`, `removed`, `missing`, `named`, and `post` for comments of posts that go."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
     found: dict[str, str] = {}
     if ids:
         wanted = read_wanted(ids)
         found = dict.fromkeys([*wanted.names, *(f"t3_{key}" for key in wanted.trees)], "named")
-    known = newest(run.root, run.profile.section("reddit").links)
-    for name, row in known.items():
-        if not row.there or row.gone:
-            found.setdefault(name, row.gone or "missing")
-    # A post that was purged before may have got comments since.
-    posts = found.keys() | tombstones.keys(run.root, "reddit")
-    for name, row in known.items():
-        if name.startswith("t1_") and f"t3_{row.post}" in posts:
-            found.setdefault(name, "post")
+    with known(run) as things:
+        for rows in things:
+            lost = rows.filter(pc.or_(pc.invert(rows["there"]), pc.is_valid(rows["gone"])))
+            for name, reason in zip(lost["fullname"].to_pylist(), pc.fill_null(lost["gone"], "missing").to_pylist(), strict=True):
+                found.setdefault(name, reason)
+        # A post that was purged before may have got comments since.
+        posts = {name[3:] for name in found.keys() | tombstones.keys(run.root, "reddit") if name.startswith("t3_")}
+        below = pa.array(sorted(posts), pa.string())
+        for rows in things:
+            theirs = pc.and_(pc.starts_with(rows["fullname"], "t1_"), pc.is_in(rows["post_id"], value_set=below))
+            for name in rows["fullname"].filter(theirs).to_pylist():
+                found.setdefault(name, "post")
     return found
 
 

@@ -7,49 +7,22 @@ deleted, removed or is no longer there leaves with `kb purge reddit`.
 
 from __future__ import annotations
 
-from datetime import timedelta
+from collections.abc import Collection
+from contextlib import closing
+from datetime import datetime, timedelta
 from pathlib import Path
-from typing import NamedTuple
 
 from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.errors import FatalError, ItemFinal, KbError, LimitReached, Retryable, Unreachable
-from kb.core.profile.reddit import Links
 from kb.core.verdict import Summary
-from kb.reddit import parse
 from kb.reddit.client import INFO
 from kb.reddit.crawl import DOWN, Session, patient, session
-from kb.store import rawlog
+from kb.reddit.known import Known, known
+from kb.store.atomic import full_disk_is_resumable
+from kb.store.merge import Merge
 
 KIND = "info"
-
-
-class Newest(NamedTuple):
-    """What the newest answer says about a thing. `at` is text (sortable), empty when a dump does not say."""
-
-    at: str
-    live: bool
-    post: str
-    there: bool
-    gone: str
-
-
-def newest(root: Path, links: Links) -> dict[str, Newest]:
-    """The newest answer about each post and comment, by full name; stubs and things without id left out."""
-    found: dict[str, Newest] = {}
-    for kind in parse.KINDS:
-        reader = parse.Reader(kind, links)
-        for path in rawlog.segments(root, "reddit", kind):
-            for _, line in rawlog.Frames(path):
-                for row in reader.envelope(line):
-                    if row["state"] not in ("there", "missing"):
-                        continue
-                    at, name = row["fetched_at"] or "", row["fullname"]
-                    before = found.get(name)
-                    # As in assemble: the later kind wins where two are as old, so that both tell the same.
-                    if before is None or (before.at, before.live) <= (at, row["live"]):
-                        found[name] = Newest(at, row["live"], row["post_id"] or (before.post if before else ""), row["state"] == "there", row.get("gone") or "")
-    return found
 
 
 def refresh(run: Run) -> Summary:
@@ -58,16 +31,32 @@ def refresh(run: Run) -> Summary:
     """
     with session(run) as at:
         section = run.profile.section("reddit")
-        oldest = clock.stamp(clock.now() - timedelta(days=section.max_age_days))
-        known = newest(run.root, section.links)
+        oldest = clock.now() - timedelta(days=section.max_age_days)
+        with known(run) as things, closing(Merge(_parts(things, at.gone, oldest), ["place"], ["fullname", "post_id"])) as due:
+            items = ((row["fullname"], {"post": row["post_id"] or ""}) for rows in due for row in rows.to_pylist())
+            total = at.frontier.replace(KIND, items)
+        return _read(run, at, total, section.max_age_days)
+
+
+def _parts(things: Known, gone: Collection[str], oldest: datetime) -> list[Path]:
+    """What is due of each share, sorted by `place`: posts first, then comments, those of a post beside each other."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+
+    purged, parts = pa.array(sorted(gone), pa.string()), []
+    for number, rows in enumerate(things):
+        old = pc.or_(pc.invert(rows["live"]), pc.fill_null(pc.less(rows["fetched_at"], pa.scalar(oldest, rows["fetched_at"].type)), True))
         # What is missing or was deleted by its author stays so; a removal may be taken back.
-        due = [(name, row.post) for name, row in known.items()
-               if name not in at.gone and row.there and row.gone != "deleted" and (not row.live or row.at < oldest)]
-        # Posts first; comments of a post beside each other.
-        due.sort(key=lambda entry: (entry[0][:2] != "t3", entry[1], entry[0]))
-        at.frontier.remove(KIND, [key for key, *_ in at.frontier.items(KIND)])
-        at.frontier.add(KIND, [(name, {"post": post}) for name, post in due])
-        return _read(run, at, len(due), section.max_age_days)
+        here = pc.and_(rows["there"], pc.fill_null(pc.not_equal(rows["gone"], "deleted"), True))
+        rows = rows.filter(pc.and_(pc.and_(old, here), pc.invert(pc.is_in(rows["fullname"], value_set=purged))))
+        rank = pc.if_else(pc.starts_with(rows["fullname"], "t3_"), "0", "1")
+        place = pc.binary_join_element_wise(rank, pc.fill_null(rows["post_id"], ""), rows["fullname"], " ")
+        rows = rows.select(["fullname", "post_id"]).append_column("place", place).sort_by("place")
+        parts.append(things.folder / f"due-{number:06d}.parquet")
+        with full_disk_is_resumable(parts[-1]):
+            pq.write_table(rows, parts[-1], sorting_columns=pq.SortingColumn.from_ordering(rows.schema, [("place", "ascending")], "at_end"))
+    return parts
 
 
 def _read(run: Run, at: Session, total: int, days: int) -> Summary:

@@ -202,6 +202,12 @@ class Frontier:
         with self.transaction():
             self._db.executemany("DELETE FROM items WHERE kind = ? AND key = ?", [(kind, key) for key in keys])
 
+    def replace(self, kind: str, keys: Iterable[str | tuple[str, Any]]) -> int:
+        """Forget all items of a kind and add these instead, as one change; how many there are."""
+        with self.transaction():
+            self._execute("DELETE FROM items WHERE kind = ?", (kind,))
+            return self.add(kind, keys)
+
     def counts(self, kind: str) -> dict[str, int]:
         """How many items of a kind have which status; statuses without items are left out."""
         with self._lock:

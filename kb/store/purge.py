@@ -76,20 +76,20 @@ def rewrite_raw(root: Path, source: str, keys: Collection[str], strip: Strip, fr
 
 
 def _rewrite(path: Path, kind: str, keys: Collection[str], strip: Strip) -> int:
-    changed = 0
-    lines = []
-    for _, line in rawlog.Frames(path):
-        envelope = rawlog.decode(line)
-        left = strip(kind, envelope, keys)
-        changed += left is not envelope
-        if left is envelope:
-            lines.append(line)
-        elif left is not None:
-            lines.append(rawlog.encode(left))
-    if changed:
-        engine = zstandard.ZstdCompressor(level=3)
-        with writing(path) as temporary, temporary.open("wb") as file:
-            file.writelines(engine.compress(line) for line in lines)
+    """A segment without the keys; how many envelopes changed. An envelope at a time; a segment without the keys stays."""
+    if not any(strip(kind, envelope, keys) is not envelope for envelope in map(rawlog.decode, (line for _, line in rawlog.Frames(path)))):
+        return 0
+    changed, before = 0, 0
+    engine = zstandard.ZstdCompressor(level=3)
+    with writing(path) as temporary, path.open("rb") as old, temporary.open("wb") as fresh:
+        for after, line in rawlog.Frames(path):
+            envelope, frame, before = rawlog.decode(line), old.read(after - before), after
+            left = strip(kind, envelope, keys)
+            changed += left is not envelope
+            if left is envelope:
+                fresh.write(frame)
+            elif left is not None:
+                fresh.write(engine.compress(rawlog.encode(left)))
     return changed
 
 

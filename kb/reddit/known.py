@@ -1,0 +1,124 @@
+"""What the newest answer says about each post and comment, without their texts: what refresh and purge go by.
+
+The rows of the raw log are spread over buckets on disk, as `kb filter` does, and each bucket is reduced to
+one row a thing. Memory is bounded by a piece of a segment, then by a bucket, however much is known.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.core.context import Run
+from kb.core.engine import make_executor, map_in_order
+from kb.core.profile.reddit import Links
+from kb.filters import buckets
+from kb.filters.chain import Kind
+from kb.reddit import parse
+from kb.store import rawlog
+from kb.store.atomic import full_disk_is_resumable
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_READ = ("fullname", "post_id", "state", "fetched_at", "live", "gone")
+
+
+class Known:
+    """Iterates tables of `fullname, post_id, fetched_at, live, gone, there`, one row a thing, as often as wanted.
+
+    Each has a share of the things. `post_id` is null when no answer says it, `fetched_at` when a dump does
+    not say; `gone` is why a thing left (null: it did not), `there` false when the service no longer has it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __iter__(self) -> Iterator[pa.Table]:
+        import pyarrow as pa
+
+        for path in sorted(self.folder.glob("*.arrow")):
+            with pa.ipc.open_file(str(path)) as file:
+                yield file.read_all()
+
+
+@contextmanager
+def known(run: Run) -> Iterator[Known]:
+    """Everything that is known, in a folder that goes at the end. Call it under the writer's lock.
+
+    Stubs and things without an id are left out. Raises DamagedData, DiskFull and Interrupted.
+    """
+    folder = run.root / "state" / ".reddit.known"
+    shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
+    try:
+        with full_disk_is_resumable(folder), make_executor(run.engine, run.workers, run.scheduler) as executor:
+            number = _spread(run, folder / "rows", executor)
+            for _ in map_in_order(executor, reduce, ((str(folder), bucket) for bucket in range(number)), window=2 * run.workers):
+                pass
+        yield Known(folder)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _spread(run: Run, folder: Path, executor: Any) -> int:
+    """Every segment of the raw log → `folder/<bucket>/<segment>.arrow`; the number of buckets."""
+    links = run.profile.section("reddit").links
+    segments = [(kind, path) for kind in parse.KINDS for path in rawlog.segments(run.root, "reddit", kind)]
+    number = buckets.how_many(sum(path.stat().st_size for _, path in segments))
+    task = run.progress.task("read reddit", total=len(segments), unit="segments")
+    tasks = ((kind, links, str(path), place, str(folder), number) for place, (kind, path) in enumerate(segments))
+    for _ in map_in_order(executor, spread, tasks, window=2 * run.workers):
+        task.advance(1)
+    task.close()
+    return number
+
+
+def spread(kind: str, links: Links, segment: str, place: int, folder: str, number: int) -> None:
+    """Spread one segment; runs in a worker."""
+    about = Kind(partial(_rows, kind=kind, links=links), key=("fullname",), bucket="fullname")
+    with full_disk_is_resumable(Path(folder)):
+        buckets.spread(about, f"reddit/{kind}", Path(segment), place, Path(folder), number)
+
+
+def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    good = pa.array(["there", "missing"])
+    for rows in parse.rows(lines, kind, links):
+        rows = rows.select(_READ)
+        yield rows.filter(pc.is_in(rows["state"], value_set=good))
+
+
+def reduce(folder: str, number: int) -> None:
+    """One row a thing of a bucket → `folder/<bucket>.arrow`; runs in a worker."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    parts = []
+    for path in sorted(Path(folder, "rows", str(number)).glob("*.arrow")):
+        with pa.ipc.open_file(str(path)) as file:
+            rows = file.read_all()
+        parts.append(rows.append_column("_segment", pa.repeat(pa.scalar(int(path.stem), pa.int32()), rows.num_rows)))
+    if not parts:
+        return
+    rows = pa.concat_tables(parts)
+    # As in assemble: the later kind wins where two are as old, so that both tell the same. Segments stand in
+    # the order of the kinds; nulls first, as an answer that doesn't say when it was read is older than any that does.
+    by = ["fullname", "fetched_at", "_segment", "_at"]
+    rows = rows.take(pc.sort_indices(rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by]))
+    # An answer that only says that a comment is gone may not say of which post it was; an older one does.
+    rows = rows.set_column(1, "post_id", pc.if_else(pc.equal(rows["post_id"], ""), pa.scalar(None, pa.string()), rows["post_id"]))
+    last, said = pc.ScalarAggregateOptions(skip_nulls=False), pc.ScalarAggregateOptions(skip_nulls=True)
+    newest = rows.group_by("fullname", use_threads=False).aggregate(
+        [("post_id", "last", said), *((name, "last", last) for name in ("fetched_at", "live", "gone", "state"))]
+    )
+    newest = newest.rename_columns([name.removesuffix("_last") for name in newest.column_names])
+    newest = newest.append_column("there", pc.equal(newest["state"], "there")).drop_columns(["state"])
+    with full_disk_is_resumable(Path(folder)), pa.ipc.new_file(str(Path(folder, f"{number:06d}.arrow")), newest.schema) as file:
+        file.write_table(newest)
+    shutil.rmtree(Path(folder, "rows", str(number)))

@@ -1,0 +1,84 @@
+"""What refresh and purge go by: the newest answer about each thing, of a raw log in many buckets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.filters import buckets
+from kb.reddit.known import known
+from kb.reddit.purge import collect
+from kb.sandbox.reddit import dumps
+from kb.sandbox.server import Sandbox
+from kb.store import tombstones
+from kb.store.rawlog import Envelope, Request, Segment, encode, folder, read
+from tests.reddit.conftest import small_world
+from tests.reddit.work import Work
+
+
+@pytest.fixture
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A data root whose few answers fill many buckets."""
+    monkeypatch.setattr(buckets, "RAW_BYTES", 200)
+    with Sandbox(small_world(24, width=12, depth=12), services=["reddit"]) as sandbox:
+        yield Work(sandbox, tmp_path)
+
+
+def write(work: Work, kind: str, at: str | None, params: dict[str, Any], *things: dict[str, Any]) -> None:
+    segment = Segment(folder(work.root, "reddit", kind))
+    segment.append(encode(Envelope(at, Request(kind, params), 200, {"kind": "Listing", "data": {"children": list(things)}})))
+    segment.close()
+
+
+def post(key: str, **fields: Any) -> dict[str, Any]:
+    return {"kind": "t3", "data": {"id": key, "title": "a title", "created_utc": 1_700_000_000, "score": 9, **fields}}
+
+
+def comment(key: str, on: str, **fields: Any) -> dict[str, Any]:
+    made = {"link_id": f"t3_{on}", "parent_id": f"t3_{on}", "body": "words", "created_utc": 1_700_000_000}
+    return {"kind": "t1", "data": {"id": key, **made, **fields}}
+
+
+def test_the_newest_answer_counts_whatever_kind_it_is_of(work: Work) -> None:
+    write(work, "dumps", None, {}, post("undated"), post("taken", selftext="[deleted]"), comment("back", "taken", body="[removed]"))
+    write(work, "info", "2026-03-01T00:00:00Z", {"id": "t3_taken,t1_lost", "posts": ["taken", ""]})
+    write(work, "listings", "2026-02-01T00:00:00Z", {}, post("taken"), comment("lost", "undated"), comment("back", "taken"))
+    with known(work.run()) as things:
+        rows = {row["fullname"]: row for part in things for row in part.to_pylist()}
+        assert len(list(things)) > 1, "one bucket shows nothing"
+    months = {name: row["fetched_at"] and row["fetched_at"].month for name, row in rows.items()}
+    assert {name: (row["post_id"], row["there"], row["gone"], row["live"], months[name]) for name, row in rows.items()} == {
+        "t3_undated": ("undated", True, None, False, None),
+        "t3_taken": ("taken", False, None, True, 3),
+        "t1_back": ("taken", True, None, True, 2),
+        # The answer that it is missing does not say of which post it was; the older one does.
+        "t1_lost": ("undated", False, None, True, 3),
+    }
+
+
+def test_comments_go_with_their_post_whenever_it_went(work: Work) -> None:
+    write(work, "dumps", None, {}, post("now", selftext="[deleted]"), post("stays"))
+    below = (comment("below_now", "now"), comment("below_old", "old"), comment("stays_too", "stays"))
+    write(work, "comments", "2026-02-01T00:00:00Z", {"article": "now"}, *below)
+    tombstones.add(work.root, "reddit", [("t3_old", "named")])
+    assert collect(work.run(), None) == {"t3_now": "deleted", "t1_below_now": "post", "t1_below_old": "post"}
+
+
+def test_posts_are_asked_for_first_then_comments_post_by_post(work: Work, tmp_path: Path) -> None:
+    work.take_in(dumps(work.world, tmp_path / "dumps"))
+    work.refresh()
+    asked = [envelope.request.params for envelope in read(work.root, "reddit", "info")]
+    names = [name for params in asked for name in params["id"].split(",")]
+    trees = [post for params in asked for post in params["posts"]]
+    first = sum(name.startswith("t3_") for name in names)
+    assert all(name.startswith("t3_") for name in names[:first])
+    assert trees[first:] == sorted(trees[first:])
+    assert len(set(trees[first:])) > 3
+
+
+def test_nothing_is_left_of_the_work(work: Work, tmp_path: Path) -> None:
+    work.take_in(dumps(work.world, tmp_path / "dumps"))
+    work.refresh()
+    assert not list(work.root.rglob(".reddit.known*"))
