@@ -145,9 +145,20 @@ def _sort(run: Run, job: Job, executor: Any) -> Counter[str]:
     task.close()
     if spec.unanswered is not None:
         total.update(_unanswered(run, job, spec))
+    _write_empty(Path(job.out), spec)
     for cut in Path(job.out).rglob(".*.tmp"):  # of a worker that died; its task was done again by another
         cut.unlink()
     return total
+
+
+def _write_empty(out: Path, spec: Clean) -> None:
+    """A first part for each table that has none, so that readers find every table."""
+    tables = [chain.table for chain in spec.chains] + [follow.table for follow in spec.follow] + [f"shared/{verdict}" for verdict in VERDICTS]
+    for name in tables:
+        declared = table(name)
+        path = out / declared.short / "part-00000.parquet"
+        if not path.exists():
+            write_table(path, declared.arrow().empty_table(), declared, sync=False)
 
 
 def _unanswered(run: Run, job: Job, spec: Clean) -> dict[str, int]:

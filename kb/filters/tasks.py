@@ -106,6 +106,8 @@ def _walk(job: Job, spec: Clean, number: int, join: Any, dry: bool = False) -> t
     import pyarrow.compute as pc
 
     newest, counts = _newest(job, spec, number)
+    if not newest:
+        return [], {}, counts
     rows = spec.assemble(newest)
     gone = removed_keys(job.root, job.source, job.tombstones)
     for chain in spec.chains:
@@ -192,6 +194,5 @@ def _join(job: Job, spec: Clean, chain: Chain, rows: pa.Table) -> pa.Table:
 
 
 def _write(job: Job, name: str, number: int, rows: pa.Table) -> None:
-    """A part file; empty ones only for the first bucket, so that each table is there."""
-    if rows.num_rows or number == 0:
+    if rows.num_rows:
         write_table(Path(job.out, table(name).short, f"part-{number:05d}.parquet"), rows, name, sync=False)
