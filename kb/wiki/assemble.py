@@ -19,7 +19,7 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
     A page is captured when its newest revision was shown under its newest title. Adds `key` (the id
     as text, or a title that has no page), `missing`, `robots` and `render` (reasons) and `said` (what
     goes with the reason). Pages that are gone by the newest answer are left out: the crawl writes
-    their tombstones. `url` is the wiki's root, for a site that does not say its server.
+    their tombstones. `url` is the wiki's root, for raw data without an answer about the site.
     """
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -76,10 +76,7 @@ def _of_site(titles: pa.ChunkedArray, site: pa.Table | None, url: str) -> dict[s
     import pyarrow as pa
 
     said = site.to_pylist()[0] if site is not None else dict.fromkeys(parse.schema("site").names)
-    server = said["server"] or url
-    if server.startswith("//"):
-        server = url.split("//", 1)[0] + server
-    script = server + (said["script"] or "/index.php")
+    script = (said["server"] or url) + (said["script"] or "/index.php")
     license = addresses.licence(said["license_url"] or None, said["license_text"])
     history = [None if title is None else addresses.history(script, title) for title in titles.to_pylist()]
     return {"license": pa.array([license] * len(history), pa.string()), "contributors_url": pa.array(history, pa.string())}

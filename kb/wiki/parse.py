@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urljoin
 
 from kb.schema.coerce import shown, times
 from kb.schema.decode import problems
@@ -180,7 +181,9 @@ def _file(envelope: Envelope) -> Iterator[Row]:
 def _site(envelope: Envelope) -> Iterator[Row]:
     query = envelope.response.get("query", {})
     general, rights = query.get("general", {}), query.get("rightsinfo", {})
-    yield {"server": general.get("server"), "script": general.get("script"), "license_url": rights.get("url"), "license_text": rights.get("text")}
+    # "//host" has the scheme of the API's own address.
+    server = urljoin(envelope.request.endpoint, general.get("server") or "/").rstrip("/")
+    yield {"server": server, "script": general.get("script"), "license_url": rights.get("url"), "license_text": rights.get("text")}
 
 
 def _text(row: Row, name: str, value: Any) -> str | None:

@@ -1,0 +1,243 @@
+"""Raw answers and extractions by hand, filtered: every page one answer, the newest answer wins."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+import zstandard
+
+from kb.core.context import Run
+from kb.core.errors import DamagedData, FatalError
+from kb.core.profile import load_profile
+from kb.core.settings import load_settings
+from kb.filters import buckets
+from kb.filters.clean import run_clean
+from kb.store import rawlog, tombstones
+
+MONDAY, TUESDAY, FRIDAY = "2026-11-16T08:00:00Z", "2026-11-17T08:00:00Z", "2026-11-20T08:00:00Z"
+WORDS = "The kiln burns from the first frost to the thaw and every potter counts the wood of all of its firings in a book"
+PICTURE = "http://wiki.example/images/Kiln.png"
+
+
+def put(root: Path, kind: str, *answers: tuple[str, Any]) -> None:
+    """One segment of (fetched_at, answer)."""
+    segment = rawlog.Segment(rawlog.folder(root, "wiki", kind))
+    for at, answer in answers:
+        segment.append(rawlog.encode(rawlog.Envelope(at, rawlog.Request("http://wiki.example/w/api.php", {}), 200, answer)))
+    segment.close()
+
+
+def page(key: int, title: str, revision: int = 1, **more: Any) -> dict[str, Any]:
+    made = {"revid": revision, "timestamp": "2024-01-08T10:07:00Z"}
+    return {"pageid": key, "ns": 0, "title": title, "fullurl": f"http://wiki.example/wiki/{title}", "revisions": [made], **more}
+
+
+def told(*pages: dict[str, Any]) -> dict[str, Any]:
+    return {"batchcomplete": True, "query": {"pages": list(pages)}}
+
+
+def captured(root: Path, key: int, title: str, revision: int = 1, text: str = WORDS) -> dict[str, Any]:
+    """Writes a capture's extraction: a heading, a picture, a table of one cell; its answer."""
+    box = [0, 0.5, 100, 20]
+    held = {"region": "content", "box": box, "visible": True, "level": None, "parent": None}
+    elements = [
+        {**held, "id": 0, "kind": "text", "tag": "p", "text": text},
+        {**held, "id": 1, "kind": "image", "tag": "img", "text": "", "src": PICTURE, "alt": "A kiln"},
+        {**held, "id": 2, "kind": "table", "tag": "table", "text": ""},
+        {**held, "id": 3, "kind": "cell", "tag": "td", "text": "hot", "parent": 2},
+    ]
+    cell = {"table": 2, "row": 0, "column": 0, "rowspan": 1, "colspan": 1, "header": False, "text": "hot", "box": box}
+    size = {"width": 1280, "height": 2000, "viewport_width": 1280, "device_pixel_ratio": 1}
+    folder = f"raw/wiki/pages/{key}/{revision}"
+    (root / folder).mkdir(parents=True, exist_ok=True)
+    extraction = json.dumps({"page": size, "elements": elements, "cells": [cell], "sprites": {}})
+    (root / folder / "extraction.json.zst").write_bytes(zstandard.ZstdCompressor().compress(extraction.encode()))
+    return {
+        "page_id": key,
+        "title": title,
+        "url": f"http://wiki.example/wiki/{title}",
+        "wanted_revision": revision,
+        "outcome": "captured",
+        "revision_id": revision,
+        "folder": folder,
+        "files": [{"key": PICTURE, "title": "File:Kiln.png", "src": PICTURE}],
+    }
+
+
+def refused(key: int, title: str, outcome: str, reason: str, value: Any = None, revision: int = 1) -> dict[str, Any]:
+    url = f"http://wiki.example/wiki/{title}"
+    return {"page_id": key, "title": title, "url": url, "wanted_revision": revision, "outcome": outcome, "reason": reason, "value": value}
+
+
+def run_at(root: Path, **options: Any) -> Run:
+    profile = load_profile("minecraft")
+    off = profile.toxicity.model_copy(update={"toxicity": "off"})
+    return Run(load_settings(dotenv=False), profile.model_copy(update={"toxicity": off}), root, **{"workers": 1, **options})
+
+
+def rows(root: Path, name: str) -> list[dict[str, Any]]:
+    return pq.read_table(root / "clean/wiki" / name).to_pylist()
+
+
+def verdicts(root: Path) -> dict[str, tuple[Any, ...]]:
+    """stage, reason, value and threshold by key; a pending page's reason alone."""
+    found = {row["key"]: tuple(row[name] for name in ("stage", "reason", "value", "threshold")) for row in rows(root, "rejected")}
+    return found | {row["key"]: (row["reason"],) for row in rows(root, "pending")}
+
+
+def titles(root: Path) -> dict[int, str]:
+    return {row["page_id"]: row["title"] for row in rows(root, "pages")}
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """One page an answer."""
+    root = tmp_path / "data"
+    general = {"server": "//wiki.example", "script": "/w/index.php"}
+    put(root, "site", (MONDAY, {"query": {"general": general, "rightsinfo": {"url": "https://creativecommons.org/licenses/by-sa/4.0/"}}}))
+    absent = [{"ns": 0, "title": "Nowhere", "missing": True}, {"title": "Bad[", "invalid": True}, page(90, "Elsewhere", redirect=True)]
+    names = ["Kept", "Hidden", "Broken", "Waiting", "Short"]
+    put(root, "pages", (MONDAY, told(*(page(number, name) for number, name in enumerate(names, 1)), *absent)))
+    put(
+        root,
+        "renders",
+        (MONDAY, captured(root, 1, "Kept")),
+        (MONDAY, refused(2, "Hidden", "robots", "disallowed")),
+        (MONDAY, refused(3, "Broken", "failed", "too_tall", 123456)),
+        (MONDAY, captured(root, 5, "Short", text="Too short")),
+    )
+    stored = {"sha256": "ab", "path": "raw/wiki/images/ab.png", "media_type": "image/png", "width": 3, "height": 2, "license": None, "frames": []}
+    put(root, "files", (MONDAY, {"key": PICTURE, "outcome": "stored", "url": PICTURE, **stored}))
+    return root
+
+
+def test_every_page_has_one_answer(root: Path) -> None:
+    summary = run_clean(run_at(root), "wiki")
+    assert verdicts(root) == {
+        "Nowhere": ("missing", "missing", None, None),
+        "Bad[": ("missing", "invalid", None, None),
+        "Elsewhere": ("missing", "redirect", None, None),
+        "2": ("robots", "disallowed", "http://wiki.example/wiki/Hidden", None),
+        "3": ("render", "too_tall", "123456", None),
+        "4": ("render",),
+        "5": ("words", "below", "3", "20"),
+    }
+    assert titles(root) == {1: "Kept"}
+    assert {name: summary[name] for name in ("crawled", "kept", "rejected", "failed", "pending", "missing")} == {
+        "crawled": 8, "kept": 1, "rejected": 6, "failed": 0, "pending": 1, "missing": 3,
+    }  # fmt: skip
+    assert summary["stages"] == {"missing": 3, "render": 1, "robots": 1, "words": 1}
+    assert summary["tables"] == {"wiki/pages": 1, "wiki/elements": 4, "wiki/cells": 1, "wiki/images": 1}
+
+
+def test_a_kept_page_has_its_tables(root: Path) -> None:
+    run_clean(run_at(root), "wiki")
+    (kept,) = rows(root, "pages")
+    assert (kept["license"], kept["word_count"], kept["page_height"]) == ("CC-BY-SA-4.0", len(WORDS.split()) + 1, 2000)
+    assert kept["contributors_url"] == "http://wiki.example/w/index.php?title=Kept&action=history"
+    assert kept["screenshot_path"] == "raw/wiki/pages/1/1/screenshot.png"
+    assert [(row["kind"], row["text"], row["reading_order"]) for row in rows(root, "elements")] == [
+        ("text", WORDS, 0),
+        ("image", None, 1),
+        ("table", None, 2),
+        ("cell", "hot", 3),
+    ]
+    (image,) = rows(root, "images")
+    assert (image["path"], image["alt_text"], image["frame_index"]) == ("raw/wiki/images/ab.png", "A kiln", None)
+
+
+def test_the_newest_answer_wins(root: Path) -> None:
+    # A new revision waits for its capture; a refused page is captured; an absent title gets a page; a redirect too.
+    put(root, "pages", (FRIDAY, told(page(1, "Kept", 7), page(6, "Nowhere"), page(90, "Elsewhere"))))
+    put(root, "renders", (FRIDAY, captured(root, 3, "Broken")), (FRIDAY, captured(root, 6, "Nowhere")), (FRIDAY, captured(root, 90, "Elsewhere")))
+    # Segments of another machine may come later and say what was before.
+    put(root, "pages", (TUESDAY, told(page(1, "Kept", 3), {"ns": 0, "title": "Nowhere", "missing": True})))
+    put(root, "renders", (TUESDAY, captured(root, 1, "Kept", 3)))
+    summary = run_clean(run_at(root), "wiki")
+    assert titles(root) == {3: "Broken", 6: "Nowhere", 90: "Elsewhere"}
+    assert verdicts(root)["1"] == ("render",)
+    assert {"Nowhere", "Elsewhere", "3", "6"}.isdisjoint(verdicts(root))
+    assert summary["duplicates"] == 6  # of pages 1 (two) and 90, of titles Nowhere (two) and Elsewhere
+
+
+def test_pages_that_went_away_leave_the_tables(root: Path) -> None:
+    put(root, "pages", (FRIDAY, told({"pageid": 1, "missing": True}, page(5, "Shorter", 2))))
+    put(root, "renders", (FRIDAY, captured(root, 5, "Shorter", 2)))
+    run_clean(run_at(root), "wiki")
+    assert titles(root) == {5: "Shorter"}
+    assert {"1", "Kept"}.isdisjoint(verdicts(root))
+
+
+def test_tombstones_name_a_page_by_id_or_title(root: Path) -> None:
+    put(root, "pages", (MONDAY, told(page(7, "Purged"))))
+    put(root, "renders", (MONDAY, captured(root, 7, "Purged")))
+    tombstones.add(root, "wiki", [("1", "named"), ("Purged", "named"), ("Nowhere", "moved")])
+    for name in ("1", "7"):  # purge takes the captured files as well
+        (root / f"raw/wiki/pages/{name}/1/extraction.json.zst").unlink()
+    assert run_clean(run_at(root), "wiki")["crawled"] == 6
+    assert titles(root) == {}
+    assert {"1", "7", "Purged", "Nowhere"}.isdisjoint(verdicts(root))
+
+
+def test_unreadable_facts_of_the_wiki_are_rejected_with_what_was_found(root: Path) -> None:
+    odd = [page(11, "Odd", "x1"), page(12, "Odder") | {"fullurl": None}, page(13, "Oddest")]
+    odd[2]["revisions"][0]["timestamp"] = "soon"
+    put(root, "pages", (MONDAY, told(*odd)))
+    run_clean(run_at(root), "wiki")
+    assert [verdicts(root)[key][:3] for key in ("11", "12", "13")] == [
+        ("missing", "malformed", "x1"),
+        ("missing", "absent", None),
+        ("missing", "malformed", "soon"),
+    ]
+
+
+def test_unknown_keys_and_cut_off_files_are_counted(root: Path) -> None:
+    put(root, "pages", (MONDAY, told(page(1, "Kept", mood="fine"))))
+    put(root, "titles", (MONDAY, {"query": {"allpages": [{"pageid": 1, "ns": 0, "title": "Kept", "aura": 1}]}}), (MONDAY, told()))
+    last = rawlog.segments(root, "wiki", "titles")[-1]
+    last.write_bytes(last.read_bytes()[:-5])
+    summary = run_clean(run_at(root), "wiki")
+    assert summary["unknown_keys"] == {"pages.query.pages[].mood": 1, "titles.query.allpages[].aura": 1}
+    assert summary["truncated_files"] == 1
+
+
+def test_buckets_and_workers_change_no_row(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number in range(100, 160):
+        put(root, "pages", (MONDAY, told(page(number, f"Page {number}"))))
+        put(root, "renders", (MONDAY, captured(root, number, f"Page {number}")))
+    names = ("pages", "elements", "cells", "images", "rejected", "pending")
+    run_clean(run_at(root), "wiki")
+    whole = {name: rows(root, name) for name in names}
+    monkeypatch.setattr(buckets, "RAW_BYTES", 100_000)
+    run_clean(run_at(root), "wiki")
+    assert len(list((root / "clean/wiki/pages").iterdir())) > 8
+    for name in names:
+        assert sorted(map(str, rows(root, name))) == sorted(map(str, whole[name]))
+    before = digests(root / "clean")
+    run_clean(run_at(root, workers=2), "wiki")
+    assert digests(root / "clean") == before
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def test_a_lost_extraction_names_its_file_and_replaces_nothing(root: Path) -> None:
+    run_clean(run_at(root), "wiki")
+    before = digests(root / "clean")
+    (root / "raw/wiki/pages/1/1/extraction.json.zst").write_bytes(b"nothing")
+    with pytest.raises(DamagedData, match=r"pages/1/1/extraction.json.zst can't be read"):
+        run_clean(run_at(root), "wiki")
+    assert digests(root / "clean") == before
+
+
+def test_a_crawl_that_asked_no_page_yet_is_nothing_to_filter(tmp_path: Path) -> None:
+    put(tmp_path, "site", (MONDAY, {"query": {"general": {}}}))
+    with pytest.raises(FatalError, match="nothing to filter"):
+        run_clean(run_at(tmp_path), "wiki")
+    assert not (tmp_path / "clean/wiki").exists()
