@@ -21,8 +21,10 @@ from kb.reddit.crawl import DOWN, Session, patient, session
 from kb.reddit.known import Known, known
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.merge import Merge
+from kb.store.shards import PAGE
 
 KIND = "info"
+_ORDER = ["place", "fullname"]
 
 
 def refresh(run: Run) -> Summary:
@@ -32,30 +34,33 @@ def refresh(run: Run) -> Summary:
     with session(run) as at:
         section = run.profile.section("reddit")
         oldest = clock.now() - timedelta(days=section.max_age_days)
-        with known(run) as things, closing(Merge(_parts(things, at.gone, oldest), ["place"], ["fullname", "post_id"])) as due:
-            items = ((row["fullname"], {"post": row["post_id"] or ""}) for rows in due for row in rows.to_pylist())
+        with known(run) as things, closing(Merge(_parts(things, at.gone, oldest), _ORDER, _ORDER)) as due:
+            items = ((row["fullname"], {"post": row["place"][1:]}) for rows in due for row in rows.to_pylist())
             total = at.frontier.replace(KIND, items)
         return _read(run, at, total, section.max_age_days)
 
 
 def _parts(things: Known, gone: Collection[str], oldest: datetime) -> list[Path]:
-    """What is due of each share, sorted by `place`: posts first, then comments, those of a post beside each other."""
+    """What is due of each share. `place` is "0" or "1" and the post: posts first, then comments post by post."""
     import pyarrow as pa
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
 
     purged, parts = pa.array(sorted(gone), pa.string()), []
+    by = [(name, "ascending") for name in _ORDER]
     for number, rows in enumerate(things):
         old = pc.or_(pc.invert(rows["live"]), pc.fill_null(pc.less(rows["fetched_at"], pa.scalar(oldest, rows["fetched_at"].type)), True))
         # What is missing or was deleted by its author stays so; a removal may be taken back.
         here = pc.and_(rows["there"], pc.fill_null(pc.not_equal(rows["gone"], "deleted"), True))
         rows = rows.filter(pc.and_(pc.and_(old, here), pc.invert(pc.is_in(rows["fullname"], value_set=purged))))
         rank = pc.if_else(pc.starts_with(rows["fullname"], "t3_"), "0", "1")
-        place = pc.binary_join_element_wise(rank, pc.fill_null(rows["post_id"], ""), rows["fullname"], " ")
-        rows = rows.select(["fullname", "post_id"]).append_column("place", place).sort_by("place")
+        place = pc.binary_join_element_wise(rank, pc.fill_null(rows["post_id"], ""), "")
+        rows = pa.table([place, rows["fullname"]], names=_ORDER).sort_by(by)
         parts.append(things.folder / f"due-{number:06d}.parquet")
         with full_disk_is_resumable(parts[-1]):
-            pq.write_table(rows, parts[-1], sorting_columns=pq.SortingColumn.from_ordering(rows.schema, [("place", "ascending")], "at_end"))
+            marks = pq.SortingColumn.from_ordering(rows.schema, by, "at_end")
+            # Pages are small, as a merge has one of every part in memory; a dictionary of unique names is as large as they are.
+            pq.write_table(rows, parts[-1], sorting_columns=marks, compression="zstd", use_dictionary=False, data_page_size=PAGE)
     return parts
 
 
