@@ -33,4 +33,6 @@ def test_the_same_bytes(cluster, kill_a_worker, tmp_path: Path, data, make_rows,
     monkeypatch.setattr(building, "_STRETCH", 5)
     kill_a_worker(lambda: any((tmp_path / "dask/state").glob("pairs/*/*.parquet")))
     spread = pairs(tmp_path / "dask", data, make_rows, workers=2, engine="dask", scheduler=cluster.scheduler_address)
-    assert {name: data for name, data in spread.items() if name.endswith(".parquet")} == {name: data for name, data in local.items() if name.endswith(".parquet")}
+    assert {name: data for name, data in spread.items() if name.endswith(".parquet")} == {
+        name: data for name, data in local.items() if name.endswith(".parquet")
+    }

@@ -1,0 +1,48 @@
+"""`kb annotate wiki` and `kb annotate reddit` as a user types them: every text is scored once, and the filter finds it."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("detoxify")
+
+from kb.sandbox.server import Sandbox
+from kb.sandbox.world import World
+from tests.engine.test_same_bytes_youtube import digests
+from tests.wiki.made import many
+from tests.youtube.job import Job
+
+
+@pytest.fixture(scope="module")
+def sandbox():
+    with Sandbox(World(), services=["reddit"]) as held:
+        yield held
+
+
+@pytest.fixture(params=["wiki", "reddit"])
+def crawled(request, sandbox, tmp_path):
+    """(source, job): raw data of a source, nothing scored."""
+    job = Job(sandbox, tmp_path, toxicity=True)
+    if request.param == "wiki":
+        many(job.root, 30)
+    else:
+        job.done("reddit", "crawl")
+    return request.param, job
+
+
+def test_each_text_is_scored_once(crawled):
+    source, job = crawled
+    first = job.done("annotate", source)
+    assert first["scored"] == first["texts"] > 20
+    assert first["model"] == "lorebase_tiny"
+    scores = digests(job.root, "annotations")
+    assert [path.split("/")[1] for path in scores] == [source]
+    again = job.done("annotate", source)
+    assert (again["scored"], again["known"]) == (0, first["scored"])
+    filtered = job.done(source, "filter")
+    assert filtered["kept"] > 0
+    assert "toxicity" not in filtered  # "not scored" otherwise
+    assert digests(job.root, "annotations") == scores
+    table, column = {"wiki": ("wiki_pages", "toxicity"), "reddit": ("reddit_posts", "toxicity_title")}[source]
+    assert job.rows(f"SELECT count(*) n FROM clean.{table} WHERE {column} IS NULL") == [{"n": 0}]
