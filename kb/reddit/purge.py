@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Collection
+from functools import partial
 from pathlib import Path
 
 from kb.core.context import Run
+from kb.reddit import tree
+from kb.reddit.crossposts import drop_parents, repeats
 from kb.reddit.known import known
 from kb.reddit.reconstruction import OUT
 from kb.reddit.refresh import KIND as INFO
@@ -20,10 +23,12 @@ from kb.reddit.wanted import read_wanted
 from kb.store import lock, purge, tombstones
 from kb.store.frontier import Frontier
 from kb.store.purge import Place
+from kb.store.rawlog import Envelope
 from kb.store.recorder import Recorder
 
+BASES = ("clean/reddit", str(OUT))
 ROWS = (
-    *(place for base in ("clean/reddit", str(OUT)) for place in (
+    *(place for base in BASES for place in (
         Place(f"{base}/posts", "reddit/posts", "post_id", "t3_"),
         Place(f"{base}/comments", "reddit/comments", "comment_id", "t1_"),
         Place(f"{base}/comments", "reddit/comments", "post_id", "t3_"),
@@ -58,9 +63,9 @@ def collect(run: Run, ids: Path | None) -> dict[str, str]:
 
 
 def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
-    """Tombstones, raw segments and frontier; the keys that must leave everything else as well.
+    """Tombstones, raw segments, frontier, and what crossposts show; the keys that must leave everything else as well.
 
-    Raises SettingError when `ids` can't be read, before anything is written.
+    Raises SettingError when `ids` can't be read, before anything is written; Interrupted (the same command goes on).
     """
     if ids:
         read_wanted(ids)
@@ -71,7 +76,10 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
             Recorder(run.root, "reddit", frontier, apply).close()
             keys = purge.begin(run.root, "reddit", collect(run, ids))
             if keys:
-                purge.rewrite_raw(run.root, "reddit", keys.keys(), strip, frontier)
+                crossposts: set[str] = set()
+                purge.rewrite_raw(run.root, "reddit", keys.keys(), partial(_strip, crossposts), frontier)
+                for base in BASES:
+                    drop_parents(run.root / base / "posts", crossposts, keys)
                 _forget(frontier, keys)
                 # Answers of a reconstruction that was cut off; it asks again.
                 for work in (run.root / OUT).glob(".work-*"):
@@ -81,9 +89,20 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
     return keys
 
 
+def _strip(crossposts: set[str], kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | None:
+    """Strip; the bare ids of crossposts of a key are added, also when a purge that was cut off has stripped them."""
+    posts = (thing.data for thing in tree.things(envelope.response) if thing.kind == tree.POST)
+    crossposts.update(str(post.get("id")) for post in posts if repeats(post, keys))
+    return strip(kind, envelope, keys)
+
+
 def _forget(frontier: Frontier, names: Collection[str]) -> None:
     for kind, prefix in (("tree", "t3_"), ("more", "t1_"), (INFO, "")):
         frontier.remove(kind, [key.removeprefix(prefix) for key in names if key.startswith(prefix)])
     threads = [key for key, *_ in frontier.items("thread")
                if f"t3_{key.partition('/')[0]}" in names or f"t1_{key.partition('/')[2]}" in names]
     frontier.remove("thread", threads)
+    for key, _, _, payload in frontier.items("listing"):
+        # Its next page stood behind a post that goes: read from the first page again.
+        if payload and payload.get("after") in names:
+            frontier.payload("listing", key, {**payload, "after": None, "pages": 0})

@@ -1,18 +1,18 @@
 """How posts and comments leave a raw answer; the same for a purge and for what comes in after it.
 
-With a post go its comments (their addresses hold its title), and its copy in crossposts. Replies to a comment
+With a post go its comments (their addresses hold its title), and what crossposts show of it. Replies to a comment
 stay, in its place. Depth of recursion is that of one page, which Reddit ends at ten replies.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection
 from typing import Any
 
 import msgspec
 
 from kb.reddit import tree
+from kb.reddit.crossposts import repeats, without_parent
 from kb.store.rawlog import Envelope, Request
 
 
@@ -105,15 +105,9 @@ def _thing(value: Any, keys: Collection[str]) -> tuple[list[Any], bool]:
         inner = replies.get("data") if isinstance(replies, dict) else None
         return (inner.get("children") or []) if isinstance(inner, dict) else [], True
     fresh = {"replies": replies} if changed else {}
-    parents = data.get("crosspost_parent_list")
-    if isinstance(parents, list) and any(isinstance(one, dict) and f"t3_{one.get('id')}" in keys for one in parents):
-        fresh["crosspost_parent_list"] = [one for one in parents if not (isinstance(one, dict) and f"t3_{one.get('id')}" in keys)]
-    if data.get("crosspost_parent") in keys:
-        # The address of a text post holds its title.
-        for field in ("url", "url_overridden_by_dest"):
-            if isinstance(data.get(field), str) and "/comments/" in data[field]:
-                fresh[field] = re.sub(r"(/comments/[^/]+/).*", r"\1", data[field])
-    return ([{**value, "data": {**data, **fresh}}], True) if fresh else ([value], False)
+    if repeats(data, keys):
+        data = without_parent(data, keys)
+    return ([{**value, "data": {**data, **fresh}}], True) if fresh or data is not value["data"] else ([value], False)
 
 
 def _stub(value: dict[str, Any], data: dict[str, Any], keys: Collection[str]) -> tuple[list[Any], bool]:

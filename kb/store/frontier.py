@@ -86,6 +86,14 @@ class Frontier:
             self._db.executescript(f"BEGIN; {MIGRATIONS[version]} PRAGMA user_version = {version + 1}; COMMIT;")
             version += 1
 
+    def forget(self) -> None:
+        """What was removed stands in no free page, no log and no backup any more. Raises DiskFull."""
+        with self._lock, full_disk_is_resumable(self.path):
+            self._db.execute("VACUUM")
+            self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            for backup in self.path.parent.glob(f"{self.path.name}.v*.bak"):
+                backup.unlink()
+
     def close(self) -> None:
         """Close the file."""
         self._db.close()
@@ -123,8 +131,6 @@ class Frontier:
             if "full" in str(error) or "disk I/O" in str(error):
                 raise OSError(28, str(error), str(self.path)) from error
             raise
-
-    # -- items ---------------------------------------------------------------------------------
 
     def add(self, kind: str, keys: Iterable[str | tuple[str, Any]]) -> int:
         """Add keys that are not known yet; how many were new. Order of adding is order of taking."""
@@ -173,9 +179,7 @@ class Frontier:
         """Items of these statuses become todo again; how many."""
         with self.transaction():
             marks = ", ".join("?" * len(statuses))
-            cursor = self._db.execute(
-                f"UPDATE items SET status = 'todo' WHERE kind = ? AND status IN ({marks})", (kind, *statuses))
-            return cursor.rowcount
+            return self._db.execute(f"UPDATE items SET status = 'todo' WHERE kind = ? AND status IN ({marks})", (kind, *statuses)).rowcount
 
     def payload(self, kind: str, key: str, value: Any) -> None:
         """Replace what is known about an item."""
@@ -189,7 +193,7 @@ class Frontier:
         return None if row is None else (row[0], msgspec.json.decode(row[1]) if row[1] else None, row[2])
 
     def items(self, kind: str, *statuses: str) -> Iterator[tuple[str, str, str | None, Any]]:
-        """(key, status, reason, payload) of all items of a kind, oldest first."""
+        """(key, status, reason, payload) of all items of a kind, oldest first; their list is held in memory."""
         marks = f"AND status IN ({', '.join('?' * len(statuses))})" if statuses else ""
         with self._lock:
             rows = self._db.execute(
@@ -217,7 +221,7 @@ class Frontier:
         """How many items of a kind are to do, counted up to `most`: quick however many there are."""
         with self._lock:
             row = self._db.execute("SELECT count(*) FROM (SELECT 1 FROM items WHERE kind = ? AND status = 'todo' LIMIT ?)", (kind, most)).fetchone()
-        return int(row[0])
+            return int(row[0])
 
     def kinds(self) -> dict[str, dict[str, int]]:
         """Counts by status of every kind, by name."""
@@ -227,8 +231,6 @@ class Frontier:
         for kind, status, n in rows:
             found.setdefault(kind, {})[status] = n
         return found
-
-    # -- cursors, ledger, offsets ----------------------------------------------------------------
 
     def cursor(self, name: str, default: Any = None) -> Any:
         """A value that a source keeps (a page token, a round, a date)."""

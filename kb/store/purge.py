@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 import zstandard
 
-from kb.store import rawlog, tombstones
+from kb.store import lock, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
@@ -51,8 +51,14 @@ def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:
 
 
 def finish(root: Path, source: str) -> None:
-    """Everything is done: forget the list."""
-    _plan(root, source).unlink(missing_ok=True)
+    """Everything is done: nothing of it is left in the state, and the list is forgotten. Raises WriterLocked, DiskFull."""
+    with lock.writer(root, source):
+        frontier = Frontier(root / "state" / f"{source}.sqlite")
+        try:
+            frontier.forget()
+        finally:
+            frontier.close()
+        _plan(root, source).unlink(missing_ok=True)
 
 
 def unfinished(root: Path, source: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +118,7 @@ def test_a_purge_leaves_no_trace_in_any_file(tiny: Work, monkeypatch: pytest.Mon
     below = [key for key, comment in world.comments.items() if comment["link_id"] in names]
     for path, found in texts(tiny.root).items():
         assert "Unmistakable" not in found, path
-        if path.endswith("tombstones.parquet") or path.endswith(".sqlite") or ".sqlite-" in path:
+        if path.endswith("tombstones.parquet"):
             continue
         for key in (text, image, link, *leaves, *below):
             assert key not in found, f"{key} in {path}"
@@ -170,6 +171,35 @@ def test_a_purge_that_was_cut_off_goes_on(tiny: Work, monkeypatch: pytest.Monkey
     assert not store.unfinished(tiny.root, "reddit")
 
 
+@pytest.mark.parametrize("known_from", ["raw", "address"])
+def test_a_crosspost_shows_nothing_of_a_purged_parent(tiny: Work, known_from: str) -> None:
+    crosspost, parent = list(tiny.world.posts)[CASES.index("crosspost")], "zz9zz9"
+    shown = {"raw": f"https://v.redd.it/{parent}", "address": f"https://www.reddit.com/gallery/{parent}"}[known_from]
+    post = tiny.world.posts[crosspost]
+    post |= {"url": shown, "crosspost_parent_list": [{**post["crosspost_parent_list"][0], "url": shown}]}
+    whole = tiny.place / "whole.txt"
+    whole.write_text(f"t3_{crosspost}\n")
+    tiny.rebuild(whole, tiny.root / "export" / "reconstructed")
+    if known_from == "raw":
+        tiny.filter()
+        tiny.export("convokit")
+    else:  # the user has no raw answers of his own
+        shutil.rmtree(tiny.root / "raw" / "reddit")
+        (tiny.root / "state" / "reddit.sqlite").unlink()
+    assert shown in " ".join(tiny.text().values())
+    ids = tiny.place / "ids"
+    ids.write_text(f"t3_{parent}\n")
+    tiny.purge(ids)
+    assert not [path for path, found in tiny.text().items() if shown in found]
+    row = next(row for row in tiny.table("export", "reconstructed", "posts") if row["post_id"] == crosspost)
+    assert (row["is_crosspost"], row["type"], row["source_url"], row["link_kind"]) == (True, "text", None, None)
+    if known_from == "raw":
+        after = tiny.table("clean", "reddit", "posts")
+        assert crosspost in {row["post_id"] for row in after}
+        tiny.filter()
+        assert tiny.table("clean", "reddit", "posts") == after, "the filter says the same"
+
+
 def test_a_comment_with_a_posts_bare_id_is_another_thing(tiny: Work) -> None:
     tiny.filter()
     row = tiny.table("clean", "reddit", "comments")[0]
@@ -193,7 +223,7 @@ SHARED = thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[{"id":
 
 @pytest.mark.parametrize(("kind", "params", "answer", "keys", "expected"), [
     ("listings", {"after": "t3_p"}, listing(thing("t3", "p"), thing("t3", "q"), after="t3_p"), {"t3_p"}, ({"after": ""}, listing(thing("t3", "q"), after="t3_q"))),
-    ("listings", {}, listing(SHARED), {"t3_p"}, ({}, listing(thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[], url="/r/M/comments/p/")))),
+    ("listings", {}, listing(SHARED), {"t3_p"}, ({}, listing(thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[])))),
     ("comments", {"article": "p"}, [listing(thing("t3", "p")), listing(COMMENT)], {"t3_p"}, None),
     ("comments", {"article": "p", "comment": "c"}, [listing(thing("t3", "p")), listing(COMMENT)], {"t1_c"},
      ({"article": "p"}, [listing(thing("t3", "p")), listing(thing("t1", "d", link_id="t3_p", replies=""))])),

@@ -126,6 +126,31 @@ def test_an_older_state_is_migrated_after_a_backup(tmp_path, monkeypatch):
     assert (tmp_path / "state" / "youtube.sqlite.v1.bak").exists()
 
 
+def test_what_was_removed_is_in_no_byte_of_any_file(tmp_path):
+    frontier = open_frontier(tmp_path)
+    keys = [f"key{number:05d}" for number in range(5_000)]
+    frontier.add("video", [(key, {"channel": key}) for key in keys])
+    frontier.done("video", *keys[::3])
+    gone = keys[7::50]
+    frontier.remove("video", gone)
+    (tmp_path / "state" / "youtube.sqlite.v1.bak").write_text(gone[0])
+    frontier.forget()
+    found = b"".join(path.read_bytes() for path in (tmp_path / "state").iterdir())
+    assert not [key for key in gone if key.encode() in found]
+    assert sum(frontier.counts("video").values()) == len(keys) - len(gone)
+    assert all(key.encode() in found for key in keys if key not in gone)
+
+
+def test_replace_leaves_only_the_new_ones_in_their_order(tmp_path):
+    frontier = open_frontier(tmp_path)
+    frontier.add("info", ["a", "b", "c"])
+    frontier.done("info", "b")
+    frontier.add("video", ["a"])
+    assert frontier.replace("info", iter(["z", ("b", {"post": "p"})])) == 2
+    assert [(item.key, item.payload) for item in frontier.take("info", 9)] == [("z", None), ("b", {"post": "p"})]
+    assert frontier.counts("video") == {"todo": 1}
+
+
 def test_a_state_that_cannot_be_read_says_what_to_do(tmp_path):
     (tmp_path / "state").mkdir()
     (tmp_path / "state" / "youtube.sqlite").write_bytes(b"no database " * 999)
