@@ -111,9 +111,7 @@ class Api:
             answer = self._web.get(self.endpoint, {**params, "format": "json", "formatversion": "2", "maxlag": "5"})
         except ItemFinal as error:
             if error.reason in ("http_401", "http_403"):
-                raise Blocked(
-                    f"the wiki's API refuses us ({error.reason})", hint="wait and run the same command again"
-                ) from None
+                raise Blocked(f"the wiki's API refuses us ({error.reason})", hint="wait and run the same command again") from None
             raise FatalError(f"the wiki's API at {self.endpoint} does not answer: {error}") from None
         try:
             value = msgspec.json.decode(answer.body)

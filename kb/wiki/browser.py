@@ -84,11 +84,7 @@ class Browser:
             raise
 
     def _start(self, driver: str) -> subprocess.Popen[bytes]:
-        keep = {
-            name: os.environ[name]
-            for name in ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH")
-            if name in os.environ
-        }
+        keep = {name: os.environ[name] for name in ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH") if name in os.environ}
         home = {
             "HOME": self.folder,
             "TMPDIR": self.folder,
@@ -145,9 +141,7 @@ class Browser:
         for flag in flags:
             options.add_argument(flag)
         # Selenium waits longer than the page may take: the driver's own limits answer first.
-        config = ClientConfig(
-            remote_server_addr=f"http://127.0.0.1:{port}", keep_alive=True, timeout=int(page_seconds) + 15
-        )
+        config = ClientConfig(remote_server_addr=f"http://127.0.0.1:{port}", keep_alive=True, timeout=int(page_seconds) + 15)
         try:
             with self.within(START_SECONDS + 15):
                 self._driver = WebDriver(

@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -24,6 +25,7 @@ from kb.store.lock import writer
 from kb.store.recorder import Recorder
 from kb.wiki import browser, capture, chromium, fetch, show, state
 from kb.wiki.api import BATCH, Api, find_endpoint
+from kb.wiki.job import Job
 from kb.wiki.pool import Pool
 from kb.wiki.titles import read_titles
 from kb.wiki.web import Web
@@ -41,7 +43,8 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
         frontier = Frontier(run.root / "state" / "wiki.sqlite")
         try:
             with Recorder(run.root, "wiki", frontier, state.apply) as recorder:
-                job = Crawl(run, url, frontier, recorder, programs)
+                web = Web(run, url, section.hosts, section.seconds_between)
+                job = Crawl(run=run, url=url, section=section, frontier=frontier, recorder=recorder, web=web, programs=programs)
                 try:
                     job.go(wanted)
                 except KbError as error:
@@ -52,14 +55,11 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
             frontier.close()
 
 
-class Crawl:
-    """One run of the crawl under the writer's lock."""
+@dataclass(kw_only=True)
+class Crawl(Job):
+    """The phases in their order."""
 
-    def __init__(self, run: Run, url: str, frontier: Frontier, recorder: Recorder, programs: chromium.Programs) -> None:
-        self.run, self.url, self.frontier, self.recorder, self.programs = run, url, frontier, recorder, programs
-        self.section = run.profile.section("wiki")
-        self.web = Web(run, url, self.section.hosts, self.section.seconds_between)
-        self.shown = 0
+    programs: chromium.Programs
 
     def go(self, wanted: list[str] | None) -> None:
         """All phases; each starts where an earlier run stopped."""
@@ -74,9 +74,7 @@ class Crawl:
             left = show.show_pages(self, pool, api)
         fetch.fetch_files(self, api)
         if left:
-            raise LimitReached(
-                f"--limit {self.run.limit} reached, {left} pages left", hint="run the same command to go on"
-            )
+            raise LimitReached(f"--limit {self.run.limit} reached, {left} pages left", hint="run the same command to go on")
 
     # -- rounds ----------------------------------------------------------------------------------
 
@@ -148,8 +146,7 @@ class Crawl:
             tag = items[0].key.partition(":")[0]
             # One round a call; and long titles would make an address that servers refuse.
             while len(items) > 1 and (
-                items[-1].key.partition(":")[0] != tag
-                or sum(len(item.payload["title"].encode()) * 2 for item in items) > 5000
+                items[-1].key.partition(":")[0] != tag or sum(len(item.payload["title"].encode()) * 2 for item in items) > 5000
             ):
                 self.frontier.release("info", items.pop().key)
             api.details(tag, titles=[item.payload["title"] for item in items])

@@ -11,28 +11,25 @@ from kb.core.errors import ItemFinal, Unreachable
 from kb.store import rawlog
 from kb.wiki import addresses, pictures
 from kb.wiki.api import BATCH, Api
+from kb.wiki.job import Job
 
 if TYPE_CHECKING:
     from kb.store.frontier import Item
-    from kb.wiki.crawl import Crawl
 
 
-def fetch_files(crawl: Crawl, api: Api) -> None:
+def fetch_files(job: Job, api: Api) -> None:
     """Fetch every picture that is to do. Raises Stopped."""
-    frontier = crawl.frontier
-    task = crawl.run.progress.task("pictures", frontier.counts("files").get("todo"), "files")
-    with ThreadPoolExecutor(max(2, crawl.run.workers), thread_name_prefix="wiki-files") as threads:
+    frontier = job.frontier
+    task = job.run.progress.task("pictures", frontier.counts("files").get("todo"), "files")
+    with ThreadPoolExecutor(max(2, job.run.workers), thread_name_prefix="wiki-files") as threads:
         while items := frontier.take("files", BATCH):
             try:
                 known = _ask(api, items)
-                jobs = [
-                    (item, threads.submit(_one, crawl, item, known.get(item.payload.get("title") or "", {})))
-                    for item in items
-                ]
+                asked = [(item, threads.submit(_one, job, item, known.get(item.payload.get("title") or "", {}))) for item in items]
                 failed: BaseException | None = None
-                for item, job in jobs:
+                for item, answer in asked:
                     try:
-                        crawl.recorder.record("files", item.key, {}, 200, job.result())
+                        job.recorder.record("files", item.key, {}, 200, answer.result())
                         task.advance(1)
                     except BaseException as error:  # noqa: BLE001  the files in flight are kept first
                         failed = failed or error
@@ -45,10 +42,10 @@ def fetch_files(crawl: Crawl, api: Api) -> None:
     task.close()
 
 
-def reopen_changed(crawl: Crawl, api: Api) -> int:
+def reopen_changed(job: Job, api: Api) -> int:
     """Ask for the files that were replaced on the wiki since they were fetched, 50 a call; how many are to fetch again."""
     held: dict[str, dict[str, Any]] = {}
-    for envelope in rawlog.read(crawl.run.root, "wiki", "files"):
+    for envelope in rawlog.read(job.run.root, "wiki", "files"):
         answer = envelope.response
         if answer["outcome"] == "stored" and answer.get("sha1") and answer.get("title"):
             held[answer["key"]] = answer
@@ -62,7 +59,7 @@ def reopen_changed(crawl: Crawl, api: Api) -> int:
             if info.get("sha1") not in (None, answer["sha1"]):
                 changed.append(answer["key"])
         signals.stop.check()
-    crawl.frontier.mark("files", changed, "todo")
+    job.frontier.mark("files", changed, "todo")
     return len(changed)
 
 
@@ -79,9 +76,9 @@ def _ask(api: Api, items: list[Item]) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _one(crawl: Crawl, item: Item, page: dict[str, Any]) -> dict[str, Any]:
+def _one(job: Job, item: Item, page: dict[str, Any]) -> dict[str, Any]:
     """One file: the answer to be recorded. Raises Stopped when the wiki can't be reached at all."""
-    section, web = crawl.section, crawl.web
+    section, web = job.section, job.web
     info = (page.get("imageinfo") or [{}])[0]
     answer: dict[str, Any] = {
         "key": item.key,
@@ -89,7 +86,7 @@ def _one(crawl: Crawl, item: Item, page: dict[str, Any]) -> dict[str, Any]:
         "license": addresses.file_licence(page),
         "description": info.get("descriptionurl"),
     }
-    folder = crawl.run.root / "raw" / "wiki" / "images"
+    folder = job.run.root / "raw" / "wiki" / "images"
     inspect = partial(pictures.inspect, max_pixels=section.max_pixels)
     reason, value = "", None
     for url in dict.fromkeys(filter(None, (info.get("url"), item.key, item.payload.get("src")))):

@@ -48,9 +48,7 @@ class PngWriter:
         self._last = tile.crop((0, height - 1, width, height))
         self._rows += height
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         try:
             if kind is None:
                 if self._rows != self._height:

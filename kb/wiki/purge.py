@@ -48,11 +48,7 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
             # Opening the recorder cuts torn frames, closes segments and takes in what was not read yet.
             Recorder(run.root, "wiki", frontier, state.apply).close()
             titles = {payload["title"]: key for key, _, _, payload in frontier.items("pages")}
-            found = {
-                key: str(reason)
-                for key, _, reason, _ in frontier.items("pages", "skipped")
-                if reason in ("deleted", "moved")
-            }
+            found = {key: str(reason) for key, _, reason, _ in frontier.items("pages", "skipped") if reason in ("deleted", "moved")}
             found |= {titles.get(name.replace("_", " "), name): "named" for name in named}
             keys = purge.begin(run.root, "wiki", found)
             if keys:

@@ -38,9 +38,7 @@ def snapped(box: Iterable[float]) -> Box:
     return math.floor(x + 0.5), math.floor(y + 0.5), math.floor(x + width + 0.5), math.floor(y + height + 0.5)
 
 
-def take(
-    browser: Browser, path: Path, width: int, height: int, crops: dict[int, Box] | None = None
-) -> dict[int, bytes]:
+def take(browser: Browser, path: Path, width: int, height: int, crops: dict[int, Box] | None = None) -> dict[int, bytes]:
     """Write the picture to `path`; the PNG bytes of each crop.
 
     `width` and `height` are the page's (CSS px, one image px each). Raises Retryable when the

@@ -18,22 +18,22 @@ from kb.store.atomic import full_disk_is_resumable, replacing_folder, write_byte
 from kb.store.frontier import Item
 from kb.wiki import addresses
 from kb.wiki.capture import Captured, capture
+from kb.wiki.job import Job
 from kb.wiki.pool import Pool
 from kb.wiki.screenshot import snapped
 
 if TYPE_CHECKING:
     from kb.wiki.api import Api
-    from kb.wiki.crawl import Crawl
 
 SCRATCH = ".shot-"
 _ENCODER = msgspec.json.Encoder()
 
 
-def show_pages(crawl: Crawl, pool: Pool, api: Api) -> int:
+def show_pages(job: Job, pool: Pool, api: Api) -> int:
     """Show every page that is to do, at most --limit of them; how many are left. Raises Stopped."""
-    frontier, run = crawl.frontier, crawl.run
+    frontier, run = job.frontier, job.run
     barred = tombstones.keys(run.root, "wiki")
-    for left in _pages_folder(crawl).glob(f"{SCRATCH}*"):  # of a run that was killed
+    for left in _pages_folder(job).glob(f"{SCRATCH}*"):  # of a run that was killed
         shutil.rmtree(left, ignore_errors=True)
     total = frontier.counts("pages").get("todo", 0)
     task = run.progress.task("pages", total if run.limit is None else min(total, run.limit), "pages")
@@ -54,15 +54,15 @@ def show_pages(crawl: Crawl, pool: Pool, api: Api) -> int:
                     frontier.skip("pages", item.key, "removed")
                     continue
                 started += 1
-                flying[threads.submit(_page, crawl, pool, item)] = item
+                flying[threads.submit(_page, job, pool, item)] = item
             if not flying:
                 break
             for future in wait(flying, return_when=FIRST_COMPLETED).done:
                 item = flying.pop(future)
                 try:
                     answer = future.result()
-                    _keep(crawl, api, item, answer)
-                    crawl.shown += answer["outcome"] == "captured"
+                    _keep(job, api, item, answer)
+                    job.shown += answer["outcome"] == "captured"
                     task.advance(1)
                 except BaseException as error:  # noqa: BLE001  the pages in flight are kept first
                     frontier.release("pages", item.key)
@@ -74,21 +74,21 @@ def show_pages(crawl: Crawl, pool: Pool, api: Api) -> int:
     return frontier.counts("pages").get("todo", 0)
 
 
-def _page(crawl: Crawl, pool: Pool, item: Item) -> dict[str, Any]:
+def _page(job: Job, pool: Pool, item: Item) -> dict[str, Any]:
     """All tries of one page: the answer to be recorded. Raises Stopped, MissingExtra."""
-    section, url = crawl.section, item.payload["url"]
+    section, url = job.section, item.payload["url"]
     answer: dict[str, Any] = {
         "page_id": int(item.key),
         "title": item.payload["title"],
         "url": url,
         "wanted_revision": item.payload["revision_id"],
     }
-    if not crawl.web.allowed(url):
+    if not job.web.allowed(url):
         return {**answer, "outcome": "robots", "reason": "disallowed", "value": None}
     reason, value = "", None
     with (
-        full_disk_is_resumable(crawl.run.root),
-        tempfile.TemporaryDirectory(prefix=SCRATCH, dir=_pages_folder(crawl)) as scratch,
+        full_disk_is_resumable(job.run.root),
+        tempfile.TemporaryDirectory(prefix=SCRATCH, dir=_pages_folder(job)) as scratch,
     ):
         picture = Path(scratch) / "screenshot.png"
         for number in range(1, section.max_tries + 1):
@@ -97,12 +97,12 @@ def _page(crawl: Crawl, pool: Pool, item: Item) -> dict[str, Any]:
                     lambda browser, last=number == section.max_tries: capture(
                         browser, url, picture, section.rules, max_height=section.max_page_height, strict=not last
                     ),
-                    first=crawl.web.pace.wait,
+                    first=job.web.pace.wait,
                 )
                 shown = found.extraction["page"]["page_id"]
                 if shown and shown != int(item.key):
                     raise ItemFinal("other_page", str(shown))
-                return {**answer, "tries": number, **_store(crawl, item, found, picture)}
+                return {**answer, "tries": number, **_store(job, item, found, picture)}
             except ItemFinal as error:
                 reason, value = error.reason, error.value
                 break
@@ -110,49 +110,49 @@ def _page(crawl: Crawl, pool: Pool, item: Item) -> dict[str, Any]:
                 reason, _, said = error.reason.partition(": ")
                 value = said or None
                 if error.unreachable or reason.startswith(("err_", "not_loaded")):
-                    if final := _ask_plainly(crawl, url):
+                    if final := _ask_plainly(job, url):
                         reason, value = final.reason, final.value
                         break
                 elif number < section.max_tries:
                     clock.sleep(0.1 * number)
     if reason in ("http_401", "http_403"):
-        _blocked(crawl)
+        _blocked(job)
     return {**answer, "outcome": "failed", "reason": reason, "value": value, "tries": number}
 
 
-def _blocked(crawl: Crawl) -> None:
+def _blocked(job: Job) -> None:
     """A refused page may be that page's own matter; a refused front page is not. Raises Blocked."""
     try:
-        crawl.web.attempt(lambda: crawl.web.get(f"{crawl.url}/", {}))
+        job.web.attempt(lambda: job.web.get(f"{job.url}/", {}))
     except ItemFinal as error:
         raise Blocked(f"the wiki refuses us ({error.reason})", hint="wait and run the same command again") from None
 
 
-def _ask_plainly(crawl: Crawl, url: str) -> ItemFinal | None:
+def _ask_plainly(job: Job, url: str) -> ItemFinal | None:
     """A plain request tells what the browser hides: Retry-After, 4xx without a body, no wiki at all.
 
     The answer that makes further tries useless, if it is one. Raises Unreachable, Blocked.
     """
     try:
-        crawl.web.attempt(lambda: crawl.web.get(url, {}))
+        job.web.attempt(lambda: job.web.get(url, {}))
     except ItemFinal as error:
         return error
     return None
 
 
-def _pages_folder(crawl: Crawl) -> Path:
-    folder = crawl.run.root / "raw" / "wiki" / "pages"
+def _pages_folder(job: Job) -> Path:
+    folder = job.run.root / "raw" / "wiki" / "pages"
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
-def _store(crawl: Crawl, item: Item, found: Captured, picture: Path) -> dict[str, Any]:
+def _store(job: Job, item: Item, found: Captured, picture: Path) -> dict[str, Any]:
     """Write the page's files in one step; what the envelope says about them."""
     watch = clock.monotonic()
     page = found.extraction["page"]
     revision = int(page["revision_id"] or item.payload["revision_id"])
-    folder = _pages_folder(crawl) / str(int(item.key)) / str(revision)
-    images = crawl.run.root / "raw" / "wiki" / "images"
+    folder = _pages_folder(job) / str(int(item.key)) / str(revision)
+    images = job.run.root / "raw" / "wiki" / "images"
     sprites = {}
     for element, data in sorted(found.sprites.items()):
         name = _sha256(data)
@@ -167,14 +167,12 @@ def _store(crawl: Crawl, item: Item, found: Captured, picture: Path) -> dict[str
     with replacing_folder(folder) as fresh:
         shutil.move(picture, fresh / "screenshot.png")
         (fresh / "page.html.zst").write_bytes(pack.compress(found.html.encode("utf-8", "replace")))
-        (fresh / "extraction.json.zst").write_bytes(
-            pack.compress(_ENCODER.encode({**found.extraction, "sprites": sprites}))
-        )
+        (fresh / "extraction.json.zst").write_bytes(pack.compress(_ENCODER.encode({**found.extraction, "sprites": sprites})))
     seconds = {**found.seconds, "store": round(clock.monotonic() - watch, 4)}
     return {
         "outcome": "captured",
         "revision_id": revision,
-        "folder": str(folder.relative_to(crawl.run.root)),
+        "folder": str(folder.relative_to(job.run.root)),
         "settled": found.settled,
         "elements": len(found.extraction["elements"]),
         "files": files,
@@ -201,11 +199,9 @@ def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
     return list(found.values())
 
 
-def _keep(crawl: Crawl, api: Api, item: Item, answer: dict[str, Any]) -> None:
+def _keep(job: Job, api: Api, item: Item, answer: dict[str, Any]) -> None:
     """Record the answer; ask for the revision's facts when the wiki showed another than it had named."""
     revision = answer.get("revision_id")
     if revision and revision != item.payload["revision_id"]:
         api.revision(revision)
-    crawl.recorder.record(
-        "renders", answer["url"], {"page_id": item.key}, 200 if answer["outcome"] == "captured" else 0, answer
-    )
+    job.recorder.record("renders", answer["url"], {"page_id": item.key}, 200 if answer["outcome"] == "captured" else 0, answer)

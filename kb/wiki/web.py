@@ -78,9 +78,7 @@ class Web:
         except Retryable as error:
             if error.reason == "http_429":
                 raise Blocked("the wiki answers 429 without end", hint="wait and run the same command again") from None
-            raise Unreachable(
-                f"the wiki does not answer: {error.reason}", hint="the same command goes on where it stopped"
-            ) from None
+            raise Unreachable(f"the wiki does not answer: {error.reason}", hint="the same command goes on where it stopped") from None
 
     @property
     def _session(self) -> Any:
@@ -153,12 +151,7 @@ class Web:
                         raise ItemFinal("too_large", f"more than {limit}")
             except requests.RequestException as error:
                 raise Retryable(type(error).__name__, unreachable=True) from None
-            if (
-                wanted
-                and wanted.isdigit()
-                and not response.headers.get("content-encoding")
-                and len(held) != int(wanted)
-            ):
+            if wanted and wanted.isdigit() and not response.headers.get("content-encoding") and len(held) != int(wanted):
                 raise Retryable("cut_off", unreachable=True)
         data = bytes(held)
         found = inspect(data)

@@ -2,101 +2,70 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from pathlib import Path
-from typing import Any
 
-import pyarrow.parquet as pq
 import pytest
 
-from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, SchemaMismatch, SettingError
-from kb.core.profile import load_profile
-from kb.core.settings import Settings
 from kb.export import parquet
+from kb.filters import buckets
 from kb.filters.clean import run_clean
 from kb.store import rawlog, tombstones
 from kb.store.frontier import Frontier
-
-GAME = "UCQvWX73GQygcwXOTSf_VDVg"
-MONDAY, TUESDAY = "2026-11-16T12:00:00Z", "2026-11-17T12:00:00Z"
-
-
-def video(key: str, **change: Any) -> dict[str, Any]:
-    item: dict[str, Any] = {
-        "id": key,
-        "snippet": {"title": f"Minecraft {key}", "publishedAt": "2020-01-01T00:00:00Z", "channelId": "UC1", "categoryId": "20", "description": "d"},
-        "contentDetails": {"duration": "PT5M"}, "statistics": {"viewCount": "1000", "likeCount": "5"},
-        "status": {"license": "youtube"}, "player": {"embedWidth": "854", "embedHeight": "480"},
-    }
-    for path, value in change.items():
-        *parents, last = path.split("__")
-        node = item
-        for step in parents:
-            node = node[step]
-        if value is KeyError:
-            del node[last]
-        else:
-            node[last] = value
-    return item
-
-
-def put(root: Path, kind: str, *envelopes: tuple[str, dict[str, Any], Any]) -> None:
-    """One closed segment of (fetched_at, params, response)."""
-    segment = rawlog.Segment(rawlog.folder(root, "youtube", kind))
-    for fetched_at, params, response in envelopes:
-        envelope = rawlog.Envelope(fetched_at, rawlog.Request(kind, params), 200, response)
-        segment.append(rawlog.encode(envelope), sync=False)
-    segment.close()
-
-
-def listing(*items: dict[str, Any]) -> dict[str, Any]:
-    return {"items": list(items)}
-
-
-def transcript(key: str, outcome: str = "ok", **change: Any) -> tuple[str, dict[str, Any], Any]:
-    response = {"video_id": key, "outcome": outcome, "kind": "asr", "language": "en", "cues": [[0, 2, "one two"], [1, 2, "three"]],
-                "player": {"width": 1920, "height": 1080, "fps": 60, "game_label_id": GAME, "game_label": "Minecraft"}} | change
-    if outcome != "ok":
-        response |= {"kind": None, "language": None, "cues": None}
-    return MONDAY, {}, response
-
-
-def run_at(root: Path, workers: int = 1, pipeline: Path | None = None, **youtube: Any) -> Run:
-    profile = load_profile("minecraft")
-    changed = profile.youtube.model_copy(update=youtube)  # type: ignore[union-attr]
-    toxicity = profile.toxicity.model_copy(update={"toxicity": "off"})
-    return Run(settings=Settings(), profile=profile.model_copy(update={"youtube": changed, "toxicity": toxicity}), root=root, workers=workers,
-               pipeline=str(pipeline) if pipeline else None)
-
-
-def rows(root: Path, name: str) -> dict[str, dict[str, Any]]:
-    found = pq.read_table(root / "clean" / "youtube" / name).to_pylist()
-    return {row.get("key", row.get("video_id")): row for row in found}
+from tests.filters.made import MONDAY, TUESDAY, digests, listing, put, rows, run_at, transcript, video
 
 
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
     good = ["kept", "bare", "none", "disabled", "unread", "broken", "restricted", "roblox", "badcues"]
-    put(tmp_path, "videos", (MONDAY, {"id": ",".join([*good, "gone"])}, listing(*(video(key) for key in good))), (
-        MONDAY, {}, listing(
-            video("category", snippet__categoryId="22"), video("words", snippet__title="cooking", statistics__viewCount="5"),
-            video("few", statistics__viewCount="99"), video("noviews", statistics__viewCount=KeyError), video("minus", statistics__viewCount="-5"),
-            video("tall", player__embedWidth="270"), video("noshape", player=KeyError), video("live", contentDetails__duration="P0D"),
-            video("odd", contentDetails__duration="5 minutes"), video("rated", contentDetails__contentRating={"ytRating": "ytAgeRestricted"}),
-            video("hidden", statistics__likeCount=KeyError, statistics__viewCount="5"),
-        )))
-    put(tmp_path, "transcripts", transcript("kept"), transcript("bare", player=None), transcript("none", "none"), transcript("disabled", "disabled"),
-        transcript("broken", "failed", player=None), transcript("restricted", "age_restricted", player=None),
-        transcript("roblox", player={"game_label_id": "UCx", "game_label": "Roblox"}), transcript("badcues", cues=[[0, "x"]], player=None))
+    put(
+        tmp_path,
+        "videos",
+        (MONDAY, {"id": ",".join([*good, "gone"])}, listing(*(video(key) for key in good))),
+        (
+            MONDAY,
+            {},
+            listing(
+                video("category", snippet__categoryId="22"),
+                video("words", snippet__title="cooking", statistics__viewCount="5"),
+                video("few", statistics__viewCount="99"),
+                video("noviews", statistics__viewCount=KeyError),
+                video("minus", statistics__viewCount="-5"),
+                video("tall", player__embedWidth="270"),
+                video("noshape", player=KeyError),
+                video("live", contentDetails__duration="P0D"),
+                video("odd", contentDetails__duration="5 minutes"),
+                video("rated", contentDetails__contentRating={"ytRating": "ytAgeRestricted"}),
+                video("hidden", statistics__likeCount=KeyError, statistics__viewCount="5"),
+            ),
+        ),
+    )
+    put(
+        tmp_path,
+        "transcripts",
+        transcript("kept"),
+        transcript("bare", player=None),
+        transcript("none", "none"),
+        transcript("disabled", "disabled"),
+        transcript("broken", "failed", player=None),
+        transcript("restricted", "age_restricted", player=None),
+        transcript("roblox", player={"game_label_id": "UCx", "game_label": "Roblox"}),
+        transcript("badcues", cues=[[0, "x"]], player=None),
+    )
     return tmp_path
 
 
 def test_every_answer(root: Path) -> None:
     summary = run_clean(run_at(root), "youtube")
     assert {name: summary[name] for name in ("crawled", "kept", "rejected", "failed", "pending", "missing")} == {
-        "crawled": 21, "kept": 2, "rejected": 16, "failed": 2, "pending": 1, "missing": 1}
+        "crawled": 21,
+        "kept": 2,
+        "rejected": 16,
+        "failed": 2,
+        "pending": 1,
+        "missing": 1,
+    }
     kept = rows(root, "videos")
     assert set(kept) == {"kept", "bare"}
     row = kept["kept"]
@@ -165,7 +134,7 @@ def test_the_newest_answer_wins(root: Path) -> None:
     summary = run_clean(run_at(root), "youtube")
     assert rows(root, "videos")["kept"]["view_count"] == 2000
     assert rows(root, "videos")["kept"]["transcript_kind"] == "asr"  # a later failure takes nothing away
-    assert rows(root, "rejected")["bare"]["stage"] == "missing"     # it vanished since
+    assert rows(root, "rejected")["bare"]["stage"] == "missing"  # it vanished since
     assert summary["duplicates"] == 4
 
 
@@ -174,25 +143,21 @@ def test_tombstones_are_left_out(root: Path) -> None:
     tombstones.add(root, "youtube", [("kept", "named"), ("few", "named")])
     summary = run_clean(run_at(root), "youtube")
     assert summary["crawled"] == 19
-    assert "kept" not in rows(root, "videos") and "kept" not in rows(root, "transcripts") and "few" not in rows(root, "rejected")
-
-
-def digests(folder: Path) -> dict[str, str]:
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.rglob("*")) if path.is_file()}
+    assert "kept" not in rows(root, "videos")
+    assert "kept" not in rows(root, "transcripts")
+    assert "few" not in rows(root, "rejected")
 
 
 def test_workers_segments_and_buckets_change_no_byte_of_the_release(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from kb.filters import buckets
-
     keys = [f"v{number:04d}" for number in range(600)]
-    answers = [listing(*(video(key, statistics__viewCount=str(int(key[1:]) * 3)) for key in keys[start:start + 50])) for start in range(0, 600, 50)]
+    answers = [listing(*(video(key, statistics__viewCount=str(int(key[1:]) * 3)) for key in keys[start : start + 50])) for start in range(0, 600, 50)]
     said = [transcript(key) for key in keys]
     for name in ("one", "many"):
         step = 12 if name == "one" else 3
         for start in range(0, 12, step):
-            put(tmp_path / name, "videos", *((MONDAY, {}, answer) for answer in answers[start:start + step]))
+            put(tmp_path / name, "videos", *((MONDAY, {}, answer) for answer in answers[start : start + step]))
         for start in range(0, 600, step * 50):
-            put(tmp_path / name, "transcripts", *said[start:start + step * 50])
+            put(tmp_path / name, "transcripts", *said[start : start + step * 50])
     run_clean(run_at(tmp_path / "one"), "youtube")
     monkeypatch.setattr(buckets, "RAW_BYTES", 10_000)
     summary = run_clean(run_at(tmp_path / "many", workers=2), "youtube")
@@ -204,6 +169,21 @@ def test_workers_segments_and_buckets_change_no_byte_of_the_release(tmp_path: Pa
     before = digests(tmp_path / "many/clean")
     run_clean(run_at(tmp_path / "many", workers=1), "youtube")
     assert digests(tmp_path / "many/clean") == before
+
+
+def test_buckets_without_rows_are_no_failure_and_every_table_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    put(tmp_path, "videos", (MONDAY, {}, listing(video("alone"))))
+    monkeypatch.setattr(buckets, "RAW_BYTES", 10)
+    assert run_clean(run_at(tmp_path), "youtube")["pending"] == 1
+    assert {path.name for path in (tmp_path / "clean/youtube").iterdir() if path.is_dir()} == {
+        "videos",
+        "transcripts",
+        "rejected",
+        "failed",
+        "pending",
+    }
+    assert list(rows(tmp_path, "pending")) == ["alone"]
+    assert rows(tmp_path, "videos") == {}
 
 
 def test_unknown_keys_are_counted(root: Path) -> None:
@@ -282,13 +262,20 @@ def test_a_pipeline_of_one_s_own_with_scores(root: Path, tmp_path: Path) -> None
     for workers in (1, 2):
         summary = run_clean(run_at(root, workers=workers, pipeline=mine), "youtube")
         assert rows(root, "rejected")["kept"] | {"key": ""} == {
-            "key": "", "stage": "toxicity", "reason": "above", "value": "0.68", "threshold": "0.31"}
+            "key": "",
+            "stage": "toxicity",
+            "reason": "above",
+            "value": "0.68",
+            "threshold": "0.31",
+        }
         row = rows(root, "videos")["bare"]
         assert (round(row["toxicity_title"], 2), round(row["toxicity_title_toxicity"], 2), row["toxicity_title_threat"]) == (0.28, 0.14, None)
         assert "toxicity" not in summary
     # only what reaches the stage is scored: not what an earlier stage drops
     asked = (root / "asked.txt").read_text().split("\n")
-    assert "Minecraft bare" in asked and "Minecraft few" not in asked and "d" in asked
+    assert "Minecraft bare" in asked
+    assert "Minecraft few" not in asked
+    assert "d" in asked
 
 
 def test_a_pipeline_that_is_not_there_or_wrong(root: Path, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from kb.filters.predicates import (
     Predicate,
     Present,
     RatioAtLeast,
+    Told,
     Waits,
     passes,
 )
@@ -26,8 +27,12 @@ PROBLEMS = pa.list_(pa.struct([("column", pa.string()), ("reason", pa.string()),
 
 def judge(predicate: Predicate, problems: list[list[dict[str, Any]]] | None = None, **columns: Any) -> list[tuple[Any, Any]]:
     size = len(next(iter(columns.values())))
-    rows = pa.table({**{name: values if isinstance(values, pa.Array) else pa.array(values) for name, values in columns.items()},
-                     "problems": pa.array(problems or [[]] * size, PROBLEMS)})
+    rows = pa.table(
+        {
+            **{name: values if isinstance(values, pa.Array) else pa.array(values) for name, values in columns.items()},
+            "problems": pa.array(problems or [[]] * size, PROBLEMS),
+        }
+    )
     judged = predicate.judge(rows)
     assert len(judged.reason) == len(judged.value) == size
     return list(zip(judged.reason.to_pylist(), judged.value.to_pylist(), strict=True))
@@ -39,8 +44,11 @@ def bad(column: str, value: str) -> list[dict[str, Any]]:
 
 def test_at_least() -> None:
     stage = AtLeast("view_count", 100, stage="views")
-    rows = judge(stage, [[], [], [], [{"column": "view_count", "reason": "absent", "value": None}], bad("view_count", "-5"), bad("other", "x")],
-                 view_count=[100, 99, 10**12, None, None, None])
+    rows = judge(
+        stage,
+        [[], [], [], [{"column": "view_count", "reason": "absent", "value": None}], bad("view_count", "-5"), bad("other", "x")],
+        view_count=[100, 99, 10**12, None, None, None],
+    )
     assert rows == [(None, None), ("below", "99"), (None, None), ("absent", None), ("malformed", "-5"), ("absent", None)]
     assert (stage.judge(pa.table({"view_count": [5]})).threshold, stage.reads) == ("100", {"view_count"})
 
@@ -54,20 +62,32 @@ def test_ratio() -> None:
 def test_at_most_with_scores() -> None:
     scores = pa.array([0.5, 0.50001, None, 0.1], pa.float32())
     assert judge(AtMost("s", 0.5, stage="toxicity", null_passes=True, reason="title"), s=scores) == [
-        (None, None), ("title", "0.50001"), (None, None), (None, None)]
+        (None, None),
+        ("title", "0.50001"),
+        (None, None),
+        (None, None),
+    ]
     assert judge(AtMost("s", 0.5, stage="x"), s=scores)[2] == ("absent", None)
 
 
 def test_flags_and_sets() -> None:
     assert judge(NotTrue("nsfw", stage="nsfw", reason="nsfw"), nsfw=[True, False, None]) == [("nsfw", None), (None, None), (None, None)]
     assert judge(NotIn("kind", ("none", "disabled"), stage="transcript"), kind=["none", "asr", None]) == [
-        ("none", "none"), (None, None), (None, None)]
+        ("none", "none"),
+        (None, None),
+        (None, None),
+    ]
     assert judge(In("kind", ("a",), stage="x"), kind=["a", "b", None]) == [(None, None), ("other", "b"), ("absent", None)]
     assert judge(Present("kind", stage="x"), [[], bad("kind", "7"), []], kind=["a", None, None]) == [
-        (None, None), ("malformed", "7"), ("absent", None)]
+        (None, None),
+        ("malformed", "7"),
+        ("absent", None),
+    ]
     waits = Waits("kind", ("unknown",), stage="transcript", reason="transcript")
     assert judge(waits, kind=["unknown", "asr"]) == [("transcript", None), (None, None)]
     assert waits.judge(pa.table({"kind": ["unknown"]})).verdict == "pending"
+    told = Told("render", stage="render", value="said")
+    assert judge(told, render=["too_tall", None, "http_500"], said=["12", "x", None]) == [("too_tall", "12"), (None, None), ("http_500", None)]
 
 
 def test_no_rows() -> None:
@@ -81,10 +101,23 @@ def test_passes_is_all_of_them() -> None:
     assert passes((), rows).to_pylist() == [True] * 3
 
 
-@pytest.mark.parametrize(("text", "found"), [
-    ("my MINECRAFT!", True), ("minecrafts", False), ("Minecraft", True), ("éminecraft", False), ("the マインクラフト x", True),
-    ("Let's play\tguide", False), ("a  block\nhouse", True), ("C++ mods", True), ("C+ mods", False), ("", False), ("#minecraft", True), ("minecraft2", False),
-])
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("my MINECRAFT!", True),
+        ("minecrafts", False),
+        ("Minecraft", True),
+        ("éminecraft", False),
+        ("the マインクラフト x", True),
+        ("Let's play\tguide", False),
+        ("a  block\nhouse", True),
+        ("C++ mods", True),
+        ("C+ mods", False),
+        ("", False),
+        ("#minecraft", True),
+        ("minecraft2", False),
+    ],
+)
 def test_whole_words(text: str, found: bool) -> None:
     import pyarrow.compute as pc
 
@@ -97,8 +130,17 @@ GAME, OTHER = "UCgame", "UCother"
 
 def topic(**change: Any) -> tuple[Any, Any, Any, Any]:
     """(evidence, reason, value, verdict) of one video under the profile's rules."""
-    row = {"category_id": 20, "title": "a title", "tags": [], "description": "", "game_label_id": None, "game_label": None,
-           "transcript_outcome": "ok", "view_count": 500, "problems": []} | change
+    row = {
+        "category_id": 20,
+        "title": "a title",
+        "tags": [],
+        "description": "",
+        "game_label_id": None,
+        "game_label": None,
+        "transcript_outcome": "ok",
+        "view_count": 500,
+        "problems": [],
+    } | change
     game_ids = row.pop("game_ids", (GAME,))
     types = {"category_id": pa.int64(), "view_count": pa.int64(), "tags": pa.list_(pa.string()), "problems": PROBLEMS}
     rows = pa.table({name: pa.array([value], types.get(name, pa.string())) for name, value in row.items()})
@@ -109,33 +151,36 @@ def topic(**change: Any) -> tuple[Any, Any, Any, Any]:
     return rows["topic_evidence"][0].as_py(), judged.reason[0].as_py(), judged.value[0].as_py(), verdict
 
 
-@pytest.mark.parametrize(("change", "evidence", "reason", "value", "verdict"), [
-    # a known label decides, whatever else the video says
-    ({"game_label_id": GAME, "game_label": "Minecraft"}, "game_label", None, None, "rejected"),
-    ({"game_label_id": GAME, "category_id": 22}, "game_label", None, None, "rejected"),
-    ({"game_label_id": GAME, "category_id": None}, "game_label", None, None, "rejected"),
-    ({"game_label_id": OTHER, "game_label": "Roblox", "title": "Minecraft"}, None, "other_game", "Roblox", "rejected"),
-    ({"game_label_id": OTHER, "title": "Minecraft"}, None, "other_game", OTHER, "rejected"),
-    # no label on the page: category and a keyword
-    ({"title": "my minecraft house"}, "keywords", None, None, "rejected"),
-    ({"tags": ["games", "Minecraft"]}, "keywords", None, None, "rejected"),
-    ({"description": "all about MINECRAFT."}, "keywords", None, None, "rejected"),
-    ({}, None, "keywords", None, "rejected"),
-    ({"category_id": 22, "title": "Minecraft"}, None, "category", "22", "rejected"),
-    ({"category_id": None, "title": "Minecraft"}, None, "absent", None, "rejected"),
-    ({"category_id": None, "problems": bad("category_id", "x")}, None, "malformed", "x", "rejected"),
-    # the label was not read yet and would be
-    ({"transcript_outcome": None, "title": "Minecraft"}, "keywords", "label", None, "pending"),
-    ({"transcript_outcome": None}, None, "label", None, "pending"),
-    ({"transcript_outcome": "failed"}, None, "label", None, "failed"),
-    # it will never be read: the video does not pass the cheap stages, or is of another category
-    ({"transcript_outcome": None, "view_count": 5}, None, "keywords", None, "rejected"),
-    ({"transcript_outcome": None, "view_count": 5, "title": "Minecraft"}, "keywords", None, None, "rejected"),
-    ({"transcript_outcome": None, "category_id": 22}, None, "category", "22", "rejected"),
-    # a domain without a game id
-    ({"game_ids": (), "transcript_outcome": None, "title": "Minecraft"}, "keywords", None, None, "rejected"),
-    ({"game_ids": (), "game_label_id": OTHER, "title": "Minecraft"}, "keywords", None, None, "rejected"),
-])
+@pytest.mark.parametrize(
+    ("change", "evidence", "reason", "value", "verdict"),
+    [
+        # a known label decides, whatever else the video says
+        ({"game_label_id": GAME, "game_label": "Minecraft"}, "game_label", None, None, "rejected"),
+        ({"game_label_id": GAME, "category_id": 22}, "game_label", None, None, "rejected"),
+        ({"game_label_id": GAME, "category_id": None}, "game_label", None, None, "rejected"),
+        ({"game_label_id": OTHER, "game_label": "Roblox", "title": "Minecraft"}, None, "other_game", "Roblox", "rejected"),
+        ({"game_label_id": OTHER, "title": "Minecraft"}, None, "other_game", OTHER, "rejected"),
+        # no label on the page: category and a keyword
+        ({"title": "my minecraft house"}, "keywords", None, None, "rejected"),
+        ({"tags": ["games", "Minecraft"]}, "keywords", None, None, "rejected"),
+        ({"description": "all about MINECRAFT."}, "keywords", None, None, "rejected"),
+        ({}, None, "keywords", None, "rejected"),
+        ({"category_id": 22, "title": "Minecraft"}, None, "category", "22", "rejected"),
+        ({"category_id": None, "title": "Minecraft"}, None, "absent", None, "rejected"),
+        ({"category_id": None, "problems": bad("category_id", "x")}, None, "malformed", "x", "rejected"),
+        # the label was not read yet and would be
+        ({"transcript_outcome": None, "title": "Minecraft"}, "keywords", "label", None, "pending"),
+        ({"transcript_outcome": None}, None, "label", None, "pending"),
+        ({"transcript_outcome": "failed"}, None, "label", None, "failed"),
+        # it will never be read: the video does not pass the cheap stages, or is of another category
+        ({"transcript_outcome": None, "view_count": 5}, None, "keywords", None, "rejected"),
+        ({"transcript_outcome": None, "view_count": 5, "title": "Minecraft"}, "keywords", None, None, "rejected"),
+        ({"transcript_outcome": None, "category_id": 22}, None, "category", "22", "rejected"),
+        # a domain without a game id
+        ({"game_ids": (), "transcript_outcome": None, "title": "Minecraft"}, "keywords", None, None, "rejected"),
+        ({"game_ids": (), "game_label_id": OTHER, "title": "Minecraft"}, "keywords", None, None, "rejected"),
+    ],
+)
 def test_topic(change: dict[str, Any], evidence: str | None, reason: str | None, value: str | None, verdict: str) -> None:
     got = topic(**change)
     assert got[:3] == (evidence, reason, value)

@@ -138,9 +138,7 @@ def look(pool: Pool, section: Any, tmp_path: Path) -> Callable[..., Any]:
     def capture_page(url: str, **options: Any) -> Any:
         picture = tmp_path / "screenshot.png"
         rules = {**section.rules, **options.pop("rules", {})}
-        found = pool.use(
-            lambda browser: capture.capture(browser, url, picture, rules, max_height=section.max_page_height, **options)
-        )
+        found = pool.use(lambda browser: capture.capture(browser, url, picture, rules, max_height=section.max_page_height, **options))
         found.picture = picture
         return found
 
@@ -170,11 +168,7 @@ def run_on() -> Callable[..., Run]:
 
     def make(root: Path, url: str, *, wiki: dict[str, Any] | None = None, **options: Any) -> Run:
         profile = load_profile("minecraft")
-        profile = profile.model_copy(
-            update={
-                "wiki": profile.wiki.model_copy(update={"page_seconds": 20.0, "settle_seconds": 5.0, **(wiki or {})})
-            }
-        )
+        profile = profile.model_copy(update={"wiki": profile.wiki.model_copy(update={"page_seconds": 20.0, "settle_seconds": 5.0, **(wiki or {})})})
         settings = load_settings(dotenv=False, kb_wiki_url=url, kb_contact="test@example.org")
         return Run(settings=settings, profile=profile, root=root, **{"workers": 2, **options})
 

@@ -197,13 +197,7 @@ def _dump(pages: dict[str, str]) -> str:
     parts = ['<mediawiki xmlns="http://www.mediawiki.org/xml/export-0.11/" version="0.11" xml:lang="en">']
     for day, (title, text) in enumerate(pages.items(), 1):
         css = title.endswith(".css"), title.endswith(".js")
-        model, shape = (
-            ("css", "text/css")
-            if css[0]
-            else ("javascript", "text/javascript")
-            if css[1]
-            else ("wikitext", "text/x-wiki")
-        )
+        model, shape = ("css", "text/css") if css[0] else ("javascript", "text/javascript") if css[1] else ("wikitext", "text/x-wiki")
         body = f'<model>{model}</model><format>{shape}</format><text xml:space="preserve">{escape(text)}</text>'
         parts.append(
             f"<page><title>{escape(title)}</title><ns>0</ns><revision><timestamp>2024-02-{day:02d}T09:00:00Z</timestamp>"

@@ -107,10 +107,7 @@ text
 """,
     "Colours": FILLER
     + "\n"
-    + "".join(
-        f'<p style="margin:0;height:600px;background:rgb({40 + 5 * n},{250 - 5 * n},{(n * 53) % 256})">Stripe {n}</p>\n'
-        for n in range(40)
-    ),
+    + "".join(f'<p style="margin:0;height:600px;background:rgb({40 + 5 * n},{250 - 5 * n},{(n * 53) % 256})">Stripe {n}</p>\n' for n in range(40)),
     "Stub": "Too short.",
     "To be moved": "This page goes elsewhere. " + FILLER,
     "To be deleted": "This page is thrown away. " + FILLER,

@@ -90,9 +90,7 @@ def test_read_titles(tmp_path, make_rows):
     assert read_titles(lines) == ["Iron Ore", "Gold"]
     pq.write_table(make_rows("wiki/pages", 3, released=True, title=["A", "B", "A"]), parquet)
     assert read_titles(parquet) == ["A", "B"]
-    minedojo.write_text(
-        json.dumps({"metadata": {"url": "https://minecraft.fandom.com/wiki/Caf%C3%A9_%26_Bar", "title": "x"}})
-    )
+    minedojo.write_text(json.dumps({"metadata": {"url": "https://minecraft.fandom.com/wiki/Caf%C3%A9_%26_Bar", "title": "x"}}))
     assert read_titles(minedojo) == ["Café & Bar"]
     for bad in ("", "\n\n"):
         lines.write_text(bad)

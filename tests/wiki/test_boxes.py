@@ -47,9 +47,7 @@ def test_boxes_of_moved_and_fixed_things(pages, look):
         + block(4, "height:9000px;width:100px;animation:grow 1s infinite")
     )
     style = "<style>@keyframes grow { from { margin-left: 600px } to { margin-left: 900px } }</style>"
-    found = look(
-        pages.put("/boxes/moved", f"<!DOCTYPE html>{style}<body style='margin:0'><div id=content>{body}</div>")
-    )
+    found = look(pages.put("/boxes/moved", f"<!DOCTYPE html>{style}<body style='margin:0'><div id=content>{body}</div>"))
     check(found, 4)
 
 

@@ -60,10 +60,7 @@ def make_run(run_on, sandbox):
 def tables(run) -> dict[str, list[dict]]:
     """The clean tables, after filtering."""
     run_clean(run, "wiki")
-    return {
-        name: pq.read_table(run.root / "clean" / "wiki" / name).to_pylist()
-        for name in ("pages", "elements", "cells", "images", "rejected")
-    }
+    return {name: pq.read_table(run.root / "clean" / "wiki" / name).to_pylist() for name in ("pages", "elements", "cells", "images", "rejected")}
 
 
 @pytest.fixture(scope="module")
@@ -236,9 +233,7 @@ def test_page_that_hangs_is_tried_three_times_and_recorded(make_run, faults, tmp
     assert crawl(run, names)["failed"] == 1
     found = tables(run)
     assert [row["title"] for row in found["pages"]] == ["Saltstone"]
-    assert [(row["key"], row["stage"], row["reason"]) for row in found["rejected"]] == [
-        ("24", "render", "page_timeout")
-    ]
+    assert [(row["key"], row["stage"], row["reason"]) for row in found["rejected"]] == [("24", "render", "page_timeout")]
     faults.clear()
     assert crawl(run, names)["failed"] == 0
     assert {row["title"] for row in tables(run)["pages"]} == {"Saltstone", "Charts"}
@@ -255,9 +250,7 @@ def test_robots_and_crawl_delay(make_run, faults, tmp_path, sandbox):
     assert not [seen for seen in asked if seen.path == "/wiki/Charts"]
     times = [seen.time for seen in asked if seen.path.startswith(("/wiki/", "/w/api.php"))]
     assert max(times) - min(times) > len(times) - 2  # a second between any two, whoever sends them
-    assert ("24", "robots", "disallowed") in {
-        (row["key"], row["stage"], row["reason"]) for row in tables(run)["rejected"]
-    }
+    assert ("24", "robots", "disallowed") in {(row["key"], row["stage"], row["reason"]) for row in tables(run)["rejected"]}
 
 
 def test_maxlag_is_waited_for(make_run, faults, sandbox, tmp_path):
@@ -327,9 +320,7 @@ def test_purge_leaves_nothing(whole, make_run, sandbox, tmp_path):
         assert "Net_loom" not in path.name
     gone = {row["sha256"] for row in whole[2]["images"] if row["page_id"] == 22}
     assert not [path for path in (root / "raw/wiki/images").iterdir() if path.stem in gone]
-    assert b"Net loom" not in b"".join(
-        rawlog.encode(e) for kind in rawlog.kinds(root, "wiki") for e in rawlog.read(root, "wiki", kind)
-    )
+    assert b"Net loom" not in b"".join(rawlog.encode(e) for kind in rawlog.kinds(root, "wiki") for e in rawlog.read(root, "wiki", kind))
     kept = [row for row in whole[2]["pages"] if row["page_id"] not in (22, 29)]
     assert tables(run)["pages"] == kept
     assert crawl(dataclasses.replace(run, again=True))["new"] == 0
@@ -375,9 +366,7 @@ def test_sigterm_finishes_the_page_in_hand(sandbox, faults, tmp_path):
         "--quiet",
     ]
     held = faults.add("/wiki/Saltstone", hold=True)
-    process = subprocess.Popen(
-        command, env=env, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    )
+    process = subprocess.Popen(command, env=env, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert held.arrived.wait(60)
     family = set(descendants(process.pid))
     process.send_signal(signal.SIGTERM)

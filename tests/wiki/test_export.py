@@ -79,9 +79,7 @@ def run(run_on, tmp_path, make_rows):
     images = root / "raw/wiki/images"
     images.mkdir(parents=True)
     Image.new("RGB", (30, 20), (9, 9, 9)).save(images / "aaaa.png")
-    (images / "bbbb.svg").write_text(
-        "<svg xmlns='http://www.w3.org/2000/svg' width='9' height='9'><script>x</script></svg>"
-    )
+    (images / "bbbb.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg' width='9' height='9'><script>x</script></svg>")
     for page in (1, 2):
         folder = root / f"raw/wiki/pages/{page}/5"
         folder.mkdir(parents=True)
@@ -163,9 +161,7 @@ def test_tars_tables_and_index_agree(run):
     names = {f"{line['tar']}/{line['member']}" for line in index}
     pages, images = (pq.read_table(folder / f"{name}-00000-of-00001.parquet") for name in ("pages", "images"))
     assert pages["screenshot_path"].to_pylist() == [f"screenshots-00000-of-00001.tar/{n:09d}.png" for n in (1, 2)]
-    assert set(filter(None, images["path"].to_pylist())) == {
-        f"images-00000-of-00001.tar/{name}" for name in ("aaaa.png", "bbbb.svg")
-    }
+    assert set(filter(None, images["path"].to_pylist())) == {f"images-00000-of-00001.tar/{name}" for name in ("aaaa.png", "bbbb.svg")}
     assert {*pages["screenshot_path"].to_pylist(), *filter(None, images["path"].to_pylist())} <= names
     for line in index:
         data = (folder / line["tar"]).read_bytes()[line["offset"] : line["offset"] + line["size"]]

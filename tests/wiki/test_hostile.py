@@ -23,12 +23,7 @@ def bomb(width: int, height: int) -> bytes:
 
     pack = zlib.compressobj(9)
     rows = b"".join(pack.compress(bytes(1 + width)) for _ in range(height)) + pack.flush()
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
-        + chunk(b"IDAT", rows)
-        + chunk(b"IEND", b"")
-    )
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
 
 
 def texts(found) -> list[str]:
@@ -64,10 +59,7 @@ def test_infinite_animation_and_timers(pages, look):
 
 
 def test_page_that_grows_for_ever(pages, look):
-    body = (
-        TEXT
-        + "<script>setInterval(() => document.body.append(Object.assign(document.createElement('p'), {textContent: 'more'})), 20)</script>"
-    )
+    body = TEXT + "<script>setInterval(() => document.body.append(Object.assign(document.createElement('p'), {textContent: 'more'})), 20)</script>"
     found = look(pages.put("/growing", body))
     assert not found.settled
     assert found.extraction["page"]["height"] >= 1024
@@ -149,8 +141,7 @@ def test_dropped_pictures_and_styles_are_asked_again(pages, look, tmp_path):
     found = look(
         pages.put(
             "/flaky",
-            TEXT
-            + "<img src=/flaky.png loading=lazy><div style='height:9000px'></div><img src=/flaky.png?far loading=lazy>",
+            TEXT + "<img src=/flaky.png loading=lazy><div style='height:9000px'></div><img src=/flaky.png?far loading=lazy>",
         )
     )
     images = [e for e in found.extraction["elements"] if e["kind"] == "image"]

@@ -1,4 +1,3 @@
-# ruff: noqa: E501  (markup of other languages)
 """The whole way on a real MediaWiki: crawl, edit, delete, move, crawl again, filter."""
 
 from __future__ import annotations
@@ -91,9 +90,7 @@ def test_grid_spans_and_nested_tables(data):
     tables = sorted({row["table_id"] for row in rows})
     assert len(tables) == 3
     first = [
-        (r["text"], r["row_index"], r["column_index"], r["row_span"], r["column_span"], r["is_header"])
-        for r in rows
-        if r["table_id"] == tables[0]
+        (r["text"], r["row_index"], r["column_index"], r["row_span"], r["column_span"], r["is_header"]) for r in rows if r["table_id"] == tables[0]
     ]
     assert first == [
         ("Kiln", 0, 0, 2, 1, True),
@@ -252,7 +249,9 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     rows = {row["title"]: row for row in query(run, "SELECT * FROM pages")}
     assert "To be deleted" not in rows
     # A picture that was replaced under its name is fetched again, without showing its pages again.
-    sizes = query(run, "SELECT DISTINCT i.width, i.height FROM images i JOIN pages p USING (page_id) WHERE src LIKE '%/Flat.png' AND title = 'Pictures'")
+    sizes = query(
+        run, "SELECT DISTINCT i.width, i.height FROM images i JOIN pages p USING (page_id) WHERE src LIKE '%/Flat.png' AND title = 'Pictures'"
+    )
     assert sizes == [{"width": 333, "height": 222}]
     assert "To be moved" not in rows
     assert rows["Has moved"]["page_id"] == before["To be moved"]
