@@ -12,22 +12,9 @@ from kb.core import pipeline
 from kb.reddit import parse
 from kb.sandbox.server import Sandbox
 from kb.sandbox.subreddit import CASES
-from kb.store.rawlog import Envelope, Segment, encode, folder
-from kb.store.rawlog import Request as Asked
 from tests.reddit.conftest import small_world
+from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import Work, texts
-
-MADE = {"created_utc": 1_700_000_000, "title": "a title", "selftext": "", "is_self": True, "score": 9, "num_comments": 0, "author": "0" * 32}
-SAID = {"created_utc": 1_700_000_000, "body": "words", "score": 1, "author": "1" * 32, "link_id": "t3_good", "parent_id": "t3_good"}
-
-
-def post(key: str, **fields: Any) -> dict[str, Any]:
-    return {"kind": "t3", "data": {name: value for name, value in {"id": key, **MADE, **fields}.items() if value != "LEFT OUT"}}
-
-
-def comment(key: str, **fields: Any) -> dict[str, Any]:
-    return {"kind": "t1", "data": {name: value for name, value in {"id": key, **SAID, **fields}.items() if value != "LEFT OUT"}}
-
 
 POSTS = [    # the post, then stage, reason, value, threshold; None: kept
     (post("good"), None),
@@ -62,16 +49,10 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> Work:
     with pytest.MonkeyPatch.context() as patch, Sandbox(small_world(1), services=["reddit"]) as sandbox:
         patch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
         work = Work(sandbox, tmp_path_factory.mktemp("judged"))
-
-        def write(kind: str, params: dict[str, Any], answer: Any) -> None:
-            segment = Segment(folder(work.root, "reddit", kind))
-            segment.append(encode(Envelope("2026-11-20T00:00:00Z", Asked(kind, params), 200, answer)))
-            segment.close()
-
-        write("listings", {}, {"kind": "Listing", "data": {"children": [thing for thing, _ in POSTS]}})
-        write("comments", {"article": "good"}, [{"kind": "Listing", "data": {"children": [
-            *(thing for thing, _ in COMMENTS), {"kind": "more", "data": {"id": "c_more", "children": ["c_more"], "parent_id": "t3_good", "count": 1}}]}}])
-        write("info", {"id": "t3_gone,t1_c_gone", "posts": ["gone", "good"]}, {"kind": "Listing", "data": {"children": []}})
+        stub = {"kind": "more", "data": {"id": "c_more", "children": ["c_more"], "parent_id": "t3_good", "count": 1}}
+        write(work.root, "listings", {}, listing(*(thing for thing, _ in POSTS)))
+        write(work.root, "comments", {"article": "good"}, [listing(*(thing for thing, _ in COMMENTS), stub)])
+        write(work.root, "info", {"id": "t3_gone,t1_c_gone", "posts": ["gone", "good"]}, listing())
         work.filtered = work.filter()
         return work
 
@@ -80,8 +61,10 @@ def verdict(work: Work, name: str) -> dict[str, Any] | None:
     return next((row for row in work.table("clean", "reddit", "rejected") if row["key"] == name), None)
 
 
-@pytest.mark.parametrize(("thing", "expected"), [*POSTS, *COMMENTS, (post("gone"), ("missing", "missing", None, None)), (comment("c_gone"), ("missing", "missing", None, None))],
-                         ids=lambda value: value["data"]["id"] if isinstance(value, dict) else "")
+GONE = [(post("gone"), ("missing", "missing", None, None)), (comment("c_gone"), ("missing", "missing", None, None))]
+
+
+@pytest.mark.parametrize(("thing", "expected"), [*POSTS, *COMMENTS, *GONE], ids=lambda value: value["data"]["id"] if isinstance(value, dict) else "")
 def test_each_row_gets_its_verdict(judged: Work, thing: dict[str, Any], expected: tuple[Any, ...] | None) -> None:
     key, table = thing["data"]["id"], "posts" if thing["kind"] == "t3" else "comments"
     row = verdict(judged, f"{thing['kind']}_{key}")

@@ -13,8 +13,9 @@ from kb.reddit.purge import collect
 from kb.sandbox.reddit import dumps
 from kb.sandbox.server import Sandbox
 from kb.store import tombstones
-from kb.store.rawlog import Envelope, Request, Segment, encode, folder, read
+from kb.store.rawlog import read
 from tests.reddit.conftest import small_world
+from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import Work
 
 
@@ -26,25 +27,12 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
         yield Work(sandbox, tmp_path)
 
 
-def write(work: Work, kind: str, at: str | None, params: dict[str, Any], *things: dict[str, Any]) -> None:
-    segment = Segment(folder(work.root, "reddit", kind))
-    segment.append(encode(Envelope(at, Request(kind, params), 200, {"kind": "Listing", "data": {"children": list(things)}})))
-    segment.close()
-
-
-def post(key: str, **fields: Any) -> dict[str, Any]:
-    return {"kind": "t3", "data": {"id": key, "title": "a title", "created_utc": 1_700_000_000, "score": 9, **fields}}
-
-
-def comment(key: str, on: str, **fields: Any) -> dict[str, Any]:
-    made = {"link_id": f"t3_{on}", "parent_id": f"t3_{on}", "body": "words", "created_utc": 1_700_000_000}
-    return {"kind": "t1", "data": {"id": key, **made, **fields}}
-
-
 def test_the_newest_answer_counts_whatever_kind_it_is_of(work: Work) -> None:
-    write(work, "dumps", None, {}, post("undated"), post("taken", selftext="[deleted]"), comment("back", "taken", body="[removed]"))
-    write(work, "info", "2026-03-01T00:00:00Z", {"id": "t3_taken,t1_lost", "posts": ["taken", ""]})
-    write(work, "listings", "2026-02-01T00:00:00Z", {}, post("taken"), comment("lost", "undated"), comment("back", "taken"))
+    deleted, removed = post("taken", selftext="[deleted]"), comment("back", link_id="t3_taken", body="[removed]")
+    write(work.root, "dumps", {}, listing(post("undated"), deleted, removed), None)
+    write(work.root, "info", {"id": "t3_taken,t1_lost", "posts": ["taken", ""]}, listing(), "2026-03-01T00:00:00Z")
+    live = (post("taken"), comment("lost", link_id="t3_undated"), comment("back", link_id="t3_taken"))
+    write(work.root, "listings", {}, listing(*live), "2026-02-01T00:00:00Z")
     with known(work.run()) as things:
         rows = {row["fullname"]: row for part in things for row in part.to_pylist()}
         assert len(list(things)) > 1, "one bucket shows nothing"
@@ -59,9 +47,9 @@ def test_the_newest_answer_counts_whatever_kind_it_is_of(work: Work) -> None:
 
 
 def test_comments_go_with_their_post_whenever_it_went(work: Work) -> None:
-    write(work, "dumps", None, {}, post("now", selftext="[deleted]"), post("stays"))
-    below = (comment("below_now", "now"), comment("below_old", "old"), comment("stays_too", "stays"))
-    write(work, "comments", "2026-02-01T00:00:00Z", {"article": "now"}, *below)
+    write(work.root, "dumps", {}, listing(post("now", selftext="[deleted]"), post("stays")), None)
+    below = [comment(f"below_{key}", link_id=f"t3_{key}") for key in ("now", "old", "stays")]
+    write(work.root, "comments", {"article": "now"}, listing(*below))
     tombstones.add(work.root, "reddit", [("t3_old", "named")])
     assert collect(work.run(), None) == {"t3_now": "deleted", "t1_below_now": "post", "t1_below_old": "post"}
 

@@ -17,6 +17,7 @@ from kb.store import purge as store
 from kb.store import tombstones
 from kb.store.rawlog import Envelope, Request
 from tests.reddit.conftest import small_world
+from tests.reddit.raw import listing
 from tests.reddit.work import LATER, Work, texts
 
 
@@ -211,10 +212,6 @@ def test_a_comment_with_a_posts_bare_id_is_another_thing(tiny: Work) -> None:
 
 def thing(kind: str, key: str, **fields: Any) -> dict[str, Any]:
     return {"kind": kind, "data": {"id": key, "name": f"{kind}_{key}", **fields}}
-
-
-def listing(*children: dict[str, Any], after: str | None = None) -> dict[str, Any]:
-    return {"kind": "Listing", "data": {"after": after, "children": list(children)}}
 
 
 COMMENT = thing("t1", "c", link_id="t3_p", replies=listing(thing("t1", "d", link_id="t3_p", replies="")))

@@ -29,23 +29,25 @@ LATER = "2027-01-20T12:00:00Z"      # more than max_age_days after NOW
 
 
 class Work:
-    """One data root and one sandbox; the profile scores no text."""
+    """One data root and one sandbox."""
 
     crawled: Summary
     filtered: Summary
 
-    def __init__(self, sandbox: Sandbox, place: Path, **section: Any) -> None:
-        """`section`: values of the profile's [reddit] that are not the shipped ones."""
-        self.section = section
+    def __init__(self, sandbox: Sandbox, place: Path, *, scored: bool = False, **section: Any) -> None:
+        """`scored`: by the sandbox's tiny model, else not at all. `section`: values of the profile's [reddit] that are not the shipped ones."""
+        self.scored, self.section = scored, section
         self.sandbox, self.place, self.root = sandbox, place, place / "data"
         self.world = sandbox.world.reddit
 
     def run(self, **options: Any) -> Run:
         """The run of a command with these common options."""
-        settings = load_settings(dotenv=False, kb_data=self.root, **{name.lower(): value for name, value in self.sandbox.settings().items()})
+        values = self.sandbox.settings(model=self.scored)
+        settings = load_settings(dotenv=False, kb_data=self.root, **{name.lower(): value for name, value in values.items()})
         profile = load_profile("minecraft")
         reddit = profile.section("reddit").model_copy(update=self.section)
-        profile = profile.model_copy(update={"toxicity": Toxicity(toxicity="off"), "reddit": reddit})
+        toxicity = profile.toxicity if self.scored else Toxicity(toxicity="off")
+        profile = profile.model_copy(update={"toxicity": toxicity, "reddit": reddit})
         return replace(Run(settings=settings, profile=profile, root=self.root, workers=1), **options)
 
     def job(self) -> Job:
