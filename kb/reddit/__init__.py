@@ -1,7 +1,7 @@
 """Reddit: posts and comments of one subreddit, live (PRAW) or from archive dumps.
 
-    import kb.reddit
-    for row in kb.reddit.reconstruct("t3_ids.txt"): ...     # Post, Comment or Missing
+import kb.reddit
+for row in kb.reddit.reconstruct("t3_ids.txt"): ...     # Post, Comment or Missing
 """
 
 from __future__ import annotations

@@ -11,8 +11,25 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 # Columns that the stages read and no table has, or only one of the two tables.
-HELPERS = ("fullname", "state", "live", "missing", "gone", "gone_value", "over_18", "post", "title", "type", "link_kind", "source_url",
-           "is_crosspost", "poll_options", "num_comments", "upvote_ratio", "parent_id")
+HELPERS = (
+    "fullname",
+    "state",
+    "live",
+    "missing",
+    "gone",
+    "gone_value",
+    "over_18",
+    "post",
+    "title",
+    "type",
+    "link_kind",
+    "source_url",
+    "is_crosspost",
+    "poll_options",
+    "num_comments",
+    "upvote_ratio",
+    "parent_id",
+)
 
 
 def assemble(newest: dict[str, pa.Table]) -> dict[str, Any]:
@@ -39,8 +56,11 @@ def newest_of(newest: dict[str, pa.Table]) -> pa.Table:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    tables = [newest[kind].select(schema().names).append_column("rank", pa.repeat(pa.scalar(rank, pa.int8()), newest[kind].num_rows))
-              for rank, kind in enumerate(KINDS) if kind in newest]
+    tables = [
+        newest[kind].select(schema().names).append_column("rank", pa.repeat(pa.scalar(rank, pa.int8()), newest[kind].num_rows))
+        for rank, kind in enumerate(KINDS)
+        if kind in newest
+    ]
     rows = pa.concat_tables(tables)
     rows = rows.append_column("real", pc.not_equal(rows["state"], "stub"))
     by = ["fullname", "real", "fetched_at", "rank"]
@@ -83,5 +103,3 @@ def _ids(posts: pa.Table | None) -> pa.Array:
     import pyarrow as pa
 
     return pa.array([], pa.string()) if posts is None else posts["post_id"].combine_chunks()
-
-

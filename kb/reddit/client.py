@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 ROOT = "https://www.reddit.com"
 OAUTH = "https://oauth.reddit.com"
-INFO = 100      # most ids of one info or morechildren call
-LISTED = 100    # most things of a listing's page
+INFO = 100  # most ids of one info or morechildren call
+LISTED = 100  # most things of a listing's page
 
 _FACTS = {403: "forbidden", 404: "not_found", 451: "legal"}
 
@@ -104,8 +104,9 @@ class Client:
                 # Tokens last a day at most; prawcore has dropped this one and gets another.
                 answer = reddit._core.request(method=method, path=path, params=params, data=data)
         except wrong.OAuthException as error:
-            raise CredentialRefused(f"Reddit refuses the app's credentials ({error.error})",
-                                    hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET") from None
+            raise CredentialRefused(
+                f"Reddit refuses the app's credentials ({error.error})", hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET"
+            ) from None
         except wrong.InvalidToken:
             raise CredentialRefused("Reddit refuses the app's token", hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET") from None
         except wrong.RequestException as error:
@@ -150,7 +151,9 @@ def _consequence(response: Any, path: str) -> KbError:
         return Retryable(f"HTTP {status} at {path}", after=after)
     if status == 403 and b"<html" in response.content[:2_000].lower():
         # The API answers in JSON; a page comes from what guards it.
-        return Blocked("Reddit's network protection turns us away (HTTP 403 with a page)", hint="run the same command later, from a network that Reddit accepts")
+        return Blocked(
+            "Reddit's network protection turns us away (HTTP 403 with a page)", hint="run the same command later, from a network that Reddit accepts"
+        )
     if token and status in (400, 401, 403):
         return CredentialRefused(f"Reddit refuses the app's credentials (HTTP {status})", hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET")
     if not token and status in _FACTS:
@@ -189,8 +192,9 @@ def _praw(client_id: str, secret: str | None, agent: str, root: str, limiter: Li
             return False
 
     roots = {"reddit_url": root, "oauth_url": root, "short_url": root} if root else {}
-    reddit = praw.Reddit(client_id=client_id, client_secret=secret, user_agent=agent, requestor_class=Ledgered,
-                         check_for_updates=False, check_for_async=False, **roots)
+    reddit = praw.Reddit(
+        client_id=client_id, client_secret=secret, user_agent=agent, requestor_class=Ledgered, check_for_updates=False, check_for_async=False, **roots
+    )
     reddit.read_only = True
     core = reddit._core
     core._rate_limiter, core._retry_strategy_class = limiter, Once

@@ -110,11 +110,16 @@ class Crawl:
         """Figures of this run and what is left."""
         counts = {kind: self.frontier.counts(kind) for kind in KINDS}
         requests = self.frontier.requests()[0] - self.before[0]
-        return Summary(source="reddit", crawled=self.posts, requests=requests,
-                       pending=sum(counts[kind].get(status, 0) for kind in KINDS for status in ("todo", "in_progress")),
-                       failed=sum(counts[kind].get("error", 0) for kind in KINDS),
-                       missing=counts["tree"].get("skipped", 0),
-                       posts=sum(counts["tree"].values()), comments_by_stub=counts["more"].get("done", 0))
+        return Summary(
+            source="reddit",
+            crawled=self.posts,
+            requests=requests,
+            pending=sum(counts[kind].get(status, 0) for kind in KINDS for status in ("todo", "in_progress")),
+            failed=sum(counts[kind].get("error", 0) for kind in KINDS),
+            missing=counts["tree"].get("skipped", 0),
+            posts=sum(counts["tree"].values()),
+            comments_by_stub=counts["more"].get("done", 0),
+        )
 
     def _seed(self) -> None:
         names = []
@@ -167,8 +172,9 @@ class Crawl:
             if name == "search":
                 self.frontier.skip("listing", item.key, error.reason)
                 return
-            why = {"forbidden": "is private or quarantined", "not_found": "does not exist or is banned",
-                   "redirect": "does not exist"}.get(error.reason, f"can't be read ({error.reason})")
+            why = {"forbidden": "is private or quarantined", "not_found": "does not exist or is banned", "redirect": "does not exist"}.get(
+                error.reason, f"can't be read ({error.reason})"
+            )
             raise FatalError(f"{self.base} {why}", hint="check [reddit] subreddit in the profile") from None
         except Retryable as error:
             self._failed("listing", [item.key], error)
@@ -222,8 +228,9 @@ class Crawl:
         self.frontier.mark(kind, keys, "error", error.reason)
         self.failures += 1
         if self.failures >= DOWN:
-            raise Unreachable(f"Reddit failed for {self.failures} items in a row ({error.reason})",
-                              hint="run the same command later: it goes on where it stopped")
+            raise Unreachable(
+                f"Reddit failed for {self.failures} items in a row ({error.reason})", hint="run the same command later: it goes on where it stopped"
+            )
 
     def _wait(self, call: Any) -> Any:
         answer = patient(self.at.run, call)
@@ -241,5 +248,3 @@ def patient(run: Run, call: Any) -> Any:
                 raise
             run.progress.say(f"waiting {error.after:.0f} s: {error}")
             clock.sleep(error.after)
-
-

@@ -15,10 +15,25 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 # Copied by Reddit from the parent. Addresses hold the title of a text post, and the id of a gallery.
-COPIED = frozenset((
-    "url", "url_overridden_by_dest", "domain", "thumbnail", "preview", "post_hint", "is_video", "media", "secure_media", "media_embed",
-    "secure_media_embed", "media_metadata", "is_gallery", "gallery_data", "poll_data",
-))
+COPIED = frozenset(
+    (
+        "url",
+        "url_overridden_by_dest",
+        "domain",
+        "thumbnail",
+        "preview",
+        "post_hint",
+        "is_video",
+        "media",
+        "secure_media",
+        "media_embed",
+        "secure_media_embed",
+        "media_metadata",
+        "is_gallery",
+        "gallery_data",
+        "poll_data",
+    )
+)
 _ADDRESS = r"/(?:comments|gallery)/(?P<key>[0-9a-z]+)"
 
 

@@ -18,9 +18,9 @@ import zstandard
 from ahocorasick_rs import BytesAhoCorasick
 
 # Several passes go over what one read swells to, so it should fit the processor's cache (measured in the bench).
-CHUNK = 512 << 10       # decompressed bytes that zstd makes room for
-CHECKED = 8 << 20      # decompressed bytes at the beginning of which every line is looked at
-_BLOCK = 16 << 10       # compressed bytes of one read; they swell to 10 to 30 times as much
+CHUNK = 512 << 10  # decompressed bytes that zstd makes room for
+CHECKED = 8 << 20  # decompressed bytes at the beginning of which every line is looked at
+_BLOCK = 16 << 10  # compressed bytes of one read; they swell to 10 to 30 times as much
 
 
 @dataclass
@@ -75,9 +75,9 @@ def chunks(path: Path, seen: Seen, skip: int = 0) -> Iterator[Chunk]:
     A last line without line break is given when the file is whole; in a cut file it is a part of
     a line and counts as damaged.
     """
-    parts: list[bytes] = []     # a line that goes on in the next piece
-    held = 0                    # their bytes
-    at = 0                      # of the next byte to give
+    parts: list[bytes] = []  # a line that goes on in the next piece
+    held = 0  # their bytes
+    at = 0  # of the next byte to give
     for piece in pieces(path, seen):
         begin = max(0, skip - at - held)
         if begin:
@@ -140,7 +140,7 @@ class Search:
         records: list[tuple[int, dict[str, Any]]] = []
         for _, place, _ in self._places(whole):
             if begin + place < stop:
-                continue    # again in the same line
+                continue  # again in the same line
             first = data.rfind(b"\n", stop, begin + place) + 1 or stop
             stop = data.find(b"\n", begin + place) + 1
             record = _read(data[first:stop])
@@ -160,8 +160,9 @@ class Search:
         """Lines that are no objects; those with the name were counted where they were read."""
         if data.count(b"}\n{") == lines - 1 and data.startswith(b"{") and data.endswith(b"}\n"):
             return 0
-        return sum(1 for line in data.splitlines()
-                   if line.strip() and self._needle not in (line if self._exact else line.lower()) and not _whole(line))
+        return sum(
+            1 for line in data.splitlines() if line.strip() and self._needle not in (line if self._exact else line.lower()) and not _whole(line)
+        )
 
 
 def _lines(chunk: Chunk) -> int:

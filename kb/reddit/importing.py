@@ -51,7 +51,7 @@ class Place(msgspec.Struct):
     truncated: bool = False
     problem: str = ""
     done: bool = False
-    fresh: int = 0      # things of this run
+    fresh: int = 0  # things of this run
 
 
 class Job(msgspec.Struct):
@@ -84,8 +84,17 @@ def import_dumps(run: Run, files: Sequence[Path], since: datetime | None = None,
             if run.again:
                 for file in files:
                     _note(run.root, file).unlink(missing_ok=True)
-            jobs = [Job(str(run.root.absolute()), str(file.absolute()), section.subreddit, since.timestamp() if since else 0.0,
-                        until.timestamp() if until else float("inf"), run.limit or 0) for file in files]
+            jobs = [
+                Job(
+                    str(run.root.absolute()),
+                    str(file.absolute()),
+                    section.subreddit,
+                    since.timestamp() if since else 0.0,
+                    until.timestamp() if until else float("inf"),
+                    run.limit or 0,
+                )
+                for file in files
+            ]
             places = _run(run, jobs)
             for path in rawlog.segments(run.root, "reddit", KIND):
                 frontier.set_offset(KIND, rawlog.base_name(path), path.stat().st_size)
@@ -123,8 +132,14 @@ def _tasks(jobs: list[Job], places: list[Place]) -> Iterator[tuple[Job]]:
 
 
 def _summary(places: list[Place]) -> Summary:
-    return Summary(source="reddit", crawled=sum(place.fresh for place in places), lines=sum(place.lines for place in places),
-                   bad_lines=sum(place.bad_lines for place in places), truncated_files=sum(place.truncated for place in places), requests=0)
+    return Summary(
+        source="reddit",
+        crawled=sum(place.fresh for place in places),
+        lines=sum(place.lines for place in places),
+        bad_lines=sum(place.bad_lines for place in places),
+        truncated_files=sum(place.truncated for place in places),
+        requests=0,
+    )
 
 
 def import_file(job: Job) -> Place:
@@ -206,8 +221,12 @@ class Segments:
             self._part = self._base / f".{_key(self._dump)}.part"
             self._file = self._part.open("wb")
         read = [at for thing in things if (at := retrieved(thing["data"])) is not None]
-        envelope = Envelope(_stamp(max(read)) if read else None, Request(f"dump/{self._dump.name}", {}), 200,
-                            {"kind": "Listing", "data": {"children": things, "after": None}})
+        envelope = Envelope(
+            _stamp(max(read)) if read else None,
+            Request(f"dump/{self._dump.name}", {}),
+            200,
+            {"kind": "Listing", "data": {"children": things, "after": None}},
+        )
         self._file.write(self._engine.compress(rawlog.encode(envelope)))
 
     def close(self, offset: int, things: int, seen: Seen) -> None:

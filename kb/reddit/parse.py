@@ -90,10 +90,18 @@ class Reader:
         row, key = _identified("t3", data)
         row["post_id"] = key
         kind, link_kind, url = post_type(data, self._classify)
-        row |= {"type": kind, "link_kind": link_kind, "source_url": url, "is_crosspost": is_crosspost(data),
-                "poll_options": poll_options(data), "over_18": data.get("over_18") is True,
-                "title": _text(row, data, "title", needed=True), "text": _text(row, data, "selftext") or None,
-                "num_comments": _integer(row, data, "num_comments"), "upvote_ratio": _ratio(row, data)}
+        row |= {
+            "type": kind,
+            "link_kind": link_kind,
+            "source_url": url,
+            "is_crosspost": is_crosspost(data),
+            "poll_options": poll_options(data),
+            "over_18": data.get("over_18") is True,
+            "title": _text(row, data, "title", needed=True),
+            "text": _text(row, data, "selftext") or None,
+            "num_comments": _integer(row, data, "num_comments"),
+            "upvote_ratio": _ratio(row, data),
+        }
         return _common(row, data)
 
     def comment(self, data: dict[str, Any]) -> Row:
@@ -133,14 +141,32 @@ def schema() -> pa.Schema:
     import pyarrow as pa
 
     text, number, flag = pa.string(), pa.int64(), pa.bool_()
-    return pa.schema([
-        ("fullname", text), ("post_id", text), ("state", text), ("fetched_at", pa.timestamp("us", "UTC")), ("live", flag),
-        ("type", text), ("link_kind", text), ("source_url", text), ("is_crosspost", flag), ("poll_options", pa.list_(text)),
-        ("over_18", flag), ("title", text), ("text", text), ("author_hash", text), ("score", number), ("num_comments", number),
-        ("upvote_ratio", pa.float64()), ("created_utc", pa.timestamp("us", "UTC")), ("parent_id", text),
-        ("gone", text), ("gone_value", text),
-        ("problems", pa.list_(pa.struct([("column", text), ("reason", text), ("value", text)]))),
-    ])
+    return pa.schema(
+        [
+            ("fullname", text),
+            ("post_id", text),
+            ("state", text),
+            ("fetched_at", pa.timestamp("us", "UTC")),
+            ("live", flag),
+            ("type", text),
+            ("link_kind", text),
+            ("source_url", text),
+            ("is_crosspost", flag),
+            ("poll_options", pa.list_(text)),
+            ("over_18", flag),
+            ("title", text),
+            ("text", text),
+            ("author_hash", text),
+            ("score", number),
+            ("num_comments", number),
+            ("upvote_ratio", pa.float64()),
+            ("created_utc", pa.timestamp("us", "UTC")),
+            ("parent_id", text),
+            ("gone", text),
+            ("gone_value", text),
+            ("problems", pa.list_(pa.struct([("column", text), ("reason", text), ("value", text)]))),
+        ]
+    )
 
 
 def to_table(found: list[Row]) -> pa.Table:
@@ -156,7 +182,9 @@ def to_table(found: list[Row]) -> pa.Table:
             columns[field.name] = times([row.get("fetched_at") for row in found])[0].cast(field.type)
         elif field.name == "created_utc":
             # whole seconds to microseconds
-            columns[field.name] = pa.array([None if (at := row.get("created_utc")) is None else at * 1_000_000 for row in found], pa.int64()).cast(field.type)
+            columns[field.name] = pa.array([None if (at := row.get("created_utc")) is None else at * 1_000_000 for row in found], pa.int64()).cast(
+                field.type
+            )
         elif field.name == "problems":
             columns[field.name] = problems({n: row["found"] for n, row in enumerate(found) if row["found"]}, len(found)).cast(field.type)
         else:
@@ -184,9 +212,13 @@ def _common(row: Row, data: dict[str, Any]) -> Row:
     author = data.get("author")
     if "retrieved_on" in data or "retrieved_utc" in data:
         row["fetched_at"] = _retrieved(data)
-    row |= {"score": _integer(row, data, "score"), "created_utc": _integer(row, data, "created_utc"),
-            "author_hash": author if isinstance(author, str) and author not in ("", "[deleted]", "[removed]") else None,
-            "gone": gone[0] if gone else None, "gone_value": gone[1] if gone else None}
+    row |= {
+        "score": _integer(row, data, "score"),
+        "created_utc": _integer(row, data, "created_utc"),
+        "author_hash": author if isinstance(author, str) and author not in ("", "[deleted]", "[removed]") else None,
+        "gone": gone[0] if gone else None,
+        "gone_value": gone[1] if gone else None,
+    }
     if row["created_utc"] is not None and not 0 <= row["created_utc"] < 253402300800:
         row["found"].append(("created_utc", "malformed", str(data.get("created_utc"))))
         row["created_utc"] = None

@@ -28,11 +28,15 @@ from kb.store.recorder import Recorder
 
 BASES = ("clean/reddit", str(OUT))
 ROWS = (
-    *(place for base in BASES for place in (
-        Place(f"{base}/posts", "reddit/posts", "post_id", "t3_"),
-        Place(f"{base}/comments", "reddit/comments", "comment_id", "t1_"),
-        Place(f"{base}/comments", "reddit/comments", "post_id", "t3_"),
-    )),
+    *(
+        place
+        for base in BASES
+        for place in (
+            Place(f"{base}/posts", "reddit/posts", "post_id", "t3_"),
+            Place(f"{base}/comments", "reddit/comments", "comment_id", "t1_"),
+            Place(f"{base}/comments", "reddit/comments", "post_id", "t3_"),
+        )
+    ),
     Place(str(OUT), "reddit/missing", "key"),
     *(Place(f"clean/reddit/{verdict}", f"shared/{verdict}", "key") for verdict in ("rejected", "failed", "pending")),
 )
@@ -99,8 +103,7 @@ def _strip(crossposts: set[str], kind: str, envelope: Envelope, keys: Collection
 def _forget(frontier: Frontier, names: Collection[str]) -> None:
     for kind, prefix in (("tree", "t3_"), ("more", "t1_"), (INFO, "")):
         frontier.remove(kind, [key.removeprefix(prefix) for key in names if key.startswith(prefix)])
-    threads = [key for key, *_ in frontier.items("thread")
-               if f"t3_{key.partition('/')[0]}" in names or f"t1_{key.partition('/')[2]}" in names]
+    threads = [key for key, *_ in frontier.items("thread") if f"t3_{key.partition('/')[0]}" in names or f"t1_{key.partition('/')[2]}" in names]
     frontier.remove("thread", threads)
     for key, _, _, payload in frontier.items("listing"):
         # Its next page stood behind a post that goes: read from the first page again.

@@ -29,7 +29,7 @@ from kb.reddit.crawl import Crawl, Session, session
 from kb.reddit.wanted import Wanted, read_names, read_wanted, released_depths
 from kb.store.atomic import write_bytes
 
-OUT = Path("export", "reconstructed")   # below the data root
+OUT = Path("export", "reconstructed")  # below the data root
 _DONE = ".done.json"
 
 
@@ -75,8 +75,14 @@ class Missing(NamedTuple):
     reason: str
 
 
-def reconstruct(ids: Path | str | Iterable[str] | None = None, *, out: Path | str | None = None, run: Run | None = None,
-                profile: str | None = None, **settings: Any) -> Iterator[Post | Comment | Missing]:
+def reconstruct(
+    ids: Path | str | Iterable[str] | None = None,
+    *,
+    out: Path | str | None = None,
+    run: Run | None = None,
+    profile: str | None = None,
+    **settings: Any,
+) -> Iterator[Post | Comment | Missing]:
     """Typed rows of released ids, for a notebook: `for row in kb.reddit.reconstruct("posts-00000-of-00001.parquet"): …`
 
     `ids`: a file or folder as for `--ids`, or full names; by default the data root's own release. `settings`
@@ -182,14 +188,21 @@ class Rebuild(Crawl):
     def summary(self) -> Summary:
         """Figures of this run and what is left."""
         counts = {kind: self.frontier.counts(kind) for kind in self.KINDS}
-        return Summary(source="reddit", crawled=self.asked + self.posts, requests=self.frontier.requests()[0] - self.before[0],
-                       pending=sum(counts[kind].get(status, 0) for kind in self.KINDS for status in ("todo", "in_progress")),
-                       failed=sum(counts[kind].get("error", 0) for kind in self.KINDS))
+        return Summary(
+            source="reddit",
+            crawled=self.asked + self.posts,
+            requests=self.frontier.requests()[0] - self.before[0],
+            pending=sum(counts[kind].get(status, 0) for kind in self.KINDS for status in ("todo", "in_progress")),
+            failed=sum(counts[kind].get("error", 0) for kind in self.KINDS),
+        )
 
     def unanswered(self) -> dict[str, str]:
         """What has no answer with content for a reason that is not in the answers: full name → reason."""
-        found = {f"{prefix}{key}": "failed" for kind, prefix in (("info", ""), ("tree", "t3_"), ("more", "t1_"))
-                 for key, *_ in self.frontier.items(kind, "error")}
+        found = {
+            f"{prefix}{key}": "failed"
+            for kind, prefix in (("info", ""), ("tree", "t3_"), ("more", "t1_"))
+            for key, *_ in self.frontier.items(kind, "error")
+        }
         for kind, prefix in (("info", ""), ("tree", "t3_")):
             for key, _, reason, _ in self.frontier.items(kind, "skipped"):
                 found[f"{prefix}{key}"] = {"404": "missing", "purged": "purged"}.get(reason or "", "forbidden")

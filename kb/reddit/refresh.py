@@ -74,8 +74,9 @@ def _read(run: Run, at: Session, total: int, days: int) -> Summary:
 
     def count() -> Summary:
         counts = at.frontier.counts(KIND)
-        summary.update(requests=at.frontier.requests()[0] - before, failed=counts.get("error", 0),
-                       left=counts.get("todo", 0) + counts.get("in_progress", 0))
+        summary.update(
+            requests=at.frontier.requests()[0] - before, failed=counts.get("error", 0), left=counts.get("todo", 0) + counts.get("in_progress", 0)
+        )
         return summary
 
     try:
@@ -92,8 +93,9 @@ def _read(run: Run, at: Session, total: int, days: int) -> Summary:
                 at.frontier.mark(KIND, names, "error", error.reason)
                 failures += 1
                 if failures >= DOWN:
-                    raise Unreachable(f"Reddit failed {failures} times in a row ({error.reason})",
-                                      hint="run the same command later: it goes on where it stopped") from None
+                    raise Unreachable(
+                        f"Reddit failed {failures} times in a row ({error.reason})", hint="run the same command later: it goes on where it stopped"
+                    ) from None
                 continue
             except ItemFinal as error:
                 raise FatalError(f"Reddit does not answer info ({error})") from None

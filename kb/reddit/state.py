@@ -1,9 +1,9 @@
 """What Reddit's answers mean for the frontier; the same live and in replay.
 
-    listing   "new", "top:all", "search:guide" …   payload: next page, pages read
-    tree      bare post ids                         payload: when the post was made
-    more      bare comment ids behind stubs         payload: their post
-    thread    "<post>/<comment>" of "continue this thread"
+listing   "new", "top:all", "search:guide" …   payload: next page, pages read
+tree      bare post ids                         payload: when the post was made
+more      bare comment ids behind stubs         payload: their post
+thread    "<post>/<comment>" of "continue this thread"
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from kb.store.shards import write_table
 if TYPE_CHECKING:
     import pyarrow as pa
 
-IDS = 200_000   # a bucket
+IDS = 200_000  # a bucket
 
 
 def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], links: Links, depths: pa.Table | None = None) -> dict[str, int]:
@@ -55,8 +55,14 @@ def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], lin
                 write_table(fresh[name] / "part-00000.parquet", table(f"reddit/{name}").arrow().empty_table(), f"reddit/{name}")
         # Every id is answered or named here; what its answer says wins over how the asking ended.
         asked = dict.fromkeys([*wanted.names, *(f"t3_{key}" for key in wanted.trees)], "missing")
-        lost = {key: reason for key, reason in {**asked, **gone, **{k: r for k, r in unanswered.items() if k not in gone}}.items() if key not in there}
-        write_table(out / "missing.parquet", pa.table({"key": pa.array(lost.keys(), pa.string()), "reason": pa.array(lost.values(), pa.string())}), "reddit/missing")
+        lost = {
+            key: reason for key, reason in {**asked, **gone, **{k: r for k, r in unanswered.items() if k not in gone}}.items() if key not in there
+        }
+        write_table(
+            out / "missing.parquet",
+            pa.table({"key": pa.array(lost.keys(), pa.string()), "reason": pa.array(lost.values(), pa.string())}),
+            "reddit/missing",
+        )
     return {**counts, "missing": len(lost)}
 
 
@@ -69,7 +75,10 @@ def _spread(work: Path, spread: Path, buckets: int, links: Links) -> None:
             lines = (line for path in rawlog.segments(work, "reddit", kind) for _, line in rawlog.Frames(path))
             for rows in parse.rows(lines, kind, links):
                 # By post where it is known; what was not answered is on its own.
-                place = [zlib.crc32((post or name).encode()) % buckets for post, name in zip(rows["post_id"].to_pylist(), rows["fullname"].to_pylist(), strict=True)]
+                place = [
+                    zlib.crc32((post or name).encode()) % buckets
+                    for post, name in zip(rows["post_id"].to_pylist(), rows["fullname"].to_pylist(), strict=True)
+                ]
                 for number in sorted(set(place)):
                     if (kind, number) not in writers:
                         (spread / kind).mkdir(parents=True, exist_ok=True)
@@ -90,7 +99,11 @@ def _sort(rows: pa.Table, declared: Table, prefix: str, there: set[str], gone: d
 
     reasons = [_reason(state, why) for state, why in zip(rows["state"].to_pylist(), rows["gone"].to_pylist(), strict=True)]
     needed = [rows[column.name].is_valid().to_pylist() for column in declared.columns if not column.nullable and column.name in rows.column_names]
-    reasons = [reason or (None if all(whole) else "malformed") for reason, whole in zip(reasons, zip(*needed, strict=True), strict=True)] if needed else reasons
+    reasons = (
+        [reason or (None if all(whole) else "malformed") for reason, whole in zip(reasons, zip(*needed, strict=True), strict=True)]
+        if needed
+        else reasons
+    )
     for name, reason in zip(rows["fullname"].to_pylist(), reasons, strict=True):
         if reason is None:
             there.add(name)

@@ -71,8 +71,7 @@ class Frontier:
                 # Whatever was in flight when the last writer ended is asked again.
                 self._db.execute("UPDATE items SET status = 'todo' WHERE status = 'in_progress'")
         except sqlite3.DatabaseError as error:
-            raise DamagedData(f"the state {path} can't be read: {error}",
-                              hint="move it away; the next run rebuilds it from the raw data") from None
+            raise DamagedData(f"the state {path} can't be read: {error}", hint="move it away; the next run rebuilds it from the raw data") from None
 
     def _prepare(self) -> None:
         version = self._db.execute("PRAGMA user_version").fetchone()[0]
@@ -138,18 +137,16 @@ class Frontier:
             before = self._db.total_changes
             seq = self._db.execute("SELECT coalesce(max(seq), 0) FROM items WHERE kind = ?", (kind,)).fetchone()[0]
             rows = ((kind, *_pair(entry), number) for number, entry in enumerate(keys, seq + 1))
-            self._db.executemany(
-                "INSERT OR IGNORE INTO items (kind, key, payload, seq, status) VALUES (?, ?, ?, ?, 'todo')", rows)
+            self._db.executemany("INSERT OR IGNORE INTO items (kind, key, payload, seq, status) VALUES (?, ?, ?, ?, 'todo')", rows)
             return self._db.total_changes - before
 
     def take(self, kind: str, n: int = 1) -> list[Item]:
         """Up to `n` items to do, oldest first; they are in progress until answered."""
         with self.transaction():
             rows = self._db.execute(
-                "SELECT key, tries, payload FROM items WHERE kind = ? AND status = 'todo' ORDER BY seq LIMIT ?",
-                (kind, n)).fetchall()
-            self._db.executemany("UPDATE items SET status = 'in_progress' WHERE kind = ? AND key = ?",
-                                 [(kind, row[0]) for row in rows])
+                "SELECT key, tries, payload FROM items WHERE kind = ? AND status = 'todo' ORDER BY seq LIMIT ?", (kind, n)
+            ).fetchall()
+            self._db.executemany("UPDATE items SET status = 'in_progress' WHERE kind = ? AND key = ?", [(kind, row[0]) for row in rows])
         return [Item(kind, key, tries, msgspec.json.decode(payload) if payload else None) for key, tries, payload in rows]
 
     def mark(self, kind: str, keys: Iterable[str], status: str, reason: str | None = None) -> None:
@@ -157,7 +154,8 @@ class Frontier:
         with self.transaction():
             self._db.executemany(
                 "UPDATE items SET status = ?, reason = ?, tries = tries + ? WHERE kind = ? AND key = ?",
-                [(status, reason, int(status == "error"), kind, key) for key in keys])
+                [(status, reason, int(status == "error"), kind, key) for key in keys],
+            )
 
     def done(self, kind: str, *keys: str) -> None:
         """The items were answered."""
@@ -197,7 +195,8 @@ class Frontier:
         marks = f"AND status IN ({', '.join('?' * len(statuses))})" if statuses else ""
         with self._lock:
             rows = self._db.execute(
-                f"SELECT key, status, reason, payload FROM items WHERE kind = ? {marks} ORDER BY seq", (kind, *statuses)).fetchall()
+                f"SELECT key, status, reason, payload FROM items WHERE kind = ? {marks} ORDER BY seq", (kind, *statuses)
+            ).fetchall()
         for key, status, reason, payload in rows:
             yield key, status, reason, msgspec.json.decode(payload) if payload else None
 
@@ -250,8 +249,9 @@ class Frontier:
         """Write a ledger row, committed before the request is sent; its id."""
         with self.transaction():
             at = clock.stamp()
-            cursor = self._db.execute("INSERT INTO ledger (at, day, bucket, units, endpoint) VALUES (?, ?, ?, ?, ?)",
-                                      (at, day or at[:10], bucket, units, endpoint))
+            cursor = self._db.execute(
+                "INSERT INTO ledger (at, day, bucket, units, endpoint) VALUES (?, ?, ?, ?, ?)", (at, day or at[:10], bucket, units, endpoint)
+            )
             return int(cursor.lastrowid or 0)
 
     def outcome(self, row: int, outcome: str) -> None:
@@ -267,8 +267,7 @@ class Frontier:
     def ledger(self) -> list[tuple[str, str, str, int, int]]:
         """(day, bucket, endpoint, requests, units), by day."""
         with self._lock:
-            return self._db.execute("SELECT day, bucket, endpoint, count(*), sum(units) FROM ledger"
-                                    " GROUP BY 1, 2, 3 ORDER BY 1, 2, 3").fetchall()
+            return self._db.execute("SELECT day, bucket, endpoint, count(*), sum(units) FROM ledger GROUP BY 1, 2, 3 ORDER BY 1, 2, 3").fetchall()
 
     def requests(self) -> tuple[int, int]:
         """(requests, units) of all time."""

@@ -31,8 +31,17 @@ def read(path: Path) -> list[Exchange]:
         address, form = urlsplit(request["uri"]), request["body"]
         form = form if isinstance(form, str) else (form or {}).get("string") or ""
         headers = {name: values[0] for name, values in response["headers"].items() if name.lower() != "content-length"}
-        found.append(Exchange(request["method"], address.path, dict(parse_qsl(address.query)), dict(parse_qsl(form)),
-                              response["status"]["code"], headers, response["body"]["string"]))
+        found.append(
+            Exchange(
+                request["method"],
+                address.path,
+                dict(parse_qsl(address.query)),
+                dict(parse_qsl(form)),
+                response["status"]["code"],
+                headers,
+                response["body"]["string"],
+            )
+        )
     return found
 
 

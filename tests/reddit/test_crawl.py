@@ -40,7 +40,12 @@ def test_every_post_and_comment_is_there_with_its_values(whole: Work) -> None:
         assert (row["title"], row["score"], row["num_comments"]) == (post["title"], post.get("score"), post["num_comments"])
     for key, comment in whole.world.comments.items():
         row = found[f"t1_{key}"]
-        assert (row["text"], row["score"], row["parent_id"], row["post_id"]) == (comment["body"], comment["score"], comment["parent_id"], comment["link_id"][3:])
+        assert (row["text"], row["score"], row["parent_id"], row["post_id"]) == (
+            comment["body"],
+            comment["score"],
+            comment["parent_id"],
+            comment["link_id"][3:],
+        )
 
 
 def test_pages_are_read_once_and_stubs_by_the_hundred(whole: Work) -> None:
@@ -48,8 +53,8 @@ def test_pages_are_read_once_and_stubs_by_the_hundred(whole: Work) -> None:
     pages = Counter(seen.path for seen in ledger.requests("^/comments/"))
     assert set(pages.values()) == {1}
     deep, wide = list(whole.world.posts)[CASES.index("deep")], list(whole.world.posts)[CASES.index("wide")]
-    assert sum(path.startswith(f"/comments/{deep}/_/") for path in pages) == 4     # ten replies a page
-    assert len(ledger.requests("morechildren")) == 7                              # 500 of 1,200 are on the page
+    assert sum(path.startswith(f"/comments/{deep}/_/") for path in pages) == 4  # ten replies a page
+    assert len(ledger.requests("morechildren")) == 7  # 500 of 1,200 are on the page
     assert sum(path.startswith(f"/comments/{wide}/") for path in pages) == 1
     assert whole.crawled["requests"] == len(ledger.requests("^/(r|comments|api)/"))
 
@@ -62,7 +67,7 @@ def test_depths_of_a_deep_and_a_wide_tree(whole: Work) -> None:
         assert row["depth"] == whole.world.comments[row["comment_id"]]["depth"]
     assert max(depths[posts[CASES.index("deep")]]) == 39
     assert set(depths[posts[CASES.index("wide")]]) == {0}
-    assert len(depths[posts[CASES.index("wide")]]) > 1_050      # some are deleted
+    assert len(depths[posts[CASES.index("wide")]]) > 1_050  # some are deleted
 
 
 def test_odd_text_stays_as_far_as_arrow_can_hold_it(whole: Work) -> None:
@@ -105,16 +110,20 @@ def test_since_and_until_bound_the_posts(work: Work) -> None:
     assert summary["crawled"] == 5
 
 
-@pytest.mark.parametrize("fault", [
-    {"path": "^/comments/", "status": 503, "times": 2},
-    {"path": "^/comments/", "reset": True, "times": 2, "after": 3},
-    {"path": "^/comments/", "cut": 0.5, "honest": True, "times": 2},
-    {"path": "^/comments/", "cut": 0.5, "times": 1, "after": 5},
-    {"path": "morechildren", "status": 500, "times": 3},
-    {"path": "^/r/", "status": 429, "headers": {"Retry-After": "0"}, "times": 2},
-    {"path": "^/comments/", "status": 401, "times": 1, "after": 4},
-    {"path": "access_token", "status": 503, "times": 2},
-], ids=lambda fault: f"{fault['path']} {fault.get('status') or ('reset' if fault.get('reset') else 'cut')}")
+@pytest.mark.parametrize(
+    "fault",
+    [
+        {"path": "^/comments/", "status": 503, "times": 2},
+        {"path": "^/comments/", "reset": True, "times": 2, "after": 3},
+        {"path": "^/comments/", "cut": 0.5, "honest": True, "times": 2},
+        {"path": "^/comments/", "cut": 0.5, "times": 1, "after": 5},
+        {"path": "morechildren", "status": 500, "times": 3},
+        {"path": "^/r/", "status": 429, "headers": {"Retry-After": "0"}, "times": 2},
+        {"path": "^/comments/", "status": 401, "times": 1, "after": 4},
+        {"path": "access_token", "status": 503, "times": 2},
+    ],
+    ids=lambda fault: f"{fault['path']} {fault.get('status') or ('reset' if fault.get('reset') else 'cut')}",
+)
 def test_what_passes_leaves_no_gap(work: Work, fault: dict[str, Any]) -> None:
     planned = work.sandbox.faults.add(**fault)
     work.crawl()
@@ -159,7 +168,7 @@ def test_a_server_that_only_fails_is_unreachable_and_loses_nothing(work: Work) -
     fault = work.sandbox.faults.add("^/comments/", status=502, times=None)
     with pytest.raises(Unreachable):
         work.crawl()
-    assert fault.hits == 15     # five tries of three posts
+    assert fault.hits == 15  # five tries of three posts
     work.sandbox.faults.remove(fault)
     work.crawl()
     assert things(work).keys() == everything(work)
@@ -252,7 +261,10 @@ def test_killed_in_the_middle_only_what_was_in_flight_is_asked_again(work: Work)
     child.communicate()
     held.release()
     work.crawl()
-    again = Counter(f"{seen.path}?{seen.args.get('after', '')}{seen.args.get('q', '')}{seen.args.get('t', '')}" for seen in work.sandbox.ledger.requests("^/(comments|r)/"))
+    again = Counter(
+        f"{seen.path}?{seen.args.get('after', '')}{seen.args.get('q', '')}{seen.args.get('t', '')}"
+        for seen in work.sandbox.ledger.requests("^/(comments|r)/")
+    )
     assert sorted(count for count in again.values() if count > 1) == [2]
     assert things(work).keys() == everything(work)
     work.filter()

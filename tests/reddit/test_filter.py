@@ -16,7 +16,7 @@ from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import Work, texts
 
-POSTS = [    # the post, then stage, reason, value, threshold; None: kept
+POSTS = [  # the post, then stage, reason, value, threshold; None: kept
     (post("good"), None),
     (post("at5", score=5), None),
     (post("low", score=4), ("score", "below", "4", "5")),
@@ -97,15 +97,30 @@ def test_the_stages_stand_in_the_contracts_order() -> None:
     from kb.core.profile import load_profile
 
     made, p = pipeline.load(str(pipeline.locate("reddit"))), load_profile("minecraft")
-    for stages, order in ((made.posts(p), ["missing", "removed", "nsfw", "score", "toxicity"]), (made.comments(p), ["missing", "post", "removed", "toxicity"])):
+    for stages, order in (
+        (made.posts(p), ["missing", "removed", "nsfw", "score", "toxicity"]),
+        (made.comments(p), ["missing", "post", "removed", "toxicity"]),
+    ):
         assert list(dict.fromkeys(stage.stage for stage in stages)) == order
 
 
 def test_each_case_of_the_subreddit_is_what_it_is(whole: Work) -> None:
     kept = {row["post_id"]: row for row in whole.table("clean", "reddit", "posts")}
-    types = {"text": ("text", None), "image": ("image", "image"), "image_album": ("image", "image"), "image_direct": ("image", "image"), "video_hosted": ("video", "video"),
-             "video_youtube": ("video", "video"), "video_gifv": ("video", "video"), "link": ("link", "general"), "poll": ("poll", None), "gallery": ("gallery", None),
-             "crosspost": ("video", "video"), "link_video_page": ("link", "general"), "empty_text": ("text", None)}
+    types = {
+        "text": ("text", None),
+        "image": ("image", "image"),
+        "image_album": ("image", "image"),
+        "image_direct": ("image", "image"),
+        "video_hosted": ("video", "video"),
+        "video_youtube": ("video", "video"),
+        "video_gifv": ("video", "video"),
+        "link": ("link", "general"),
+        "poll": ("poll", None),
+        "gallery": ("gallery", None),
+        "crosspost": ("video", "video"),
+        "link_video_page": ("link", "general"),
+        "empty_text": ("text", None),
+    }
     for number, key in enumerate(list(whole.world.posts)[: len(CASES)]):
         case = CASES[number]
         assert (key in kept) == (case not in ("low_score", "nsfw", "removed", "deleted", "no_score")), case
@@ -118,8 +133,10 @@ def test_each_case_of_the_subreddit_is_what_it_is(whole: Work) -> None:
 
 
 def test_the_release_has_ids_and_figures_and_nothing_else(whole: Work) -> None:
-    allowed = {"posts": {"post_id", "type", "created_utc", "score", "num_comments", "upvote_ratio", "score_source", "fetched_at"},
-               "comments": {"comment_id", "post_id", "parent_id", "depth", "created_utc", "score", "score_source", "fetched_at"}}
+    allowed = {
+        "posts": {"post_id", "type", "created_utc", "score", "num_comments", "upvote_ratio", "score_source", "fetched_at"},
+        "comments": {"comment_id", "post_id", "parent_id", "depth", "created_utc", "score", "score_source", "fetched_at"},
+    }
     for name, columns in allowed.items():
         found = [row for path in sorted((whole.root / "release" / "reddit").glob(f"{name}-*.parquet")) for row in rows_of(path)]
         assert set(found[0]) == columns

@@ -18,7 +18,7 @@ from tests.reddit.cassettes import Exchange, read
 
 Row = dict[str, Any]
 LINKS = load_profile("minecraft").section("reddit").links
-THINGS = {    # what is in each cassette: state and kind → how many different ones
+THINGS = {  # what is in each cassette: state and kind → how many different ones
     "TestComment.test_attributes": {"there t1": 1},
     "TestComment.test_invalid": {"missing t1": 1},
     "TestComment.test_parent__chain": {"there t1": 32, "there t3": 1},
@@ -56,6 +56,7 @@ def _kind(exchange: Exchange) -> str:
 @pytest.fixture
 def rows(recorded: Path) -> Callable[[str], list[Row]]:
     """Rows of all answers of a cassette."""
+
     def of(name: str) -> list[Row]:
         found: list[Row] = []
         for exchange in read(recorded / "reddit" / f"{name}.json"):
@@ -64,7 +65,9 @@ def rows(recorded: Path) -> Callable[[str], list[Row]]:
             kind, params = _kind(exchange), {**exchange.query, **exchange.form}
             if kind == "comments":
                 params["article"] = exchange.path.split("/")[2]
-            found += parse.Reader(kind, LINKS).envelope(encode(Envelope("2026-01-01T00:00:00Z", Request(exchange.path, params), 200, json.loads(exchange.body))))
+            found += parse.Reader(kind, LINKS).envelope(
+                encode(Envelope("2026-01-01T00:00:00Z", Request(exchange.path, params), 200, json.loads(exchange.body)))
+            )
         return found
 
     return of
@@ -134,7 +137,13 @@ def test_a_crosspost_has_its_parents_type(rows: Callable[[str], list[Row]]) -> N
 
 def test_what_was_deleted_or_removed(rows: Callable[[str], list[Row]]) -> None:
     found = rows("TestSubmission.test_delete")
-    assert {row["fullname"]: row["gone"] for row in found} == {"t3_4b1tfm": "deleted", "t1_d1616q2": "deleted", "t1_d1680wu": None, "t1_d1628v0": None, "t1_d162ara": None}
+    assert {row["fullname"]: row["gone"] for row in found} == {
+        "t3_4b1tfm": "deleted",
+        "t1_d1616q2": "deleted",
+        "t1_d1680wu": None,
+        "t1_d1628v0": None,
+        "t1_d162ara": None,
+    }
     assert one(found, "t1_d1680wu")["parent_id"] == "t1_d1616q2"
     assert one(found, "t1_d1616q2")["author_hash"] is None
     row = one(rows("TestSubreddit.test_submit__url_selftext"), "t3_1kh35wk")
@@ -144,7 +153,13 @@ def test_what_was_deleted_or_removed(rows: Callable[[str], list[Row]]) -> None:
 
 def test_a_comment(rows: Callable[[str], list[Row]]) -> None:
     row = rows("TestComment.test_attributes")[0]
-    assert (row["fullname"], row["post_id"], row["parent_id"], row["score"], row["created_utc"]) == ("t1_cklhv0f", "2gmzqe", "t1_cklfmye", 1, 1411010034)
+    assert (row["fullname"], row["post_id"], row["parent_id"], row["score"], row["created_utc"]) == (
+        "t1_cklhv0f",
+        "2gmzqe",
+        "t1_cklfmye",
+        1,
+        1411010034,
+    )
     assert row["text"].startswith("Yes it does. That fix is also in the master branch")
 
 

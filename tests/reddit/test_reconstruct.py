@@ -81,13 +81,15 @@ def test_what_is_gone_is_named_with_its_reason_and_no_failure(tmp_path: Path) ->
         ids.write_text("\n".join([f"t3_{key}" for key in posts] + [f"t1_{key}" for key in comments] + ["t1_zzzzzz", "t3_zzzzzz", "t3_zzzzzz", ""]))
         summary = work.rebuild(ids)
     missing = {row["key"]: row["reason"] for row in pq.read_table(tmp_path / "out" / "missing.parquet").to_pylist()}
-    answered = {f"t3_{row['post_id']}" for row in rows(tmp_path / "out" / "posts")} | {f"t1_{row['comment_id']}" for row in rows(tmp_path / "out" / "comments")}
+    answered = {f"t3_{row['post_id']}" for row in rows(tmp_path / "out" / "posts")} | {
+        f"t1_{row['comment_id']}" for row in rows(tmp_path / "out" / "comments")
+    }
     assert not answered & missing.keys()
     assert answered | missing.keys() == {line for line in ids.read_text().split("\n") if line}
     assert summary["missing"] == len(missing)
     assert {missing[name] for name in ("t1_zzzzzz", "t3_zzzzzz", f"t3_{posts[0]}", f"t1_{live[0]}")} == {"missing"}
     assert {missing[f"t3_{posts[1]}"], missing[f"t1_{live[1]}"]} == {"removed"}
-    assert Counter(missing.values())["malformed"] == 1      # the post without a score
+    assert Counter(missing.values())["malformed"] == 1  # the post without a score
     orphan = [row for row in rows(tmp_path / "out" / "comments") if row["parent_id"] == f"t1_{live[0]}"]
     assert all(row["depth"] is None for row in orphan)
 
@@ -160,10 +162,17 @@ def test_the_call_has_its_name_whatever_was_imported_before() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-@pytest.mark.parametrize(("name", "text", "says"), [
-    ("ids.txt", "t3_abc\nabc\n", "line 2"), ("ids.txt", "t2_abc\n", "line 1"), ("ids.txt", "\n", "no ids"),
-    ("reddit.json", "{}", "no list"), ("reddit.json", '[{"type": "text"}]', "entry 1"), ("reddit.json", "[", "can't be read"),
-])
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("ids.txt", "t3_abc\nabc\n", "line 2"),
+        ("ids.txt", "t2_abc\n", "line 1"),
+        ("ids.txt", "\n", "no ids"),
+        ("reddit.json", "{}", "no list"),
+        ("reddit.json", '[{"type": "text"}]', "entry 1"),
+        ("reddit.json", "[", "can't be read"),
+    ],
+)
 def test_a_file_of_no_use_is_said_before_anything_is_sent(work: Work, name: str, text: str, says: str) -> None:
     path = work.place / name
     path.write_text(text)

@@ -92,7 +92,11 @@ def test_a_refresh_that_was_stopped_asks_only_for_the_rest(tiny: Work, monkeypat
 def test_a_purge_leaves_no_trace_in_any_file(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
     world, posts = tiny.world, list(tiny.world.posts)
     text, image, link = (posts[CASES.index(case)] for case in ("text", "image", "link"))
-    talk = [key for key, comment in world.comments.items() if comment["link_id"][3:] not in (text, image, link) and comment["body"] not in ("[deleted]", "[removed]")]
+    talk = [
+        key
+        for key, comment in world.comments.items()
+        if comment["link_id"][3:] not in (text, image, link) and comment["body"] not in ("[deleted]", "[removed]")
+    ]
     leaves = [key for key in talk if f"t1_{key}" not in world.replies][:2]
     # What can be told from everything else in the world.
     for number, key in enumerate((text, image, link)):
@@ -154,7 +158,7 @@ def test_replies_to_a_purged_comment_stay(tiny: Work) -> None:
     assert chain[2] not in rows
     for key in chain[3:]:
         assert key in rows or key in gone
-        assert rows.get(key) is None      # an ancestor is unknown
+        assert rows.get(key) is None  # an ancestor is unknown
 
 
 def test_a_purge_that_was_cut_off_goes_on(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -218,24 +222,60 @@ COMMENT = thing("t1", "c", link_id="t3_p", replies=listing(thing("t1", "d", link
 SHARED = thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[{"id": "p", "title": "t"}], url="/r/M/comments/p/title/")
 
 
-@pytest.mark.parametrize(("kind", "params", "answer", "keys", "expected"), [
-    ("listings", {"after": "t3_p"}, listing(thing("t3", "p"), thing("t3", "q"), after="t3_p"), {"t3_p"}, ({"after": ""}, listing(thing("t3", "q"), after="t3_q"))),
-    ("listings", {}, listing(SHARED), {"t3_p"}, ({}, listing(thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[])))),
-    ("comments", {"article": "p"}, [listing(thing("t3", "p")), listing(COMMENT)], {"t3_p"}, None),
-    ("comments", {"article": "p", "comment": "c"}, [listing(thing("t3", "p")), listing(COMMENT)], {"t1_c"},
-     ({"article": "p"}, [listing(thing("t3", "p")), listing(thing("t1", "d", link_id="t3_p", replies=""))])),
-    ("comments", {"article": "p"}, [listing(COMMENT)], {"t1_d"}, ({"article": "p"}, [listing(thing("t1", "c", link_id="t3_p", replies=listing()))])),
-    ("comments", {"article": "p"}, [listing(thing("more", "a", children=["a", "b"], parent_id="t3_p"))], {"t1_a"},
-     ({"article": "p"}, [listing({"kind": "more", "data": {"id": "b", "name": "t1_b", "children": ["b"], "parent_id": "t3_p"}})])),
-    ("comments", {"article": "p"}, [listing(thing("more", "a", children=["a"], parent_id="t3_p"))], {"t1_a"}, ({"article": "p"}, [listing()])),
-    ("comments", {"article": "p"}, None, {"t3_p"}, None),
-    ("morechildren", {"link_id": "t3_p", "children": "c,e"}, {"json": {"errors": [], "data": {"things": [COMMENT]}}}, {"t1_c"},
-     ({"link_id": "t3_p", "children": "e"}, {"json": {"errors": [], "data": {"things": [thing("t1", "d", link_id="t3_p", replies="")]}}})),
-    ("morechildren", {"link_id": "t3_p", "children": "c"}, {"json": {"data": {"things": [COMMENT]}}}, {"t3_p"}, None),
-    ("info", {"id": "t3_p,t1_c,t1_z", "posts": ["p", "p", "q"]}, listing(thing("t3", "p"), COMMENT), {"t3_p"}, ({"id": "t1_z", "posts": ["q"]}, listing())),
-    ("info", {"id": "t3_p"}, listing(thing("t3", "p")), {"t3_p"}, None),
-    ("dumps", {}, listing(thing("t3", "p"), thing("t1", "c", link_id="t3_p")), {"t3_p"}, None),
-])
+@pytest.mark.parametrize(
+    ("kind", "params", "answer", "keys", "expected"),
+    [
+        (
+            "listings",
+            {"after": "t3_p"},
+            listing(thing("t3", "p"), thing("t3", "q"), after="t3_p"),
+            {"t3_p"},
+            ({"after": ""}, listing(thing("t3", "q"), after="t3_q")),
+        ),
+        ("listings", {}, listing(SHARED), {"t3_p"}, ({}, listing(thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[])))),
+        ("comments", {"article": "p"}, [listing(thing("t3", "p")), listing(COMMENT)], {"t3_p"}, None),
+        (
+            "comments",
+            {"article": "p", "comment": "c"},
+            [listing(thing("t3", "p")), listing(COMMENT)],
+            {"t1_c"},
+            ({"article": "p"}, [listing(thing("t3", "p")), listing(thing("t1", "d", link_id="t3_p", replies=""))]),
+        ),
+        (
+            "comments",
+            {"article": "p"},
+            [listing(COMMENT)],
+            {"t1_d"},
+            ({"article": "p"}, [listing(thing("t1", "c", link_id="t3_p", replies=listing()))]),
+        ),
+        (
+            "comments",
+            {"article": "p"},
+            [listing(thing("more", "a", children=["a", "b"], parent_id="t3_p"))],
+            {"t1_a"},
+            ({"article": "p"}, [listing({"kind": "more", "data": {"id": "b", "name": "t1_b", "children": ["b"], "parent_id": "t3_p"}})]),
+        ),
+        ("comments", {"article": "p"}, [listing(thing("more", "a", children=["a"], parent_id="t3_p"))], {"t1_a"}, ({"article": "p"}, [listing()])),
+        ("comments", {"article": "p"}, None, {"t3_p"}, None),
+        (
+            "morechildren",
+            {"link_id": "t3_p", "children": "c,e"},
+            {"json": {"errors": [], "data": {"things": [COMMENT]}}},
+            {"t1_c"},
+            ({"link_id": "t3_p", "children": "e"}, {"json": {"errors": [], "data": {"things": [thing("t1", "d", link_id="t3_p", replies="")]}}}),
+        ),
+        ("morechildren", {"link_id": "t3_p", "children": "c"}, {"json": {"data": {"things": [COMMENT]}}}, {"t3_p"}, None),
+        (
+            "info",
+            {"id": "t3_p,t1_c,t1_z", "posts": ["p", "p", "q"]},
+            listing(thing("t3", "p"), COMMENT),
+            {"t3_p"},
+            ({"id": "t1_z", "posts": ["q"]}, listing()),
+        ),
+        ("info", {"id": "t3_p"}, listing(thing("t3", "p")), {"t3_p"}, None),
+        ("dumps", {}, listing(thing("t3", "p"), thing("t1", "c", link_id="t3_p")), {"t3_p"}, None),
+    ],
+)
 def test_what_strip_leaves(kind: str, params: dict[str, Any], answer: Any, keys: set[str], expected: Any) -> None:
     left = strip(kind, Envelope("2026-01-01T00:00:00Z", Request(kind, params), 200, answer), keys)
     assert (None if left is None else (left.request.params, left.response)) == expected

@@ -23,17 +23,35 @@ from tests.reddit.work import rows
 AGENT = "lorebase"
 # Exchanges of an app alone; those with a user's password or a refresh token need what we never have.
 APP_ONLY = (
-    "TestComment.test_attributes", "TestComment.test_invalid", "TestComment.test_parent__chain", "TestComment.test_refresh__deleted_comment",
-    "TestComment.test_refresh__with_reply_sort_and_limit", "TestCommentForest.test_replace__all", "TestCommentForest.test_replace__on_direct_comment",
-    "TestReddit.test_info", "TestReddit.test_info_url", "TestSubmission.test_comments", "TestSubmission.test_duplicates",
-    "TestSubreddit.test_search", "TestSubredditListings.test_new", "TestSubredditListings.test_top", "TestListingGenerator.test_exhaust_items",
-    "TestListingGenerator.test_no_items", "TestRedditorListings.test_saved__in_read_only_mode", "TestSubreddit.test_sticky", "TestSubreddit.test_sticky__not_set",
-    "TestReddit.test_bad_request_without_json_text_html_response", "TestRedditors.test_partial_redditors__not_found", "TestRedditorListings.test_overview__top",
+    "TestComment.test_attributes",
+    "TestComment.test_invalid",
+    "TestComment.test_parent__chain",
+    "TestComment.test_refresh__deleted_comment",
+    "TestComment.test_refresh__with_reply_sort_and_limit",
+    "TestCommentForest.test_replace__all",
+    "TestCommentForest.test_replace__on_direct_comment",
+    "TestReddit.test_info",
+    "TestReddit.test_info_url",
+    "TestSubmission.test_comments",
+    "TestSubmission.test_duplicates",
+    "TestSubreddit.test_search",
+    "TestSubredditListings.test_new",
+    "TestSubredditListings.test_top",
+    "TestListingGenerator.test_exhaust_items",
+    "TestListingGenerator.test_no_items",
+    "TestRedditorListings.test_saved__in_read_only_mode",
+    "TestSubreddit.test_sticky",
+    "TestSubreddit.test_sticky__not_set",
+    "TestReddit.test_bad_request_without_json_text_html_response",
+    "TestRedditors.test_partial_redditors__not_found",
+    "TestRedditorListings.test_overview__top",
 )
+
 
 @pytest.fixture
 def play(monkeypatch: pytest.MonkeyPatch) -> Callable[[list[Exchange]], Cassette]:
     """PRAW as the client makes it, with a cassette in place of the network."""
+
     def mount(exchanges: list[Exchange]) -> Cassette:
         cassette, made = Cassette(exchanges), room._praw
 
@@ -65,8 +83,13 @@ def test_each_recorded_answer_has_its_consequence(recorded: Path, play: Callable
     for exchange in exchanges:
         if "access_token" in exchange.path:
             continue
+
         def ask(exchange: Exchange = exchange) -> object:
-            return client.get(exchange.path.lstrip("/"), exchange.query) if exchange.method == "GET" else client.post(exchange.path.lstrip("/"), exchange.form)
+            return (
+                client.get(exchange.path.lstrip("/"), exchange.query)
+                if exchange.method == "GET"
+                else client.post(exchange.path.lstrip("/"), exchange.form)
+            )
 
         if exchange.status == 200:
             assert ask() == json.loads(exchange.body)
@@ -102,11 +125,15 @@ def test_a_recorded_post_through_the_whole_reconstruction(recorded: Path, play: 
 
 
 def test_rate_headers_of_a_recorded_answer(recorded: Path) -> None:
-    headers = next(one.headers for one in read(recorded / "reddit" / "TestRedditorListings.test_overview__top.json") if any("ratelimit" in name.lower() for name in one.headers))
+    headers = next(
+        one.headers
+        for one in read(recorded / "reddit" / "TestRedditorListings.test_overview__top.json")
+        if any("ratelimit" in name.lower() for name in one.headers)
+    )
     limiter = Limiter(Pace(0))
     answer = requests.Response()
     answer.headers.update(headers)
     limiter.heed(answer.headers)
     assert limiter.remaining is not None
     assert limiter.remaining > 1
-    limiter.wait()      # there is room: no pause
+    limiter.wait()  # there is room: no pause

@@ -62,8 +62,12 @@ def scores(work: Work) -> dict[str, dict[str, Any]]:
 def test_a_rude_title_body_or_comment_is_rejected_by_its_stage(judged: Work) -> None:
     found = {row["key"]: row for row in judged.table("clean", "reddit", "rejected")}
     assert {key: (row["stage"], row["reason"]) for key, row in found.items()} == {
-        "t3_title": ("toxicity", "title"), "t3_body": ("toxicity", "body"), "t1_rude": ("toxicity", "body"),
-        "t1_below": ("post", "not_kept"), "t3_low": ("score", "below"), "t1_under": ("post", "not_kept"),
+        "t3_title": ("toxicity", "title"),
+        "t3_body": ("toxicity", "body"),
+        "t1_rude": ("toxicity", "body"),
+        "t1_below": ("post", "not_kept"),
+        "t3_low": ("score", "below"),
+        "t1_under": ("post", "not_kept"),
     }
     for key in ("t3_title", "t3_body", "t1_rude"):
         assert float(found[key]["value"]) > float(found[key]["threshold"]) == 0.5

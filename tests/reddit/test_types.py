@@ -12,17 +12,37 @@ from kb.reddit.types import is_crosspost, link_classifier, poll_options, post_ty
 CLASSIFY = link_classifier(load_profile("minecraft").section("reddit").links)
 
 
-@pytest.mark.parametrize(("address", "kind"), [
-    ("https://i.redd.it/abc.png", "image"), ("https://i.redd.it/abc", "image"), ("https://imgur.com/abc", "image"),
-    ("https://imgur.com/a/abc", "image"), ("https://m.imgur.com/gallery/abc", "image"), ("https://i.imgur.com/abc.gif", "image"),
-    ("https://preview.redd.it/abc.jpg?width=640&auto=webp", "image"), ("https://example.org/wiki/Creeper.JPG", "image"),
-    ("https://i.imgur.com/abc.gifv", "video"), ("https://v.redd.it/abc", "video"), ("https://streamable.com/abc", "video"),
-    ("https://gfycat.com/Abc", "video"), ("https://www.youtube.com/watch?v=abc", "video"), ("https://youtu.be/abc", "video"),
-    ("https://m.youtube.com/shorts/abc", "video"), ("https://example.org/film.mp4", "video"),
-    ("https://www.youtube.com/@somebody", "general"), ("https://www.youtube.com/", "general"), ("https://youtu.be/", "general"),
-    ("https://notimgur.com/abc", "general"), ("https://imgur.com.example.org/abc", "general"), ("https://example.org/a.b/c", "general"),
-    ("https://example.org", "general"), ("http://[broken", "general"), ("", "general"), ("/r/Minecraft/wiki", "general"),
-])
+@pytest.mark.parametrize(
+    ("address", "kind"),
+    [
+        ("https://i.redd.it/abc.png", "image"),
+        ("https://i.redd.it/abc", "image"),
+        ("https://imgur.com/abc", "image"),
+        ("https://imgur.com/a/abc", "image"),
+        ("https://m.imgur.com/gallery/abc", "image"),
+        ("https://i.imgur.com/abc.gif", "image"),
+        ("https://preview.redd.it/abc.jpg?width=640&auto=webp", "image"),
+        ("https://example.org/wiki/Creeper.JPG", "image"),
+        ("https://i.imgur.com/abc.gifv", "video"),
+        ("https://v.redd.it/abc", "video"),
+        ("https://streamable.com/abc", "video"),
+        ("https://gfycat.com/Abc", "video"),
+        ("https://www.youtube.com/watch?v=abc", "video"),
+        ("https://youtu.be/abc", "video"),
+        ("https://m.youtube.com/shorts/abc", "video"),
+        ("https://example.org/film.mp4", "video"),
+        ("https://www.youtube.com/@somebody", "general"),
+        ("https://www.youtube.com/", "general"),
+        ("https://youtu.be/", "general"),
+        ("https://notimgur.com/abc", "general"),
+        ("https://imgur.com.example.org/abc", "general"),
+        ("https://example.org/a.b/c", "general"),
+        ("https://example.org", "general"),
+        ("http://[broken", "general"),
+        ("", "general"),
+        ("/r/Minecraft/wiki", "general"),
+    ],
+)
 def test_addresses(address: str, kind: str) -> None:
     assert CLASSIFY(address) == kind
 
@@ -31,22 +51,25 @@ SELF = {"is_self": True, "permalink": "/r/M/comments/a/t/", "url": "https://www.
 FILM = {"is_self": False, "is_video": True, "url": "https://v.redd.it/x"}
 
 
-@pytest.mark.parametrize(("post", "expected"), [
-    (SELF, ("text", None, None)),
-    ({**SELF, "is_self": None}, ("text", None, None)),
-    ({"is_self": False, "url": None}, ("text", None, None)),
-    ({**SELF, "poll_data": {"options": [{"text": "a"}]}}, ("poll", None, None)),
-    ({"is_gallery": True, "url": "https://www.reddit.com/gallery/a"}, ("gallery", None, "https://www.reddit.com/gallery/a")),
-    ({"url": "https://www.reddit.com/gallery/a"}, ("gallery", None, "https://www.reddit.com/gallery/a")),
-    (FILM, ("video", "video", "https://v.redd.it/x")),
-    ({"url": "https://i.redd.it/a.png", "post_hint": "link"}, ("image", "image", "https://i.redd.it/a.png")),
-    ({"url": "https://a.org/x", "url_overridden_by_dest": "https://i.redd.it/a.png"}, ("image", "image", "https://i.redd.it/a.png")),
-    ({"url": "https://notes.example/a"}, ("link", "general", "https://notes.example/a")),
-    ({"url": "https://v.redd.it/y", "crosspost_parent_list": [FILM]}, ("video", "video", "https://v.redd.it/x")),
-    ({"url": "/r/M/comments/a/t/", "crosspost_parent_list": [SELF]}, ("text", None, None)),
-    ({"url": "https://a.org/x", "crosspost_parent_list": []}, ("link", "general", "https://a.org/x")),
-    ({"url": "https://a.org/x", "crosspost_parent": "t3_gone"}, ("link", "general", "https://a.org/x")),
-])
+@pytest.mark.parametrize(
+    ("post", "expected"),
+    [
+        (SELF, ("text", None, None)),
+        ({**SELF, "is_self": None}, ("text", None, None)),
+        ({"is_self": False, "url": None}, ("text", None, None)),
+        ({**SELF, "poll_data": {"options": [{"text": "a"}]}}, ("poll", None, None)),
+        ({"is_gallery": True, "url": "https://www.reddit.com/gallery/a"}, ("gallery", None, "https://www.reddit.com/gallery/a")),
+        ({"url": "https://www.reddit.com/gallery/a"}, ("gallery", None, "https://www.reddit.com/gallery/a")),
+        (FILM, ("video", "video", "https://v.redd.it/x")),
+        ({"url": "https://i.redd.it/a.png", "post_hint": "link"}, ("image", "image", "https://i.redd.it/a.png")),
+        ({"url": "https://a.org/x", "url_overridden_by_dest": "https://i.redd.it/a.png"}, ("image", "image", "https://i.redd.it/a.png")),
+        ({"url": "https://notes.example/a"}, ("link", "general", "https://notes.example/a")),
+        ({"url": "https://v.redd.it/y", "crosspost_parent_list": [FILM]}, ("video", "video", "https://v.redd.it/x")),
+        ({"url": "/r/M/comments/a/t/", "crosspost_parent_list": [SELF]}, ("text", None, None)),
+        ({"url": "https://a.org/x", "crosspost_parent_list": []}, ("link", "general", "https://a.org/x")),
+        ({"url": "https://a.org/x", "crosspost_parent": "t3_gone"}, ("link", "general", "https://a.org/x")),
+    ],
+)
 def test_types(post: dict[str, Any], expected: tuple[str, str | None, str | None]) -> None:
     assert post_type(post, CLASSIFY) == expected
 
@@ -59,19 +82,22 @@ def test_crossposts_and_polls() -> None:
     assert poll_options(SELF) is None
 
 
-@pytest.mark.parametrize(("thing", "expected"), [
-    ({"selftext": "words", "title": "t", "author": "x"}, None),
-    ({"body": "[deleted]", "author": "[deleted]"}, ("deleted", "[deleted]")),
-    ({"body": "words", "author": "[deleted]"}, None),
-    ({"body": "[removed]"}, ("removed", "[removed]")),
-    ({"body": "[ Removed by Reddit ]"}, ("removed", "[ Removed by Reddit ]")),
-    ({"selftext": "", "removed_by_category": "moderator"}, ("removed", "moderator")),
-    ({"selftext": "", "removed_by_category": "automod_filtered"}, ("removed", "automod_filtered")),
-    ({"selftext": "", "removed_by_category": "deleted"}, ("deleted", "deleted")),
-    ({"selftext": "[deleted]", "removed_by_category": "author"}, ("deleted", "author")),
-    ({"selftext": "", "title": "[deleted by user]"}, ("deleted", "[deleted by user]")),
-    ({"selftext": "", "title": "[ Removed by moderator ]"}, ("removed", "[ Removed by moderator ]")),
-    ({"selftext": "words", "is_robot_indexable": False}, ("removed", "is_robot_indexable is false")),
-])
+@pytest.mark.parametrize(
+    ("thing", "expected"),
+    [
+        ({"selftext": "words", "title": "t", "author": "x"}, None),
+        ({"body": "[deleted]", "author": "[deleted]"}, ("deleted", "[deleted]")),
+        ({"body": "words", "author": "[deleted]"}, None),
+        ({"body": "[removed]"}, ("removed", "[removed]")),
+        ({"body": "[ Removed by Reddit ]"}, ("removed", "[ Removed by Reddit ]")),
+        ({"selftext": "", "removed_by_category": "moderator"}, ("removed", "moderator")),
+        ({"selftext": "", "removed_by_category": "automod_filtered"}, ("removed", "automod_filtered")),
+        ({"selftext": "", "removed_by_category": "deleted"}, ("deleted", "deleted")),
+        ({"selftext": "[deleted]", "removed_by_category": "author"}, ("deleted", "author")),
+        ({"selftext": "", "title": "[deleted by user]"}, ("deleted", "[deleted by user]")),
+        ({"selftext": "", "title": "[ Removed by moderator ]"}, ("removed", "[ Removed by moderator ]")),
+        ({"selftext": "words", "is_robot_indexable": False}, ("removed", "is_robot_indexable is false")),
+    ],
+)
 def test_who_took_it_away(thing: dict[str, Any], expected: tuple[str, str] | None) -> None:
     assert removal(thing) == expected

@@ -25,7 +25,7 @@ from kb.sandbox.server import Sandbox
 from tests.youtube.job import Job
 
 NOW = "2026-11-20T12:00:00Z"
-LATER = "2027-01-20T12:00:00Z"      # more than max_age_days after NOW
+LATER = "2027-01-20T12:00:00Z"  # more than max_age_days after NOW
 
 
 class Work:
