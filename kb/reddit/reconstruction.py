@@ -11,7 +11,6 @@ for what was in flight; then tables are written and the work folder goes.
 
 from __future__ import annotations
 
-import hashlib
 import shutil
 from collections.abc import Iterable, Iterator
 from datetime import datetime
@@ -119,7 +118,7 @@ def rebuild(run: Run, ids: Path | str | Iterable[str] | None, out: Path) -> Summ
         run.settings.need(name)
     source = run.root / "release" / "reddit" if ids is None else Path(ids) if isinstance(ids, (str, Path)) else None
     wanted = read_names(ids, "ids") if source is None else read_wanted(source)
-    digest = hashlib.sha256(msgspec.json.encode(wanted)).hexdigest()[:16]
+    digest = wanted.digest()
     done, work = out / _DONE, out / f".work-{digest}"
     if done.exists() and not run.again:
         old = msgspec.json.decode(done.read_bytes())
@@ -154,11 +153,12 @@ class Rebuild(Crawl):
         self.asked = 0
 
     def _seed(self) -> None:
-        total = len(self.wanted.names) + len(self.wanted.trees)
-        if sum(sum(self.frontier.counts(kind).values()) for kind in ("info", "tree")) < total:
-            self.frontier.add("info", self.wanted.names)
-            self.frontier.add("tree", self.wanted.trees)
-            self.frontier.mark("info", self.gone.intersection(self.wanted.names), "skipped", "purged")
+        if not self.frontier.cursor("seeded"):
+            with self.frontier.transaction():
+                self.frontier.add("info", self.wanted.names)
+                self.frontier.add("tree", self.wanted.trees)
+                self.frontier.mark("info", self.gone, "skipped", "purged")
+                self.frontier.set_cursor("seeded", True)
         for kind in self.KINDS:
             self.frontier.reopen(kind, "error")
         self.bar.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from contextlib import ExitStack
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,6 @@ def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], lin
 
     `depths` (comment_id, depth) fills in where ancestors are gone.
     """
-    import pyarrow as pa
 
     buckets = 1 + (len(wanted.names) + 50 * len(wanted.trees)) // IDS
     with full_disk_is_resumable(work), ExitStack() as folders:
@@ -35,7 +35,6 @@ def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], lin
         _spread(work, spread, buckets, links)
         fresh = {name: folders.enter_context(replacing_folder(out / name)) for name in ("posts", "comments")}
         counts = {"posts": 0, "comments": 0}
-        there: set[str] = set()
         gone: dict[str, str] = {}
         for number in range(buckets):
             newest = {kind: _read(spread / kind / f"{number}.arrow") for kind in parse.KINDS if (spread / kind / f"{number}.arrow").exists()}
@@ -44,7 +43,7 @@ def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], lin
             made = assemble(newest)
             posts = made["reddit/posts"]
             for name, rows in (("posts", posts), ("comments", made["reddit/comments"]({"reddit/posts": posts}))):
-                kept = _sort(rows, table(f"reddit/{name}"), "t3_" if name == "posts" else "t1_", there, gone)
+                kept = _sort(rows, table(f"reddit/{name}"), "t3_" if name == "posts" else "t1_", gone)
                 if name == "comments" and depths is not None:
                     kept = _deep(kept, depths)
                 if kept.num_rows:
@@ -53,17 +52,34 @@ def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], lin
         for name in ("posts", "comments"):
             if not counts[name]:
                 write_table(fresh[name] / "part-00000.parquet", table(f"reddit/{name}").arrow().empty_table(), f"reddit/{name}")
-        # Every id is answered or named here; what its answer says wins over how the asking ended.
-        asked = dict.fromkeys([*wanted.names, *(f"t3_{key}" for key in wanted.trees)], "missing")
-        lost = {
-            key: reason for key, reason in {**asked, **gone, **{k: r for k, r in unanswered.items() if k not in gone}}.items() if key not in there
-        }
-        write_table(
-            out / "missing.parquet",
-            pa.table({"key": pa.array(lost.keys(), pa.string()), "reason": pa.array(lost.values(), pa.string())}),
-            "reddit/missing",
-        )
-    return {**counts, "missing": len(lost)}
+        lost = _lost(spread, fresh, wanted, {**unanswered, **gone})
+        write_table(out / "missing.parquet", lost, "reddit/missing")
+    return {**counts, "missing": lost.num_rows}
+
+
+def _lost(scratch: Path, made: dict[str, Path], wanted: Wanted, reasons: dict[str, str]) -> pa.Table:
+    """What is in no table and was asked for, or has a reason. All that was asked for stays on disk."""
+    import duckdb
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    scratch.mkdir(parents=True, exist_ok=True)
+    names = chain(wanted.names, (f"t3_{key}" for key in wanted.trees))
+    with pq.ParquetWriter(scratch / "asked.parquet", pa.schema([("key", pa.string())])) as file:
+        while part := list(islice(names, IDS)):
+            file.write_batch(pa.record_batch({"key": pa.array(part, pa.string())}))
+    with duckdb.connect() as con:
+        con.execute("SET enable_progress_bar = false")
+        con.execute("SET memory_limit = '1GB'")
+        con.execute("SET temp_directory = $1", [str(scratch)])
+        con.register("reasons", pa.table({"key": pa.array(reasons.keys(), pa.string()), "reason": pa.array(reasons.values(), pa.string())}))
+        return con.sql(
+            "WITH there AS ("
+            " SELECT 't3_' || post_id AS key FROM read_parquet($posts) UNION ALL SELECT 't1_' || comment_id FROM read_parquet($comments)),"
+            " asked AS (SELECT key FROM read_parquet($asked) UNION SELECT key FROM reasons)"
+            " SELECT key, coalesce(reason, 'missing') AS reason FROM asked ANTI JOIN there USING (key) LEFT JOIN reasons USING (key)",
+            params={"asked": str(scratch / "asked.parquet"), **{name: [str(path) for path in folder.iterdir()] for name, folder in made.items()}},
+        ).to_arrow_table()
 
 
 def _spread(work: Path, spread: Path, buckets: int, links: Links) -> None:
@@ -93,7 +109,7 @@ def _read(path: Path) -> pa.Table:
         return newest_of({"info": file.read_all()})
 
 
-def _sort(rows: pa.Table, declared: Table, prefix: str, there: set[str], gone: dict[str, str]) -> pa.Table:
+def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, str]) -> pa.Table:
     """The rows that are there and whole, with the table's columns; the rest is noted in `gone`."""
     import pyarrow as pa
 
@@ -105,9 +121,7 @@ def _sort(rows: pa.Table, declared: Table, prefix: str, there: set[str], gone: d
         else reasons
     )
     for name, reason in zip(rows["fullname"].to_pylist(), reasons, strict=True):
-        if reason is None:
-            there.add(name)
-        else:
+        if reason is not None:
             gone[name] = reason
     kept = rows.filter(pa.array([reason is None for reason in reasons], pa.bool_()))
     for field in declared.arrow():

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,34 +21,71 @@ _NAME = re.compile(r"t[13]_[0-9a-z]{1,13}\Z")
 class Wanted(NamedTuple):
     """`names`: full names to ask for by `info`. `trees`: bare ids of posts whose whole trees are to be fetched."""
 
-    names: list[str]
+    names: list[str] | Released
     trees: list[str]
+
+    def digest(self) -> str:
+        """Tells what is wanted from anything else. Raises SettingError where a released file is damaged."""
+        found = hashlib.sha256()
+        for start, names in ((b"[[", self.names), (b"],[", self.trees)):
+            found.update(start)
+            for number, name in enumerate(names):
+                found.update(f'{"," if number else ""}"{name}"'.encode())
+        found.update(b"]]")
+        return found.hexdigest()[:16]
+
+
+class Released:
+    """Full names in Parquet files: read whenever they are iterated, never held. Raises SettingError."""
+
+    def __init__(self, files: list[Path]) -> None:
+        import pyarrow.parquet as pq
+
+        self._columns = [(path, *_column(path)) for path in files]
+        self._rows = sum(pq.read_metadata(path).num_rows for path in files)
+
+    def __len__(self) -> int:
+        return self._rows
+
+    def __iter__(self) -> Iterator[str]:
+        import pyarrow.parquet as pq
+
+        for path, column, prefix in self._columns:
+            with _unreadable(path), pq.ParquetFile(path) as file:
+                for batch in file.iter_batches(columns=[column]):
+                    yield from (prefix + str(key) for key in batch.column(0).to_pylist())
 
 
 def read_wanted(path: Path) -> Wanted:
-    """The ids of a file, without doubles, in its order. Raises SettingError (exit 2).
+    """The ids of a file in its order, without doubles but for Parquet. Raises SettingError (exit 2).
 
     Lines: a full name each. Parquet: `comment_id`, else `post_id`, else full names in `key`. JSON: a list of
     objects with `id` (bare, as MineDojo published it). A folder: the Parquet files of a release in it.
     """
-    try:
+    with _unreadable(path):
         if path.is_dir():
             files = sorted([*path.glob("posts-*.parquet"), *path.glob("comments-*.parquet")], key=lambda file: (file.name[0] == "c", file.name))
             if not files:
                 raise SettingError(f"{path} holds no released posts or comments", hint="give --ids FILE, or run `kb reddit export` first")
-            return _names(name for file in files for name in _parquet(file))
+            return _some(Released(files))
         with path.open("rb") as file:
             start = file.read(4)
         if start == b"PAR1":
-            return _names(_parquet(path))
+            return _some(Released([path]))
         text = path.read_text(encoding="utf-8")
         if path.suffix == ".json" or text.lstrip().startswith("["):
             return _published(path, text)
+    return read_names(text.splitlines(), str(path))
+
+
+@contextmanager
+def _unreadable(path: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise SettingError(f"--ids {path}: {error.strerror or error}") from None
     except ValueError as error:
         raise SettingError(f"--ids {path} can't be read: {str(error).splitlines()[0]}") from None
-    return read_names(text.splitlines(), str(path))
 
 
 def read_names(lines: Iterable[str], where: str) -> Wanted:
@@ -59,7 +98,7 @@ def read_names(lines: Iterable[str], where: str) -> Wanted:
         if not _NAME.match(name):
             raise SettingError(f"{where}, line {number}: {line.strip()[:40]!r} is no full name", hint="write posts as t3_… and comments as t1_…")
         found.append(name)
-    return _names(found)
+    return _some(list(dict.fromkeys(found)))
 
 
 def released_depths(path: Path) -> pa.Table | None:
@@ -79,20 +118,20 @@ def released_depths(path: Path) -> pa.Table | None:
     return pa.concat_tables(found) if found else None
 
 
-def _names(found: Iterable[str]) -> Wanted:
-    names = list(dict.fromkeys(found))
-    if not names:
+def _some(names: list[str] | Released) -> Wanted:
+    if not len(names):
         raise SettingError("there are no ids to ask for", hint="give --ids FILE with full names, a released Parquet file or reddit.json")
     return Wanted(names, [])
 
 
-def _parquet(path: Path) -> list[str]:
+def _column(path: Path) -> tuple[str, str]:
+    """The column that names things, and what makes full names of its values."""
     import pyarrow.parquet as pq
 
     columns = pq.read_schema(path).names
     for column, prefix in (("comment_id", "t1_"), ("post_id", "t3_"), ("key", "")):
         if column in columns:
-            return [prefix + str(key) for key in pq.read_table(path, columns=[column])[column].to_pylist()]
+            return column, prefix
     raise SettingError(f"--ids {path} has no column comment_id, post_id or key; it has {', '.join(columns)}")
 
 

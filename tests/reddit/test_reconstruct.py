@@ -188,10 +188,23 @@ def test_without_a_release_or_ids_the_hint_names_both(work: Work) -> None:
     assert len(work.sandbox.ledger) == 0
 
 
+def test_the_same_ids_are_the_same_reconstruction_in_whatever_form(work: Work) -> None:
+    names = [f"t3_{key}" for key in list(work.world.posts)[:3]] + ["t3_nowhere", "t1_nowhere"]
+    pq.write_table(pa.table({"key": names}), work.place / "ids.parquet")
+    (work.place / "ids.txt").write_text("\n".join(names))
+    summary = work.rebuild(work.place / "ids.parquet")
+    assert (summary["posts"], summary["missing"]) == (3, 2)
+    assert pq.read_table(work.place / "out" / "missing.parquet").to_pylist() == [
+        {"key": "t1_nowhere", "reason": "missing"},
+        {"key": "t3_nowhere", "reason": "missing"},
+    ]
+    assert work.rebuild(work.place / "ids.txt")["requests"] == 0
+
+
 def test_ids_of_released_tables_and_of_keys(tmp_path: Path) -> None:
     pq.write_table(pa.table({"comment_id": ["a1", "a2"], "post_id": ["p", "p"]}), tmp_path / "c")
     pq.write_table(pa.table({"post_id": ["p", "q"]}), tmp_path / "p.parquet")
     pq.write_table(pa.table({"key": ["t3_p", "t1_a"], "reason": ["x", "y"]}), tmp_path / "k.parquet")
-    assert read_wanted(tmp_path / "c").names == ["t1_a1", "t1_a2"]
-    assert read_wanted(tmp_path / "p.parquet").names == ["t3_p", "t3_q"]
-    assert read_wanted(tmp_path / "k.parquet").names == ["t3_p", "t1_a"]
+    assert list(read_wanted(tmp_path / "c").names) == ["t1_a1", "t1_a2"]
+    assert list(read_wanted(tmp_path / "p.parquet").names) == ["t3_p", "t3_q"]
+    assert list(read_wanted(tmp_path / "k.parquet").names) == ["t3_p", "t1_a"]
