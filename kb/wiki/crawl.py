@@ -169,7 +169,11 @@ class Crawl(Job):
             signals.stop.check()
 
     def _bury(self) -> None:
-        """Tombstones for what vanished: a page by its id, a title that a page left by that title."""
+        """Tombstones for what vanished: a page by its id, a title that a page left by that title.
+
+        A page that this crawl saw go is taken back when the wiki shows it again. One that was purged
+        meanwhile is not: the frontier has forgotten it, so to the crawl it is a new page with a tombstone.
+        """
         rows: list[tuple[str, str]] = []
         back: list[str] = []
         titles = set()
@@ -177,7 +181,7 @@ class Crawl(Job):
             if status == "skipped" and reason in ("deleted", "moved"):
                 rows.append((key, reason))
             else:
-                back.append(key)
+                back += [key] if payload.get("gone") else []
                 titles.add(payload["title"])
             rows += [(title, "moved") for title in payload.get("former", [])]
         tombstones.lift(self.run.root, "wiki", {*back, *titles}, ("deleted", "moved"))

@@ -122,7 +122,7 @@ class Strip:
         if kind == "pages":
             return self._pages(
                 envelope,
-                self.titles | {page["title"] for page in answer.get("query", {}).get("pages", []) if self._is(page)},
+                self.titles | {page["title"] for page in answer.get("query", {}).get("pages", []) if self._is(page) and "title" in page},
             )
         return envelope
 

@@ -58,8 +58,9 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
 
 
 def _gone(frontier: Frontier, key: str, reason: str) -> None:
-    """A known page that is no page any more; others were never ours."""
-    if frontier.get("pages", key):
+    """A known page that is no page any more; others were never ours. `gone` stays when it comes back."""
+    if known := frontier.get("pages", key):
+        frontier.payload("pages", key, {**(known[1] or {}), "gone": True})
         frontier.skip("pages", key, reason)
 
 
@@ -74,6 +75,8 @@ def _note(frontier: Frontier, number: int, page: dict[str, Any], revision: dict[
         "round": max(number, old.get("round", 0)),
         "rendered": old.get("rendered"),
         "former": old.get("former", []),
+        # States of earlier versions don't say it: there a skipped page may be one that had gone.
+        "gone": old.get("gone", known is not None and known[0] == "skipped"),
     }
     if known is None:
         frontier.add("pages", [(key, payload)])

@@ -219,6 +219,21 @@ def test_later_state_leaves_tombstones(whole, sandbox, tmp_path):
     assert tombstones.keys(run.root, "wiki") == {"32", "Lamp float"}
 
 
+def test_what_was_purged_after_its_deletion_stays_away_for_good(whole, sandbox, tmp_path):
+    shutil.copytree(whole[0].root, tmp_path / "data")
+    run = dataclasses.replace(whole[0], root=tmp_path / "data", again=True)
+    sandbox.world.wiki_state = "later"
+    try:
+        crawl(run)
+    finally:
+        sandbox.world.wiki_state = "first"
+    assert load(str(locate("purge"))).purge(run, "wiki", None)["purged"] == 1
+    for _ in range(2):
+        crawl(run)
+        assert {row["page_id"] for row in tables(run)["pages"]} == {row["page_id"] for row in whole[2]["pages"]} - {24}
+        assert "24" in tombstones.keys(run.root, "wiki")
+
+
 def test_page_that_hangs_is_tried_three_times_and_recorded(make_run, faults, tmp_path):
     names = tmp_path / "titles.txt"
     names.write_text("Charts\nSaltstone\n")
