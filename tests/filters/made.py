@@ -1,0 +1,87 @@
+"""Raw answers of YouTube by hand, and a run of the filter on them."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+
+from kb.core.context import Run
+from kb.core.profile import load_profile
+from kb.core.settings import Settings
+from kb.store import rawlog
+
+GAME = "UCQvWX73GQygcwXOTSf_VDVg"
+MONDAY, TUESDAY = "2026-11-16T12:00:00Z", "2026-11-17T12:00:00Z"
+
+
+def video(key: str, **change: Any) -> dict[str, Any]:
+    item: dict[str, Any] = {
+        "id": key,
+        "snippet": {"title": f"Minecraft {key}", "publishedAt": "2020-01-01T00:00:00Z", "channelId": "UC1", "categoryId": "20", "description": "d"},
+        "contentDetails": {"duration": "PT5M"},
+        "statistics": {"viewCount": "1000", "likeCount": "5"},
+        "status": {"license": "youtube"},
+        "player": {"embedWidth": "854", "embedHeight": "480"},
+    }
+    for path, value in change.items():
+        *parents, last = path.split("__")
+        node = item
+        for step in parents:
+            node = node[step]
+        if value is KeyError:
+            del node[last]
+        else:
+            node[last] = value
+    return item
+
+
+def put(root: Path, kind: str, *envelopes: tuple[str, dict[str, Any], Any]) -> None:
+    """One closed segment of (fetched_at, params, response)."""
+    segment = rawlog.Segment(rawlog.folder(root, "youtube", kind))
+    for fetched_at, params, response in envelopes:
+        envelope = rawlog.Envelope(fetched_at, rawlog.Request(kind, params), 200, response)
+        segment.append(rawlog.encode(envelope), sync=False)
+    segment.close()
+
+
+def listing(*items: dict[str, Any]) -> dict[str, Any]:
+    return {"items": list(items)}
+
+
+def transcript(key: str, outcome: str = "ok", **change: Any) -> tuple[str, dict[str, Any], Any]:
+    response = {
+        "video_id": key,
+        "outcome": outcome,
+        "kind": "asr",
+        "language": "en",
+        "cues": [[0, 2, "one two"], [1, 2, "three"]],
+        "player": {"width": 1920, "height": 1080, "fps": 60, "game_label_id": GAME, "game_label": "Minecraft"},
+    } | change
+    if outcome != "ok":
+        response |= {"kind": None, "language": None, "cues": None}
+    return MONDAY, {}, response
+
+
+def run_at(root: Path, workers: int = 1, pipeline: Path | None = None, **youtube: Any) -> Run:
+    profile = load_profile("minecraft")
+    changed = profile.youtube.model_copy(update=youtube)  # type: ignore[union-attr]
+    toxicity = profile.toxicity.model_copy(update={"toxicity": "off"})
+    return Run(
+        settings=Settings(),
+        profile=profile.model_copy(update={"youtube": changed, "toxicity": toxicity}),
+        root=root,
+        workers=workers,
+        pipeline=str(pipeline) if pipeline else None,
+    )
+
+
+def rows(root: Path, name: str) -> dict[str, dict[str, Any]]:
+    found = pq.read_table(root / "clean" / "youtube" / name).to_pylist()
+    return {row.get("key", row.get("video_id")): row for row in found}
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.rglob("*")) if path.is_file()}
