@@ -1,9 +1,8 @@
 """Reddit (MineDojo paper, appendix "Reddit": data collection and filtering).
 
-1. read every post of the domain's subreddit that the API or the archive dumps have; 2. and all of
-its comments with their parents, so that threads can be rebuilt; 3. drop removed and adult posts
-and those below the score; tell text, image, video, link, poll and gallery posts apart; 4. score
-titles, bodies and comments with Detoxify and drop above the threshold. Released: ids, structure
+1. read every post of the domain's subreddit that the API or the archive dumps have; 2. and all of its comments with
+their parents, so that threads can be rebuilt; 3. drop removed and adult posts and those below the score, tell the types
+of posts apart; 4. score titles, bodies and comments with Detoxify and drop above the threshold. Released: ids, structure
 and figures; `kb reddit reconstruct` brings content back with the user's own key.
 """
 
@@ -15,26 +14,29 @@ from kb.annotate import toxicity
 from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.verdict import Summary
-from kb.filters.chain import Chain, Clean, Kind
+from kb.export import convokit, minedojo_reddit, parquet
+from kb.filters.chain import Chain, Clean
 from kb.filters.predicates import AtLeast, AtMost, In, NotIn, NotTrue, Predicate, Present, Waits
 from kb.reddit import parse
 from kb.reddit.assemble import HELPERS, assemble
 from kb.reddit.state import gave_up
+from kb.store.buckets import Kind
 
+THERE = (NotTrue("missing", stage="missing", reason="missing"), In("state", ("there",), stage="missing"))
 GONE = ("deleted", "removed")
+POST, COMMENT = {"title": "toxicity_title", "body": "toxicity_body"}, {"body": "toxicity_body"}
 
 
 def posts(p: Profile) -> tuple[Predicate, ...]:
     """The stages of a post."""
     return (
-        NotTrue("missing", stage="missing", reason="missing"),
-        In("state", ("there",), stage="missing"),
+        *THERE,
         Present("created_utc", stage="missing"),
         NotIn("gone", GONE, stage="removed"),
         Present("title", stage="removed"),
         NotTrue("over_18", stage="nsfw", reason="over_18"),
         AtLeast("score", p.reddit.min_score, stage="score"),
-        *toxic(p, {"title": "toxicity_title", "body": "toxicity_body"}),
+        *toxic(p, POST),
     )
 
 
@@ -42,39 +44,37 @@ def comments(p: Profile) -> tuple[Predicate, ...]:
     """The stages of a comment; a stub that was not resolved yet waits."""
     return (
         Waits("state", ("stub",), stage="missing", reason="more"),
-        NotTrue("missing", stage="missing", reason="missing"),
-        In("state", ("there",), stage="missing"),
-        Present("created_utc", stage="missing"),
-        Present("parent_id", stage="missing"),
+        *THERE,
+        *(Present(column, stage="missing") for column in ("created_utc", "parent_id")),
         NotIn("post", ("absent", "not_kept"), stage="post"),
         NotIn("gone", GONE, stage="removed"),
         Present("body", stage="removed"),
-        *toxic(p, {"body": "toxicity_body"}),
+        *toxic(p, COMMENT),
     )
 
 
 def toxic(p: Profile, scored: dict[str, str]) -> tuple[Predicate, ...]:
     """No category of any text above the profile's threshold."""
     limit = p.toxicity.threshold("reddit")
-    return tuple(AtMost(column, limit, stage="toxicity", null_passes=True, reason=text) for text, column in scored.items() if limit is not None)
+    return tuple(AtMost(to, limit, stage="toxicity", null_passes=True, reason=of) for of, to in scored.items() if limit is not None)
 
 
 def clean(p: Profile) -> Clean:
     """Raw answers, live ones and dumps, to clean posts and comments."""
-    kinds = {kind: Kind(partial(parse.rows, kind=kind, links=p.reddit.links), key=("fullname", "state"), bucket="post_id") for kind in parse.KINDS}
     return Clean(
-        source="reddit", kinds=kinds, assemble=assemble,
+        source="reddit",
+        kinds={of: Kind(partial(parse.rows, kind=of, links=p.reddit.links), key=("fullname", "state"), bucket="post_id") for of in parse.KINDS},
+        assemble=assemble,
         chains=(
-            Chain("reddit/posts", "post_id", posts(p), prefix="t3_", scores={"title": "toxicity_title", "body": "toxicity_body"}, helpers=HELPERS),
-            Chain("reddit/comments", "comment_id", comments(p), prefix="t1_", scores={"body": "toxicity_body"}, helpers=HELPERS),
+            Chain("reddit/posts", "post_id", posts(p), prefix="t3_", scores=POST, helpers=HELPERS),
+            Chain("reddit/comments", "comment_id", comments(p), prefix="t1_", scores=COMMENT, helpers=HELPERS),
         ),
-        scorer=toxicity, unanswered=gave_up,
+        scorer=toxicity,
+        unanswered=gave_up,
     )
 
 
 def export(run: Run, format: str) -> Summary:
     """Clean to release/reddit, or to export/<format>."""
-    from kb.export import convokit, minedojo_reddit, parquet
-
     write = {"parquet": partial(parquet.export, source="reddit"), "minedojo": minedojo_reddit.export, "convokit": convokit.export}
     return write[format](run)

@@ -17,9 +17,10 @@ from kb.annotate import toxicity
 from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.verdict import Summary
-from kb.filters.chain import Beside, Chain, Clean, Follow, Kind
+from kb.filters.chain import Beside, Chain, Clean, Follow
 from kb.filters.judgement import Predicate
 from kb.filters.predicates import AtLeast, AtMost, Present, Told, Waits
+from kb.store.buckets import Kind
 from kb.wiki import parse, tables
 from kb.wiki.assemble import HELPERS, assemble
 

@@ -2,8 +2,7 @@
 
 1. search channels by keywords; 2. list every video that each channel uploaded; 3. read their metadata, keep the
 domain's game; 4. English transcripts of those that pass the cheap stages; 5. drop by views, aspect ratio, duration,
-age restriction; score titles and descriptions with Detoxify and drop above the threshold.
-Released: ids and metadata, never videos or transcripts.
+age restriction; score titles and descriptions with Detoxify, drop above the threshold. Released: ids and metadata only.
 """
 
 from __future__ import annotations
@@ -18,10 +17,11 @@ from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.verdict import Summary
 from kb.export import minedojo, parquet
-from kb.filters.chain import Chain, Clean, Follow, Kind
+from kb.filters.chain import Chain, Clean, Follow
 from kb.filters.predicates import AtLeast, AtMost, In, NotTrue, Predicate, RatioAtLeast, passes
 from kb.filters.topic import Topic
 from kb.filters.transcripts import required
+from kb.store.buckets import Kind
 from kb.youtube import parse
 from kb.youtube.assemble import assemble, unanswered
 

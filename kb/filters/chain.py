@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 from kb.core.errors import SchemaMismatch
 from kb.filters.judgement import Judgement, Predicate
 from kb.schema.tables import table
+from kb.store.buckets import Kind
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -30,27 +31,6 @@ class Scorer(Protocol):
 
     def scores(self, key: str, root: Path, source: str, texts: pa.Array) -> pa.Table:
         """The categories' scores of each text, float32, null for empty texts. Runs in workers."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A raw kind: how its lines become rows, which key names a record, which column decides its bucket.
-
-    Of several rows with one key the newest stays (`fetched_at`, then place in the raw log); with
-    `prefer` (a boolean column) a row where it is true beats one where it is not. Everything that is
-    joined must share its bucket, so `bucket` is the same thing in all kinds (a video's id).
-
-    A kind without `bucket` is read by every bucket: all of it (few rows), or with `named_by` (another
-    kind and its column of lists) the rows whose key is named there. `echo` is a boolean column, true
-    for a row that says again under another key what a row before it says: no duplicate of anything.
-    """
-
-    parse: Callable[[Iterable[bytes]], Iterator[pa.Table]]
-    key: tuple[str, ...]
-    bucket: str = ""
-    prefer: str = ""
-    named_by: tuple[str, str] = ("", "")
-    echo: str = ""
 
 
 @dataclass(frozen=True)

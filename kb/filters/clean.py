@@ -1,6 +1,6 @@
 """`kb <source> filter`: raw answers → clean/<source>/, every record kept, rejected, failed or pending.
 
-    parse      a task a raw segment: rows spread over buckets (kb.filters.buckets)
+    parse      a task a raw segment: rows spread over buckets (kb.store.buckets)
     texts      a task a bucket: texts that reach the toxicity stage; what has no score yet is scored
     sort       a task a bucket: newest rows joined, stages in order, part files written
 
@@ -21,11 +21,10 @@ from kb.core import pipeline
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary, Tally
-from kb.filters import buckets
 from kb.filters.chain import VERDICTS, Clean
 from kb.filters.tasks import Job, parse_segment, removed_keys, sort_bucket, spec_of, texts_of
 from kb.schema.tables import table
-from kb.store import rawlog, tombstones
+from kb.store import buckets, rawlog, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.lock import writer
 from kb.store.shards import write_table

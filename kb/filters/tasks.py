@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from kb.core import pipeline
 from kb.core.errors import FatalError
 from kb.core.profile import Profile
-from kb.filters import buckets
 from kb.filters.chain import VERDICTS, Chain, Clean, Sorted, declared_columns, sort_rows
 from kb.schema.tables import table
-from kb.store import tombstones
+from kb.store import buckets, tombstones
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.shards import write_table
 

@@ -16,10 +16,8 @@ from typing import TYPE_CHECKING, Any
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.profile.reddit import Links
-from kb.filters import buckets
-from kb.filters.chain import Kind
 from kb.reddit import parse
-from kb.store import rawlog
+from kb.store import buckets, rawlog
 from kb.store.atomic import full_disk_is_resumable
 
 if TYPE_CHECKING:
@@ -79,7 +77,7 @@ def _spread(run: Run, folder: Path, executor: Any) -> int:
 
 def spread(kind: str, links: Links, segment: str, place: int, folder: str, number: int) -> None:
     """Spread one segment; runs in a worker."""
-    about = Kind(partial(_rows, kind=kind, links=links), key=("fullname",), bucket="fullname")
+    about = buckets.Kind(partial(_rows, kind=kind, links=links), key=("fullname",), bucket="fullname")
     with full_disk_is_resumable(Path(folder)):
         buckets.spread(about, f"reddit/{kind}", Path(segment), place, Path(folder), number)
 

@@ -57,8 +57,9 @@ def encode(envelope: Envelope) -> bytes:
             return line + b"\n"
     except UnicodeEncodeError:
         pass
-    clean = Envelope(envelope.fetched_at, Request(envelope.request.endpoint, _holdable(envelope.request.params)),
-                     envelope.status, _holdable(envelope.response))
+    clean = Envelope(
+        envelope.fetched_at, Request(envelope.request.endpoint, _holdable(envelope.request.params)), envelope.status, _holdable(envelope.response)
+    )
     return _encoder.encode(clean) + b"\n"
 
 

@@ -32,8 +32,7 @@ class Recorder:
         self.cut = rawlog.recover(root, source)
         self.replayed = self._replay()
 
-    def record(self, kind: str, endpoint: str, params: dict[str, Any], status: int, response: Any,
-               fetched_at: str | None = None) -> Envelope:
+    def record(self, kind: str, endpoint: str, params: dict[str, Any], status: int, response: Any, fetched_at: str | None = None) -> Envelope:
         """Keep one answer and its effect on the frontier. Raises DiskFull, with nothing half-kept."""
         envelope = Envelope(fetched_at or clock.stamp(), Request(endpoint, params), status, response)
         line = rawlog.encode(envelope)

@@ -40,9 +40,7 @@ def order(declared: Table) -> list[str]:
     return [*declared.sort_by, *(name for name in declared.key if name not in declared.sort_by)]
 
 
-def write_table(
-    path: Path, rows: pa.Table, declared: Table | str, *, released: bool = False, sort: bool = True, sync: bool = True
-) -> Shard:
+def write_table(path: Path, rows: pa.Table, declared: Table | str, *, released: bool = False, sort: bool = True, sync: bool = True) -> Shard:
     """Write `rows` as one sorted file; `sync` as in kb.store.atomic. Raises SchemaMismatch and DiskFull."""
     declared = table(declared) if isinstance(declared, str) else declared
     rows = conform(declared, rows, released=released)
@@ -61,9 +59,7 @@ class ShardWriter:
     that rows come in the table's order, and is written into the file.
     """
 
-    def __init__(
-        self, path: Path, declared: Table | str, *, released: bool = False, in_order: bool = False, sync: bool = True
-    ) -> None:
+    def __init__(self, path: Path, declared: Table | str, *, released: bool = False, in_order: bool = False, sync: bool = True) -> None:
         self.declared = table(declared) if isinstance(declared, str) else declared
         self.path, self.released, self.rows = path, released, 0
         self._schema = self.declared.arrow(released)
@@ -114,15 +110,29 @@ def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any
     low = [column.name for column in declared.columns if column.dictionary and column.name in schema.names]
     marks = pq.SortingColumn.from_ordering(schema, [(name, "ascending") for name in order(declared)], "at_end")
     return pq.ParquetWriter(
-        path, schema, version="2.6", compression="zstd", compression_level=ZSTD_LEVEL,
-        use_dictionary=low or False, data_page_size=PAGE, write_statistics=True, write_page_index=True,
+        path,
+        schema,
+        version="2.6",
+        compression="zstd",
+        compression_level=ZSTD_LEVEL,
+        use_dictionary=low or False,
+        data_page_size=PAGE,
+        write_statistics=True,
+        write_page_index=True,
         sorting_columns=marks if in_order else None,
     )
 
 
 def sorted_shards(
-    parts: Sequence[Path], folder: Path, declared: Table | str, *, rows_per_shard: int, released: bool = True,
-    reads: Sequence[str] = (), change: Callable[[pa.Table], pa.Table] | None = None, sync: bool = True,
+    parts: Sequence[Path],
+    folder: Path,
+    declared: Table | str,
+    *,
+    rows_per_shard: int,
+    released: bool = True,
+    reads: Sequence[str] = (),
+    change: Callable[[pa.Table], pa.Table] | None = None,
+    sync: bool = True,
 ) -> list[Shard]:
     """Merge many part files into globally sorted `<table>-00000-of-0000N.parquet` in `folder`.
 

@@ -14,9 +14,9 @@ from kb.annotate.toxicity import Scorer
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
-from kb.filters import buckets
 from kb.filters.clean import run_clean, texts
 from kb.sandbox.toxicity import tiny_checkpoint
+from kb.store import buckets
 from tests.engine.test_same_bytes_youtube import digests
 from tests.wiki.made import MONDAY, many, page, put, refused, told
 

@@ -16,12 +16,12 @@ from kb.core import pipeline
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
-from kb.filters import buckets
 from kb.filters.clean import run_clean
 from kb.pairs import build
 from kb.sandbox.server import Sandbox
 from kb.sandbox.toxicity import tiny_checkpoint
 from kb.sandbox.world import World
+from kb.store import buckets
 from tests.youtube.job import NOW, Job
 
 

@@ -9,9 +9,8 @@ import pytest
 
 from kb.core.errors import DamagedData, FatalError, SchemaMismatch, SettingError
 from kb.export import parquet
-from kb.filters import buckets
 from kb.filters.clean import run_clean
-from kb.store import rawlog, tombstones
+from kb.store import buckets, rawlog, tombstones
 from kb.store.frontier import Frontier
 from tests.filters.made import MONDAY, TUESDAY, digests, listing, put, rows, run_at, transcript, video
 

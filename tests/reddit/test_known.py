@@ -7,12 +7,11 @@ from typing import Any
 
 import pytest
 
-from kb.filters import buckets
 from kb.reddit.known import known
 from kb.reddit.purge import collect
 from kb.sandbox.reddit import dumps
 from kb.sandbox.server import Sandbox
-from kb.store import tombstones
+from kb.store import buckets, tombstones
 from kb.store.rawlog import read
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write

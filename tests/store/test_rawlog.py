@@ -109,8 +109,11 @@ def test_a_line_that_is_no_envelope_says_so():
 
 
 TEXT = some.text(some.characters(exclude_categories=()), max_size=40)
-JSON = some.recursive(some.none() | some.booleans() | some.integers(-(2**53), 2**53) | TEXT,
-                      lambda inner: some.lists(inner, max_size=4) | some.dictionaries(TEXT, inner, max_size=4), max_leaves=12)
+JSON = some.recursive(
+    some.none() | some.booleans() | some.integers(-(2**53), 2**53) | TEXT,
+    lambda inner: some.lists(inner, max_size=4) | some.dictionaries(TEXT, inner, max_size=4),
+    max_leaves=12,
+)
 
 
 def held(value):

@@ -18,10 +18,15 @@ CELLS = table("wiki/cells")
 
 
 def rejected(keys: list[str]) -> pa.Table:
-    return pa.table({
-        "key": keys, "stage": ["views"] * len(keys), "reason": ["below"] * len(keys),
-        "value": [str(len(key)) if key[-1] != "0" else None for key in keys], "threshold": ["100"] * len(keys),
-    })
+    return pa.table(
+        {
+            "key": keys,
+            "stage": ["views"] * len(keys),
+            "reason": ["below"] * len(keys),
+            "value": [str(len(key)) if key[-1] != "0" else None for key in keys],
+            "threshold": ["100"] * len(keys),
+        }
+    )
 
 
 def cells(rows: list[tuple[int, int, int, int]]) -> pa.Table:

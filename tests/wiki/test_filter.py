@@ -13,9 +13,8 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
-from kb.filters import buckets
 from kb.filters.clean import run_clean
-from kb.store import rawlog, tombstones
+from kb.store import buckets, rawlog, tombstones
 from tests.wiki.made import FRIDAY, MONDAY, PICTURE, TUESDAY, WORDS, captured, many, page, put, refused, told
 
 

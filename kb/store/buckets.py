@@ -10,14 +10,14 @@ from __future__ import annotations
 import gc
 import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from kb.core.errors import DamagedData
-from kb.filters.chain import Kind
 from kb.schema import raw
 from kb.store.rawlog import Frames
 
@@ -28,6 +28,27 @@ RAW_BYTES = 8 << 20  # compressed raw data a bucket, about 100,000 rows of small
 MOST = 512
 PIECE = 32_768  # rows that are spread at once
 LOOKED_AT = 20  # envelopes of a segment that are all searched for unknown keys; then every hundredth
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A raw kind: how its lines become rows, which key names a record, which column decides its bucket.
+
+    Of several rows with one key the newest stays (`fetched_at`, then place in the raw log); with
+    `prefer` (a boolean column) a row where it is true beats one where it is not. Everything that is
+    joined must share its bucket, so `bucket` is the same thing in all kinds (a video's id).
+
+    A kind without `bucket` is read by every bucket: all of it (few rows), or with `named_by` (another
+    kind and its column of lists) the rows whose key is named there. `echo` is a boolean column, true
+    for a row that says again under another key what a row before it says: no duplicate of anything.
+    """
+
+    parse: Callable[[Iterable[bytes]], Iterator[pa.Table]]
+    key: tuple[str, ...]
+    bucket: str = ""
+    prefer: str = ""
+    named_by: tuple[str, str] = ("", "")
+    echo: str = ""
 
 
 def how_many(size: int) -> int:
