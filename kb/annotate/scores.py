@@ -106,20 +106,24 @@ class Scores:
 
     def merge(self) -> Path | None:
         """All parts and the merged file as one sorted file without doubles; None when there is nothing."""
-        from kb.store.shards import write_table
+        import pyarrow as pa
+
+        from kb.schema.tables import table
+        from kb.store.shards import ShardWriter, order
 
         parts = sorted(Path(self.folder).glob("part-*.parquet"))
         path = Path(self.folder) / "toxicity.parquet"
         if not parts:
             return path if path.exists() else None
-        con = self._connect()
-        rows = con.sql(
-            f"SELECT text_hash, model, revision, precision, {', '.join(CATEGORIES)} FROM {self._files()}"
-            " QUALIFY row_number() OVER (PARTITION BY text_hash, model, revision, precision"
-            f" ORDER BY {', '.join(CATEGORIES)}) = 1"
-        ).to_arrow_table()
-        con.close()
-        write_table(path, rows, TABLE)
+        # DuckDB sorts on disk when memory is short; rows come and go a batch at a time.
+        with self._connect() as con, ShardWriter(path, TABLE, in_order=True) as writer:
+            rows = con.sql(
+                f"SELECT text_hash, model, revision, precision, {', '.join(CATEGORIES)} FROM {self._files()}"
+                " QUALIFY row_number() OVER (PARTITION BY text_hash, model, revision, precision"
+                f" ORDER BY {', '.join(CATEGORIES)}) = 1 ORDER BY {', '.join(order(table(TABLE)))}"
+            )
+            for batch in rows.to_arrow_reader(50_000):
+                writer.write(pa.Table.from_batches([batch]))
         for part in parts:
             part.unlink()
         return path
