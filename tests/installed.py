@@ -64,16 +64,25 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return _once(tmp_path_factory, "installed", install) / "venv" / "bin"
 
 
+# What a user's own settings may be, and what the demo must leave alone: two credentials, hosts and a model that are not there.
+OWN_DOTENV = "YOUTUBE_API_KEY=a-real-key\nKB_YOUTUBE_ENDPOINT=http://192.0.2.1\nKB_WIKI_URL=http://192.0.2.1\n"
+OWN_ENVIRONMENT = {"REDDIT_CLIENT_SECRET": "a-real-secret", "KB_REDDIT_ENDPOINT": "http://192.0.2.1", "KB_TOXICITY_MODEL": "/nowhere"}
+
+
 @pytest.fixture(scope="session")
 def demo(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder in which the installed `kb demo` was run: its data/demo, and what it printed in demo.out and demo.err."""
+    """A folder in which the installed `kb demo` was run: its data/demo, and what it printed in demo.out and demo.err.
+
+    The user's own settings, in .env and in the environment, are such as no demo could be done with.
+    """
 
     def run(folder: Path) -> None:
+        (folder / ".env").write_text(OWN_DOTENV)
         with (folder / "demo.out").open("w") as out, (folder / "demo.err").open("w") as err:
             done = subprocess.run(
                 [installed / "kb", "demo", "--json"],
                 cwd=folder,
-                env=clean_environment(),
+                env=clean_environment() | OWN_ENVIRONMENT,
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=err,

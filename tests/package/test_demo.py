@@ -34,9 +34,16 @@ def summary(demo: Path) -> dict[str, object]:
 
 def test_every_step_was_done(demo: Path) -> None:
     done = summary(demo)
+    assert [name for name in done if name in STEPS] == STEPS
     for step in STEPS:
-        assert step in done, step
         assert "left_out" not in done[step], done[step]
+    assert Path(done["root"]) == demo / "data" / "demo"
+    assert done["youtube filter"]["crawled"] == 300
+
+
+def test_the_users_own_settings_and_credentials_are_left_alone(demo: Path) -> None:
+    for path in demo.rglob("*"):
+        assert path.name == ".env" or not path.is_file() or b"a-real-" not in path.read_bytes(), path
 
 
 def test_nothing_is_lost_on_the_way(demo: Path) -> None:
@@ -64,7 +71,7 @@ def test_it_leaves_what_the_contract_says(demo: Path) -> None:
 
 def test_it_prints_queries_with_results(demo: Path) -> None:
     out = (demo / "demo.out").read_text()
-    assert out.count("SELECT") >= 3
+    assert out.count("\nkb query ") >= 3
     assert "Traceback" not in (demo / "demo.err").read_text()
 
 
