@@ -28,6 +28,7 @@ def youtube(run: Run) -> Summary:
 def reddit(run: Run) -> Summary:
     """Read scores, removals and deletions again, 100 ids a request, with your own app's key.
 
+    With --again also what was missing the last time.
     Run `kb reddit filter` and `export` afterwards.
     """
     from kb.reddit.refresh import refresh

@@ -6,7 +6,9 @@ the ledger before it is sent and a signal ends every wait.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 from kb.core import clock
@@ -14,7 +16,8 @@ from kb.core.errors import Blocked, CredentialRefused, FatalError, ItemFinal, Kb
 from kb.core.settings import Settings
 from kb.net.client import TIMEOUT_S, user_agent
 from kb.net.rate import Pace, is_loopback
-from kb.net.retry import attempt, retry_after
+from kb.net.retry import PATIENCE_S, attempt, retry_after
+from kb.reddit.answers import problem
 
 if TYPE_CHECKING:
     import requests
@@ -24,22 +27,31 @@ OAUTH = "https://oauth.reddit.com"
 INFO = 100  # most ids of one info or morechildren call
 LISTED = 100  # most things of a listing's page
 
-_FACTS = {403: "forbidden", 404: "not_found", 451: "legal"}
+_FACTS = {403: "forbidden", 404: "not_found", 410: "gone", 451: "legal"}
+_LONGEST_S = 86_400.0  # a window has 600 s
 
 Spend = Callable[[str, int], Callable[[str], None]]
 """Writes a ledger row for (endpoint, units) and returns what notes the request's outcome."""
 
 
-class Limiter:
-    """Reddit's window as its headers announce it; stands in for prawcore's, whose sleep no signal ends."""
+def _silent(text: str) -> None:
+    """Says nothing."""
 
-    def __init__(self, pace: Pace) -> None:
-        self._pace = pace
+
+class Limiter:
+    """Reddit's window as its headers announce it; stands in for prawcore's, whose sleep no signal ends.
+
+    At the pace of a profile the window is never used up much before its end, which is waited for. A long
+    wait means that somebody else uses the key as well: the run stops, or with --wait sleeps.
+    """
+
+    def __init__(self, pace: Pace, say: Callable[[str], None] = _silent) -> None:
+        self._pace, self._say = pace, say
         self._until = 0.0
         self.remaining: float | None = None
 
     def call(self, *, method: str, request_function: Any, set_header_callback: Any, url: str, **options: Any) -> requests.Response:
-        """One signed request when there is room for it (prawcore's interface)."""
+        """One signed request when there is room for it (prawcore's interface). Raises as `wait`."""
         self.wait()
         options["headers"] = set_header_callback()
         response = request_function(method, url, **options)
@@ -47,26 +59,38 @@ class Limiter:
         return response
 
     def wait(self) -> None:
-        """Wait for the pace, and for the window's end when it is used up. Raises Interrupted."""
+        """Wait for the pace, and for the window's end when it is used up. Raises Interrupted, and Blocked for a long wait."""
         self._pace.wait()
-        clock.sleep(self._until - clock.monotonic())
+        left = self._until - clock.monotonic()
+        if left > PATIENCE_S:
+            back = clock.stamp(clock.now() + timedelta(seconds=math.ceil(left)))
+            raise Blocked(
+                f"Reddit's window is used up: it opens again in {left:.0f} s, at {back}", hint="run the same command then, or add --wait", after=left
+            )
+        if left > 0:
+            self._say(f"waiting {math.ceil(left)} s for Reddit's window")
+        clock.sleep(left)
 
     def heed(self, headers: Any) -> None:
-        """Take in `x-ratelimit-*`; an answer without them changes nothing."""
+        """Take in `x-ratelimit-*`; an answer without them, or with unreadable ones, changes nothing."""
         try:
-            self.remaining = float(headers["x-ratelimit-remaining"])
-            reset = float(headers["x-ratelimit-reset"])
+            remaining, reset = float(headers["x-ratelimit-remaining"]), float(headers["x-ratelimit-reset"])
         except (KeyError, ValueError):
             return
-        # Below one there is no room for a whole request (the header is a decimal).
-        self._until = clock.monotonic() + max(reset, 1.0) if self.remaining < 1 else 0.0
+        if not (math.isfinite(remaining) and math.isfinite(reset)):
+            return
+        self.remaining = remaining
+        # Below one there is no room for a whole request (the header is a decimal). The seconds are rounded down.
+        self._until = clock.monotonic() + min(max(reset, 0.0), _LONGEST_S) + 1 if remaining < 1 else 0.0
 
 
 class Client:
     """One connection to Reddit. Not for several threads: one request at a time keeps to the limit anyway."""
 
-    def __init__(self, settings: Settings, spend: Spend, *, requests_per_minute: float = 100, max_tries: int = 5) -> None:
-        """Raises MissingCredential before anything is sent."""
+    def __init__(
+        self, settings: Settings, spend: Spend, *, requests_per_minute: float = 100, max_tries: int = 5, say: Callable[[str], None] = _silent
+    ) -> None:
+        """`say` tells the user of a wait. Raises MissingCredential before anything is sent."""
         self._id = settings.need("reddit_client_id")
         self._secret = settings.need("reddit_client_secret")
         self._contact = settings.need("kb_contact")
@@ -74,7 +98,7 @@ class Client:
         self._spend = spend
         self._tries = max_tries
         public = not (self._root and is_loopback(self._root))
-        self._limiter = Limiter(Pace(60 / requests_per_minute if public else 0))
+        self._limiter = Limiter(Pace(60 / requests_per_minute if public else 0), say)
         self._reddit: Any = None
 
     def get(self, path: str, params: dict[str, Any]) -> Any:
@@ -90,7 +114,7 @@ class Client:
         return self.get("api/info/", {"id": ",".join(fullnames), "raw_json": 1})
 
     def _ask(self, method: str, path: str, params: dict[str, Any] | None, data: dict[str, Any] | None) -> Any:
-        """One try. Raises CredentialRefused, ItemFinal ("not_found", "forbidden" …), FatalError, Retryable.
+        """One try. Raises CredentialRefused, ItemFinal ("not_found", "forbidden" …), FatalError, Retryable, Blocked.
 
         Through PRAW's core: its `request` turns an HTTP 400 into an exception without status.
         """
@@ -111,34 +135,23 @@ class Client:
             raise CredentialRefused("Reddit refuses the app's token", hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET") from None
         except wrong.RequestException as error:
             raise Retryable(f"{type(error.original_exception).__name__} at {path}", unreachable=True) from None
+        except RecursionError:
+            raise Retryable(f"an answer nested too deep to be read at {path}") from None
         except wrong.BadJSON:
             raise Retryable(f"an answer at {path} was cut off or is no JSON") from None
         except wrong.Redirect as error:
             raise ItemFinal("redirect", error.path) from None
         except wrong.ResponseException as error:
             raise _consequence(error.response, path) from None
-        problem = _problem(answer)
-        if problem:
-            raise Retryable(f"{problem} at {path}")
+        found = problem(path, answer)
+        if found:
+            raise Retryable(f"{found} at {path}")
         return answer
 
     def _connected(self) -> Any:
         if self._reddit is None:
             self._reddit = _praw(self._id, self._secret or None, user_agent(self._contact), self._root, self._limiter, self._spend)
         return self._reddit
-
-
-def _problem(answer: Any) -> str:
-    """What is wrong with an answer of status 200; empty when it holds what was asked for."""
-    if not isinstance(answer, (dict, list)) or not answer:
-        return "an empty answer"
-    if isinstance(answer, dict):
-        errors = answer["json"].get("errors") if isinstance(answer.get("json"), dict) else None
-        if errors:
-            return f"error {errors[0][0] if isinstance(errors[0], list) and errors[0] else errors[0]}"
-        if "error" in answer and "data" not in answer:
-            return f"error {answer['error']}"
-    return ""
 
 
 def _consequence(response: Any, path: str) -> KbError:
@@ -158,6 +171,8 @@ def _consequence(response: Any, path: str) -> KbError:
         return CredentialRefused(f"Reddit refuses the app's credentials (HTTP {status})", hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET")
     if not token and status in _FACTS:
         return ItemFinal(_FACTS[status], path)
+    if not token and (path.startswith("comments/") or (path.startswith("api/morechildren") and status != 400)):
+        return Retryable(f"HTTP {status} at {path}")  # about one post, whatever it means; a 400 to ids that Reddit gave is about us
     return FatalError(f"Reddit answers HTTP {status} at {path}")
 
 
@@ -178,11 +193,15 @@ def _praw(client_id: str, secret: str | None, agent: str, root: str, limiter: Li
                 note(type(error).__name__)
                 raise
             note(str(response.status_code))
+            if "access_token" in url and response.status_code == 200:
+                _check_token(response)
             # prawcore decides by this header, and fails on answers that don't have it in Reddit's own form.
             if response.status_code == 401 and "access_token" not in url:
                 response.headers["www-authenticate"] = 'Bearer realm="reddit", error="invalid_token"'
             elif response.status_code == 403:
                 response.headers.pop("www-authenticate", None)
+            elif response.status_code in (301, 302):
+                response.headers.setdefault("location", "")
             return response
 
     class Once(FiniteRetryStrategy):
@@ -199,6 +218,22 @@ def _praw(client_id: str, secret: str | None, agent: str, root: str, limiter: Li
     core = reddit._core
     core._rate_limiter, core._retry_strategy_class = limiter, Once
     return reddit
+
+
+def _check_token(response: requests.Response) -> None:
+    """prawcore reads on whatever it got. An error that is a number is a status, also in an answer of status 200. Raises Retryable."""
+    try:
+        answer = response.json()
+        error = answer.get("error")
+        if str(error).isdecimal() and 400 <= int(error) < 600:
+            response.status_code = int(error)
+        whole = error or (
+            isinstance(answer["access_token"], str) and isinstance(answer["scope"], str) and isinstance(answer["expires_in"], (int, float))
+        )
+    except (ValueError, KeyError, AttributeError, RecursionError):
+        whole = False
+    if not whole:
+        raise Retryable("the token's answer is unreadable")
 
 
 def _endpoint(url: str) -> str:

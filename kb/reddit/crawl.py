@@ -64,7 +64,7 @@ def session(run: Run, place: Path | None = None) -> Iterator[Session]:
             return lambda outcome: frontier.outcome(row, outcome)
 
         try:
-            client = Client(run.settings, spend, requests_per_minute=section.requests_per_minute, max_tries=section.max_tries)
+            client = Client(run.settings, spend, requests_per_minute=section.requests_per_minute, max_tries=section.max_tries, say=run.progress.say)
             with Recorder(place, "reddit", frontier, apply) as recorder:
                 yield Session(run, frontier, recorder, client, Scrubber(load_key(run.root)))
         finally:
@@ -205,7 +205,7 @@ class Crawl:
         try:
             answer = self._wait(lambda: self.at.client.get(f"{endpoint}/", params))
         except ItemFinal as error:
-            status = {"not_found": 404, "forbidden": 403, "legal": 451}.get(error.reason, 302)
+            status = {"not_found": 404, "forbidden": 403, "gone": 410, "legal": 451}.get(error.reason, 302)
         except Retryable as error:
             self._failed(kind, [item.key], error)
             return

@@ -122,7 +122,7 @@ class Reader:
 def asked_for(kind: str, params: dict[str, Any], status: int) -> list[tuple[str, str]]:
     """(full name, bare post id) of what a request named, for telling what is missing.
 
-    A post's page that answers 404 means that the post is gone.
+    A post's page that answers 404 or 410 means that the post is gone.
     """
     if kind == "info" and status == 200:
         names = [name for name in str(params.get("id", "")).split(",") if name]
@@ -131,7 +131,7 @@ def asked_for(kind: str, params: dict[str, Any], status: int) -> list[tuple[str,
     if kind == "morechildren" and status == 200:
         post = tree.bare(params.get("link_id"))
         return [(f"t1_{key}", post) for key in str(params.get("children", "")).split(",") if key]
-    if kind == "comments" and status == 404 and "comment" not in params and params.get("article"):
+    if kind == "comments" and status in (404, 410) and "comment" not in params and params.get("article"):
         return [(f"t3_{params['article']}", str(params["article"]))]
     return []
 

@@ -205,7 +205,7 @@ class Rebuild(Crawl):
         }
         for kind, prefix in (("info", ""), ("tree", "t3_")):
             for key, _, reason, _ in self.frontier.items(kind, "skipped"):
-                found[f"{prefix}{key}"] = {"404": "missing", "purged": "purged"}.get(reason or "", "forbidden")
+                found[f"{prefix}{key}"] = {"404": "missing", "410": "missing", "purged": "purged"}.get(reason or "", "forbidden")
         return found
 
 

@@ -7,6 +7,7 @@ deleted, removed or is no longer there leaves with `kb purge reddit`.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Collection
 from contextlib import closing
 from datetime import datetime, timedelta
@@ -25,23 +26,28 @@ from kb.store.shards import PAGE
 
 KIND = "info"
 _ORDER = ["place", "fullname"]
+_MANY, _MOST = 100, 0.9  # of at least so many ids nearly all missing: rather a closed subreddit than so many deletions
+_log = logging.getLogger("kb.reddit")
 
 
 def refresh(run: Run) -> Summary:
-    """Read again what is due. Raises MissingCredential (exit 2), LimitReached, Blocked, Unreachable and
+    """Read again what is due; with --again also what was missing. Raises MissingCredential (exit 2), LimitReached, Blocked, Unreachable and
     Interrupted (exit 3; the same command goes on) and CredentialRefused, with the summary so far.
     """
     with session(run) as at:
         section = run.profile.section("reddit")
         oldest = clock.now() - timedelta(days=section.max_age_days)
-        with known(run) as things, closing(Merge(_parts(things, at.gone, oldest), _ORDER, _ORDER)) as due:
+        with known(run) as things, closing(Merge(_parts(things, at.gone, oldest, run.again), _ORDER, _ORDER)) as due:
             items = ((row["fullname"], {"post": row["place"][1:]}) for rows in due for row in rows.to_pylist())
             total = at.frontier.replace(KIND, items)
         return _read(run, at, total, section.max_age_days)
 
 
-def _parts(things: Known, gone: Collection[str], oldest: datetime) -> list[Path]:
-    """What is due of each share. `place` is "0" or "1" and the post: posts first, then comments post by post."""
+def _parts(things: Known, gone: Collection[str], oldest: datetime, again: bool) -> list[Path]:
+    """What is due of each share, with `again` what is missing as well.
+
+    `place` is "0" or "1" and the post: posts first, then comments post by post.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
@@ -52,7 +58,8 @@ def _parts(things: Known, gone: Collection[str], oldest: datetime) -> list[Path]
         old = pc.or_(pc.invert(rows["live"]), pc.fill_null(pc.less(rows["fetched_at"], pa.scalar(oldest, rows["fetched_at"].type)), True))
         # What is missing or was deleted by its author stays so; a removal may be taken back.
         here = pc.and_(rows["there"], pc.fill_null(pc.not_equal(rows["gone"], "deleted"), True))
-        rows = rows.filter(pc.and_(pc.and_(old, here), pc.invert(pc.is_in(rows["fullname"], value_set=purged))))
+        due = pc.or_(pc.and_(old, here), pc.invert(rows["there"])) if again else pc.and_(old, here)
+        rows = rows.filter(pc.and_(due, pc.invert(pc.is_in(rows["fullname"], value_set=purged))))
         rank = pc.if_else(pc.starts_with(rows["fullname"], "t3_"), "0", "1")
         place = pc.binary_join_element_wise(rank, pc.fill_null(rows["post_id"], ""), "")
         rows = pa.table([place, rows["fullname"]], names=_ORDER).sort_by(by)
@@ -110,4 +117,9 @@ def _read(run: Run, at: Session, total: int, days: int) -> Summary:
         raise
     finally:
         task.close()
+        if summary["crawled"] >= _MANY and summary["missing"] > _MOST * summary["crawled"]:
+            _log.warning(
+                f"Reddit gave only {summary['crawled'] - summary['missing']} of {summary['crawled']} ids: look there whether they are gone before "
+                "`kb purge reddit` removes them here; `kb refresh reddit --again` asks for them once more"
+            )
     return count()

@@ -24,7 +24,9 @@ IDS = 200_000  # a bucket
 
 
 def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], links: Links, depths: pa.Table | None = None) -> dict[str, int]:
-    """posts/, comments/ and missing.parquet below `out`; how many rows each has. Raises DamagedData, DiskFull.
+    """posts/, comments/ and missing.parquet below `out`; how many rows each has (`missing` without those that failed).
+
+    Raises DamagedData, DiskFull.
 
     `depths` (comment_id, depth) fills in where ancestors are gone.
     """
@@ -54,7 +56,7 @@ def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], lin
                 write_table(fresh[name] / "part-00000.parquet", table(f"reddit/{name}").arrow().empty_table(), f"reddit/{name}")
         lost = _lost(spread, fresh, wanted, {**unanswered, **gone})
         write_table(out / "missing.parquet", lost, "reddit/missing")
-    return {**counts, "missing": lost.num_rows}
+    return {**counts, "missing": sum(reason != "failed" for reason in lost["reason"].to_pylist())}
 
 
 def _lost(scratch: Path, made: dict[str, Path], wanted: Wanted, reasons: dict[str, str]) -> pa.Table:
