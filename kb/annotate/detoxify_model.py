@@ -1,8 +1,9 @@
 """A verified checkpoint through Detoxify's own code, without asking any host.
 
 Detoxify resolves the base model's name in the checkpoint ("bert-base-uncased") at the model hub
-even when it is given a local folder, and reads the number of classes from that folder's
+even when it is given a local folder, and reads the number of outputs from that folder's
 config.json, where a base model has none. Both are set here before Detoxify sees them.
+A model may have more outputs than classes (`unbiased`: 16 and 7); the first ones are its classes.
 Source: https://github.com/unitaryai/detoxify/blob/v0.5.4/detoxify/detoxify.py
 """
 
@@ -38,14 +39,16 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
         try:
             loaded = torch.load(checkpoint.path, map_location=device, weights_only=False)
             arguments = loaded["config"]["arch"]["args"]
-            classes = loaded["config"]["dataset"]["args"]["classes"]
+            outputs, classes = int(arguments["num_classes"]), loaded["config"]["dataset"]["args"]["classes"]
             loaded["state_dict"]
+            if not 0 < len(classes) <= outputs:
+                raise ValueError("classes")
         except Exception as error:  # whatever unpickling a foreign file may raise
             raise MissingModel(
                 f"{checkpoint.path} is no Detoxify checkpoint ({type(error).__name__})",
                 hint="KB_TOXICITY_MODEL must be a Detoxify model name or checkpoint; see `kb models fetch`",
             ) from error
-        with _local_folder(checkpoint.folder, len(classes)) as folder:
+        with _local_folder(checkpoint.folder, outputs) as folder:
             arguments["model_type"] = str(folder)
             try:
                 # Detoxify reads the file itself; it gets what was verified and is read already.
@@ -62,13 +65,13 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
 
 
 @contextlib.contextmanager
-def _local_folder(beside: Path, classes: int) -> Iterator[Path]:
-    """A folder with the tokenizer's files and a config.json that knows the number of classes."""
+def _local_folder(beside: Path, outputs: int) -> Iterator[Path]:
+    """A folder with the tokenizer's files and a config.json that knows the number of outputs."""
     config = json.loads((beside / "config.json").read_text(encoding="utf-8"))
     config |= {
-        "num_labels": classes,
-        "id2label": {str(n): f"LABEL_{n}" for n in range(classes)},
-        "label2id": {f"LABEL_{n}": n for n in range(classes)},
+        "num_labels": outputs,
+        "id2label": {str(n): f"LABEL_{n}" for n in range(outputs)},
+        "label2id": {f"LABEL_{n}": n for n in range(outputs)},
     }
     with tempfile.TemporaryDirectory(prefix="kb-model-") as name:
         folder = Path(name)

@@ -52,7 +52,10 @@ class Meta:
 
 
 class Network(Protocol):
-    """One pass: two int64 arrays of the same shape (windows, tokens) give logits (windows, classes)."""
+    """One pass: two int64 arrays of the same shape (windows, tokens) give logits (windows, outputs).
+
+    The first outputs are the classes; a model may have more, which Detoxify doesn't read.
+    """
 
     def __call__(self, ids: Any, mask: Any) -> Any: ...
 
@@ -86,7 +89,7 @@ class Runner:
                 window = found[number]
                 ids[row, : len(window)] = window
                 mask[row, : len(window)] = 1
-            logits = np.asarray(self._network(ids, mask), dtype=np.float64)
+            logits = np.asarray(self._network(ids, mask), dtype=np.float64)[:, : len(self.meta.classes)]
             scores[numbers] = 1.0 / (1.0 + np.exp(-logits))
             self.tokens += int(mask.sum())
         return largest(np.round(scores, DECIMALS).tolist(), owners, len(texts))
