@@ -47,6 +47,7 @@ def run_clean(run: Run, source: str) -> Summary:
     key = spec.scorer.check(run, source) if spec.scorer is not None else ""
     with writer(run.root, source), _work(job) as work:
         segments = _segments(run.root, spec)
+        tombstones.heal(run.root, source)
         job = job._replace(work=str(work), buckets=_buckets(run.root, spec, segments), scores=key)
         with make_executor(run.engine, run.workers, run.scheduler) as executor:
             parsed = _parse(run, job, segments, executor)
@@ -55,7 +56,7 @@ def run_clean(run: Run, source: str) -> Summary:
             with replacing_folder(run.root / "clean" / source) as fresh:
                 job = job._replace(out=str(fresh))
                 counts = _sort(run, job, executor)
-                summary = _summary(source, parsed, counts, bool(key))
+                summary = _summary(source, parsed, counts, key)
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
     return summary
 
@@ -74,8 +75,7 @@ def texts(run: Run, source: str) -> Iterator[pa.Array]:
 
 def _job(run: Run, source: str) -> Job:
     path = str(pipeline.locate(source, run.pipeline))
-    gone = tombstones.path(run.root, source)
-    stamp = gone.stat().st_mtime_ns if gone.exists() else 0
+    stamp = tombstones.version(run.root, source)
     return Job(path, run.profile.model_dump_json(), str(run.profile.path), source, str(run.root.absolute()), "", "", 1, "", stamp)
 
 
@@ -180,7 +180,7 @@ def _unanswered(run: Run, job: Job, spec: Clean) -> dict[str, int]:
     return {"crawled": len(lost), "failed": len(lost)}
 
 
-def _summary(source: str, parsed: Counter[str], counts: Counter[str], scored: bool) -> Summary:
+def _summary(source: str, parsed: Counter[str], counts: Counter[str], key: str) -> Summary:
     tally = Tally(*(counts[name] for name in ("crawled", "kept", "rejected", "failed", "pending")))
     tally.check(source)
     summary = Summary(source=source, crawled=tally.crawled, kept=tally.kept, rejected=tally.rejected, failed=tally.failed, pending=tally.pending)
@@ -190,6 +190,8 @@ def _summary(source: str, parsed: Counter[str], counts: Counter[str], scored: bo
     summary["stages"] = {name.removeprefix("stage "): count for name, count in sorted(counts.items()) if name.startswith("stage ")}
     summary["tables"] = {name.removeprefix("kept "): count for name, count in sorted(counts.items()) if name.startswith("kept ")}
     summary["unknown_keys"] = {path[1:]: count for path, count in sorted(parsed.items()) if path.startswith("?")}
-    if not scored:
+    if key:  # of the models whose scores are there, the one whose scores decided; releases name it
+        summary["model"], _, summary["revision"] = key.rpartition("@")
+    else:
         summary["toxicity"] = "not scored"
     return summary

@@ -116,15 +116,12 @@ def _licence(facts: Facts) -> str:
 def _tombstones(run: Run, folder: Folder) -> None:
     """Keys removed since collection began: videos' for the pairs as well, which name them."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     from kb.schema import table
     from kb.store import tombstones
     from kb.store.shards import write_table
 
     declared = table("shared/tombstones")
-    source = "youtube" if folder.source == "pairs" else folder.source
-    kept = tombstones.path(run.root, source)
-    rows = pq.read_table(kept) if kept.exists() else declared.arrow(True).empty_table()
+    rows = tombstones.read(run.root, "youtube" if folder.source == "pairs" else folder.source)
     rows = pa.table({name: rows[name] for name in declared.names(released=True)})
     write_table(folder.path / TOMBSTONES, rows, declared, released=True)

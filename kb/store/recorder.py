@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from kb.core import clock
-from kb.store import rawlog
+from kb.store import rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope, Request, Segment
 
@@ -29,6 +29,7 @@ class Recorder:
         self._root, self._source, self._frontier, self._apply = root, source, frontier, apply
         self._segments: dict[str, Segment] = {}
         self._lock = threading.Lock()
+        tombstones.heal(root, source)
         self.cut = rawlog.recover(root, source)
         self.replayed = self._replay()
 

@@ -1,45 +1,67 @@
-"""Keys that were purged: crawl, import and filter skip them for good."""
+"""Keys that were purged: crawl, import and filter skip them for good.
+
+    raw/<source>/tombstones.parquet      what the contract names, and what travels with the raw data
+    state/<source>/tombstones.parquet    the same again, as another machine's raw folder copied here has a file
+                                         of that name and takes the first one's place
+
+Whoever reads takes the union of both, and of other copies beside the first one. Whoever writes makes both whole.
+"""
 
 from __future__ import annotations
 
+import filecmp
 from collections.abc import Collection, Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from kb.core import clock
 from kb.schema.tables import table
+from kb.store.atomic import sync_folder
 from kb.store.shards import write_table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_TABLE = "shared/tombstones"
 
 
 def path(root: Path, source: str) -> Path:
-    """Where a source's tombstones are."""
+    """Where a source's tombstones are, for others to read."""
     return root / "raw" / source / "tombstones.parquet"
 
 
 def keys(root: Path, source: str) -> set[str]:
     """The purged keys of a source."""
-    file = path(root, source)
-    if not file.exists():
-        return set()
     import pyarrow.parquet as pq
 
-    return set(pq.read_table(file, columns=["key"])["key"].to_pylist())
+    return {key for file in _files(root, source) for key in pq.read_table(file, columns=["key"])["key"].to_pylist()}
+
+
+def read(root: Path, source: str) -> pa.Table:
+    """Every tombstone of a source once, by key, as shared/tombstones declares; of several the oldest."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    files, schema = _files(root, source), table(_TABLE).arrow()
+    if len(files) == 1:
+        return pq.read_table(files[0])
+    return pa.Table.from_pylist(_union(files), schema)
+
+
+def version(root: Path, source: str) -> int:
+    """A number that changes when tombstones do, for caches of a process."""
+    return sum(file.stat().st_mtime_ns for file in _files(root, source))
 
 
 def add(root: Path, source: str, rows: Iterable[tuple[str, str]]) -> int:
     """Add (key, reason) pairs; known keys keep their first row. How many were new."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    file = path(root, source)
-    old = pq.read_table(file).to_pylist() if file.exists() else []
+    files = _files(root, source)
+    old = _union(files)
     known = {row["key"] for row in old}
     at = clock.now()
     new = {key: reason for key, reason in rows if key not in known}
-    if not new and file.exists():
-        return 0
-    merged = old + [{"key": key, "source": source, "removed_at": at, "reason": reason} for key, reason in new.items()]
-    merged.sort(key=lambda row: row["key"])
-    write_table(file, pa.Table.from_pylist(merged, table("shared/tombstones").arrow()), "shared/tombstones")
+    if new or not files:
+        _write(root, source, old + [{"key": key, "source": source, "removed_at": at, "reason": reason} for key, reason in new.items()])
     return len(new)
 
 
@@ -48,14 +70,57 @@ def lift(root: Path, source: str, back: Collection[str], reasons: Collection[str
 
     What a person asked to remove stays removed: such reasons are not given here.
     """
-    import pyarrow.parquet as pq
-
-    file = path(root, source)
-    if not file.exists():
-        return 0
-    old = pq.read_table(file)
-    rows = old.to_pylist()
+    rows = _union(_files(root, source))
     kept = [row for row in rows if row["key"] not in back or row["reason"] not in reasons]
     if len(kept) < len(rows):
-        write_table(file, old.from_pylist(kept, old.schema), "shared/tombstones")
+        _write(root, source, kept)
     return len(rows) - len(kept)
+
+
+def heal(root: Path, source: str) -> None:
+    """Make both files hold every tombstone. Call it under the writer's lock. Raises DiskFull."""
+    files = _files(root, source)
+    if files and (len(files) > 1 or not all(place.exists() for place in _places(root, source))):
+        _write(root, source, _union(files))
+
+
+def _places(root: Path, source: str) -> tuple[Path, Path]:
+    return path(root, source), root / "state" / source / "tombstones.parquet"
+
+
+def _beside(root: Path, source: str) -> list[Path]:
+    """Copies that someone put beside the first file under another name (tombstones-b.parquet, tombstones.parquet~)."""
+    first = path(root, source)
+    return sorted(file for file in first.parent.glob("tombstones*") if file != first and file.is_file())
+
+
+def _files(root: Path, source: str) -> list[Path]:
+    """The files to read: each content once."""
+    found: list[Path] = []
+    for file in (*_places(root, source), *_beside(root, source)):
+        if file.exists() and not any(filecmp.cmp(file, other, shallow=False) for other in found):
+            found.append(file)
+    return found
+
+
+def _union(files: list[Path]) -> list[dict[str, Any]]:
+    import pyarrow.parquet as pq
+
+    rows = [row for file in files for row in pq.read_table(file).to_pylist()]
+    if len(files) > 1:
+        rows.sort(key=lambda row: (row["removed_at"], row["reason"]), reverse=True)
+        rows = list({row["key"]: row for row in rows}.values())
+    return sorted(rows, key=lambda row: row["key"])
+
+
+def _write(root: Path, source: str, rows: list[dict[str, Any]]) -> None:
+    import pyarrow as pa
+
+    whole = pa.Table.from_pylist(rows, table(_TABLE).arrow())
+    for place in reversed(_places(root, source)):
+        write_table(place, whole, _TABLE)
+    others = _beside(root, source)
+    for other in others:
+        other.unlink()
+    if others:
+        sync_folder(path(root, source).parent)

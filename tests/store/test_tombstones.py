@@ -1,0 +1,107 @@
+"""What was purged stays away, whatever is copied over its tombstones."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from kb.sandbox.server import Sandbox
+from kb.sandbox.world import World
+from kb.store import tombstones
+from tests.youtube.job import Job
+
+
+def copy_raw(other: Path, root: Path) -> None:
+    """`cp -r other/raw/. root/raw/`"""
+    shutil.copytree(other / "raw", root / "raw", dirs_exist_ok=True)
+
+
+def reasons(root: Path) -> dict[str, str]:
+    return {row["key"]: row["reason"] for row in tombstones.read(root, "youtube").to_pylist()}
+
+
+@pytest.fixture
+def two(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+    """Two machines that purged different keys, and one key both, the second machine earlier."""
+    mine, other = tmp_path / "mine", tmp_path / "other"
+    monkeypatch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
+    tombstones.add(mine, "youtube", [("a", "named"), ("both", "vanished")])
+    monkeypatch.setenv("KB_NOW", "2026-11-19T12:00:00Z")
+    tombstones.add(other, "youtube", [("b", "vanished"), ("both", "named")])
+    return mine, other
+
+
+def test_a_copied_raw_folder_adds_its_tombstones_and_takes_none(two: tuple[Path, Path]) -> None:
+    mine, other = two
+    copy_raw(other, mine)
+    assert tombstones.keys(mine, "youtube") == {"a", "b", "both"}
+    assert reasons(mine) == {"a": "named", "b": "vanished", "both": "named"}  # the older row of two
+
+
+def test_a_writer_makes_the_file_in_raw_whole_again(two: tuple[Path, Path]) -> None:
+    mine, other = two
+    before = tombstones.version(mine, "youtube")
+    copy_raw(other, mine)
+    assert tombstones.version(mine, "youtube") != before
+    tombstones.heal(mine, "youtube")
+    file = tombstones.path(mine, "youtube")
+    assert pq.read_table(file)["key"].to_pylist() == ["a", "b", "both"]
+    whole, at = file.read_bytes(), file.stat().st_mtime_ns
+    tombstones.heal(mine, "youtube")
+    assert (file.read_bytes(), file.stat().st_mtime_ns) == (whole, at)
+    # The same from either side, in raw alone (a folder that was copied without its state), or with copies beside it.
+    file.rename(file.with_name("tombstones-mine.parquet"))
+    shutil.rmtree(mine / "state")
+    assert tombstones.keys(mine, "youtube") == {"a", "b", "both"}
+    tombstones.heal(mine, "youtube")
+    assert [path.name for path in file.parent.iterdir()] == ["tombstones.parquet"]
+    assert file.read_bytes() == whole
+
+
+def test_a_tombstone_is_added_and_lifted_everywhere(two: tuple[Path, Path]) -> None:
+    mine, other = two
+    copy_raw(other, mine)
+    assert tombstones.add(mine, "youtube", [("a", "vanished"), ("c", "named")]) == 1
+    assert tombstones.lift(mine, "youtube", {"a", "b"}, ("vanished",)) == 1
+    assert reasons(mine) == {"a": "named", "both": "named", "c": "named"}
+    tombstones.path(mine, "youtube").unlink()
+    assert reasons(mine) == {"a": "named", "both": "named", "c": "named"}
+
+
+def test_nothing_is_written_where_nothing_was_purged(tmp_path: Path) -> None:
+    tombstones.heal(tmp_path, "youtube")
+    assert tombstones.keys(tmp_path, "youtube") == set()
+    assert tombstones.read(tmp_path, "youtube").num_rows == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_two_machines_purged_is_in_no_table_after_one_s_raw_folder_was_copied_to_the_other(tmp_path: Path) -> None:
+    with Sandbox(World(n_channels=9, n_videos=30), services=["youtube"]) as services:
+        mine, other = Job(services, tmp_path / "mine"), Job(services, tmp_path / "other")
+        mine.done("youtube", "crawl", "--only", "metadata", "--ids", ids(mine, services.world.youtube.videos))
+        shutil.copytree(mine.root, other.root)
+        gone = {}
+        for job, number in ((mine, 0), (other, 1)):
+            gone[job] = list(services.world.youtube.videos)[number]
+            job.done("purge", "youtube", "--ids", ids(job, [gone[job]]))
+        copy_raw(other.root, mine.root)
+        mine.done("youtube", "filter")
+        known = {row["key"] for row in mine.rows("SELECT video_id AS key FROM clean.youtube_videos UNION SELECT key FROM clean.youtube_rejected")}
+        known |= {row["key"] for row in mine.rows("SELECT key FROM clean.youtube_pending")}
+        assert len(known) > 20
+        assert not known & set(gone.values())
+        assert set(gone.values()) <= {row["key"] for row in mine.rows("SELECT key FROM clean.youtube_tombstones")}
+        # Nor is it asked for again.
+        since = len(services.ledger)
+        mine.done("youtube", "crawl", "--only", "metadata", "--ids", ids(mine, gone.values()))
+        assert services.ledger.requests("videos", since=since) == []
+
+
+def ids(job: Job, keys: Iterable[str]) -> str:
+    path = job.place / "ids.txt"
+    path.write_text("".join(f"{key}\n" for key in keys))
+    return str(path)
