@@ -36,7 +36,7 @@ class Settings(BaseSettings):
     kb_models_endpoint: str | None = Field(None, description="root that stands for the hosts of model files")
     kb_toxicity_model: str = Field("original", description="Detoxify model name, or a checkpoint file")
     kb_toxicity_sha256: str | None = Field(None, description="sha256 of a checkpoint file of your own")
-    source_date_epoch: int | None = Field(None, ge=0, description="build date in releases, seconds since 1970")
+    source_date_epoch: int | None = Field(None, ge=0, le=253_402_300_799, description="build date in releases, seconds since 1970")
     kb_now: str | None = Field(None, description="the date for data and quota days, for tests")
 
     @field_validator("kb_youtube_endpoint", "kb_youtube_web", "kb_reddit_endpoint", "kb_wiki_url", "kb_zenodo_endpoint", "kb_models_endpoint")

@@ -25,7 +25,8 @@ def user_agent(contact: str | None) -> str:
 def make_session(settings: Settings) -> requests.Session:
     """A session with our User-Agent and timeouts. Not for several threads at once.
 
-    It retries nothing by itself: that is kb.net.retry's.
+    It retries nothing by itself: that is kb.net.retry's. Credentials are those of the settings alone,
+    never of ~/.netrc; proxies of the environment are used.
     """
     import requests
 
@@ -35,7 +36,13 @@ def make_session(settings: Settings) -> requests.Session:
                 options["timeout"] = TIMEOUT_S
             return super().request(*arguments, **options)
 
+        def rebuild_auth(self, prepared_request: Any, response: Any) -> None:
+            if "Authorization" in prepared_request.headers and self.should_strip_auth(response.request.url, prepared_request.url):
+                del prepared_request.headers["Authorization"]
+
     session = Session()
+    # With an `auth` of our own requests looks for none in ~/.netrc, which would take the place of our token.
+    session.auth = lambda request: request
     session.headers["User-Agent"] = user_agent(settings.kb_contact)
     return session
 

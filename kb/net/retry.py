@@ -6,9 +6,10 @@ others       leave at once: final for the item, stop the stage, or end the run
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
-from datetime import UTC
+from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
 from typing import TypeVar
 
@@ -72,18 +73,27 @@ def backoff(number: int, after: float | None = None) -> float:
     return span * clock.rng("backoff", os.getpid(), clock.monotonic(), number).uniform(0.5, 1.0)
 
 
-def retry_after(value: str | None) -> float | None:
-    """Seconds of a Retry-After header, which is a number or a date; None when absent or unreadable."""
+def retry_after(value: str | None, sent: str | None = None) -> float | None:
+    """Seconds of a Retry-After header, which is a number or a date; None when absent or unreadable.
+
+    `sent` is the answer's Date header: a date counts from there, whatever the clocks say.
+    """
     if not value:
         return None
     try:
-        return max(0.0, float(value))
+        return max(0.0, float(value)) if math.isfinite(float(value)) else None
     except ValueError:
         pass
+    moment = _moment(value)
+    if moment is None:
+        return None
+    return max(0.0, (moment - (_moment(sent) or clock.now())).total_seconds())
+
+
+def _moment(value: str | None) -> datetime | None:
+    """A date of a header (UTC); None when absent or unreadable."""
     try:
-        moment = parsedate_to_datetime(value)
+        moment = parsedate_to_datetime(value or "")
     except (TypeError, ValueError):
         return None
-    if moment.tzinfo is None:
-        moment = moment.replace(tzinfo=UTC)
-    return max(0.0, (moment - clock.now()).total_seconds())
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)

@@ -50,3 +50,9 @@ def test_a_wrong_value_is_named(monkeypatch, name, value):
     with pytest.raises(SettingError, match=name) as error:
         load_settings()
     assert "hunter2" not in str(error.value)
+
+
+def test_a_build_date_beyond_the_calendar_is_a_wrong_setting(monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "99999999999999")
+    with pytest.raises(SettingError, match="SOURCE_DATE_EPOCH"):
+        load_settings()

@@ -6,6 +6,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import pytest
 
@@ -25,8 +26,10 @@ class Service(BaseHTTPRequestHandler):
             self.wfile.write(b"short")
             return
         status = int(self.path.strip("/").split("?")[0])
-        body = self.headers["User-Agent"].encode()
+        body = (self.headers["Authorization"] or "none" if "authorization" in self.path else self.headers["User-Agent"]).encode()
         self.send_response(status)
+        if status == 302:
+            self.send_header("Location", "/200?authorization")
         if status in (429, 503):
             self.send_header("Retry-After", "17")
         self.send_header("Content-Length", str(len(body)))
@@ -53,6 +56,17 @@ def test_says_who_asks(root: str) -> None:
         assert send(session, "GET", f"{root}/200").text == user_agent("me@example.org")
     assert user_agent("me@example.org").endswith(" (+me@example.org)")
     assert "(" not in user_agent(None)
+
+
+def test_netrc_takes_no_credentials_place(root: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "netrc").write_text("machine 127.0.0.1 login someone password else\n")
+    monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
+    with make_session(load_settings(dotenv=False)) as session:
+        ours = {"Authorization": "Bearer ours"}
+        assert session.get(f"{root}/200?authorization", headers=ours).text == "Bearer ours"
+        assert session.get(f"{root}/302", headers=ours).text == "Bearer ours"
+        assert session.get(f"{root}/200?authorization").text == "none"
+        assert session.get(f"{root}/200?authorization", auth=("a", "b")).text.startswith("Basic ")
 
 
 @pytest.mark.parametrize("status", [200, 204, 403, 404])

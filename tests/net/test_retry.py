@@ -95,3 +95,10 @@ def test_a_signal_ends_the_waiting() -> None:
 def test_retry_after_is_a_number_or_a_date(monkeypatch: Any, value: str | None, wanted: float | None) -> None:
     monkeypatch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
     assert retry.retry_after(value) == wanted
+
+
+def test_a_date_counts_from_the_answers_own_date(monkeypatch: Any) -> None:
+    monkeypatch.setenv("KB_NOW", "2020-01-01T00:00:00Z")
+    assert retry.retry_after("Fri, 20 Nov 2026 12:00:03 GMT", "Fri, 20 Nov 2026 12:00:00 GMT") == 3.0
+    assert retry.retry_after("2", "Fri, 20 Nov 2026 12:00:00 GMT") == 2.0
+    assert retry.retry_after("inf") is None
