@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -160,13 +160,14 @@ def _write_empty(out: Path, spec: Clean) -> None:
             write_table(path, declared.arrow().empty_table(), declared, sync=False)
 
 
-def _unanswered(run: Run, job: Job, spec: Clean) -> dict[str, int]:
-    """Keys that the crawl gave up on and that have no row: failed."""
+def _unanswered(run: Run, job: Job, spec: Clean) -> Counter[str]:
+    """Keys that the crawl gave up on and that have no row: failed. One that waits for what was given up no longer waits."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     assert spec.unanswered is not None
     lost = dict(spec.unanswered(run.root))
+    waited = _ended(Path(job.out, "pending"), spec.ended_by_failure, lost)
     places = [(chain.table, chain.key, chain.prefix) for chain in spec.chains] + [(f"shared/{verdict}", "key", "") for verdict in VERDICTS]
     for name, column, prefix in places if lost else ():
         for path in Path(job.out, table(name).short).glob("*.parquet"):
@@ -177,7 +178,27 @@ def _unanswered(run: Run, job: Job, spec: Clean) -> dict[str, int]:
     if lost:
         rows = pa.table({"key": list(lost), "reason": list(lost.values())})
         write_table(Path(job.out, "failed", "part-crawl.parquet"), rows, "shared/failed")
-    return {"crawled": len(lost), "failed": len(lost)}
+    return Counter(crawled=len(lost) - waited, failed=len(lost), pending=-waited)
+
+
+def _ended(pending: Path, reasons: tuple[str, ...], lost: Mapping[str, str]) -> int:
+    """Take the rows of the keys in `lost` that wait for one of these reasons out of the pending ones; how many there were."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+
+    count = 0
+    keys, of = pa.array(lost, pa.string()), pa.array(reasons, pa.string())
+    for path in sorted(pending.glob("*.parquet")) if lost and reasons else ():
+        rows = pq.read_table(path)
+        out = pc.and_(pc.is_in(rows["key"].cast(pa.string()), keys), pc.is_in(rows["reason"].cast(pa.string()), of))
+        left = rows.filter(pc.invert(out))
+        if left.num_rows < rows.num_rows:
+            count += rows.num_rows - left.num_rows
+            path.unlink()
+            if left.num_rows:
+                write_table(path, left, "shared/pending", sync=False)
+    return count
 
 
 def _summary(source: str, parsed: Counter[str], counts: Counter[str], key: str) -> Summary:

@@ -138,15 +138,31 @@ def folder_licence(run: Run, folder: Folder) -> str:
 
 
 def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
-    """(model, revision, precision) of every model that scored texts of the source."""
+    """(model, revision, precision) of the scores that the source's last filter decided by; () when it had none.
+
+    Of a text's precisions the exact one decides. A clean folder that doesn't say its model: every model's scores.
+    """
+    import json
+
     import duckdb
 
     # Pairs and wiki pictures carry no scores of their own; a pair's videos were scored as YouTube.
-    files = sorted((root / "annotations" / ("youtube" if source == "pairs" else source)).glob("**/*.parquet"))
-    if not files:
+    source = "youtube" if source == "pairs" else source
+    files = [str(file) for file in sorted((root / "annotations" / source).glob("**/*.parquet"))]
+    clean = root / "clean" / source / "summary.json"
+    said = json.loads(clean.read_text(encoding="utf-8")) if clean.is_file() else {}
+    if not files or "toxicity" in said:  # "not scored"
         return ()
-    rows = duckdb.connect().execute("SELECT DISTINCT model, revision, precision FROM read_parquet(?) ORDER BY ALL", [[str(file) for file in files]])
-    return tuple(rows.fetchall())
+    with duckdb.connect() as con:
+        if "model" not in said:
+            return tuple(con.execute("SELECT DISTINCT model, revision, precision FROM read_parquet(?) ORDER BY ALL", [files]).fetchall())
+        rank = "CASE precision WHEN 'fp32' THEN 0 WHEN 'bf16' THEN 1 ELSE 2 END"
+        rows = con.execute(
+            f"SELECT DISTINCT model, revision, arg_min(precision, {rank}) FROM read_parquet(?)"
+            " WHERE model = ? AND revision = ? GROUP BY text_hash, model, revision ORDER BY ALL",
+            [files, said["model"], said["revision"]],
+        )
+        return tuple(rows.fetchall())
 
 
 def _built(run: Run, *spans: tuple[datetime, datetime] | None) -> datetime:

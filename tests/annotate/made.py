@@ -12,7 +12,8 @@ from kb.core.settings import load_settings
 
 ORIGINAL = ("toxic", "severe_toxic", "obscene", "threat", "insult", "identity_hate")
 UNBIASED = ("toxicity", "severe_toxicity", "obscene", "identity_attack", "insult", "threat", "sexual_explicit")
-WORDS = "you are a stupid idiot shut up how to build a house in minecraft with redstone pistons and hoppers hello there creeper".split()
+SENTENCE = "you are a stupid idiot shut up how to build a house in minecraft with redstone pistons and hoppers hello there creeper"
+WORDS = SENTENCE.split()
 _SIZES = {"hidden_size": 24, "num_hidden_layers": 2, "num_attention_heads": 3, "intermediate_size": 32, "initializer_range": 0.4}
 _CLASSES = {"bert": "Bert", "roberta": "Roberta", "albert": "Albert"}
 _MARKS = {"roberta": ("<s>", "<pad>", "</s>", "<unk>", "<mask>"), "albert": ("<pad>", "<unk>", "[CLS]", "[SEP]", "[MASK]")}

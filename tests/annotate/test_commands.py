@@ -6,8 +6,12 @@ import shutil
 
 import pytest
 
+from kb.annotate.toxicity import Scorer
+from kb.filters.clean import run_clean, texts
+from kb.release.measure import models
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.annotate.made import make_checkpoint
 from tests.youtube.job import Job
 
 
@@ -55,6 +59,24 @@ def test_a_damaged_model_is_exit_2(job, tmp_path, tiny):
     path = tmp_path / "model" / tiny.name
     path.write_bytes(path.read_bytes()[:-100])
     assert "cut off" in job.stopped("annotate", "youtube", code=2, KB_TOXICITY_MODEL=str(path))
+
+
+def test_a_release_names_the_model_whose_scores_decided(job, make_run, tmp_path):
+    """Scores of an earlier model stay beside the rows; they are no part of what was made with a later one."""
+    first = make_run(root=job.root)
+    tiny = run_clean(first, "youtube")
+    assert models(job.root, "youtube") == ((tiny["model"], tiny["revision"], "fp32"),)
+    assert tiny["model"] == "lorebase_tiny"
+    second = make_run(root=job.root, model=str(make_checkpoint(tmp_path / "model")))
+    Scorer.open(second, "youtube", precision="bf16").annotate(texts(second, "youtube"))
+    other = run_clean(second, "youtube")
+    assert other["model"] == "mine"
+    found = models(job.root, "youtube")
+    assert {(model, revision) for model, revision, _ in found} == {("mine", other["revision"])}
+    assert "bf16" in {precision for _, _, precision in found}
+    assert models(job.root, "pairs") == found
+    run_clean(first, "youtube")
+    assert models(job.root, "youtube") == ((tiny["model"], tiny["revision"], "fp32"),), "nothing was scored anew"
 
 
 def test_options_that_can_not_work_are_exit_2(job):
