@@ -2,11 +2,14 @@
 
 Every worker needs the same Lorebase and sees the data root under the same path (a shared folder).
 A task that was on a worker that died is run again on another one: tasks write whole files or none.
+Every wait goes in short slices: a signal, a lost scheduler and a cluster without workers end it.
 Source: https://distributed.dask.org/en/stable/client.html, …/resilience.html
 """
 
 from __future__ import annotations
 
+import asyncio
+import concurrent.futures
 import contextlib
 import importlib.util
 import logging
@@ -18,9 +21,13 @@ from concurrent.futures import Executor, Future
 from typing import Any
 
 from kb import __version__
+from kb.core import clock, signals
 from kb.core.errors import FatalError, KbError, MissingExtra, SettingError, Unreachable
 
 CONNECT_S, WORKERS_S = 15.0, 120.0  # a queue may take its time to start the first worker
+SLICE_S, LOOK_S = 0.2, 3.0  # between looks for a signal; between questions after the workers
+HAND_S = 10.0  # how long the task in hand may take to end after a signal
+_log = logging.getLogger("kb.dask")
 _ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx|inproc)://.+|[\w.\-]+:\d+")
 # What a worker must know of this process to give the same bytes.
 _SHARED = ("KB_NOW", "SOURCE_DATE_EPOCH")
@@ -39,13 +46,13 @@ def dask_executor(scheduler: str | None, workers: int = 1) -> Iterator[Executor]
     """An executor on the cluster at `scheduler`, or on one of `workers` processes that ends with the block.
 
     Raises MissingExtra, SettingError (no such kind of address), Unreachable (no scheduler, or no
-    worker in time), FatalError (workers without this Lorebase, or ones that keep dying).
+    worker in time), Interrupted, FatalError (workers without this Lorebase, or ones that keep dying).
     """
     check(scheduler)
     import dask
     from distributed import Client, LocalCluster
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    _hush()
     with contextlib.ExitStack() as stack:
         stack.enter_context(dask.config.set({"distributed.comm.timeouts.connect": f"{CONNECT_S:.0f}s"}))
         if scheduler is None:
@@ -62,15 +69,14 @@ def dask_executor(scheduler: str | None, workers: int = 1) -> Iterator[Executor]
             )
         else:
             target = scheduler
+        where = scheduler or "this machine"
         try:
-            client = stack.enter_context(Client(target, timeout=f"{CONNECT_S:.0f}s", set_as_default=False))
-            client.wait_for_workers(1, timeout=WORKERS_S)
+            client = Client(target, timeout=f"{CONNECT_S:.0f}s", set_as_default=False)
         except (OSError, TimeoutError) as error:
-            raise Unreachable(
-                f"no Dask scheduler with workers at {scheduler or 'this machine'} ({type(error).__name__})",
-                hint="start it, and its workers; the same command goes on then",
-            ) from None
-        pool = _Pool(client)
+            raise _unreachable(f"no Dask scheduler at {where} ({type(error).__name__})") from None
+        stack.callback(_close, client)
+        _wait_for_workers(client, where)
+        pool = _Pool(client, where)
         _same_lorebase(pool)
         try:
             yield pool
@@ -81,34 +87,73 @@ def dask_executor(scheduler: str | None, workers: int = 1) -> Iterator[Executor]
 class _Pool(Executor):
     """`concurrent.futures` in front of a Dask client."""
 
-    def __init__(self, client: Any) -> None:
-        self._inner = client.get_executor(pure=False)
+    def __init__(self, client: Any, where: str) -> None:
+        self._inner, self._client, self._where = client.get_executor(pure=False), client, where
         self._environment = {name: os.environ.get(name) for name in _SHARED}
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """A future of the call on some worker."""
-        return _Future(self._inner.submit(_call, self._environment, fn, args, kwargs))
+        """A future of the call on some worker. Raises Unreachable when the scheduler is gone."""
+        if self._client.status != "running":
+            raise _lost(self._where)
+        return _Future(self._inner.submit(_call, self._environment, fn, args, kwargs), self._client, self._where)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Forget what is still running; the cluster stays."""
-        self._inner.shutdown(wait=wait and not cancel_futures)
+        if self._client.status == "running":
+            self._inner.shutdown(wait=wait and not cancel_futures)
 
 
 class _Future(Future[Any]):
     """A future whose errors are those of this project."""
 
-    def __init__(self, inner: Future[Any]) -> None:
+    def __init__(self, inner: Future[Any], client: Any, where: str) -> None:
         super().__init__()
-        self._inner = inner
+        self._inner, self._client, self._where = inner, client, where
 
     def result(self, timeout: float | None = None) -> Any:
-        """The task's result. Raises FatalError when every worker that took it died."""
+        """The task's result.
+
+        Raises FatalError when every worker that took it died, Unreachable when the scheduler is lost or
+        no worker is left for `WORKERS_S`, Interrupted, TimeoutError.
+        """
+        from distributed.comm import CommClosedError
         from distributed.scheduler import KilledWorker
 
         try:
-            return self._inner.result(timeout)
+            return self._wait(timeout)
         except KilledWorker as error:
             raise FatalError("several Dask workers died of the same task", hint="they may need more memory; see their logs") from error
+        # What a task itself raises is none of these.
+        except (concurrent.futures.CancelledError, asyncio.CancelledError, CommClosedError):
+            raise _lost(self._where) from None
+
+    def _wait(self, timeout: float | None) -> Any:
+        start = looked = clock.monotonic()
+        alone = stopped = None  # since when there is no worker, since when it was asked to stop
+        while True:
+            with contextlib.suppress(concurrent.futures.TimeoutError):
+                return self._inner.result(SLICE_S)
+            if self._inner.done():  # the task itself raised a TimeoutError
+                return self._inner.result(0)
+            now = clock.monotonic()
+            if timeout is not None and now - start >= timeout:
+                raise concurrent.futures.TimeoutError
+            if self._client.status != "running":
+                raise _lost(self._where)
+            if signals.stop.requested():
+                stopped = now if stopped is None else stopped
+                if alone is not None or now - stopped >= HAND_S or not _workers(self._client):
+                    signals.stop.check()
+            if now - looked < LOOK_S:
+                continue
+            looked = now
+            if _workers(self._client):
+                alone = None
+            elif alone is None:
+                alone = now
+                _log.warning("no Dask worker is left at %s; waiting %d s for one", self._where, WORKERS_S)
+            elif now - alone >= WORKERS_S:
+                raise _unreachable(f"no Dask worker is left at {self._where}")
 
     def cancel(self) -> bool:
         """Ask the cluster not to run it."""
@@ -117,6 +162,50 @@ class _Future(Future[Any]):
     def done(self) -> bool:
         """Whether there is a result or an error."""
         return self._inner.done()
+
+
+def _hush() -> None:
+    """What Dask logs about lost connections is said by this project's errors; its loggers have levels of their own."""
+    for name in ("distributed", *(name for name in logging.root.manager.loggerDict if name.startswith("distributed."))):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
+def _wait_for_workers(client: Any, where: str) -> None:
+    start = clock.monotonic()
+    said = False
+    while not _workers(client):
+        signals.stop.check()
+        spent = clock.monotonic() - start
+        if client.status != "running":
+            raise _lost(where)
+        if spent >= WORKERS_S:
+            raise _unreachable(f"the Dask scheduler at {where} has no workers")
+        if spent >= LOOK_S and not said:
+            said = True
+            _log.warning("the Dask scheduler at %s has no workers yet; waiting %d s for one", where, WORKERS_S)
+        signals.stop.wait(SLICE_S)
+
+
+def _workers(client: Any) -> int:
+    """How many workers the scheduler has now; 0 also when it doesn't answer."""
+    try:
+        return len(client.sync(client.scheduler.ncores, callback_timeout=LOOK_S))
+    except Exception:  # noqa: BLE001  a connection that broke has many names; the client's status tells them apart
+        return 0
+
+
+def _close(client: Any) -> None:
+    """End the client; one whose scheduler is gone has nobody left to tell."""
+    with contextlib.suppress(Exception):
+        client.close(timeout=CONNECT_S if client.status == "running" else SLICE_S)
+
+
+def _unreachable(what: str) -> Unreachable:
+    return Unreachable(what, hint="start it, and its workers; the same command goes on then")
+
+
+def _lost(where: str) -> Unreachable:
+    return Unreachable(f"the Dask scheduler at {where} went away", hint="start it again; the same command goes on where it stopped")
 
 
 def _call(environment: dict[str, str | None], fn: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
@@ -138,6 +227,8 @@ def _same_lorebase(pool: Executor) -> None:
         theirs = pool.submit(_version).result(WORKERS_S)
     except KbError:
         raise
+    except concurrent.futures.TimeoutError:
+        raise _unreachable("the Dask workers take no task") from None
     except Exception as error:  # whatever a worker without this package says when it unpickles the call
         raise FatalError(
             f"the Dask workers can't run Lorebase ({type(error).__name__}: {error})",
