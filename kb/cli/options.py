@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -113,10 +114,11 @@ def parse_part(text: str | None) -> tuple[int, int] | None:
         return None
     from kb.core.errors import SettingError
 
-    number, _, count = text.partition("/")
-    if not (number.isdigit() and count.isdigit() and 1 <= int(number) <= int(count)):
+    match = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
+    number, count = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not 1 <= number <= count:
         raise SettingError(f"--part is {text!r}", hint="write it like 1/4, from 1/4 to 4/4")
-    return int(number), int(count)
+    return number, count
 
 
 def pipeline(run: Run, name: str) -> ModuleType:

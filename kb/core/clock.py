@@ -1,6 +1,7 @@
 """The one place where time, sleep and randomness come from.
 
-`KB_NOW` sets the date (dates in data, quota days); waiting always uses the monotonic clock.
+`KB_NOW` sets the date (dates in data, quota days); waiting always uses the monotonic clock. A fixed date
+stands still, but for what `sleep_until` slept: who waits for midnight must find the next day behind it.
 """
 
 from __future__ import annotations
@@ -9,10 +10,12 @@ import hashlib
 import os
 import random
 import time
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 from kb.core import signals
 from kb.core.errors import SettingError
+
+_passed = timedelta()  # while waiting for a date
 
 
 def parse(text: str) -> datetime:
@@ -23,11 +26,11 @@ def parse(text: str) -> datetime:
 
 def now() -> datetime:
     """The current time (UTC, whole seconds), or `KB_NOW`."""
-    fixed = os.environ.get("KB_NOW")
+    fixed = os.environ.get("KB_NOW", "").strip()
     if not fixed:
         return datetime.now(UTC).replace(microsecond=0)
     try:
-        return parse(fixed)
+        return parse(fixed) + _passed
     except ValueError:
         raise SettingError(f"KB_NOW is {fixed!r}, not a time", hint="write it like 2026-11-20T12:00:00Z") from None
 
@@ -47,6 +50,15 @@ def sleep(seconds: float) -> None:
     if seconds > 0:
         signals.stop.wait(seconds)
     signals.stop.check()
+
+
+def sleep_until(moment: datetime) -> None:
+    """Wait until `now()` has come to `moment`, ending early with Interrupted when a signal asks us to stop."""
+    global _passed
+    while (seconds := (moment - now()).total_seconds()) > 0:
+        step = min(seconds + 1, 60.0)  # now() knows whole seconds only
+        sleep(step)
+        _passed += timedelta(seconds=step)
 
 
 def rng(*parts: object) -> random.Random:

@@ -6,14 +6,18 @@ Names and meanings are the contract's; `.env.example` lists them.
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
-from pydantic import Field, SecretStr, ValidationError, field_validator
+from pydantic import Field, SecretStr, ValidationError, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from kb.core import clock
 from kb.core.errors import MissingCredential, SettingError
+
+_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+_MAY_BE_EMPTY = ("youtube_api_key", "reddit_client_id", "reddit_client_secret", "zenodo_token")
 
 
 class Settings(BaseSettings):
@@ -39,30 +43,51 @@ class Settings(BaseSettings):
     source_date_epoch: int | None = Field(None, ge=0, le=253_402_300_799, description="build date in releases, seconds since 1970")
     kb_now: str | None = Field(None, description="the date for data and quota days, for tests")
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _is_clean(cls, value: object, info: ValidationInfo) -> object:
+        """Spaces around a value are none of it, and an empty one is unset: a line of `.env` that nobody filled in."""
+        if isinstance(value, str):
+            value = value.strip()
+            if _CONTROL.search(value):
+                raise ValueError("must not hold line breaks or other control characters")
+        # An empty secret says something of its own: a Reddit app that has none.
+        if value == "" and info.field_name not in _MAY_BE_EMPTY:
+            return cls.model_fields[info.field_name or ""].default
+        return value
+
+    @field_validator("youtube_api_key", "reddit_client_id", "reddit_client_secret", "zenodo_token", "kb_contact", mode="before")
+    @classmethod
+    def _fits_a_header(cls, value: object) -> object:
+        if isinstance(value, str) and not _fits(value, "latin-1"):
+            raise ValueError("must be of Latin letters, digits and signs, as it is sent in a header")
+        return value
+
     @field_validator("kb_youtube_endpoint", "kb_youtube_web", "kb_reddit_endpoint", "kb_wiki_url", "kb_zenodo_endpoint", "kb_models_endpoint")
     @classmethod
     def _is_root(cls, value: str | None) -> str | None:
         if not value:
             return None
         parts = urlsplit(value)
-        if parts.scheme not in ("http", "https") or not parts.hostname:
+        if parts.scheme not in ("http", "https") or not parts.hostname or " " in value or not _fits(parts.hostname, "idna"):
             raise ValueError("must be an address like http://127.0.0.1:8000")
-        if parts.username or parts.password:
+        if parts.username is not None or parts.password is not None:
             raise ValueError("must not hold a user name or password")
+        if "?" in value or "#" in value:
+            raise ValueError("must be a root, without ? or #")
+        if not _has_port(parts):
+            raise ValueError("must have a port from 1 to 65535, or none")
         return value.rstrip("/")
 
     @field_validator("kb_now")
     @classmethod
     def _is_time(cls, value: str | None) -> str | None:
-        if not value:
-            return None
-        clock.parse(value)
+        if value:
+            try:
+                clock.parse(value)
+            except OverflowError:
+                raise ValueError("must be a time from the years 1 to 9999") from None
         return value
-
-    @field_validator("kb_contact", "source_date_epoch", mode="before")
-    @classmethod
-    def _empty_is_unset(cls, value: object) -> object:
-        return None if value == "" else value
 
     def secret_values(self) -> list[str]:
         """The literal secrets that must never leave, for redaction and the release gate."""
@@ -82,6 +107,22 @@ class Settings(BaseSettings):
         return text
 
 
+def _fits(text: str, encoding: str) -> bool:
+    try:
+        text.encode(encoding)
+    except UnicodeError:
+        return False
+    return True
+
+
+def _has_port(parts: SplitResult) -> bool:
+    """Whether the port is one that can be connected to, or is left to the scheme."""
+    try:
+        return parts.port != 0
+    except ValueError:
+        return False
+
+
 def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
     """Settings of this process; `values` (field names) win over everything.
 
@@ -95,6 +136,9 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
         name = str(first["loc"][0]).upper() if first["loc"] else "settings"
         message = first["msg"].removeprefix("Value error, ")
         raise SettingError(f"{name}: {message}", hint="see .env.example") from None
+    except (OSError, UnicodeDecodeError) as error:
+        what = error.strerror if isinstance(error, OSError) else f"not UTF-8 text (byte {error.start + 1})"
+        raise SettingError(f"{Path('.env').absolute()} can't be read: {what}", hint="save it as plain UTF-8; see .env.example") from None
     if settings.kb_now:
         # The clock reads the environment, so that worker processes see the same date.
         os.environ["KB_NOW"] = settings.kb_now

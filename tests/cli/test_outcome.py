@@ -93,6 +93,8 @@ def test_a_message_of_several_lines_becomes_one(end: Any) -> None:
         (["youtube", "crawl", "--limit", "many"], ["--limit"]),
         (["youtube", "crawl", "--only", "chanels"], ["--only", "chanels", "channels"]),
         (["youtube", "crawl", "--part", "5/4"], ["--part", "5/4", "1/4"]),
+        (["youtube", "crawl", "--part", "²/4"], ["--part", "²/4", "1/4"]),
+        (["youtube", "crawl", "--part", f"1/{'9' * 5000}"], ["--part", "1/4"]),
         (["status", "--engine", "ray"], ["--engine", "'ray'", "dask"]),
         (["status", "--scheduler", "tcp://127.0.0.1:1"], ["--scheduler", "--engine dask"]),
         (["status", "--profile", "minecarft"], ["minecarft", "minecraft"]),
@@ -117,6 +119,30 @@ def test_a_wrong_setting_names_itself_and_not_its_value(kb: Any) -> None:
     assert answer.returncode == 2
     assert "KB_YOUTUBE_ENDPOINT" in answer.stderr
     assert "hunter2" not in answer.stderr + answer.stdout
+
+
+@pytest.mark.parametrize(
+    "env",
+    [
+        {"KB_YOUTUBE_ENDPOINT": "http://127.0.0.1:99999"},
+        {"KB_YOUTUBE_ENDPOINT": "http://127.0.0.1:8 0"},
+        {"KB_CONTACT": "a\nb@example.org"},
+        {"KB_CONTACT": "snow☃man@example.org"},
+    ],
+)
+def test_a_wrong_setting_is_found_before_anything_is_written(kb: Any, tmp_path: Path, env: dict[str, str]) -> None:
+    web = "http://127.0.0.1:9"
+    answer = kb("youtube", "crawl", env={"YOUTUBE_API_KEY": "k", "KB_YOUTUBE_ENDPOINT": web, "KB_YOUTUBE_WEB": web} | env)
+    assert answer.returncode == 2, answer.stderr
+    assert answer.stderr.count("\n") == 1
+    assert next(name for name in env) in answer.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_empty_settings_change_nothing(kb: Any, tmp_path: Path) -> None:
+    plain = kb("status")
+    assert kb("status", env={"KB_DATA": "", "KB_PROFILE": "", "KB_TOXICITY_MODEL": "", "KB_CONTACT": ""}).stdout == plain.stdout
+    assert str(tmp_path / "data") in plain.stdout
 
 
 def test_a_file_as_data_root_is_refused(kb: Any, tmp_path: Path) -> None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 
 from kb.core.errors import MissingCredential, SettingError
-from kb.core.settings import load_settings
+from kb.core.settings import Settings, load_settings
 
 
 @pytest.fixture(autouse=True)
 def empty_place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name in ("YOUTUBE_API_KEY", "REDDIT_CLIENT_ID", "REDDIT_CLIENT_SECRET", "KB_CONTACT", "KB_NOW", "KB_WIKI_URL", "KB_DATA"):
-        monkeypatch.delenv(name, raising=False)
+    for name in Settings.model_fields:
+        monkeypatch.delenv(name.upper(), raising=False)
     return tmp_path
 
 
@@ -44,15 +44,88 @@ def test_an_empty_secret_is_an_installed_app_and_an_unset_one_is_missing(monkeyp
     assert load_settings().need("reddit_client_secret") == ""
 
 
-@pytest.mark.parametrize(("name", "value"), [("KB_WIKI_URL", "minecraft.wiki"), ("KB_WIKI_URL", "http://name:hunter2@host"), ("KB_NOW", "yesterday")])
-def test_a_wrong_value_is_named(monkeypatch, name, value):
+ROOTS = ("KB_YOUTUBE_ENDPOINT", "KB_YOUTUBE_WEB", "KB_REDDIT_ENDPOINT", "KB_WIKI_URL", "KB_ZENODO_ENDPOINT", "KB_MODELS_ENDPOINT")
+NO_ROOTS = [
+    "minecraft.wiki",
+    "ftp://host",
+    "http://",
+    "http://[::1",
+    "http://a..b",
+    "http://name:hunter2@host",
+    "http://hunter2@host",
+    "http://127.0.0.1:99999",
+    "http://127.0.0.1:0",
+    "http://127.0.0.1:-1",
+    "http://127.0.0.1:8 0",
+    "http://127.0.0.1:8\t0",
+    "http://127.0.0.1:80/?a=b",
+    "http://127.0.0.1:80/?",
+    "http://127.0.0.1:80/#top",
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *((ROOTS[number % len(ROOTS)], value) for number, value in enumerate(NO_ROOTS)),
+        ("KB_NOW", "yesterday"),
+        ("KB_NOW", "0001-01-01T00:00:00+10:00"),
+        ("SOURCE_DATE_EPOCH", "-1"),
+        ("SOURCE_DATE_EPOCH", "99999999999999999999"),
+        ("KB_CONTACT", "a\nb@example.org"),
+        ("KB_CONTACT", "snow☃man@example.org"),
+        ("ZENODO_TOKEN", "hunter2\nhunter2"),
+        ("YOUTUBE_API_KEY", "hunter2☃"),
+        ("KB_DATA", "da\nta"),
+    ],
+)
+def test_a_wrong_value_is_named_and_not_shown(monkeypatch, name, value):
     monkeypatch.setenv(name, value)
     with pytest.raises(SettingError, match=name) as error:
         load_settings()
+    assert error.value.exit_code == 2
     assert "hunter2" not in str(error.value)
 
 
-def test_a_build_date_beyond_the_calendar_is_a_wrong_setting(monkeypatch):
-    monkeypatch.setenv("SOURCE_DATE_EPOCH", "99999999999999")
-    with pytest.raises(SettingError, match="SOURCE_DATE_EPOCH"):
+@pytest.mark.parametrize("name", ROOTS)
+@pytest.mark.parametrize(
+    ("value", "root"),
+    [("http://127.0.0.1:8000/", "http://127.0.0.1:8000"), (" https://[::1]/mirror/yt ", "https://[::1]/mirror/yt"), ("http://bücher.example", None)],
+)
+def test_a_root_is_taken_without_its_last_slash(monkeypatch, name, value, root):
+    monkeypatch.setenv(name, value)
+    assert getattr(load_settings(), name.lower()) == (root or value)
+
+
+@pytest.mark.parametrize("empty", ["", "   "])
+def test_an_empty_value_is_no_value(empty_place, monkeypatch, empty):
+    secrets = {"youtube_api_key", "reddit_client_id", "reddit_client_secret", "zenodo_token"}
+    unset = load_settings(dotenv=False)
+    for name in set(Settings.model_fields) - secrets:
+        monkeypatch.setenv(name.upper(), empty)
+    assert load_settings() == unset
+    # In the file as well; and the environment wins, also with nothing.
+    (empty_place / ".env").write_text("".join(f"{name.upper()}={empty}\n" for name in Settings.model_fields if name not in secrets))
+    for name in Settings.model_fields:
+        monkeypatch.delenv(name.upper(), raising=False)
+    assert load_settings() == unset
+    (empty_place / ".env").write_text("KB_DATA=elsewhere\n")
+    monkeypatch.setenv("KB_DATA", empty)
+    assert load_settings().kb_data == unset.kb_data
+    for name in ("youtube_api_key", "reddit_client_id", "zenodo_token", "kb_contact"):
+        monkeypatch.setenv(name.upper(), empty)
+        with pytest.raises(MissingCredential, match=name.upper()):
+            load_settings().need(name)
+
+
+def test_spaces_around_a_value_are_none_of_it(monkeypatch):
+    monkeypatch.setenv("KB_CONTACT", " me@example.org ")
+    monkeypatch.setenv("YOUTUBE_API_KEY", "key\n")
+    assert (load_settings().kb_contact, load_settings().need("youtube_api_key")) == ("me@example.org", "key")
+
+
+def test_a_file_that_is_no_text_is_said_to_be_none(empty_place):
+    (empty_place / ".env").write_bytes(b"KB_CONTACT=J\xf6rg\n")
+    with pytest.raises(SettingError, match=r"\.env can't be read: not UTF-8 text \(byte 13\)"):
         load_settings()
+    assert load_settings(dotenv=False).kb_contact is None
