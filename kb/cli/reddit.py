@@ -42,7 +42,8 @@ def crawl(run: Run, since: Since = None, until: Until = None) -> Summary:
     """Crawl posts and whole comment trees, as raw JSON.
 
     Needs REDDIT_CLIENT_ID, REDDIT_CLIENT_SECRET (empty for an installed app) and KB_CONTACT.
-    Names of people are hashed before anything is written.
+    Names of people are hashed before anything is written. What lies outside of --since and --until is
+    left out of the tables too (`outside` in the summary); a later crawl with another span, or none, reads it.
     """
     from kb.reddit.crawl import crawl as room
 

@@ -80,7 +80,8 @@ class Clean:
 
     `assemble` gets the newest rows of each kind (of one bucket) and returns rows by table name. It
     may return a function of the tables that were kept before it instead (comments need to know
-    their posts). `unanswered` gives keys that have no row, with the reason: they count as failed.
+    their posts). `unanswered` gives keys that have no row, with the reason: they count as failed; so does
+    such a key that is pending for one of the reasons `ended_by_failure`.
     """
 
     source: str
@@ -90,6 +91,7 @@ class Clean:
     follow: tuple[Follow, ...] = ()
     scorer: Scorer | None = None
     unanswered: Callable[[Path], Iterable[tuple[str, str]]] | None = None
+    ended_by_failure: tuple[str, ...] = ()
     beside: Beside | None = None
 
 

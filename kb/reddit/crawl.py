@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,10 @@ from kb.core.context import Run
 from kb.core.errors import Blocked, FatalError, ItemFinal, KbError, LimitReached, Retryable, Unreachable
 from kb.core.progress import Task
 from kb.core.verdict import Summary
+from kb.reddit import tree
 from kb.reddit.authors import Scrubber, load_key
 from kb.reddit.client import INFO, LISTED, ROOT, Client
-from kb.reddit.state import apply
+from kb.reddit.state import OUTSIDE, apply
 from kb.reddit.strip import without
 from kb.store.frontier import Frontier, Item
 from kb.store.identity import remember
@@ -74,6 +75,7 @@ def session(run: Run, place: Path | None = None) -> Iterator[Session]:
 def crawl(run: Run, since: datetime | None = None, until: datetime | None = None) -> Summary:
     """Read what is left. `since` and `until` bound when posts were made (UTC, since included).
 
+    What lies outside is left out, and read by a later crawl with another span or none.
     Raises LimitReached, Blocked, Unreachable, Interrupted (exit 3), CredentialRefused and FatalError
     (exit 1); the summary so far is on the error.
     """
@@ -85,7 +87,8 @@ class Crawl:
     """One run over the frontier."""
 
     def __init__(self, at: Session, since: datetime | None, until: datetime | None) -> None:
-        self.at, self.frontier, self.since, self.until = at, at.frontier, since, until
+        self.at, self.frontier = at, at.frontier
+        self.since, self.until = (None if moment is None else moment.timestamp() for moment in (since, until))
         self.section = at.run.profile.section("reddit")
         self.base = f"r/{self.section.subreddit}"
         self.gone = at.gone
@@ -110,13 +113,15 @@ class Crawl:
         """Figures of this run and what is left."""
         counts = {kind: self.frontier.counts(kind) for kind in KINDS}
         requests = self.frontier.requests()[0] - self.before[0]
+        outside = sum(reason == OUTSIDE for _, _, reason, _ in self.frontier.items("tree", "skipped"))
         return Summary(
             source="reddit",
             crawled=self.posts,
             requests=requests,
             pending=sum(counts[kind].get(status, 0) for kind in KINDS for status in ("todo", "in_progress")),
             failed=sum(counts[kind].get("error", 0) for kind in KINDS),
-            missing=counts["tree"].get("skipped", 0),
+            missing=counts["tree"].get("skipped", 0) - outside,
+            outside=outside,
             posts=sum(counts["tree"].values()),
             comments_by_stub=counts["more"].get("done", 0),
         )
@@ -129,10 +134,25 @@ class Crawl:
         self.frontier.add("listing", names)
         for kind in KINDS:
             self.frontier.reopen(kind, "error")
-        if self.at.run.again and not self.frontier.counts("listing").get("todo"):
-            for name in names:
-                self.frontier.payload("listing", name, {"after": None, "pages": 0, "again": True})
-            self.frontier.reopen("listing", "done")
+        for kind, out in (("tree", self._out_of_span), ("listing", self._behind)):
+            left = [key for key, _, reason, state in self.frontier.items(kind, "skipped") if reason == OUTSIDE and not out(key, state)]
+            self.frontier.mark(kind, left, "todo")
+        if self.at.run.again and not self.frontier.ready("listing"):
+            for name, status, reason, state in self.frontier.items("listing", "done", "skipped"):
+                if name in names and (status == "done" or reason == OUTSIDE):
+                    upto = state.get("newest") if state and status == "done" else None
+                    self.frontier.payload("listing", name, {"after": None, "pages": 0, "upto": upto})
+                    self.frontier.mark("listing", [name], "todo")
+        if not any(self.frontier.ready(kind) for kind in KINDS):
+            self.at.run.progress.say("reddit: nothing left to read; --again starts a new round")
+
+    def _out_of_span(self, key: str, state: Any) -> bool:
+        """Whether a post was made outside --since/--until."""
+        return tree.outside((state or {}).get("created_utc"), self.since, self.until)
+
+    def _behind(self, key: str, state: Any) -> bool:
+        """Whether all that a listing still has is older than --since."""
+        return key == "new" and tree.outside((state or {}).get("oldest"), self.since, None)
 
     def _step(self) -> bool:
         """One request, whatever is nearest to a whole post. False when nothing is left."""
@@ -145,6 +165,8 @@ class Crawl:
             return True
         for kind in ("thread", "tree", "listing"):
             for item in self.frontier.take(kind):
+                if kind == "tree" and self._left_out(item):
+                    return True
                 if kind == "tree" and self.at.run.limit is not None and self.posts >= self.at.run.limit:
                     self.frontier.release(kind, item.key)
                     raise LimitReached(f"{self.posts} posts were read (--limit {self.at.run.limit})", hint="run the same command to go on")
@@ -154,8 +176,8 @@ class Crawl:
 
     def _listing(self, item: Item) -> None:
         state = item.payload or {"after": None, "pages": 0}
-        if self.since and item.key == "new" and state.get("oldest") and state["oldest"] < self.since.timestamp():
-            self.frontier.done("listing", item.key)
+        if self._behind(item.key, state):
+            self.frontier.skip("listing", item.key, OUTSIDE)
             return
         name, _, extra = item.key.partition(":")
         params: dict[str, Any] = {"limit": LISTED, "raw_json": 1}
@@ -179,17 +201,17 @@ class Crawl:
         except Retryable as error:
             self._failed("listing", [item.key], error)
             return
-        self.at.record("listings", endpoint, params, 200, answer)
+        span = {name: moment for name, moment in (("since", self.since), ("until", self.until)) if moment is not None}
+        self.at.record("listings", endpoint, {**params, **span}, 200, answer)
+
+    def _left_out(self, item: Item) -> bool:
+        """Whether a post is not to be read: it lies outside of the span, or was purged."""
+        why = OUTSIDE if self._out_of_span(item.key, item.payload) else "purged" if f"t3_{item.key}" in self.gone else ""
+        if why:
+            self.frontier.skip("tree", item.key, why)
+        return bool(why)
 
     def _tree(self, item: Item) -> None:
-        made = (item.payload or {}).get("created_utc")
-        moment = datetime.fromtimestamp(float(made), UTC) if isinstance(made, (int, float)) else None
-        if moment and ((self.since and moment < self.since) or (self.until and moment >= self.until)):
-            self.frontier.skip("tree", item.key, "outside --since/--until")
-            return
-        if f"t3_{item.key}" in self.gone:
-            self.frontier.skip("tree", item.key, "purged")
-            return
         self._page("tree", item, {"article": item.key})
         self.posts += 1
         self.bar.advance(1, requests=self.frontier.requests()[0] - self.before[0])

@@ -65,6 +65,9 @@ class Reader:
         # Stubs don't say which post they are of; the request does.
         about = params.get("article") or tree.bare(params.get("link_id"))
         found = list(self._things(envelope["response"], about)) if status == 200 else []
+        if self._kind == "listings":
+            # A crawl of a span of time leaves out what its listings show of other times.
+            found = [row for row in found if not tree.outside(row.get("created_utc"), params.get("since"), params.get("until"))]
         known = {row["fullname"] for row in found}
         asked = asked_for(self._kind, params, status)
         found += [_row(name, post, "missing") for name, post in asked if name not in known]

@@ -1,6 +1,7 @@
 """What Reddit's answers mean for the frontier; the same live and in replay.
 
-listing   "new", "top:all", "search:guide" …   payload: next page, pages read
+listing   "new", "top:all", "search:guide" …   payload: next page, pages read, when the last page's oldest post and
+                                                the round's newest were made, up to when the round before had read
 tree      bare post ids                         payload: when the post was made
 more      bare comment ids behind stubs         payload: their post
 thread    "<post>/<comment>" of "continue this thread"
@@ -17,6 +18,9 @@ from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 
 PAGES = 10  # of 100: Reddit ends a listing at about 1,000
+OUTSIDE = "outside --since/--until"  # not read by this crawl; one with another span, or none, reads it
+AGAIN = "came back as a stub"
+_BY_TIME = ("new", "search")  # newest first; the other listings have no order that a later round could end by
 
 
 def listing_key(endpoint: str, params: dict[str, Any]) -> str:
@@ -36,27 +40,32 @@ def apply(frontier: Frontier, kind: str, envelope: Envelope) -> None:
     elif kind == "morechildren":
         _stubs(frontier, tree.bare(params["link_id"]), response)
         asked = str(params["children"]).split(",")
-        # Some may come back as a stub again: they are asked once more as long as that brings anything.
+        # Some may come back as a stub again: they are asked once more as long as that settles any.
         again = {key for thing in tree.things(response) if thing.kind == "more" for key in tree.stub_ids(thing.data)}
-        brought = any(thing.kind == tree.COMMENT for thing in tree.things(response))
-        frontier.done("more", *(key for key in asked if not (brought and key in again)))
-        frontier.release("more", *(key for key in asked if brought and key in again))
+        settled = [key for key in asked if key not in again]
+        frontier.done("more", *settled)
+        if settled:
+            frontier.release("more", *again.intersection(asked))
+        else:
+            frontier.mark("more", asked, "error", AGAIN)
     elif kind == "info":
         frontier.done("info", *str(params["id"]).split(","))
 
 
 def _listing(frontier: Frontier, key: str, params: dict[str, Any], response: Any) -> None:
     posts = [thing.data for thing in tree.things(response) if thing.kind == tree.POST and thing.data.get("id")]
-    new = frontier.add("tree", [(post["id"], {"created_utc": post.get("created_utc")}) for post in posts])
+    frontier.add("tree", [(post["id"], {"created_utc": post.get("created_utc")}) for post in posts])
     frontier.add("listing", [key])
     pages = int(params.get("count", 0)) // 100 + 1
     token = tree.after(response)
-    known = frontier.get("listing", key)
-    again = bool(known and known[1] and known[1].get("again"))
-    oldest = min((float(post["created_utc"]) for post in posts if isinstance(post.get("created_utc"), (int, float))), default=None)
-    frontier.payload("listing", key, {"after": token, "pages": pages, "again": again, "oldest": oldest})
-    # In a later round a page without a new post means that the rest is known.
-    frontier.mark("listing", [key], "done" if token is None or pages >= PAGES or (again and not new) else "todo")
+    before = (frontier.get("listing", key) or ("", None, None))[1] or {}
+    made = [float(post["created_utc"]) for post in posts if isinstance(post.get("created_utc"), (int, float))]
+    oldest, upto = min(made, default=None), before.get("upto")
+    newest = max([*made, *(moment for moment in (before.get("newest"), upto) if moment is not None)], default=None)
+    frontier.payload("listing", key, {"after": token, "pages": pages, "oldest": oldest, "newest": newest, "upto": upto})
+    # In a later round a page that reaches back behind the newest post of the round before means that the rest is known.
+    known = key.partition(":")[0] in _BY_TIME and upto is not None and oldest is not None and oldest < upto
+    frontier.mark("listing", [key], "done" if token is None or pages >= PAGES or known else "todo")
 
 
 def _page(frontier: Frontier, params: dict[str, Any], status: int, response: Any) -> None:
@@ -79,7 +88,7 @@ def _stubs(frontier: Frontier, post: str, response: Any) -> None:
 
 
 def gave_up(root: Path) -> Iterator[tuple[str, str]]:
-    """(full name, reason) of what failed after its tries and has no answer: `failed` in the filter."""
+    """(full name, reason) of what failed after its tries, or is shut: `failed` in the filter where no answer tells of it."""
     path = root / "state" / "reddit.sqlite"
     if not path.exists():
         return
@@ -87,5 +96,8 @@ def gave_up(root: Path) -> Iterator[tuple[str, str]]:
     try:
         for key, _, reason, _ in frontier.items("more", "error"):
             yield f"t1_{key}", reason or "failed"
+        for key, _, reason, _ in frontier.items("tree", "error", "skipped"):
+            if reason not in (OUTSIDE, "purged", "404", "410"):
+                yield f"t3_{key}", reason or "failed"
     finally:
         frontier.close()

@@ -62,6 +62,13 @@ def is_continuation(data: Mapping[str, Any]) -> bool:
     return not stub_ids(data) and isinstance(data.get("parent_id"), str)
 
 
+def outside(made: Any, since: float | None, until: float | None) -> bool:
+    """Whether something was made before `since`, or at `until` or later (all in seconds of Unix time); what doesn't say when is inside."""
+    if isinstance(made, bool) or not isinstance(made, (int, float)):
+        return False
+    return (since is not None and made < since) or (until is not None and made >= until)
+
+
 def bare(fullname: Any) -> str:
     """An id without its `t1_` or `t3_`; empty when there is none."""
     return fullname.partition("_")[2] if isinstance(fullname, str) else ""
