@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from kb.cli.command import command, group
+from kb.cli.options import Options
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -41,6 +42,7 @@ def release(run: Run) -> Summary:
 
 @command(
     app,
+    raw=True,
     examples=[
         "kb release publish --to zenodo-sandbox             upload drafts to the sandbox",
         "kb release publish --to zenodo                     upload drafts",
@@ -48,7 +50,7 @@ def release(run: Run) -> Summary:
     ],
 )
 def publish(
-    run: Run,
+    options: Options,
     to: Annotated[Target, typer.Option("--to", help="The service that takes the deposits.")],
     publish: Annotated[bool, typer.Option("--publish", help="Publish the drafts: can't be undone.")] = False,
     only: Annotated[
@@ -65,16 +67,30 @@ def publish(
     An interrupted upload goes on where it stopped. A folder that was published before and has changed
     becomes a new version of its record.
     """
-    return _listed(run, "publish", str(to), publish, only or [])
+    from kb.core.errors import KbError
+
+    run = options.make_run()
+    done: dict[str, Any] = {}
+    try:
+        summary = _listed(run, "publish", str(to), publish, only or [])
+        done = summary
+        return summary
+    except KbError as error:
+        done = error.summary or {}
+        raise
+    finally:
+        getattr(run.progress, "close", lambda: None)()
+        for source, one in done.get("sources", {}).items() if not options.json else ():
+            typer.echo("  ".join(str(what) for what in (source, one["state"], one["id"], one["doi"], one["page"]) if what))
 
 
-def _listed(run: Run, name: str, *options: object) -> Summary:
+def _listed(run: Run, name: str, *given: object) -> Summary:
     """Call the pipeline; a refusal's reasons go to stderr, one line each."""
     from kb.core.errors import ReleaseRefused
     from kb.core.pipeline import load, locate
 
     try:
-        return getattr(load(str(locate("release", run.pipeline))), name)(run, *options)
+        return getattr(load(str(locate("release", run.pipeline))), name)(run, *given)
     except ReleaseRefused as error:
         for line in getattr(error, "problems", []):
             typer.echo(line, err=True)

@@ -2,22 +2,22 @@
 
 Source: https://developers.zenodo.org. Only what a release needs: create, list, upload with md5,
 metadata, publish, new version. Every answer that is no success becomes one of kb.core.errors:
-401 and 403 the token, 400 what the service says field by field, 429 a wait or exit 3 with the time,
-5xx and broken connections a few more tries and then exit 3.
+401 the token (403 as well where no deposit is named), 400 what the service says field by field, 429 a wait
+or exit 3 with the time, 5xx and broken connections a few more tries and then exit 3.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
-from datetime import UTC, datetime
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 from urllib.parse import quote, urlsplit
 
-from kb.core import clock
+from kb.core import clock, signals
 from kb.core.errors import CredentialRefused, FatalError, QuotaSpent, Retryable, Unreachable
-from kb.net.retry import attempt
+from kb.net.retry import attempt, retry_after
 from kb.release.checksums import digest
 
 if TYPE_CHECKING:
@@ -26,13 +26,19 @@ if TYPE_CHECKING:
 TRIES = 5
 TIMEOUT = (10, 300)  # seconds to connect, and between two bytes of an answer
 LONGEST_WAIT = 120  # seconds that a limit may ask for before the run stops instead
+LONGEST_LIMIT = 366 * 86_400  # seconds: what asks for more is no time to come back at
 PAGE = 100
 _LIMITED, _DAMAGED = "limited", "damaged upload"
 _GO_ON = "the same command goes on where it stopped"
+_SCOPES = "it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own"
 
 
 class Gone(FatalError):
     """A deposit that is not there any more."""
+
+
+class Forbidden(CredentialRefused):
+    """The token may not do this to this deposit: it is another account's, or is closed, or a scope is missing."""
 
 
 class Zenodo:
@@ -40,7 +46,7 @@ class Zenodo:
 
     def __init__(self, session: requests.Session, endpoint: str, token: str, *, wait: bool = False) -> None:
         self._session, self._wait = session, wait
-        self.root = endpoint.rstrip("/")
+        self.root = endpoint.rstrip("/").removesuffix("/api")
         self._base = f"{self.root}/api/deposit/depositions"
         self._headers = {"Authorization": f"Bearer {token}"}
 
@@ -69,17 +75,20 @@ class Zenodo:
     def upload(self, bucket: str, path: Path, md5: str, sent: Callable[[int], None]) -> None:
         """Put a file into a draft's bucket, again when the service received other bytes.
 
-        `sent` is told the bytes of the file when it is there. Raises FatalError when it never arrives whole.
+        `sent` is told the bytes of the file when it is there. Raises FatalError when it never arrives whole,
+        and Interrupted in the midst of it: the next run sends the file again.
         """
         if urlsplit(bucket)[:2] != urlsplit(self.root)[:2]:
             raise FatalError("the deposit service names a bucket on another host", hint="nothing was sent there")
+
+        size = path.stat().st_size
 
         def put() -> None:
             with path.open("rb") as file:
                 answer = self._request(
                     "PUT",
                     f"{bucket}/{quote(path.name)}",
-                    data=file,
+                    data=_Watched(file, size) if size else b"",
                     headers={"Content-Type": "application/octet-stream"},
                 )
             if answer.get("checksum", "").removeprefix("md5:") != md5:
@@ -94,7 +103,7 @@ class Zenodo:
                     hint="check the network, then run the same command again",
                 ) from None
             raise
-        sent(path.stat().st_size)
+        sent(size)
 
     def describe(self, number: int, metadata: dict[str, Any]) -> dict[str, Any]:
         """Set the metadata. Raises FatalError when the service refuses it or takes another licence."""
@@ -170,22 +179,25 @@ class Zenodo:
             )
         except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError) as error:
             raise Retryable(type(error).__name__, unreachable=True) from None
-        if answer.status_code in (401, 403) and "locked" not in answer.text:
-            raise CredentialRefused(
-                "the deposit service does not accept ZENODO_TOKEN",
-                hint="it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own",
-            )
+        if answer.status_code == 401 or (answer.status_code == 403 and url == self._base):
+            raise CredentialRefused("the deposit service does not accept ZENODO_TOKEN", hint=_SCOPES)
+        if answer.status_code == 403:
+            raise Forbidden(f"the deposit service refused (403): {_message(answer)}", hint="look at the draft there, then run the same command again")
         if answer.status_code == 429:
             raise self._limited(answer.headers)
         if answer.status_code >= 500:
             raise Retryable(f"status {answer.status_code}", unreachable=True)
+        if answer.status_code == 404 and url == self._base:
+            raise FatalError(f"there is no deposit API at {self.root}", hint="check KB_ZENODO_ENDPOINT")
         if answer.status_code in (404, 410):
             raise Gone(
                 f"the deposit service answered {answer.status_code}: {_message(answer)}",
                 hint="the deposit may have been removed by hand",
             )
         if not 200 <= answer.status_code < 300:
-            raise FatalError(f"the deposit service refused ({answer.status_code}): {_message(answer)}", hint="nothing was published")
+            raise FatalError(
+                f"the deposit service refused ({answer.status_code}): {_message(answer)}", hint="correct that, then run the same command again"
+            )
         try:
             return answer.json() if answer.content else {}
         except ValueError:
@@ -193,20 +205,33 @@ class Zenodo:
 
     def _limited(self, headers: Any) -> Exception:
         """A short wait is waited out, a long one ends the run with the time to come back (or --wait)."""
-        now = datetime.now(UTC).timestamp()  # the service's own clock: KB_NOW does not move it
-        try:
-            seconds = float(headers["Retry-After"]) if "Retry-After" in headers else float(headers["X-RateLimit-Reset"]) - now
-        except (KeyError, ValueError):
-            seconds = 60.0
-        seconds = max(seconds, 0.0)
-        if seconds <= LONGEST_WAIT or self._wait:
-            return Retryable(_LIMITED, after=seconds)
-        reset = datetime.fromtimestamp(now + seconds, UTC)
-        return QuotaSpent(
-            f"the deposit service's limit is spent until {clock.stamp(reset)}",
-            hint="run the same command then",
-            reset_at=reset,
-        )
+        now = datetime.now(UTC)  # the service's own clock: KB_NOW does not move it
+        seconds = retry_after(headers.get("Retry-After"), headers.get("Date"))
+        if seconds is None:
+            reset = retry_after(headers.get("X-RateLimit-Reset"))  # a number as well: seconds since 1970
+            seconds = None if reset is None else max(0.0, reset - now.timestamp())
+        if seconds is None or seconds <= LONGEST_WAIT or (self._wait and seconds <= LONGEST_LIMIT):
+            return Retryable(_LIMITED, after=seconds, throttled=True)
+        back = now + timedelta(seconds=min(seconds, LONGEST_LIMIT))
+        return QuotaSpent(f"the deposit service's limit is spent until {clock.stamp(back)}", hint="run the same command then", reset_at=back)
+
+
+class _Watched:
+    """A file on its way out that stops between two pieces when the run is asked to end."""
+
+    def __init__(self, file: IO[bytes], size: int) -> None:
+        self._file, self._size = file, size
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __iter__(self) -> Iterator[bytes]:
+        return iter(lambda: self.read(1 << 16), b"")
+
+    def read(self, size: int = -1) -> bytes:
+        """The next bytes. Raises Interrupted."""
+        signals.stop.check()
+        return self._file.read(size)
 
 
 def md5(path: Path) -> str:

@@ -2,7 +2,7 @@
 
 What was done is kept in `state/deposits.json` (ids and digests, no token), written before and after
 every step that can't be repeated: a run that was cut off goes on with the same draft and sends only
-files whose md5 differs.
+files whose md5 differs; a draft that was published meanwhile with these files is noted, not repeated.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from kb.core import signals
-from kb.core.errors import DamagedData, UsageError
+from kb.core.errors import DamagedData, KbError, UsageError
 from kb.core.verdict import Summary
 from kb.release import check
 from kb.release.build import exported, refuse
 from kb.release.checksums import digest
-from kb.release.deposit import Gone, Zenodo, md5
+from kb.release.deposit import Forbidden, Gone, Zenodo, md5
 from kb.release.folders import DEPOSIT, SUMS, Folder
 from kb.release.measure import SANDBOX_MODEL, models
 from kb.release.metadata import Document
@@ -26,6 +26,8 @@ from kb.store.atomic import write_text
 from kb.store.lock import writer
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from kb.core.context import Run
 
 HOSTS = {"zenodo-sandbox": "https://sandbox.zenodo.org", "zenodo": "https://zenodo.org"}
@@ -53,17 +55,32 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
     with writer(run.root, "deposits"):
         service = Zenodo(make_session(run.settings), endpoint, token, wait=run.wait)
         for folder in found:
-            signals.stop.check()
-            deposits[folder.source] = _Upload(run, service, folder).go(publish=publish)
+            try:
+                signals.stop.check()
+                deposits[folder.source] = _Upload(run, service, folder).go(publish=publish)
+            except KbError as error:
+                error.args = (_told(folder, error, deposits),)
+                error.summary = _summary(deposits)
+                raise
+    return _summary(deposits)
+
+
+def _summary(deposits: dict[str, dict[str, Any]]) -> Summary:
     states = [one["state"] for one in deposits.values()]
     return Summary(
-        deposits=len(found),
+        deposits=len(deposits),
         drafts=states.count("draft"),
         published=states.count("published"),
         unchanged=states.count("unchanged"),
-        uploaded=sum(one.pop("uploaded") for one in deposits.values()),
-        sources=deposits,
+        uploaded=sum(one["uploaded"] for one in deposits.values()),
+        sources={source: {name: what for name, what in one.items() if name != "uploaded"} for source, one in deposits.items()},
     )
+
+
+def _told(folder: Folder, error: KbError, deposits: dict[str, dict[str, Any]]) -> str:
+    """The error with the folder it is about, and with what is public already."""
+    public = [f"{source} ({one['doi'] or one['id']})" for source, one in deposits.items() if one["state"] == "published"]
+    return f"{folder.source}: {error}" + (f"; published before that: {', '.join(public)}" if public else "")
 
 
 def _marked(run: Run, found: list[Folder], loopback: bool) -> list[Problem]:
@@ -84,7 +101,7 @@ def _marked(run: Run, found: list[Folder], loopback: bool) -> list[Problem]:
 def _document(folder: Folder) -> dict[str, Any]:
     try:
         return dict(json.loads((folder.path / DEPOSIT).read_text(encoding="utf-8")))
-    except (OSError, ValueError):
+    except (OSError, ValueError, TypeError):
         return {}
 
 
@@ -115,23 +132,31 @@ class _Upload:
 
     def go(self, *, publish: bool) -> dict[str, Any]:
         """The deposit's state, id, address and uploaded files."""
+        try:
+            return self._go(publish=publish)
+        except Forbidden as error:
+            error.hint = f"the deposit is another account's, or ZENODO_TOKEN may not do this: use the token that made it, or move {self.path} away"
+            raise
+
+    def _go(self, *, publish: bool) -> dict[str, Any]:
         known = self._known()
         if known.get("published") == self.digest:
-            return {"state": "unchanged", "id": known["id"], "doi": known.get("doi"), "uploaded": 0}
+            return {"state": "unchanged", "id": known["id"], "doi": known.get("doi"), "page": known.get("page"), "uploaded": 0}
         draft = self._draft(known)
+        if draft.get("submitted"):
+            return self._published(draft, "unchanged", 0)
         uploaded = self._files(draft)
         shown = self.service.describe(draft["id"], self.metadata)
         if publish:
             signals.stop.check()
-            shown = self.service.publish(draft["id"])
-            self._write({"id": draft["id"], "published": self.digest, "doi": shown.get("doi")})
-        return {
-            "state": "published" if publish else "draft",
-            "id": draft["id"],
-            "doi": shown.get("doi"),
-            "page": shown.get("links", {}).get("html"),
-            "uploaded": uploaded,
-        }
+            return self._published({**self.service.publish(draft["id"]), "id": draft["id"]}, "published", uploaded)
+        return {"state": "draft", "id": draft["id"], "doi": shown.get("doi"), "page": _page(shown), "uploaded": uploaded}
+
+    def _published(self, shown: dict[str, Any], state: str, uploaded: int) -> dict[str, Any]:
+        """Note a record, so that it is not made again."""
+        told = {"id": shown["id"], "doi": shown.get("doi"), "page": _page(shown)}
+        self._write({**told, "published": self.digest})
+        return {"state": state, **told, "uploaded": uploaded}
 
     def _known(self) -> dict[str, Any]:
         """What the state says of this folder, as far as the service still has it."""
@@ -145,13 +170,18 @@ class _Upload:
         return known
 
     def _draft(self, known: dict[str, Any]) -> dict[str, Any]:
-        """The draft to fill: the one begun, the next version of the published record, or a new one."""
+        """The draft to fill: the one begun, the next version of the published record, or a new one.
+
+        The record itself when the one begun was published meanwhile, by hand or by a run that was killed
+        before it could note that, with the files of this folder.
+        """
         if "draft" in known:
             try:
                 found = self.service.get(known["draft"])
                 if not found.get("submitted"):
                     return found
-                # Published by hand, or by a run whose answer was lost.
+                if self._same(found):
+                    return found
                 known = {"id": found["id"], "published": "", "doi": found.get("doi")}
             except Gone:
                 known.pop("draft")
@@ -175,10 +205,19 @@ class _Upload:
             None,
         )
 
+    def _local(self) -> list[Path]:
+        return [*self.folder.files(), self.folder.path / SUMS]
+
+    def _same(self, record: dict[str, Any]) -> bool:
+        """Whether a record holds exactly the folder's files."""
+        there = {name: _md5_of(one) for name, one in self.service.files(record["id"]).items()}
+        local = self._local()
+        return set(there) == {path.name for path in local} and all(there[path.name] == md5(path) for path in local)
+
     def _files(self, draft: dict[str, Any]) -> int:
         """Make the draft hold exactly the folder's files; how many were sent."""
         there = self.service.files(draft["id"])
-        local = [*self.folder.files(), self.folder.path / SUMS]
+        local = self._local()
         task = self.run.progress.task(f"upload {self.folder.source}", total=sum(path.stat().st_size for path in local), unit="bytes")
         for name in sorted(set(there) - {path.name for path in local}):
             self.service.remove(draft["id"], there[name]["id"])
@@ -186,7 +225,7 @@ class _Upload:
         for path in local:
             signals.stop.check()
             checksum = md5(path)
-            if there.get(path.name, {}).get("checksum", "").removeprefix("md5:") == checksum:
+            if path.name in there and _md5_of(there[path.name]) == checksum:
                 task.advance(path.stat().st_size)
                 continue
             self.service.upload(draft["links"]["bucket"], path, checksum, task.advance)
@@ -198,12 +237,32 @@ class _Upload:
         if not self.path.exists():
             return {}
         try:
-            return dict(json.loads(self.path.read_text(encoding="utf-8")))
+            found = json.loads(self.path.read_text(encoding="utf-8"))
         except ValueError:
-            raise DamagedData(f"{self.path} can't be read", hint="move it away; the next run makes new drafts") from None
+            found = None
+        if not isinstance(found, dict) or not all(isinstance(one, dict) and _is_entry(one) for one in found.values()):
+            raise DamagedData(
+                f"{self.path} is damaged", hint="restore it, or move it away: then new drafts are made, also of what was published before"
+            )
+        return found
 
     def _read(self) -> dict[str, Any]:
         return dict(self._all().get(self.key, {}))
 
     def _write(self, entry: dict[str, Any]) -> None:
         write_text(self.path, json.dumps(self._all() | {self.key: entry}, indent=1, sort_keys=True) + "\n")
+
+
+def _is_entry(entry: dict[str, Any]) -> bool:
+    """Whether an entry of the state reads as one of ours."""
+    return all(isinstance(entry[name], int) for name in ("id", "draft") if name in entry) and ("id" in entry or "published" not in entry)
+
+
+def _md5_of(file: dict[str, Any]) -> str:
+    return str(file.get("checksum", "")).removeprefix("md5:")
+
+
+def _page(shown: dict[str, Any]) -> str | None:
+    """Where a person looks at the deposit."""
+    page = shown.get("links", {}).get("html")
+    return str(page) if page else None

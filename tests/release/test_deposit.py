@@ -9,7 +9,10 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from email.utils import format_datetime
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import duckdb
@@ -17,7 +20,9 @@ import pytest
 
 from kb.core.errors import (
     CredentialRefused,
+    DamagedData,
     FatalError,
+    Interrupted,
     MissingCredential,
     QuotaSpent,
     ReleaseRefused,
@@ -344,3 +349,131 @@ def test_second_publisher_is_told_of_the_first(root: Path, service: Sandbox) -> 
 
     with writer(root, "deposits"), pytest.raises(WriterLocked, match=f"pid {os.getpid()}"):
         send(root, service)
+
+
+def test_a_publication_that_was_never_noted_is_not_repeated(root: Path, service: Sandbox) -> None:
+    draft = send(root, service)["sources"]["pairs"]["id"]
+    state = (root / "state" / "deposits.json").read_text()
+    send(root, service, publish=True)
+    (root / "state" / "deposits.json").write_text(state)  # killed between the publication and its note
+    sent = len(puts(service))
+    for _ in range(2):
+        again = send(root, service, publish=True)
+        assert (again["unchanged"], again["sources"]["pairs"]["id"]) == (1, draft)
+        assert again["sources"]["pairs"]["doi"] == f"10.5072/zenodo.{draft}"
+    assert (len(store(service).by_id), len(puts(service))) == (1, sent)
+    assert service.ledger.requests("/actions/newversion") == []
+
+
+def test_a_draft_published_by_hand_with_other_files_gets_a_new_version(root: Path, service: Sandbox) -> None:
+    draft = send(root, service)["sources"]["pairs"]["id"]
+    deposit = store(service).by_id[draft]
+    deposit.files["README.md"], deposit.submitted, deposit.metadata["doi"] = b"other", True, "10.5072/by-hand"
+    again = send(root, service, publish=True)
+    assert (again["published"], again["uploaded"], len(store(service).by_id)) == (1, 1, 2)
+
+
+def test_a_folder_that_fails_is_named_and_so_is_what_is_public(root: Path, service: Sandbox) -> None:
+    service.faults.add(
+        "/api/deposit/depositions/",
+        method="PUT",
+        status=400,
+        when=lambda environ: len(store(service).by_id) == 3,
+        body={"status": 400, "message": "no"},
+    )
+    with pytest.raises(FatalError) as caught:
+        send(root, service, only="", publish=True)
+    first, second = list(store(service).by_id)[:2]
+    assert str(caught.value) == (
+        f"reddit: the deposit service refused (400): no; published before that: youtube (10.5072/zenodo.{first}), wiki (10.5072/zenodo.{second})"
+    )
+    summary = caught.value.summary or {}
+    assert (summary["published"], list(summary["sources"])) == (2, ["youtube", "wiki"])
+
+
+@pytest.mark.parametrize(
+    "entry", ["null", "[1]", '{"127.0.0.1/pairs": 5}', '{"127.0.0.1/pairs": {"id": null}}', '{"127.0.0.1/pairs": {"published": "x"}}']
+)
+def test_a_damaged_state_is_a_line_and_nothing_is_sent(root: Path, service: Sandbox, entry: str) -> None:
+    (root / "state").mkdir(exist_ok=True)
+    (root / "state" / "deposits.json").write_text(entry)
+    with pytest.raises(DamagedData, match=r"deposits\.json is damaged"):
+        send(root, service)
+    assert service.ledger.requests() == []
+
+
+def test_anothers_deposit_in_the_state_is_no_bad_token(root: Path, service: Sandbox) -> None:
+    send(root, service)
+    service.faults.add("/api/deposit/depositions/", status=403, body={"status": 403, "message": "Permission denied."})
+    with pytest.raises(FatalError, match=r"pairs: the deposit service refused \(403\): Permission denied\.") as caught:
+        send(root, service)
+    assert "another account's" in caught.value.hint
+    service.faults.add("/api/deposit/depositions/", status=401, body={"status": 401, "message": "no"})
+    with pytest.raises(CredentialRefused, match="does not accept ZENODO_TOKEN"):
+        send(root, service)
+
+
+def test_root_with_api_and_a_root_that_is_none(root: Path, service: Sandbox) -> None:
+    url = service.servers["zenodo"].url
+    assert send(root, f"{url}/api")["drafts"] == 1
+    (root / "state" / "deposits.json").unlink()
+    with pytest.raises(FatalError, match=f"pairs: there is no deposit API at {url}/elsewhere") as caught:
+        send(root, f"{url}/elsewhere")
+    assert "KB_ZENODO_ENDPOINT" in caught.value.hint
+
+
+def test_a_limit_without_a_time_is_a_short_wait(root: Path, service: Sandbox) -> None:
+    service.faults.add("/api/deposit", status=429, times=3)
+    started = monotonic()
+    assert send(root, service)["drafts"] == 1
+    assert monotonic() - started < 10
+
+
+def test_a_limit_with_a_date(root: Path, service: Sandbox) -> None:
+    def until(seconds: int) -> dict[str, str]:
+        return {"Retry-After": format_datetime(datetime.now(UTC) + timedelta(seconds=seconds), usegmt=True)}
+
+    service.faults.add("/api/deposit", status=429, headers=until(3))
+    started = monotonic()
+    assert send(root, service)["drafts"] == 1
+    assert 0.9 <= monotonic() - started < 20
+    service.faults.add("/api/deposit", status=429, headers=until(3 * 3600))
+    with pytest.raises(QuotaSpent):
+        send(root, service)
+
+
+def test_an_upload_ends_in_the_midst_of_a_file(tmp_path: Path, service: Sandbox) -> None:
+    from kb.core.settings import load_settings
+    from kb.core.signals import stop
+    from kb.net.client import make_session
+    from kb.release.deposit import Zenodo, md5
+
+    file = tmp_path / "large.tar"
+    with file.open("wb") as sparse:
+        sparse.truncate(64 << 20)
+    client = Zenodo(make_session(load_settings(dotenv=False)), service.servers["zenodo"].url, TOKEN)
+    draft = client.create({"title": "x"})
+    service.faults.add("/api/files/", when=lambda environ: stop.request("SIGTERM") is not None)  # type: ignore[func-returns-value]
+    try:
+        with pytest.raises(Interrupted):
+            client.upload(draft["links"]["bucket"], file, md5(file), lambda size: None)
+    finally:
+        stop.clear()
+    service.faults.clear()
+    assert client.files(draft["id"]) == {}
+    (tmp_path / "empty").touch()
+    client.upload(draft["links"]["bucket"], file, md5(file), lambda size: None)
+    client.upload(draft["links"]["bucket"], tmp_path / "empty", md5(tmp_path / "empty"), lambda size: None)
+    assert {name: one["filesize"] for name, one in client.files(draft["id"]).items()} == {"large.tar": 64 << 20, "empty": 0}
+
+
+def test_command_says_where_each_draft_is(root: Path, service: Sandbox, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    from kb.cli.app import main
+
+    for name, value in service.settings().items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(SystemExit) as left:
+        main(["release", "publish", "--to", "zenodo-sandbox", "--data", str(root), "--quiet", "--only", "pairs"])
+    assert left.value.code == 0
+    number, url = next(iter(store(service).by_id)), service.servers["zenodo"].url
+    assert capsys.readouterr().out.splitlines()[0] == f"pairs  draft  {number}  {url}/deposit/{number}"
