@@ -29,7 +29,6 @@ from kb.reddit.wanted import Wanted, read_names, read_wanted, released_depths
 from kb.store.atomic import write_bytes
 
 OUT = Path("export", "reconstructed")  # below the data root
-_DONE = ".done.json"
 
 
 class Post(NamedTuple):
@@ -111,7 +110,8 @@ def rows(out: Path) -> Iterator[Post | Comment | Missing]:
 def rebuild(run: Run, ids: Path | str | Iterable[str] | None, out: Path) -> Summary:
     """Read everything, write the tables. With `--again` a finished reconstruction is read anew.
 
-    Raises SettingError and MissingCredential before anything is sent (exit 2); LimitReached, Blocked,
+    Raises SettingError (also where the tables would take the place of other files) and MissingCredential
+    before anything is sent (exit 2); LimitReached, Blocked,
     Unreachable and Interrupted (exit 3; the same command goes on); CredentialRefused (exit 1).
     """
     for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
@@ -119,16 +119,18 @@ def rebuild(run: Run, ids: Path | str | Iterable[str] | None, out: Path) -> Summ
     source = run.root / "release" / "reddit" if ids is None else Path(ids) if isinstance(ids, (str, Path)) else None
     wanted = read_names(ids, "ids") if source is None else read_wanted(source)
     digest = wanted.digest()
-    done, work = out / _DONE, out / f".work-{digest}"
+    tables.check_place(out)
+    done, work = out / tables.DONE, out / f"{tables.WORK}{digest}"
     if done.exists() and not run.again:
         old = msgspec.json.decode(done.read_bytes())
-        if old.pop("ids", "") == digest:
+        if old.pop("ids", "") == digest and tables.are_whole(out, old):
             shutil.rmtree(work, ignore_errors=True)
             run.progress.say(f"{out}: every id was answered before; --again reads them anew")
             return Summary(**{**old, "requests": 0})
     with session(run, work) as at:
         job = Rebuild(at, wanted)
         summary = job.run()
+        done.unlink(missing_ok=True)  # it tells of the tables that go now
         try:
             depths = released_depths(source) if source else None
             counts = tables.write(work, out, wanted, job.unanswered(), run.profile.section("reddit").links, depths)

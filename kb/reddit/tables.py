@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import zlib
 from contextlib import ExitStack
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from kb.core.errors import SettingError
 from kb.core.profile.reddit import Links
 from kb.reddit import parse
 from kb.reddit.assemble import assemble, newest_of
@@ -21,6 +23,35 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 IDS = 200_000  # a bucket
+DONE, WORK, MISSING = ".done.json", ".work-", "missing.parquet"
+_NAMES = ("posts", "comments")
+_PART = re.compile(r"part-\d{5,}\.parquet\Z")
+
+
+def check_place(out: Path) -> None:
+    """Raise SettingError where writing the tables would delete what no reconstruction made."""
+    if out.exists() and not out.is_dir():
+        raise SettingError(f"--out {out} is no folder", hint="give a folder")
+    ours = (out / DONE).exists() or (out / MISSING).exists() or any(out.glob(f"{WORK}*"))
+    for place in (out / name for name in _NAMES):
+        there = sorted(place.iterdir()) if place.is_dir() and not place.is_symlink() else [place] if place.exists() or place.is_symlink() else []
+        foreign = [path for path in there if not (ours and _PART.match(path.name) and path.is_file())]
+        if foreign:
+            raise SettingError(f"--out: {foreign[0]} was not made by a reconstruction and would be deleted", hint="give another folder")
+
+
+def are_whole(out: Path, counts: dict[str, int]) -> bool:
+    """Whether the tables below `out` are all there, with so many rows."""
+    import pyarrow.parquet as pq
+
+    try:
+        for name in _NAMES:
+            parts = list((out / name).glob("*.parquet"))
+            if not parts or sum(pq.read_metadata(path).num_rows for path in parts) != counts[name]:
+                return False
+        return pq.read_metadata(out / MISSING).num_rows == counts["missing"]
+    except (OSError, ValueError, KeyError):
+        return False
 
 
 def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], links: Links, depths: pa.Table | None = None) -> dict[str, int]:
@@ -35,7 +66,7 @@ def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], lin
     with full_disk_is_resumable(work), ExitStack() as folders:
         spread = work / "rows"
         _spread(work, spread, buckets, links)
-        fresh = {name: folders.enter_context(replacing_folder(out / name)) for name in ("posts", "comments")}
+        fresh = {name: folders.enter_context(replacing_folder(out / name)) for name in _NAMES}
         counts = {"posts": 0, "comments": 0}
         gone: dict[str, str] = {}
         for number in range(buckets):
@@ -51,11 +82,11 @@ def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], lin
                 if kept.num_rows:
                     write_table(fresh[name] / f"part-{number:05d}.parquet", kept, f"reddit/{name}")
                     counts[name] += kept.num_rows
-        for name in ("posts", "comments"):
+        for name in _NAMES:
             if not counts[name]:
                 write_table(fresh[name] / "part-00000.parquet", table(f"reddit/{name}").arrow().empty_table(), f"reddit/{name}")
         lost = _lost(spread, fresh, wanted, {**unanswered, **gone})
-        write_table(out / "missing.parquet", lost, "reddit/missing")
+        write_table(out / MISSING, lost, "reddit/missing")
     return {**counts, "missing": sum(reason != "failed" for reason in lost["reason"].to_pylist())}
 
 

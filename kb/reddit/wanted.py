@@ -72,7 +72,7 @@ def read_wanted(path: Path) -> Wanted:
             start = file.read(4)
         if start == b"PAR1":
             return _some(Released([path]))
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
         if path.suffix == ".json" or text.lstrip().startswith("["):
             return _published(path, text)
     return read_names(text.splitlines(), str(path))

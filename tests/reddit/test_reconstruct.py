@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -139,7 +140,7 @@ def test_a_request_that_fails_is_counted_and_tried_by_the_next_run(whole: Work, 
     fault = far.sandbox.faults.add("api/info", status=500, after=2, times=5)
     summary = far.rebuild(released(whole))
     far.sandbox.faults.remove(fault)
-    assert summary["failed"] == 100
+    assert (summary["failed"], summary["missing"]) == (100, 0)
     missing = pq.read_table(far.place / "out" / "missing.parquet").to_pylist()
     assert Counter(row["reason"] for row in missing) == {"failed": 100}
     since = len(far.sandbox.ledger)
@@ -179,6 +180,49 @@ def test_a_file_of_no_use_is_said_before_anything_is_sent(work: Work, name: str,
     with pytest.raises(SettingError, match=says):
         work.rebuild(path)
     assert len(work.sandbox.ledger) == 0
+
+
+@pytest.mark.parametrize("name", ["posts/mine.txt", "comments/part-00000.parquet", "posts/part-00000.parquet/mine.txt", "posts", "comments/.notes"])
+def test_a_folder_with_other_files_is_refused_before_anything_is_sent(work: Work, name: str) -> None:
+    ids, mine = work.place / "ids.txt", work.place / "out" / name
+    ids.write_text(f"t3_{next(iter(work.world.posts))}")
+    mine.parent.mkdir(parents=True)
+    mine.write_text("dear")
+    with pytest.raises(SettingError, match="was not made by a reconstruction"):
+        work.rebuild(ids)
+    assert mine.read_text() == "dear"
+    assert len(work.sandbox.ledger) == 0
+    with pytest.raises(SettingError, match="no folder"):
+        work.rebuild(ids, ids)
+
+
+def test_a_file_beside_its_own_tables_is_refused_too(work: Work) -> None:
+    ids, mine = work.place / "ids.txt", work.place / "out" / "posts" / "mine.txt"
+    ids.write_text(f"t3_{next(iter(work.world.posts))}")
+    assert work.rebuild(ids)["posts"] == 1
+    assert work.rebuild(ids, again=True)["posts"] == 1
+    mine.write_text("dear")
+    with pytest.raises(SettingError, match=r"mine\.txt"):
+        work.rebuild(ids, again=True)
+    assert mine.exists()
+
+
+@pytest.mark.parametrize("lost", ["posts", "comments", "missing.parquet", "posts/part-00000.parquet"])
+def test_tables_that_were_removed_are_asked_for_again(work: Work, lost: str) -> None:
+    ids, path = work.place / "ids.txt", work.place / "out" / lost
+    ids.write_text(f"t3_{next(iter(work.world.posts))}\nt3_nowhere")
+    first = work.rebuild(ids)
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    assert work.rebuild(ids) == first
+    assert path.exists()
+    assert work.rebuild(ids)["requests"] == 0
+
+
+def test_ids_with_a_byte_order_mark(tmp_path: Path) -> None:
+    (tmp_path / "ids.txt").write_bytes(b"\xef\xbb\xbft3_a001\r\n")
+    (tmp_path / "reddit.json").write_bytes(b'\xef\xbb\xbf[{"id": "a001"}]')
+    assert read_wanted(tmp_path / "ids.txt").names == ["t3_a001"]
+    assert read_wanted(tmp_path / "reddit.json").trees == ["a001"]
 
 
 def test_without_a_release_or_ids_the_hint_names_both(work: Work) -> None:
