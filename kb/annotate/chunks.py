@@ -1,4 +1,9 @@
-"""Texts that have no score yet, each once, in chunks that are scored and written as one."""
+"""Texts that have no score yet, each once, in chunks that are scored and written as one.
+
+A chunk is what a stop waits for and what is lost at worst, so it takes some seconds, whatever the
+model; large ones are scored faster, because texts of one length share a batch. What a text scores
+doesn't depend on its chunk.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +16,9 @@ from kb.annotate.backends import REACH
 from kb.annotate.hashes import text_hashes
 from kb.annotate.scores import Scores
 
-CHUNK_TEXTS, CHUNK_CHARACTERS = 1024, 1_000_000  # what is scored, and lost at worst, between two files
+CHUNK_TEXTS, CHUNK_CHARACTERS = 1024, 1_000_000  # the largest chunk
+FIRST, SMALLEST = 32, 128  # the first chunk, and a slow model's, is this part of it
+CHUNK_S = 5.0  # about what a chunk takes
 LOOKUP_TEXTS, LOOKUP_CHARACTERS = (
     100_000,
     50_000_000,
@@ -28,6 +35,7 @@ class Chunks:
     def __init__(self, scores: Scores, threshold: float | None, limit: int | None, task: Any) -> None:
         self._scores, self._threshold, self._limit, self._task = scores, threshold, limit, task
         self._given: set[str] = set()
+        self._part = FIRST
         self.texts = 0
         self.limited = False
 
@@ -43,7 +51,7 @@ class Chunks:
             hashes.append(key)
             texts.append(text)
             size, given = size + len(text), given + 1
-            if len(texts) == CHUNK_TEXTS or size >= CHUNK_CHARACTERS:
+            if len(texts) * self._part >= CHUNK_TEXTS or size * self._part >= CHUNK_CHARACTERS:
                 yield hashes, texts
                 hashes, texts, size = [], [], 0
         if texts:
@@ -52,6 +60,13 @@ class Chunks:
     def written(self, hashes: Iterable[str]) -> None:
         """Their scores are on disk, where the next look-up finds them."""
         self._given.difference_update(hashes)
+
+    def took(self, seconds: float) -> None:
+        """How long a chunk took: the next ones are twice or half as large when it was far from `CHUNK_S`."""
+        if seconds < CHUNK_S / 2:
+            self._part = max(1, self._part // 2)
+        elif seconds > 2 * CHUNK_S:
+            self._part = min(SMALLEST, self._part * 2)
 
     def _unscored(self, batches: Iterable[Any]) -> Iterable[tuple[str, str]]:
         for found in self._lookups(batches):

@@ -7,7 +7,7 @@ machines and backends differ.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -68,8 +68,11 @@ class Runner:
         self.tokens = 0  # scored so far, padding left out
         self._network, self._tokenizer = network, tokenizer
 
-    def score(self, texts: Sequence[str]) -> list[list[float]]:
-        """One row of scores a text, in the order of `meta.classes`; each between 0 and 1."""
+    def score(self, texts: Sequence[str], between: Callable[[], None] = lambda: None) -> list[list[float]]:
+        """One row of scores a text, in the order of `meta.classes`; each between 0 and 1.
+
+        `between` is called between two batches; what it raises ends the work.
+        """
         import numpy as np
 
         if not texts:
@@ -83,6 +86,7 @@ class Runner:
                 owners.append(number)
         scores = np.empty((len(found), len(self.meta.classes)))
         for width, numbers in batches([len(window) for window in found], self.budget, self.meta.window):
+            between()
             ids = np.full((len(numbers), width), self.meta.pad, dtype=np.int64)
             mask = np.zeros((len(numbers), width), dtype=np.int64)
             for row, number in enumerate(numbers):

@@ -148,6 +148,7 @@ class Scorer:
                 hashes = waiting.pop(0)
                 self.scores.write(hashes, result["scores"], result["precisions"], result["classes"])
                 chunks.written(hashes)
+                chunks.took(result["seconds"])
                 scored, again = scored + len(hashes), again + result["again"]
                 task.advance(len(hashes), tokens_per_s=round(result["tokens"] / max(result["seconds"], 1e-9)))
                 signals.stop.check()

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 from kb.annotate.backends import REACH, Runner, open_runner
 from kb.annotate.checkpoint import Checkpoint
-from kb.core import clock
+from kb.core import clock, signals
 
+HAND_S = 10.0  # a chunk that takes longer ends between two batches when the run was asked to stop
 _ONE = threading.Lock()  # one chunk at a time in a process
 
 
@@ -32,15 +33,20 @@ def score_chunk(job: Job, texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _score_chunk(job: Job, texts: Sequence[str]) -> dict[str, Any]:
-    start = clock.monotonic()
     runner = _runner(job.checkpoint, job.precision, job.device, job.threads)
-    before = runner.tokens
-    scores = runner.score(texts)
+    start, before = clock.monotonic(), runner.tokens
+
+    def between() -> None:
+        # A chunk of some seconds is finished; one long text may take minutes.
+        if clock.monotonic() - start > HAND_S:
+            signals.stop.check()
+
+    scores = runner.score(texts, between)
     precisions = [job.precision] * len(texts)
     near = []
     if job.threshold is not None and REACH[job.precision]:
         near = [n for n, row in enumerate(scores) if abs(max(row) - job.threshold) <= REACH[job.precision]]
-        exact = _runner(job.checkpoint, "fp32", job.device, job.threads).score([texts[n] for n in near]) if near else []
+        exact = _runner(job.checkpoint, "fp32", job.device, job.threads).score([texts[n] for n in near], between) if near else []
         for n, row in zip(near, exact, strict=True):
             scores[n], precisions[n] = row, "fp32"
     return {

@@ -10,9 +10,11 @@ from kb.annotate import backends, chunks, graph, worker
 from kb.annotate import toxicity as room
 from kb.annotate.compiled import find_compiled, make_compiled
 from kb.annotate.hashes import text_hashes
-from kb.annotate.scores import CATEGORIES
+from kb.annotate.scores import CATEGORIES, Scores
 from kb.annotate.toxicity import Scorer
-from kb.core.errors import LimitReached, SettingError
+from kb.core import signals
+from kb.core.errors import Interrupted, LimitReached, SettingError
+from kb.core.progress import SilentTask
 
 TEXTS = [
     "How to build a house in Minecraft",
@@ -141,6 +143,38 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, 
     assert (counts.scored, counts.known) == (len(TEXTS) - 4, 4)
     assert (folder / "toxicity.parquet").read_bytes() == (whole.root / "annotations/reddit/toxicity.parquet").read_bytes()
     assert len(list(folder.iterdir())) == 1
+
+
+def test_a_chunk_grows_and_shrinks_with_the_time_it_takes(tmp_path):
+    """A stop waits for the chunk in hand, so that a slow model gets small ones and a fast one large ones."""
+    scores = Scores(str(tmp_path), "m", "r")
+    given = chunks.Chunks(scores, None, None, SilentTask())
+    sizes = []
+    seconds = iter([0.1] * 6 + [60.0] * 4 + [4.0] * 100)
+    for hashes, texts in given.of([[f"text {n}" for n in range(9000)]]):
+        assert len(hashes) == len(texts)
+        sizes.append(len(texts))
+        given.took(next(seconds))
+    assert sum(sizes) == 9000
+    assert sizes[:6] == [32, 64, 128, 256, 512, 1024]
+    assert sizes[7:10] == [512, 256, 128]
+    assert set(sizes[10:-1]) == {64}
+    long = chunks.Chunks(scores, None, None, SilentTask())
+    first, _ = next(iter(long.of([["x" * 10_000 + str(n) for n in range(20)]])))
+    assert len(first) == 4, "characters count too"
+
+
+def test_a_stop_waits_for_a_chunk_of_seconds_not_for_one_of_minutes(checkpoint, monkeypatch):
+    job = worker.Job(checkpoint, "fp32", "cpu", 1, None)
+    texts = ["hello there", "x " * 2000]
+    try:
+        signals.stop.request("SIGTERM")
+        assert len(worker.score_chunk(job, texts)["scores"]) == 2
+        monkeypatch.setattr(worker, "HAND_S", -1.0)
+        with pytest.raises(Interrupted):
+            worker.score_chunk(job, texts)
+    finally:
+        signals.stop.clear()
 
 
 def test_a_changed_threshold_loads_no_model(make_run, monkeypatch):
