@@ -36,6 +36,7 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
     """What the crawl found out, then what a captured page must be like."""
     most = p.toxicity.threshold("wiki")
     return (
+        Waits("state", ("unanswered",), stage="missing", reason="unanswered", verdict="failed"),
         Told("missing", stage="missing"),
         *(Present(column, stage="missing") for column in ("page_id", "title", "url", "revision_id", "revision_timestamp")),
         Told("robots", value="said", stage="robots"),
@@ -51,7 +52,7 @@ def clean(p: Profile) -> Clean:
     return Clean(
         source="wiki",
         kinds={
-            "pages": Kind(parse.pages, key=("of", "name"), bucket="name", echo="echo"),
+            "pages": Kind(parse.pages, key=("of", "name"), bucket="name", prefer="answered", echo="echo"),
             "renders": Kind(parse.renders, key=("page_id", "captured", "revision_id", "title"), bucket="page_id"),
             "files": Kind(parse.files, key=("key",), named_by=("renders", "files")),
             "site": Kind(parse.site, key=()),
@@ -59,7 +60,7 @@ def clean(p: Profile) -> Clean:
             "imageinfo": Kind(parse.nothing, key=()),
         },
         assemble=partial(assemble, url=p.wiki.url),
-        chains=(Chain("wiki/pages", "key", stages(p), scores={"text": "toxicity"}, helpers=HELPERS, also=("title",)),),
+        chains=(Chain("wiki/pages", "key", stages(p), scores={"text": "toxicity"}, helpers=HELPERS, also=("title", "of_page")),),
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
         scorer=toxicity,
         beside=Beside(tables.read_pages, tables.size),

@@ -27,7 +27,11 @@ def youtube(run: Run, ids: Ids = None) -> Summary:
 
 @command(app, examples=["kb purge wiki --ids pages.txt"])
 def wiki(run: Run, ids: Ids = None) -> Summary:
-    """Remove pages that the wiki deleted, or that are named, from every folder, and remember them."""
+    """Remove pages that the wiki deleted, or that are named, from every folder, and remember them.
+
+    The file names pages by id, title or address, a line each, or is MineDojo's JSON. Names that nothing here bears
+    are counted as unknown, and kept away from later crawls.
+    """
     return pipeline(run, "purge").purge(run, "wiki", ids)
 
 

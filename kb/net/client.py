@@ -14,12 +14,13 @@ if TYPE_CHECKING:
 
     from kb.core.settings import Settings
 
+PRODUCT = "lorebase"  # our name in the User-Agent and in robots.txt
 TIMEOUT_S = (10.0, 60.0)  # to connect, and between two bytes
 
 
 def user_agent(contact: str | None) -> str:
     """Name, version and whom to write to."""
-    return f"lorebase/{__version__}" + (f" (+{contact})" if contact else "")
+    return f"{PRODUCT}/{__version__}" + (f" (+{contact})" if contact else "")
 
 
 def make_session(settings: Settings) -> requests.Session:

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import re
 from urllib.parse import urlsplit
+
+_GROUP = re.compile(r"^(\s*user-agent\s*:\s*)([a-z_*-]+).*$", re.I | re.M)
 
 
 class Robots:
-    """What a host's robots.txt allows one agent."""
+    """What a host's robots.txt allows one agent.
+
+    `agent` may be a whole User-Agent: groups are found by its product token alone ("lorebase"), as
+    what stands behind it (a contact's address) is no name of ours.
+    """
 
     def __init__(self, text: str, agent: str) -> None:
         from protego import Protego
 
-        self._rules = Protego.parse(text)
-        self._agent = agent
+        self._agent = re.split(r"[/\s]", agent, maxsplit=1)[0].lower()
+        self._rules = Protego.parse(_GROUP.sub(r"\1\2", text))
+        # Whether a group is written for us by name.
+        self.named = any(group[1].lower() == self._agent for group in _GROUP.findall(text))
 
     @classmethod
     def of_answer(cls, status: int, text: str, agent: str) -> Robots:

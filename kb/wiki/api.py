@@ -1,7 +1,10 @@
 """Discovery by MediaWiki's API (https://www.mediawiki.org/wiki/API:Query, formatversion=2).
 
 Every request says `maxlag=5`: a wiki whose database lags answers with an error and Retry-After,
-and is left alone that long.
+and is left alone that long. That, the contact in the User-Agent and one pace for all requests are what
+MediaWiki asks of API clients (https://www.mediawiki.org/wiki/API:Etiquette). robots.txt tells crawlers
+which pages to leave alone, and most wikis bar the folder of their scripts there; so it rules pages and
+pictures, and the API only where it names us (`Web.barred`).
 """
 
 from __future__ import annotations
@@ -13,17 +16,12 @@ from urllib.parse import urljoin, urlsplit, urlunsplit
 
 import msgspec
 
-from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable
+from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable, Unreachable
+from kb.wiki import answers
 from kb.wiki.web import Web
 
 BATCH = 50
-_AGAIN = {
-    "maxlag",
-    "readonly",
-    "ratelimited",
-    "internal_api_error_DBQueryError",
-    "internal_api_error_DBConnectionError",
-}
+_AGAIN = ("maxlag", "readonly", "ratelimited", "internal_api_error")  # and what begins like them
 _DETAILS = {
     "prop": "info|revisions|contributors",
     "inprop": "url",
@@ -36,7 +34,10 @@ Record = Callable[[str, str, dict[str, Any], int, Any], Any]
 
 
 class Api:
-    """`record(kind, endpoint, params, status, answer)` keeps an answer before it is used."""
+    """`record(kind, endpoint, params, status, answer)` keeps an answer before it is used.
+
+    What is no answer to the question (kb.wiki.answers) is tried again and never kept.
+    """
 
     def __init__(self, endpoint: str, web: Web, record: Record) -> None:
         self.endpoint, self._web, self._record = endpoint, web, record
@@ -49,7 +50,10 @@ class Api:
         return answer["query"]
 
     def listing(self, number: int, namespace: int, start: dict[str, str]) -> Iterator[int]:
-        """All pages of a namespace without redirects, 500 a call, from `start` on; how many each call gave."""
+        """All pages of a namespace without redirects, 500 a call, from `start` on; how many each call gave.
+
+        Raises Unreachable when the list goes in a circle.
+        """
         params = {
             "action": "query",
             "list": "allpages",
@@ -57,12 +61,14 @@ class Api:
             "apfilterredir": "nonredirects",
             "aplimit": "500",
         }
+        circle = _Circle(start)
         going: dict[str, str] | None = start
         while going is not None:
             status, answer = self.ask({**params, **going})
             self._record("titles", self.endpoint, {**params, **going, "round": number}, status, answer)
-            yield len(answer.get("query", {}).get("allpages", []))
-            going = answer.get("continue")
+            yield len(answer["query"]["allpages"])
+            going = answer.get("continue") or None
+            circle.check(going, answer["query"]["allpages"])
 
     def details(self, tag: str, *, titles: list[str] = (), ids: list[str] = ()) -> None:  # type: ignore[assignment]
         """Revision, address and contributors of up to 50 pages."""
@@ -95,8 +101,9 @@ class Api:
     def whole(self, params: dict[str, str]) -> tuple[int, dict[str, Any]]:
         """An answer with all its continuations joined."""
         status, first = self.ask(params)
-        answer = first
+        answer, circle = first, _Circle({})
         while going := answer.get("continue"):
+            circle.check(going)
             status, answer = self.ask({**params, **going})
             _join(first, answer)
         first.pop("continue", None)
@@ -112,20 +119,44 @@ class Api:
         except ItemFinal as error:
             if error.reason in ("http_401", "http_403"):
                 raise Blocked(f"the wiki's API refuses us ({error.reason})", hint="wait and run the same command again") from None
-            raise FatalError(f"the wiki's API at {self.endpoint} does not answer: {error}") from None
+            raise FatalError(f"the wiki's API at {self.endpoint} does not answer: {error}", hint="look at the address in a browser") from None
         try:
             value = msgspec.json.decode(answer.body)
         except msgspec.DecodeError:
-            raise Retryable("the API's answer is no JSON", unreachable=True) from None
+            what = answers.quoted(answer.body[:1000].decode("utf-8", "replace"))
+            raise Retryable(f"{self.endpoint} gives no JSON but {what}") from None
         error = value.get("error") if isinstance(value, dict) else None
-        if error:
+        if isinstance(error, dict) and error:
             code = str(error.get("code"))
-            if code in _AGAIN:
+            if code.startswith(_AGAIN):
                 raise Retryable(code, after=answer.after)
             if code in ("blocked", "autoblocked", "readapidenied"):
                 raise Blocked(f"the wiki's API refuses: {error.get('info', code)}")
             raise FatalError(f"the wiki's API refuses {params.get('action')}: {error.get('info', code)}")
+        if wrong := answers.problem(params, value):
+            raise Retryable(f"{wrong} ({self.endpoint})", after=answer.after)
         return answer.status, value
+
+
+class _Circle:
+    """Finds that a list which is continued step by step goes in a circle. `start` is the first step."""
+
+    def __init__(self, start: dict[str, str]) -> None:
+        self._seen, self._last = {_step(start)}, None
+
+    def check(self, going: dict[str, str] | None, entries: list[Any] | None = None) -> None:
+        """Take the next step and what the last one gave. Raises Unreachable: such a list has no end."""
+        if going is not None and (_step(going) in self._seen or (entries and entries == self._last)):
+            raise Unreachable(
+                f"the wiki's API goes in a circle: it says again to continue at {answers.quoted(_step(going))}",
+                hint="nothing that was read is lost; run the same command later, or name pages with --titles",
+            )
+        self._seen |= {_step(going)} if going else set()
+        self._last = entries
+
+
+def _step(going: dict[str, str]) -> str:
+    return msgspec.json.encode(going, order="sorted").decode()
 
 
 def _join(first: dict[str, Any], more: dict[str, Any]) -> None:
@@ -155,7 +186,8 @@ class _Links(HTMLParser):
 
 
 def find_endpoint(web: Web, url: str) -> str:
-    """The address of `api.php` by the EditURI link of the wiki's front page. Raises FatalError."""
+    """The address of `api.php` by the EditURI link of the wiki's front page. Raises FatalError, Blocked."""
+    web.barred(f"{url}/")
     try:
         page = web.attempt(lambda: web.get(f"{url}/", {}))
     except ItemFinal as error:

@@ -10,15 +10,16 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 # Columns that the stages read and the table has not.
-HELPERS = ("key", "missing", "captured", "robots", "render", "said", "folder", "text")
+HELPERS = ("key", "state", "of_page", "missing", "captured", "robots", "render", "said", "folder", "text")
 
 
 def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
     """Pages and titles of one bucket as rows of wiki/pages, and the picture files that they name.
 
     A page is captured when its newest revision was shown under its newest title. Adds `key` (the id
-    as text, or a title that has no page), `missing`, `robots` and `render` (reasons) and `said` (what
-    goes with the reason). Pages that are gone by the newest answer are left out: the crawl writes
+    as text, or a title that has no page), `state` (what the wiki says of it), `of_page` (the id of a page
+    that is none but bears the title), `missing`, `robots` and `render` (reasons) and `said` (what goes
+    with the reason). Pages that are gone by the newest answer are left out: the crawl writes
     their tombstones. `url` is the wiki's root, for raw data without an answer about the site.
     """
     import pyarrow as pa
@@ -29,13 +30,16 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
     page = pc.equal(rows["of"], "page")
     rows = rows.filter(pc.equal(page, there)).combine_chunks()  # pages that are there, and titles that are not
     absent = pc.not_equal(rows["state"], "there")
+    unanswered = pc.equal(rows["state"], "unanswered")
     shown, failed = _shown(rows, newest.get("renders", parse.schema("renders").empty_table()))
     robots = pc.equal(failed["outcome"], "robots")
     open_ = pc.and_(pc.is_null(shown["folder"]), pc.invert(absent))
     none = pa.scalar(None, pa.string())
     own: dict[str, Any] = {
         "key": rows["name"],
-        "missing": pc.if_else(absent, rows["state"], none),
+        "state": rows["state"],
+        "of_page": rows["of_page"],
+        "missing": pc.if_else(pc.and_(absent, pc.invert(unanswered)), rows["state"], none),
         "captured": pc.is_valid(shown["folder"]),
         "robots": pc.if_else(pc.and_(open_, robots), failed["reason"], none),
         "render": pc.if_else(pc.and_(open_, pc.invert(robots)), failed["reason"], none),

@@ -254,6 +254,19 @@ def origin(url: str) -> str:
     return f"{parts.scheme}://{parts.netloc}"
 
 
+def reach(url: str, others: Sequence[str]) -> tuple[list[str], list[str]]:
+    """The hosts and the origins that a browser may ask for the wiki at `url` with these other hosts.
+
+    A wiki whose root is given with one scheme may name its pages with the other one: both are the same place.
+    """
+    parts = urlsplit(url)
+    host = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname
+    own = [f"{host}:{parts.port}"] if parts.port else [f"{host}:80", f"{host}:443"]
+    schemes = sorted({parts.scheme, "https"})
+    origins = [f"{scheme}://{parts.netloc}" for scheme in ("http", "https")]
+    return [*own, *others], [*origins, *(f"{scheme}://{other}" for other in others for scheme in schemes)]
+
+
 def host_and_port(url: str) -> str:
     """host:port of an address, the scheme's own port where none is named."""
     parts = urlsplit(url)

@@ -9,10 +9,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 from kb.core import signals
 from kb.core.context import Run
@@ -27,7 +27,7 @@ from kb.wiki import browser, capture, chromium, fetch, show, state
 from kb.wiki.api import BATCH, Api, find_endpoint
 from kb.wiki.job import Job
 from kb.wiki.pool import Pool
-from kb.wiki.titles import read_titles
+from kb.wiki.titles import Titles, read_titles
 from kb.wiki.web import Web
 
 
@@ -44,9 +44,9 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
         try:
             with Recorder(run.root, "wiki", frontier, state.apply) as recorder:
                 web = Web(run, url, section.hosts, section.seconds_between)
-                job = Crawl(run=run, url=url, section=section, frontier=frontier, recorder=recorder, web=web, programs=programs)
+                job = Crawl(run=run, url=url, section=section, frontier=frontier, recorder=recorder, web=web, programs=programs, titles=wanted)
                 try:
-                    job.go(wanted)
+                    job.go(wanted.names if wanted else None)
                 except KbError as error:
                     error.summary = job.summary()  # type: ignore[attr-defined]
                     raise
@@ -60,6 +60,7 @@ class Crawl(Job):
     """The phases in their order."""
 
     programs: chromium.Programs
+    titles: Titles | None
 
     def go(self, wanted: list[str] | None) -> None:
         """All phases; each starts where an earlier run stopped."""
@@ -95,6 +96,7 @@ class Crawl(Job):
         # What failed in an earlier run is tried again, once a run.
         for kind in ("info", "pages", "files"):
             self.frontier.reopen(kind, "error")
+        state.reopen_larger(self.frontier, self.section)
         return number, tag
 
     def _work_left(self, wanted: list[str] | None) -> bool:
@@ -104,9 +106,11 @@ class Crawl(Job):
     def _endpoint(self) -> str:
         known = self.frontier.cursor("endpoint")
         if known and known[0] == self.url and not self.run.again:
-            return known[1]
-        found = find_endpoint(self.web, self.url)
-        self.frontier.set_cursor("endpoint", [self.url, found])
+            found = known[1]
+        else:
+            found = find_endpoint(self.web, self.url)
+            self.frontier.set_cursor("endpoint", [self.url, found])
+        self.web.barred(found)
         return found
 
     # -- discovery -------------------------------------------------------------------------------
@@ -193,12 +197,7 @@ class Crawl(Job):
 
     def _browser(self, watcher: Any) -> browser.Browser:
         section = self.section
-        hosts = [browser.host_and_port(self.url), *section.hosts]
-        scheme = urlsplit(self.url).scheme
-        origins = [
-            browser.origin(self.url),
-            *(f"{kind}://{host}" for host in section.hosts for kind in {scheme, "https"}),
-        ]
+        hosts, origins = browser.reach(self.url, section.hosts)
         return browser.Browser(
             self.programs,
             watcher,
@@ -211,15 +210,24 @@ class Crawl(Job):
         )
 
     def summary(self) -> Summary:
-        """The counts of the whole data root, and the requests of this run."""
+        """The counts of the whole data root, and the requests of this run.
+
+        `crawled` pages were captured; `rejected` ones will not be (too large, an error page); `failed` are
+        pages and titles that the next run tries again; `missing` titles have no page; `gone` pages left the wiki.
+        """
         pages, files = self.frontier.counts("pages"), self.frontier.counts("files")
         info = self.frontier.counts("info")
+        skipped = Counter(reason for _, _, reason, _ in self.frontier.items("pages", "skipped"))
+        robots, gone = skipped.pop("disallowed", 0), sum(skipped.pop(reason, 0) for reason in ("deleted", "moved", "removed"))
         return Summary(
             crawled=pages.get("done", 0),
-            failed=pages.get("error", 0),
+            rejected=skipped.total(),
+            failed=pages.get("error", 0) + info.get("error", 0),
             pending=pages.get("todo", 0) + pages.get("in_progress", 0),
             missing=info.get("skipped", 0),
-            gone=pages.get("skipped", 0),
+            robots=robots,
+            gone=gone,
+            **({"bad_lines": self.titles.bad_lines} if self.titles else {}),
             pictures=files.get("done", 0),
             pictures_failed=files.get("error", 0) + files.get("skipped", 0),
             requests=self.web.requests,

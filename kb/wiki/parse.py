@@ -13,6 +13,7 @@ from kb.schema.coerce import shown, times
 from kb.schema.decode import problems
 from kb.store import rawlog
 from kb.store.rawlog import Envelope
+from kb.wiki import answers
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -24,12 +25,13 @@ Row = dict[str, Any]
 
 
 def pages(lines: Iterable[bytes]) -> Iterator[pa.Table]:
-    """Answers about pages → a row a page id and a row a title that each names.
+    """Answers about pages → a row a page id that they name and a row a title that was asked for.
 
     Columns: `of` ("page", "title"), `name` (the id as text, or the title), `state` ("there", "missing",
-    "invalid", "redirect"), `echo` (true for the title of a page that is there: it says no more than
-    the page's own row), and of such a page `page_id`, `title`, `url`, `revision_id`,
-    `revision_timestamp`, `problems`. Raises DamagedData.
+    "invalid", "redirect", "special", "interwiki", "unanswered"), `answered` (false for the last), `echo`
+    (true for the title of a page that is there: it says no more than the page's own row), `of_page`
+    (the id as text of the page that bears a title), and of a page that is there `page_id`, `title`,
+    `url`, `revision_id`, `revision_timestamp`, `problems`. Raises DamagedData.
     """
     return _rows(lines, _pages, "pages")
 
@@ -67,7 +69,9 @@ def schema(kind: str) -> pa.Schema:
             "of": text,
             "name": text,
             "state": text,
+            "answered": flag,
             "echo": flag,
+            "of_page": text,
             "page_id": number,
             "title": text,
             "url": text,
@@ -134,13 +138,19 @@ def _table(rows: list[Row], kind: str) -> pa.Table:
 
 
 def _pages(envelope: Envelope) -> Iterator[Row]:
-    for page in envelope.response.get("query", {}).get("pages", []):
-        revision = (page.get("revisions") or [None])[0]
-        key, title = page.get("pageid"), page.get("title")
-        state = next((name for name in ("invalid", "redirect", "missing") if page.get(name)), "there" if revision else "missing")
+    params, query = envelope.request.params, envelope.response.get("query", {})
+    by_title = params.keys().isdisjoint(("pageids", "revids"))
+    said = set()
+    for page in query.get("pages", []):
+        key, title, state = page.get("pageid"), page.get("title"), answers.state(page)
+        row: Row = {"state": state, "answered": state != "unanswered"}
+        said.add(title)
+        if title and by_title:
+            yield row | {"of": "title", "name": title, "echo": state == "there", "of_page": str(key) if key else None}
         if key:
-            row: Row = {"of": "page", "name": str(key), "state": state, "echo": False, "found": []}
+            row |= {"of": "page", "name": str(key), "echo": False, "found": []}
             if state == "there":
+                revision = page["revisions"][0]
                 row |= {
                     "page_id": _number(row, "page_id", key),
                     "title": _text(row, "title", title),
@@ -149,8 +159,12 @@ def _pages(envelope: Envelope) -> Iterator[Row]:
                     "revision_timestamp": revision.get("timestamp"),
                 }
             yield row
-        if title:
-            yield {"of": "title", "name": title, "state": state, "echo": state == "there"}
+    names, elsewhere = answers.renamed(query), answers.elsewhere(query)
+    for name in answers.asked(params):
+        title = names.get(name, name)
+        state = "interwiki" if title in elsewhere else "there" if title in said else "unanswered"
+        if title not in said or title != name:  # what is there under another title has its answer under that one
+            yield {"of": "title", "name": name, "state": state, "answered": state != "unanswered", "echo": state == "there"}
 
 
 def _render(envelope: Envelope) -> Iterator[Row]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -11,13 +12,13 @@ from typing import Any
 import msgspec
 
 from kb.core.context import Run
-from kb.core.errors import SettingError
-from kb.store import lock, purge, rawlog
+from kb.store import lock, purge, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope
 from kb.store.recorder import Recorder
-from kb.wiki import state, tables
+from kb.wiki import answers, state, tables
+from kb.wiki.titles import Titles, read_names
 
 ROWS = (
     *(Place(f"clean/wiki/{name}", f"wiki/{name}", "page_id") for name in ("pages", "elements", "cells", "images")),
@@ -25,32 +26,29 @@ ROWS = (
 )
 
 
-def read_keys(path: Path) -> list[str]:
-    """Page ids or titles: one a line, or a Parquet file with `page_id`. Raises SettingError (exit 2)."""
-    try:
-        if path.open("rb").read(4) == b"PAR1":
-            import pyarrow.parquet as pq
+class Keys(dict[str, str]):
+    """What a purge removes, key → reason, and what its summary says besides: `unknown` names that nothing here
+    bears (their tombstones keep them away) and `bad_lines` that can be no page."""
 
-            if "page_id" not in pq.read_schema(path).names:
-                raise SettingError(f"{path} has no column page_id")
-            return [str(key) for key in dict.fromkeys(pq.read_table(path, columns=["page_id"])["page_id"].to_pylist())]
-        return [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise SettingError(f"--ids {path} can't be read: {error}") from None
+    said: dict[str, int]
 
 
-def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
-    """Tombstones, raw segments, captured files and frontier; the keys that must leave everything else as well."""
-    named = read_keys(ids) if ids else []
+def purge_raw(run: Run, ids: Path | None) -> Keys:
+    """Tombstones, raw segments, captured files and frontier; the keys that must leave everything else as well.
+
+    `ids` names pages by id, title or address: lines, Parquet with `page_id` or `title`, or MineDojo's JSON.
+    Raises SettingError (exit 2) when it can't be read, before anything is written.
+    """
+    named = read_names(ids, "--ids", ("page_id", "title")) if ids else Titles([], frozenset(), 0)
     with lock.writer(run.root, "wiki"):
         frontier = Frontier(run.root / "state" / "wiki.sqlite")
         try:
             # Opening the recorder cuts torn frames, closes segments and takes in what was not read yet.
             Recorder(run.root, "wiki", frontier, state.apply).close()
-            titles = {payload["title"]: key for key, _, _, payload in frontier.items("pages")}
-            found = {key: str(reason) for key, _, reason, _ in frontier.items("pages", "skipped") if reason in ("deleted", "moved")}
-            found |= {titles.get(name.replace("_", " "), name): "named" for name in named}
-            keys = purge.begin(run.root, "wiki", found)
+            gone = {key: str(reason) for key, _, reason, _ in frontier.items("pages", "skipped") if reason in ("deleted", "moved")}
+            known, unknown, bad = _find(named, frontier, tombstones.keys(run.root, "wiki"))
+            keys = Keys(purge.begin(run.root, "wiki", gone | dict.fromkeys([*known, *unknown], "named")))
+            keys.said = {"unknown": len(unknown), "bad_lines": bad} if ids else {}
             if keys:
                 _remove(run.root, frontier, keys)
             return keys
@@ -58,10 +56,29 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
             frontier.close()
 
 
+def _find(named: Titles, frontier: Frontier, removed: Collection[str]) -> tuple[set[str], set[str], int]:
+    """Keys of named pages that are here or were, names that nothing bears, and how many can be none of a page."""
+    pages = {key: payload for key, _, _, payload in frontier.items("pages")}
+    titles = {title: key for key, payload in pages.items() for title in payload.get("former", [])}
+    titles |= {payload["title"]: key for key, payload in pages.items()}
+    titles |= {title: title for key, *_ in frontier.items("info") if (title := key.partition(":")[2]) not in titles}
+    known, unknown, bad = set(), set(), named.bad_lines
+    for name in named.names:
+        if name in pages or name in named.ids or name in removed:  # a number is an id first
+            (known if name in pages or name in removed else unknown).add(name)
+        elif held := titles.get(name) or titles.get(name[:1].upper() + name[1:]):
+            known.add(held)
+        elif re.search(r"[\[\]{}<>#]", name):
+            bad += 1
+        else:
+            unknown.add(name)
+    return known, unknown, bad
+
+
 def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
     strip = Strip(
         keys,
-        {payload["title"] for key, _, _, payload in frontier.items("pages") if key in keys},
+        {payload["title"] for key, _, _, payload in frontier.items("pages") if key in keys} | {key for key in keys if not key.isdigit()},
         *_own_files(root, keys),
     )
     for path in sorted(strip.paths):
@@ -136,9 +153,11 @@ class Strip:
         """Without the pages of these titles, in the answer and in what was asked."""
         query = envelope.response.get("query", {})
         left = [page for page in query.get("pages", []) if page.get("title") not in titles and not self._is(page)]
-        if len(left) == len(query.get("pages", [])):
+        titles = titles | {name for name, title in answers.renamed(query).items() if title in titles}
+        asked = set(answers.asked(envelope.request.params))
+        if len(left) == len(query.get("pages", [])) and not asked & titles:
             return envelope
-        if not left:
+        if not left and not asked - titles:
             return None
         renamed = [change for change in query.get("normalized", []) if change["to"] not in titles]
         stripped = _with(envelope, envelope.response, {"pages": left, **({"normalized": renamed} if renamed else {})})

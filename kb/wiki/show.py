@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from kb.wiki.api import Api
 
 SCRATCH = ".shot-"
+# Answers about one request rather than about the page: asked again by the next run.
+_OURS = ("http_401", "http_403", "http_408", "http_425")
 _ENCODER = msgspec.json.Encoder()
 
 
@@ -85,7 +87,7 @@ def _page(job: Job, pool: Pool, item: Item) -> dict[str, Any]:
     }
     if not job.web.allowed(url):
         return {**answer, "outcome": "robots", "reason": "disallowed", "value": None}
-    reason, value = "", None
+    reason, value, final = "", None, False
     with (
         full_disk_is_resumable(job.run.root),
         tempfile.TemporaryDirectory(prefix=SCRATCH, dir=_pages_folder(job)) as scratch,
@@ -104,20 +106,21 @@ def _page(job: Job, pool: Pool, item: Item) -> dict[str, Any]:
                     raise ItemFinal("other_page", str(shown))
                 return {**answer, "tries": number, **_store(job, item, found, picture)}
             except ItemFinal as error:
-                reason, value = error.reason, error.value
+                reason, value, final = error.reason, error.value, True
                 break
             except Retryable as error:
                 reason, _, said = error.reason.partition(": ")
                 value = said or None
                 if error.unreachable or reason.startswith(("err_", "not_loaded")):
-                    if final := _ask_plainly(job, url):
-                        reason, value = final.reason, final.value
+                    if said_plainly := _ask_plainly(job, url):
+                        reason, value, final = said_plainly.reason, said_plainly.value, True
                         break
                 elif number < section.max_tries:
                     clock.sleep(0.1 * number)
     if reason in ("http_401", "http_403"):
         _blocked(job)
-    return {**answer, "outcome": "failed", "reason": reason, "value": value, "tries": number}
+    outcome = "final" if final and reason not in _OURS else "failed"
+    return {**answer, "outcome": outcome, "reason": reason, "value": value, "tries": number}
 
 
 def _blocked(job: Job) -> None:

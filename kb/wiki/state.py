@@ -10,8 +10,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from kb.core.profile.wiki import Wiki
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
+from kb.wiki import answers
+
+TOO_LARGE = {"too_tall": "max_page_height", "too_many_elements": "max_elements"}  # and what allows more in [wiki]
 
 
 def apply(frontier: Frontier, kind: str, envelope: Envelope) -> None:
@@ -37,24 +41,32 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
     params, query = envelope.request.params, envelope.response.get("query", {})
     tag = str(params["round"])  # "t1" for the first round of named titles, "r" for a single revision
     number = int(tag) if tag.isdigit() else 0
-    answered: set[str] = set()
+    states = dict.fromkeys(answers.elsewhere(query), "interwiki")
     for page in query.get("pages", []):
-        title, key = page.get("title"), str(page.get("pageid"))
-        revision = (page.get("revisions") or [None])[0]
-        answered.add(title)
-        if page.get("redirect") and revision:
+        key, state = str(page.get("pageid")), answers.state(page)
+        if state == "redirect":
             _gone(frontier, key, "moved")
-        elif page.get("missing") and page.get("pageid"):
+        elif state == "missing":
             _gone(frontier, key, "deleted")
-        elif revision and page.get("pageid"):
+        elif state == "there" and _usable(page):
+            _note(frontier, number, page, page["revisions"][0])
+        elif state == "there":
+            state = "unanswered"
+        states[page.get("title")] = state
+    names = answers.renamed(query)
+    for title in answers.asked(params):
+        state = states.get(names.get(title, title), "unanswered")
+        if state == "there":
             frontier.done("info", f"{tag}:{title}")
-            _note(frontier, number, page, revision)
-            continue
-        reason = "invalid" if page.get("invalid") else "redirect" if page.get("redirect") else "missing"
-        frontier.skip("info", f"{tag}:{title}", reason)
-    for change in query.get("normalized", []):
-        if change["to"] in answered:
-            frontier.done("info", f"{tag}:{change['from']}")
+        elif state != "unanswered":
+            frontier.skip("info", f"{tag}:{title}", state)
+
+
+def _usable(page: dict[str, Any]) -> bool:
+    """Whether a page has what showing it needs; what it lacks, the filter rejects by name."""
+    return (
+        isinstance(page["revisions"][0].get("revid"), int) and isinstance(page.get("fullurl"), str) and bool(page.get("pageid")) and "title" in page
+    )
 
 
 def _gone(frontier: Frontier, key: str, reason: str) -> None:
@@ -75,6 +87,7 @@ def _note(frontier: Frontier, number: int, page: dict[str, Any], revision: dict[
         "round": max(number, old.get("round", 0)),
         "rendered": old.get("rendered"),
         "former": old.get("former", []),
+        "final": old.get("final"),
         # States of earlier versions don't say it: there a skipped page may be one that had gone.
         "gone": old.get("gone", known is not None and known[0] == "skipped"),
     }
@@ -84,26 +97,49 @@ def _note(frontier: Frontier, number: int, page: dict[str, Any], revision: dict[
     if old["title"] != page["title"]:
         payload["former"] = sorted({*payload["former"], old["title"]} - {page["title"]})
     frontier.payload("pages", key, payload)
-    if payload["rendered"] != [revision["revid"], page["title"]]:
-        if known[0] != "in_progress":
-            frontier.mark("pages", [key], "todo")
-    elif known[0] == "skipped":
-        frontier.done("pages", key)
+    now = [revision["revid"], page["title"]]
+    if payload["rendered"] == now:
+        if known[0] == "skipped":
+            frontier.done("pages", key)
+    elif payload["final"] and payload["final"][:2] == now:
+        if known[0] == "skipped":  # may have been gone meanwhile
+            frontier.skip("pages", key, payload["final"][2])
+    elif known[0] != "in_progress":
+        frontier.mark("pages", [key], "todo")
 
 
 def _renders(frontier: Frontier, envelope: Envelope) -> None:
-    """A page was captured, or failed after its tries."""
+    """A page was captured, will not be, or failed after its tries.
+
+    What is too large stays so until its revision changes or the profile allows more (`reopen_larger`);
+    any other page that can't be shown is tried once a round.
+    """
     answer = envelope.response
-    key = str(answer["page_id"])
+    key, reason = str(answer["page_id"]), answer["reason"] if answer["outcome"] != "captured" else None
     known = frontier.get("pages", key)
-    if answer["outcome"] != "captured":
-        final = answer["outcome"] == "robots"
-        frontier.mark("pages", [key], "skipped" if final else "error", answer["reason"])
+    if answer["outcome"] in ("robots", "final"):
+        if known and reason in TOO_LARGE:
+            final = [answer["wanted_revision"], answer["title"], reason, answer["value"]]
+            frontier.payload("pages", key, {**(known[1] or {}), "final": final})
+        frontier.skip("pages", key, reason)
+        return
+    if reason is not None:
+        frontier.error("pages", key, reason)
         return
     if known:
         frontier.payload("pages", key, {**(known[1] or {}), "rendered": [answer["revision_id"], answer["title"]]})
     frontier.done("pages", key)
     frontier.add("files", [(file["key"], file) for file in answer["files"]])
+
+
+def reopen_larger(frontier: Frontier, section: Wiki) -> None:
+    """Pages that were too large and may be captured as the profile is now become todo again."""
+    for key, _, reason, payload in list(frontier.items("pages", "skipped")):
+        final = payload.get("final")
+        # Of a page's height we know how much it is, of its elements only that they were more than allowed.
+        if final and reason in TOO_LARGE and int(final[3]) + (reason == "too_many_elements") <= getattr(section, TOO_LARGE[reason]):
+            frontier.payload("pages", key, {**payload, "final": None})
+            frontier.mark("pages", [key], "todo")
 
 
 def _files(frontier: Frontier, envelope: Envelope) -> None:

@@ -1,60 +1,102 @@
-"""`--titles FILE`: page titles from lines, a released Parquet file, or MineDojo's data.json."""
+"""Files that name pages: titles one a line, a released Parquet file, or MineDojo's data.json."""
 
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Iterable
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
+from typing import NamedTuple
+from urllib.parse import parse_qs, unquote, urlsplit
 
 from kb.core.errors import SettingError
 
+LONGEST = 1024  # bytes; MediaWiki's own titles end at 255, and a namespace before them
+# One call asks for several titles with "|" between them, so it can stand in none. What else no title may
+# hold ("[", "#" …) the wiki says itself: such a title is asked for, and rejected as invalid.
+_NO_TITLE = re.compile(r"[|\x00-\x1f\x7f]")
 
-def read_titles(path: Path) -> list[str]:
-    """The titles, each once, in order. Raises SettingError (exit 2)."""
+
+class Titles(NamedTuple):
+    """`names` each once, in order; `ids` those among them that the file says are page ids; `bad_lines` can be no name."""
+
+    names: list[str]
+    ids: frozenset[str]
+    bad_lines: int
+
+
+def read_titles(path: Path) -> Titles:
+    """The titles of `--titles FILE`. Raises SettingError (exit 2) also when there are none."""
+    found = read_names(path, "--titles", ("title",))
+    if not found.names:
+        bad = f", only {found.bad_lines} lines that can't be one" if found.bad_lines else ""
+        raise SettingError(f"--titles {path} holds no titles{bad}", hint="one title a line")
+    return found
+
+
+def read_names(path: Path, option: str, columns: tuple[str, ...]) -> Titles:
+    """Titles and addresses of pages by lines, Parquet (the first of `columns` that it has) or JSON, ids where `columns` has them.
+
+    Underscores are spaces, as the wiki writes titles. Raises SettingError (exit 2).
+    """
     try:
-        head = path.open("rb").read(4)
-        if head == b"PAR1":
-            titles = _parquet(path)
-        elif path.suffix == ".json":
-            titles = _json(path)
-        else:
-            titles = [line.strip() for line in path.read_text(encoding="utf-8").splitlines()]
+        with path.open("rb") as file:
+            parquet = file.read(4) == b"PAR1"
+        found = _parquet(path, columns) if parquet else _text(path)
     except OSError as error:
-        raise SettingError(f"--titles {path} can't be read: {error.strerror}") from None
-    except (UnicodeDecodeError, ValueError) as error:
-        raise SettingError(f"--titles {path} can't be read: {error}") from None
-    kept = [title.replace("_", " ").strip() for title in titles if title and not title.startswith("#")]
-    if not kept:
-        raise SettingError(f"--titles {path} holds no titles", hint="one title a line")
-    return list(dict.fromkeys(kept))
+        raise SettingError(f"{option} {path} can't be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise SettingError(f"{option} {path} can't be read: {error}") from None
+    names: dict[str, None] = {}
+    ids, bad = set(), 0
+    for entry in found:
+        name = str(entry).replace("_", " ").strip() if isinstance(entry, str | int) else ""
+        if not name or _NO_TITLE.search(name) or len(name.encode("utf-8", "replace")) > LONGEST:
+            bad += 1
+            continue
+        names[name] = None
+        if isinstance(entry, int):
+            ids.add(name)
+    return Titles(list(names), frozenset(ids), bad)
 
 
-def _parquet(path: Path) -> list[str]:
+def _parquet(path: Path, columns: tuple[str, ...]) -> list[object]:
     import pyarrow.parquet as pq
 
-    names = pq.read_schema(path).names
-    if "title" not in names:
-        raise SettingError(f"{path} has no column title", hint="give a released wiki pages file")
-    return pq.read_table(path, columns=["title"])["title"].to_pylist()
+    there = pq.read_schema(path).names
+    column = next((name for name in columns if name in there), None)
+    if column is None:
+        raise SettingError(f"{path} has no column {' or '.join(columns)}", hint="give a released wiki pages file")
+    return pq.read_table(path, columns=[column])[column].to_pylist()
 
 
-def _json(path: Path) -> list[str]:
-    """One data.json of MineDojo's wiki, or a list of them, of titles, or of addresses."""
-    data = json.loads(path.read_text(encoding="utf-8"))
-    return [_title(entry) for entry in (data if isinstance(data, list) else [data])]
+def _text(path: Path) -> Iterable[object]:
+    """Lines, or JSON when the file is called so or begins like it: no title begins with a bracket."""
+    text = path.read_text(encoding="utf-8-sig")
+    if path.suffix == ".json" or text.lstrip()[:1] in ("[", "{"):
+        data = json.loads(text)
+        # One data.json of MineDojo's wiki, or a list of them, of titles, of addresses or of ids.
+        return [_entry(entry) for entry in (data if isinstance(data, list) else [data])]
+    lines = (line.strip() for line in text.split("\n"))
+    return [_of_address(line) for line in lines if line and not line.startswith("#")]
 
 
-def _title(entry: object) -> str:
-    if isinstance(entry, str):
-        return _of_address(entry) if entry.startswith(("http:", "https:")) else entry
+def _entry(entry: object) -> object:
+    """A title, or an id as a number; None for what names no page."""
     if isinstance(entry, dict):
         held = entry.get("metadata", entry)
-        if held.get("url"):
-            return _of_address(held["url"])
-        if held.get("title"):
-            return held["title"]
-    raise ValueError("an entry has neither title nor url")
+        held = held if isinstance(held, dict) else {}
+        entry = held.get("url") or held.get("title")
+    if isinstance(entry, bool):
+        return None
+    return _of_address(entry) if isinstance(entry, str) else entry
 
 
-def _of_address(url: str) -> str:
-    return unquote(urlsplit(url).path.rsplit("/wiki/", 1)[-1].lstrip("/"))
+def _of_address(name: str) -> str:
+    """The title of an address, anything else as it is."""
+    if not re.match(r"https?://", name):
+        return name
+    parts = urlsplit(name)
+    if titles := parse_qs(parts.query).get("title"):
+        return titles[0]
+    return unquote(re.sub(r"^.*?/(?:wiki|w)/", "", parts.path).lstrip("/"))

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable, Unreachable
 from kb.net import retry
-from kb.net.client import TIMEOUT_S, make_session, user_agent
+from kb.net.client import PRODUCT, TIMEOUT_S, make_session, user_agent
 from kb.net.rate import Pace, is_loopback
 from kb.net.robots import Robots, robots_url
 from kb.store.atomic import writing
@@ -63,6 +63,11 @@ class Web:
         """Whether robots.txt lets us read an address."""
         return self._robots is None or self._robots.allows(url)
 
+    def barred(self, url: str) -> None:
+        """Raises Blocked when robots.txt has rules for us by name and they bar an address that is no page: the front page, the API."""
+        if self._robots is not None and self._robots.named and not self._robots.allows(url):
+            raise Blocked(f"the wiki's robots.txt names {PRODUCT} and bars {url}", hint="ask the wiki's operators; nothing more is read")
+
     # -- requests --------------------------------------------------------------------------------
 
     def get(self, url: str, params: dict[str, str]) -> Answer:
@@ -78,7 +83,7 @@ class Web:
         except Retryable as error:
             if error.reason == "http_429":
                 raise Blocked("the wiki answers 429 without end", hint="wait and run the same command again") from None
-            raise Unreachable(f"the wiki does not answer: {error.reason}", hint="the same command goes on where it stopped") from None
+            raise Unreachable(f"the wiki gives no usable answer: {error.reason}", hint="the same command goes on where it stopped") from None
 
     @property
     def _session(self) -> Any:
@@ -122,7 +127,6 @@ class Web:
             raise Retryable(
                 f"http_{response.status_code}",
                 after=retry.retry_after(response.headers.get("retry-after")),
-                unreachable=response.status_code != 429,
             )
         if response.status_code >= 400:
             response.close()

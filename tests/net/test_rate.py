@@ -64,6 +64,14 @@ def test_robots_by_agent() -> None:
     assert (others.allows("http://w/private/x"), others.crawl_delay) == (False, 5.0)
 
 
+def test_robots_know_us_by_our_product_token_alone() -> None:
+    agent = "lorebase/1.0 (+mail@example.org)"
+    assert Robots("User-agent: example\nDisallow: /\n", agent).allows("http://w/x")
+    ours = Robots("User-agent: *\nDisallow: /\n\nUser-Agent: Lorebase/2.1 # you\nDisallow: /no\n", agent)
+    assert (ours.allows("http://w/x"), ours.allows("http://w/no"), ours.named) == (True, False, True)
+    assert not Robots("User-agent: *\nDisallow: /\n", agent).named
+
+
 def test_robots_by_answer() -> None:
     assert Robots.of_answer(404, "<html>", "a").allows("http://w/x")
     assert not Robots.of_answer(503, "", "a").allows("http://w/x")

@@ -1,0 +1,136 @@
+"""The API by its answers: what is none of them says nothing, a list that goes in a circle ends, robots.txt names us or not."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from werkzeug.wrappers import Response
+
+from kb.core.errors import Blocked, FatalError, Unreachable
+from kb.wiki.api import Api, find_endpoint
+from kb.wiki.browser import reach
+from kb.wiki.web import Web
+from tests.wiki.small import SmallWiki
+
+
+@pytest.fixture
+def wiki(serve):
+    held = SmallWiki()
+    held.url = serve(held.application)
+    held.add(1, "Alpha")
+    return held
+
+
+@pytest.fixture
+def web(wiki, run_on, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Web:
+    monkeypatch.setattr("kb.wiki.web.TRIES", 2)
+    return Web(run_on(tmp_path, wiki.url), wiki.url, (), 0.0)
+
+
+@pytest.fixture
+def kept() -> list:
+    """What was recorded."""
+    return []
+
+
+@pytest.fixture
+def api(wiki, web: Web, kept: list) -> Api:
+    return Api(f"{wiki.url}/w/api.php", web, lambda *call: kept.append(call))
+
+
+STRANGE = [
+    [],
+    "busy",
+    {"batchcomplete": True},
+    {"message": "busy"},
+    {"error": "busy"},
+    {"query": []},
+    {"query": {}},
+    {"query": {"pages": {"1": {"title": "Alpha"}}}},
+    {"query": {"pages": ["Alpha"], "allpages": ["Alpha"]}},
+    {"query": {"pages": [{"pageid": "1"}], "allpages": [{"pageid": 1}]}},
+]
+
+
+@pytest.mark.parametrize("answer", STRANGE, ids=str)
+def test_an_answer_of_another_shape_is_no_answer(wiki, api, kept, answer) -> None:
+    wiki.hook = lambda request: Response(json.dumps(answer)) if request.path == "/w/api.php" else None
+    for ask in (
+        api.site,
+        lambda: list(api.listing(1, 0, {})),
+        lambda: api.details("1", titles=["Alpha"]),
+        lambda: api.details("1", ids=["1"]),
+        lambda: api.files(["File:A.png"]),
+    ):
+        with pytest.raises(Unreachable, match="the wiki gives no usable answer: the API's answer") as error:
+            ask()
+        assert error.value.exit_code == 3
+    assert not kept
+
+
+def test_html_instead_of_json_is_shown(wiki, api) -> None:
+    wiki.hook = lambda request: Response("<html>\n checking your browser</html>")
+    with pytest.raises(Unreachable, match=r'/w/api.php gives no JSON but "<html> checking your browser</html>"'):
+        api.site()
+    wiki.hook = lambda request: {"error": {"code": "internal_api_error_Foo", "info": "x"}}
+    with pytest.raises(Unreachable, match="internal_api_error_Foo"):
+        api.site()
+    wiki.hook = lambda request: {"error": {"code": "badvalue", "info": "no such thing"}}
+    with pytest.raises(FatalError, match="no such thing"):
+        api.site()
+
+
+def test_a_list_that_goes_in_a_circle_ends(wiki, api, kept) -> None:
+    steps = {"": "B", "B": "C", "C": "B"}
+
+    def around(request):
+        at = request.args.get("apcontinue", "")
+        return {"continue": {"apcontinue": steps[at], "continue": "-||"}, "query": {"allpages": [{"pageid": 1, "ns": 0, "title": f"A{at}"}]}}
+
+    wiki.hook = around
+    with pytest.raises(Unreachable, match="goes in a circle") as error:
+        list(api.listing(1, 0, {}))
+    assert (error.value.exit_code, len(kept)) == (3, 3)
+    # The next run goes on from the last step, and finds the circle again.
+    with pytest.raises(Unreachable, match="goes in a circle"):
+        list(api.listing(1, 0, {"apcontinue": "B", "continue": "-||"}))
+    assert len(kept) == 5
+    wiki.hook = lambda request: {"continue": {"pccontinue": "1|2", "continue": "||"}, "query": {"pages": [{"pageid": 1, "title": "Alpha"}]}}
+    with pytest.raises(Unreachable, match="goes in a circle"):
+        api.details("1", titles=["Alpha"])
+    # The same list again and again, with ever new steps.
+    fresh = iter(range(1000))
+    wiki.hook = lambda request: {"continue": {"apcontinue": str(next(fresh))}, "query": {"allpages": [{"pageid": 1, "ns": 0, "title": "A"}]}}
+    with pytest.raises(Unreachable, match="goes in a circle"):
+        list(api.listing(1, 0, {}))
+
+
+def test_robots_rule_the_api_only_where_they_name_us(wiki, web, api) -> None:
+    """MediaWiki's etiquette rules API clients; most wikis bar the folder of their scripts to all crawlers."""
+    wiki.robots = "User-agent: *\nDisallow: /w/\n\nUser-agent: example\nDisallow: /\n"  # the contact is test@example.org
+    web.read_robots()
+    web.barred(find_endpoint(web, wiki.url))
+    assert web.allowed(f"{wiki.url}/wiki/Alpha")
+    assert not web.allowed(f"{wiki.url}/w/index.php")
+    wiki.robots = "User-agent: lorebase\nDisallow: /w/\n"
+    web.read_robots()
+    with pytest.raises(Blocked, match=r"names lorebase and bars http.*/w/api.php"):
+        web.barred(find_endpoint(web, wiki.url))
+    wiki.robots = "User-agent: Lorebase/9\nDisallow: /\n"
+    web.read_robots()
+    with pytest.raises(Blocked) as error:
+        find_endpoint(web, wiki.url)
+    assert error.value.exit_code == 3
+
+
+def test_both_schemes_of_a_wiki_are_the_same_place() -> None:
+    """KB_WIKI_URL=http://… for a wiki that names its pages with https, and the other way round."""
+    for scheme in ("http", "https"):
+        hosts, origins = reach(f"{scheme}://wiki.example", ("pictures.example",))
+        assert hosts == ["wiki.example:80", "wiki.example:443", "pictures.example"]
+        assert origins[:2] == ["http://wiki.example", "https://wiki.example"]
+        assert "https://pictures.example" in origins
+    assert reach("http://127.0.0.1:81", ())[0] == ["127.0.0.1:81"]
+    assert reach("http://[::1]:81", ())[0] == ["[::1]:81"]
