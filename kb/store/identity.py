@@ -8,24 +8,28 @@ from urllib.parse import urlsplit
 import msgspec
 
 from kb.core.errors import OtherService
+from kb.store import rawlog
 from kb.store.atomic import write_bytes
 
 
 def remember(root: Path, source: str, **facts: str) -> None:
     """Note a source's hosts, subreddit or wiki, or compare with what was noted.
 
-    Addresses are compared by host and path, ports aside. Raises OtherService (exit 2) before
-    anything was sent or written.
+    Addresses are compared by host and path, ports aside. What was noted binds once an answer is stored: a
+    mistyped address that nothing came from does no harm. Raises OtherService (exit 2) before anything was
+    sent or written.
     """
     path = root / "state" / f"{source}.identity.json"
     new = {name: _host(value) for name, value in facts.items()}
     old: dict[str, str] = msgspec.json.decode(path.read_bytes()) if path.exists() else {}
-    for name, value in new.items():
-        if old.get(name, value) != value:
-            raise OtherService(
-                f"{root} holds {source} data of {name} {old[name]}, not {value}",
-                hint="use another --data folder, or the settings it was made with",
-            )
+    other = [name for name, value in new.items() if old.get(name, value) != value]
+    if other and not rawlog.any_answer(root, source):
+        old, other = {}, []
+    if other:
+        raise OtherService(
+            f"{root} holds {source} data of {other[0]} {old[other[0]]}, not {new[other[0]]}",
+            hint="use another --data folder, or the settings it was made with",
+        )
     if new.items() - old.items():
         write_bytes(path, msgspec.json.encode({**old, **new}, order="sorted"))
 

@@ -147,6 +147,11 @@ def read(root: Path, source: str, kind: str) -> Iterator[Envelope]:
             yield decode(line)
 
 
+def any_answer(root: Path, source: str) -> bool:
+    """Whether a source has a whole answer on disk."""
+    return any(True for kind in kinds(root, source) for path in segments(root, source, kind) for _ in Frames(path))
+
+
 class Segment:
     """The open segment of one kind. Only its source's one writer makes it."""
 

@@ -71,6 +71,7 @@ NO_ROOTS = [
         ("KB_NOW", "yesterday"),
         ("KB_NOW", "0001-01-01T00:00:00+10:00"),
         ("SOURCE_DATE_EPOCH", "-1"),
+        ("SOURCE_DATE_EPOCH", "99999999999999"),
         ("SOURCE_DATE_EPOCH", "99999999999999999999"),
         ("KB_CONTACT", "a\nb@example.org"),
         ("KB_CONTACT", "snow☃man@example.org"),

@@ -172,6 +172,10 @@ def test_a_second_writer_names_the_first(tmp_path):
 def test_a_root_keeps_to_its_services(tmp_path):
     identity.remember(tmp_path, "reddit", host="http://127.0.0.1:5000", subreddit="minecraft")
     identity.remember(tmp_path, "reddit", host="http://127.0.0.1:6000", subreddit="minecraft")
+    # What was noted binds from the first answer on (tests/store/test_identity.py).
+    segment = rawlog.Segment(rawlog.folder(tmp_path, "reddit", "listings"))
+    segment.append(rawlog.encode(rawlog.Envelope("2026-11-20T12:00:00Z", rawlog.Request("new", {}), 200, {})))
+    segment.close()
     with pytest.raises(OtherService, match="subreddit minecraft, not terraria"):
         identity.remember(tmp_path, "reddit", subreddit="terraria")
     with pytest.raises(OtherService, match=r"127\.0\.0\.1, not oauth\.reddit\.com"):
