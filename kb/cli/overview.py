@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import fcntl
 import os
-import sqlite3
 from collections.abc import Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.core import clock
+from kb.core.errors import DamagedData
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -51,20 +51,14 @@ def _source(run: Run, source: str) -> dict[str, Any]:
 
 
 def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:
-    from kb.core.errors import DamagedData
-    from kb.store.frontier import Frontier
+    from kb.store import reading
 
-    frontier = Frontier(state, readonly=True)
-    try:
+    with reading.state(state) as frontier:
         phases = {}
         for kind, counts in frontier.kinds().items():
             phases[kind] = {**counts, "total": sum(counts.values()), "left": sum(counts.get(status, 0) for status in _LEFT)}
         requests, units = frontier.requests()
         return {"phases": phases, "requests": requests, "units": units, "quota": _quota(run, source, frontier)}
-    except sqlite3.DatabaseError as error:
-        raise DamagedData(f"the state {state} can't be read: {error}") from None
-    finally:
-        frontier.close()
 
 
 def _quota(run: Run, source: str, frontier: Any) -> dict[str, Any]:
@@ -85,6 +79,8 @@ def _age(run: Run, source: str) -> dict[str, Any]:
     """How old the kept rows are, and how many are older than the profile allows."""
     import duckdb
 
+    from kb.store.reading import reading, scan
+
     section = getattr(run.profile, source)
     max_age = getattr(section, "max_age_days", None)
     oldest: datetime | None = None
@@ -92,15 +88,15 @@ def _age(run: Run, source: str) -> dict[str, Any]:
     too_old = 0
     limit = clock.now() - timedelta(days=max_age or 0)
     for folder in _table_folders(run.root, source):
-        pattern = f"{folder}/*.parquet"
-        with duckdb.connect() as db:
+        files = _files(folder)
+        with reading(files), duckdb.connect() as db:
             db.execute("SET TimeZone = 'UTC'")
-            columns = {row[0] for row in db.execute("DESCRIBE SELECT * FROM read_parquet(?)", [pattern]).fetchall()}
+            columns = {row[0] for row in db.execute(f"DESCRIBE SELECT * FROM {scan(files)}").fetchall()}
             if "fetched_at" not in columns:
                 continue
             low, high, old = db.execute(
-                "SELECT min(fetched_at)::TIMESTAMP, max(fetched_at)::TIMESTAMP, count(*) FILTER (fetched_at < ?::TIMESTAMPTZ) FROM read_parquet(?)",
-                [clock.stamp(limit), pattern],
+                f"SELECT min(fetched_at)::TIMESTAMP, max(fetched_at)::TIMESTAMP, count(*) FILTER (fetched_at < ?::TIMESTAMPTZ) FROM {scan(files)}",
+                [clock.stamp(limit)],
             ).fetchone()
         too_old += old if max_age else 0
         oldest = min(filter(None, (oldest, low)), default=None)
@@ -117,19 +113,25 @@ def _tables(root: Path, source: str) -> dict[str, int]:
     """Rows by table of clean/<source>, from the files' footers."""
     import pyarrow.parquet as pq
 
-    return {
-        folder.name: sum(pq.read_metadata(file).num_rows for file in folder.glob("*.parquet"))
-        for folder in _table_folders(root, source, verdicts=True)
-    }
+    from kb.store.reading import reading
+
+    found = {}
+    for folder in _table_folders(root, source, verdicts=True):
+        files = _files(folder)
+        with reading(files):
+            found[folder.name] = sum(pq.read_metadata(file).num_rows for file in files)
+    return found
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.glob("*.parquet") if not path.name.startswith("."))
 
 
 def _table_folders(root: Path, source: str, *, verdicts: bool = False) -> list[Path]:
     clean = root / "clean" / source
     if not clean.is_dir():
         return []
-    return [
-        path for path in sorted(clean.iterdir()) if any(path.glob("*.parquet")) and (verdicts or path.name not in ("rejected", "failed", "pending"))
-    ]
+    return [path for path in sorted(clean.iterdir()) if _files(path) and (verdicts or path.name not in ("rejected", "failed", "pending"))]
 
 
 def _unknown_keys(root: Path, source: str) -> dict[str, int]:
@@ -139,7 +141,10 @@ def _unknown_keys(root: Path, source: str) -> dict[str, int]:
     path = root / "clean" / source / "summary.json"
     if not path.is_file():
         return {}
-    return dict(json.loads(path.read_text(encoding="utf-8")).get("unknown_keys", {}))
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8")).get("unknown_keys", {}))
+    except (ValueError, AttributeError) as error:
+        raise DamagedData(f"{path} can't be read: {error}", hint=f"run `kb {source} filter` again") from None
 
 
 def _writer(root: Path, source: str) -> int | None:

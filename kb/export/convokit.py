@@ -19,7 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
+from kb.export.parquet import clean_parts
+from kb.schema.tables import table
 from kb.store.atomic import replacing_folder
+from kb.store.reading import reading, scan
 
 if TYPE_CHECKING:
     import duckdb
@@ -38,12 +41,12 @@ _INDEX = {
 }
 _POSTS = """
     SELECT post_id, title, body, type, score, num_comments, author_hash, epoch(created_utc)::BIGINT AS made
-    FROM read_parquet($folder || '/posts/*.parquet') ORDER BY post_id"""
+    FROM {posts} ORDER BY post_id"""
 # A stand-in is as old as its first reply: nothing else is known of it.
 _COMMENTS = """
     WITH kept AS (
         SELECT comment_id, post_id, parent_id[4:] AS parent, body, score, depth, author_hash, epoch(created_utc)::BIGINT AS made
-        FROM read_parquet($folder || '/comments/*.parquet')
+        FROM {comments}
     ), gone AS (
         SELECT parent, post_id, min(made) AS made FROM kept ANTI JOIN kept AS other ON kept.parent = other.comment_id
         WHERE parent != post_id GROUP BY ALL
@@ -54,25 +57,25 @@ _COMMENTS = """
 
 
 def export(run: Run) -> Summary:
-    """clean/reddit → export/convokit/. Raises FatalError without clean rows, DiskFull. The same rows give the same bytes."""
+    """clean/reddit → export/convokit/. Raises FatalError without clean rows, DamagedData, DiskFull. The same rows give the same bytes."""
     import duckdb
 
-    folder = run.root / "clean" / "reddit"
-    if not any((folder / "posts").glob("*.parquet")):
+    posts, comments = (clean_parts(run.root, table(f"reddit/{name}")) for name in ("posts", "comments"))
+    if not posts:
         raise FatalError("nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first")
     speakers: set[str] = set()
     counts = {"posts": 0, "comments": 0, "placeholders": 0}
     with duckdb.connect() as con, replacing_folder(run.root / "export" / "convokit") as fresh:
         with (fresh / "utterances.jsonl").open("w", encoding="utf-8") as file, (fresh / "conversations.json").open("w", encoding="utf-8") as about:
             about.write("{")
-            for row in _rows(con, _POSTS, folder):
+            for row in _rows(con, _POSTS.format(posts=scan(posts)), posts):
                 _put(file, _post(row), speakers)
                 meta = {name: row[name] for name in ("title", "type", "num_comments", "score")}
                 entry = json.dumps({"meta": meta, "vectors": []}, ensure_ascii=False)
                 about.write(f"{',' if counts['posts'] else ''}\n{json.dumps(row['post_id'])}: {entry}")
                 counts["posts"] += 1
             about.write("\n}\n")
-            for row in _rows(con, _COMMENTS, folder):
+            for row in _rows(con, _COMMENTS.format(comments=scan(comments)), comments) if comments else ():
                 _put(file, _comment(row), speakers)
                 counts["placeholders" if row["placeholder"] else "comments"] += 1
         _write(fresh / "speakers.json", {name: {"meta": {}, "vectors": []} for name in sorted(speakers)})
@@ -81,12 +84,13 @@ def export(run: Run) -> Summary:
     return Summary(source="reddit", **counts, path=str(run.root / "export" / "convokit"))
 
 
-def _rows(con: duckdb.DuckDBPyConnection, query: str, folder: Path) -> Iterator[dict[str, Any]]:
-    """The rows of a query; memory is bounded by a batch, DuckDB sorts on disk."""
-    result = con.execute(query, {"folder": str(folder)})
-    names = [column[0] for column in result.description]
-    while batch := result.fetchmany(4_096):
-        yield from (dict(zip(names, row, strict=True)) for row in batch)
+def _rows(con: duckdb.DuckDBPyConnection, query: str, files: list[Path]) -> Iterator[dict[str, Any]]:
+    """The rows of a query over these files; memory is bounded by a batch, DuckDB sorts on disk."""
+    with reading(files):
+        result = con.execute(query)
+        names = [column[0] for column in result.description]
+        while batch := result.fetchmany(4_096):
+            yield from (dict(zip(names, row, strict=True)) for row in batch)
 
 
 def _post(row: dict[str, Any]) -> dict[str, Any]:

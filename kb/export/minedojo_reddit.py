@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.store.atomic import writing
+from kb.store.reading import reading
 
 if TYPE_CHECKING:
     from kb.core.context import Run
 
 
 def export(run: Run) -> Summary:
-    """clean/reddit → export/minedojo/reddit.json, sorted by id. Raises FatalError without clean rows, DiskFull."""
+    """clean/reddit → export/minedojo/reddit.json, sorted by id. Raises FatalError without clean rows, DamagedData, DiskFull."""
     import pyarrow.parquet as pq
 
     parts = sorted((run.root / "clean" / "reddit" / "posts").glob("*.parquet"))
@@ -25,7 +26,8 @@ def export(run: Run) -> Summary:
         raise FatalError("nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first")
     found: list[tuple[str, str]] = []
     for part in parts:
-        rows = pq.read_table(part, columns=["post_id", "type"])
+        with reading([part]):
+            rows = pq.read_table(part, columns=["post_id", "type"], partitioning=None)
         found += zip(rows["post_id"].to_pylist(), rows["type"].to_pylist(), strict=True)
     path = run.root / "export" / "minedojo" / "reddit.json"
     with writing(path) as temporary, temporary.open("w", encoding="utf-8") as file:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from kb.core.errors import FatalError
 from kb.pairs.text import Text
+from kb.store.reading import reading
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -30,7 +31,8 @@ def rows(path: Path) -> int:
     """Transcripts in a file."""
     import pyarrow.parquet as pq
 
-    return int(pq.read_metadata(path).num_rows)
+    with reading([path]):
+        return int(pq.read_metadata(path).num_rows)
 
 
 def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text]:
@@ -39,7 +41,7 @@ def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text
     import pyarrow.parquet as pq
 
     lengths = _Lengths(path)
-    with pq.ParquetFile(path, pre_buffer=False, buffer_size=1 << 20) as file:
+    with reading([path]), pq.ParquetFile(path, pre_buffer=False, buffer_size=1 << 20) as file:
         after = file.metadata.num_rows if after is None else after
         at, groups = 0, []
         begin = 0
@@ -101,7 +103,8 @@ def _read(files: list[Path]) -> pa.Table:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    tables = [pq.read_table(file, columns=["video_id", "duration_s"], partitioning=None) for file in files if not file.name.startswith(".")]
+    with reading(files):
+        tables = [pq.read_table(file, columns=["video_id", "duration_s"], partitioning=None) for file in files if not file.name.startswith(".")]
     return pa.concat_tables(tables) if tables else pa.table({"video_id": pa.array([], pa.string()), "duration_s": pa.array([], pa.float64())})
 
 

@@ -15,6 +15,7 @@ from kb.report.page import Section, page
 from kb.report.style import applied
 from kb.schema import table
 from kb.store.atomic import replacing_folder
+from kb.store.reading import reading, scan
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -67,20 +68,17 @@ def makers(source: str) -> list[Maker]:
 
 
 def report(run: Run) -> Summary:
-    """Write `report/` anew. Raises MissingExtra when the figures' packages are not installed."""
+    """Write `report/` anew. Raises MissingExtra when the figures' packages are not installed, and DamagedData."""
     missing = [name for name in ("matplotlib", "wordcloud", "PIL") if importlib.util.find_spec(name) is None]
     if missing:
         raise MissingExtra(f"figures need {', '.join(missing)}", hint="pip install 'lorebase[figures]'")
-    data = Data(run)
-    try:
+    with Data(run) as data:
         sections = [_section(run, data, source) for source in TITLES]
         cards = [
             (f"{name.partition('/')[2]}", data.count(name), TITLES[source]) for source, names in TABLES.items() for name in names if data.files(name)
         ]
         notes = _notes(run)
         html = page(f"{run.profile.title}: what was collected", data.newest(), cards, sections, notes)
-    finally:
-        data.close()
     with replacing_folder(run.root / "report") as folder:
         for section in sections:
             for figure in section.figures:
@@ -130,12 +128,11 @@ def _notes(run: Run) -> list[str]:
     """What a reader must know before believing the figures."""
     import duckdb
 
-    files = [str(path) for path in sorted((run.root / "annotations").glob("**/*.parquet"))]
+    files = sorted(path for path in (run.root / "annotations").glob("*/*.parquet") if not path.name.startswith("."))
     if not files:
         return []
-    models = [
-        row[0] for row in duckdb.connect().execute("SELECT DISTINCT model FROM read_parquet(?, union_by_name = true) ORDER BY 1", [files]).fetchall()
-    ]
+    with reading(files), duckdb.connect() as con:
+        models = [row[0] for row in con.execute(f"SELECT DISTINCT model FROM {scan(files, by_name=True)} ORDER BY 1").fetchall()]
     if any(model == "lorebase_tiny" for model in models):
         return ["Toxicity scores are those of the sandbox's tiny model: they mean nothing about real texts."]
     return []

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.schema import table
+from kb.store.reading import reading, scan, state
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -57,22 +58,24 @@ class Data:
         self.con.execute("SET TimeZone = 'UTC'")
         self.con.execute(f"SET threads = {max(1, run.workers)}")
 
-    def close(self) -> None:
-        """Free the connection."""
+    def __enter__(self) -> Data:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
         self.con.close()
 
     def files(self, name: str) -> list[str]:
         """The clean files of a table ("youtube/videos", "pairs/pairs"), or of "youtube/rejected"."""
         folder = self.root / "pairs" if name == "pairs/pairs" else self.root / "clean" / name
-        return [str(path) for path in sorted(folder.glob("**/*.parquet"))]
+        return [str(path) for path in sorted(folder.glob("*.parquet")) if not path.name.startswith(".")]
 
     def rows(self, name: str, sql: str, *values: object) -> list[tuple[Any, ...]]:
-        """Rows of a query in which {t} stands for the table; nothing when there are no files."""
+        """Rows of a query in which {t} stands for the table; nothing when there are no files. Raises DamagedData."""
         files = self.files(name)
         if not files:
             return []
-        listed = ", ".join("'" + file.replace("'", "''") + "'" for file in files)
-        return self.con.execute(sql.replace("{t}", f"read_parquet([{listed}])"), list(values)).fetchall()
+        with reading(files):
+            return self.con.execute(sql.replace("{t}", scan(files)), list(values)).fetchall()
 
     def count(self, name: str) -> int:
         """Rows of a table."""
@@ -120,18 +123,13 @@ class Data:
 
     def ledgers(self) -> list[tuple[str, str, str, int, int]]:
         """(source, day, bucket, requests, units) of every source that keeps a ledger, by day."""
-        from kb.store.frontier import Frontier
-
         found: dict[tuple[str, str, str], list[int]] = {}
         for path in sorted((self.root / "state").glob("*.sqlite")):
-            frontier = Frontier(path, readonly=True)
-            try:
+            with state(path) as frontier:
                 for day, bucket, _, requests, units in frontier.ledger():
                     entry = found.setdefault((path.stem, day, bucket), [0, 0])
                     entry[0] += requests
                     entry[1] += units or 0
-            finally:
-                frontier.close()
         return [(*key, *sums) for key, sums in sorted(found.items())]
 
     def words(self, name: str, columns: Sequence[str], stop: set[str], n: int) -> list[tuple[str, int]]:

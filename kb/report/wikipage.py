@@ -68,16 +68,22 @@ def _chosen(data: Data) -> int | None:
 
 
 def _screenshot(data: Data, shot: str, shown: float, ratio: float) -> Any:
-    """The upper part of the screenshot, or None when the file is not there."""
+    """The upper part of the screenshot, or None when the file is not there. Raises DamagedData."""
     path = data.path(shot)
     if not path.is_file():
         return None
     from PIL import Image
 
+    from kb.core.errors import DamagedData
+
     # A page may be 100,000 pixels high: its own pipeline made it, so the guard against bombs is not for it.
     Image.MAX_IMAGE_PIXELS = None
-    with Image.open(path) as picture:
-        return picture.crop((0, 0, picture.width, min(picture.height, round(shown * ratio)))).convert("RGB")
+    try:
+        with Image.open(path) as picture:
+            return picture.crop((0, 0, picture.width, min(picture.height, round(shown * ratio)))).convert("RGB")
+    except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for a picture that is cut off or none
+        hint = "put it back from a copy, or remove it: the figure then has the boxes alone"
+        raise DamagedData(f"the screenshot {path} can't be read: {error}", hint=hint) from None
 
 
 def _draw(axes: Any, boxes: list[tuple[Any, ...]], width: float, shown: float) -> None:

@@ -59,7 +59,7 @@ class Frontier:
         self._depth = 0
         try:
             if readonly:
-                self._db = sqlite3.connect(f"file:{path}?mode=ro", uri=True, check_same_thread=False, timeout=30)
+                self._db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, check_same_thread=False, timeout=30)
                 self._db.isolation_level = None
                 return
             path.parent.mkdir(parents=True, exist_ok=True)

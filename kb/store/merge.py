@@ -14,6 +14,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from kb.store.reading import reading
+
 if TYPE_CHECKING:
     import pyarrow as pa
 
@@ -24,7 +26,7 @@ _LEAST = 256  # rows that a file is read ahead, however many files there are
 class Merge:
     """Iterates tables of `columns` in the order of `by`; the first of `by` is never null.
 
-    `close()` closes the files.
+    Raises DamagedData for a file that can't be read. `close()` closes the files.
     """
 
     def __init__(self, parts: Sequence[Path], by: Sequence[str], columns: Sequence[str]) -> None:
@@ -36,6 +38,10 @@ class Merge:
         self._scratch: str | None = None
 
     def __iter__(self) -> Iterator[pa.Table]:
+        with reading(self._parts):
+            yield from self._tables()
+
+    def _tables(self) -> Iterator[pa.Table]:
         import pyarrow as pa
 
         ahead = max(_LEAST, ROWS_AHEAD // max(1, len(self._parts)))

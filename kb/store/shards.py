@@ -19,6 +19,7 @@ from kb.schema.conform import conform
 from kb.schema.tables import Table, table
 from kb.store.atomic import writing
 from kb.store.merge import Merge
+from kb.store.reading import reading
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -139,12 +140,13 @@ def sorted_shards(
     `change` derives columns of a piece of rows, from the declared ones and the clean columns in
     `reads`. The same rows give the same bytes, whatever the parts. Memory is bounded by two row
     groups and a page of each part's columns. Without rows one empty shard is written, so that
-    readers find the table. Raises SchemaMismatch and DiskFull.
+    readers find the table. Raises DamagedData, SchemaMismatch and DiskFull.
     """
     import pyarrow.parquet as pq
 
     declared = table(declared) if isinstance(declared, str) else declared
-    total = sum(pq.read_metadata(path).num_rows for path in parts)
+    with reading(parts):
+        total = sum(pq.read_metadata(path).num_rows for path in parts)
     number = max(1, -(-total // rows_per_shard))
     wanted = [*declared.names(released), *(name for name in reads if name not in declared.names(released))]
     shards: list[Shard] = []

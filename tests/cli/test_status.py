@@ -93,6 +93,27 @@ def test_beside_a_running_crawl(kb: Any, root: Path) -> None:
     assert status(kb)["sources"]["youtube"]["running_pid"] is None
 
 
+def test_any_name_of_the_data_root(kb: Any, tmp_path: Path) -> None:
+    """What is a pattern, a query or an escape elsewhere is a letter of a folder's name here."""
+    root = tmp_path / "a#b?c%41[d]*'e{f,g}"
+    fill(root)
+    source = status(kb, "--data", str(root))["sources"]["youtube"]
+    assert source["phases"]["metadata"]["total"] == 4
+    assert (source["rows"], source["too_old"]) == ({"videos": 2}, 1)
+    assert list(tmp_path.iterdir()) == [root]
+
+
+def test_damaged_rows_are_named(kb: Any, root: Path) -> None:
+    fill(root)
+    file = root / "clean" / "youtube" / "videos" / "part-0.parquet"
+    file.write_bytes(file.read_bytes()[:100])
+    answer = kb("status")
+    assert answer.returncode == 1
+    assert f"{file} can't be read" in answer.stderr
+    assert "run `kb youtube filter` again" in answer.stderr
+    assert answer.stderr.count("\n") == 1
+
+
 def test_damaged_state_is_one_line(kb: Any, root: Path) -> None:
     (root / "state").mkdir(parents=True)
     (root / "state" / "reddit.sqlite").write_bytes(b"this is no database, whatever its name says" * 100)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.context import Run
-from kb.core.errors import FatalError
+from kb.core.errors import DamagedData, FatalError
 from kb.core.pipeline import load, locate
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
@@ -95,6 +96,29 @@ def test_clip4mc_needs_texts(run: Run, tmp_path: Path) -> None:
         clip4mc.write(other)
     with pytest.raises(FatalError, match="no index"):
         clip4mc.write(replace(run, root=tmp_path / "none"))
+
+
+@pytest.mark.parametrize("layout", ["minedojo", "clip4mc", "video2dataset"])
+def test_a_damaged_index_is_named(run: Run, tmp_path: Path, layout: str) -> None:
+    _export(run, "minedojo")
+    other = replace(run, root=tmp_path / "a#b?c[d]*'e")
+    shutil.copytree(run.root, other.root)
+    (part,) = (other.root / "pairs").glob("*.parquet")
+    part.write_bytes(part.read_bytes()[:100])
+    with pytest.raises(DamagedData, match=f"{part.name} can't be read") as caught:
+        _export(other, layout)
+    assert caught.value.hint == "run `kb pairs --again`"
+
+
+@pytest.mark.parametrize("table", ["videos", "transcripts"])
+def test_damaged_rows_of_youtube_are_named(run: Run, tmp_path: Path, table: str) -> None:
+    other = replace(run, root=tmp_path)
+    shutil.copytree(run.root / "clean", other.root / "clean")
+    part = min((other.root / "clean" / "youtube" / table).glob("*.parquet"))
+    part.write_bytes(part.read_bytes()[:500])
+    with pytest.raises(DamagedData, match=f"{table}/{part.name} can't be read") as caught:
+        _export(other, "video2dataset")
+    assert caught.value.hint == "run `kb youtube filter` again"
 
 
 def test_video2dataset_reads_the_clips(run: Run, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import duckdb
 import pytest
 
 from kb.core.context import Run
+from kb.core.errors import DamagedData
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.report import figures
@@ -178,6 +179,53 @@ def test_scores_of_the_tiny_model_are_marked(tmp_path: Path) -> None:
     duckdb.connect().execute(f"COPY (SELECT 'lorebase_tiny' AS model) TO '{folder / 'a.parquet'}' (FORMAT parquet)")
     report(a_run(tmp_path))
     assert "tiny model" in (tmp_path / "report" / "index.html").read_text()
+
+
+def test_any_name_of_the_data_root(tmp_path: Path) -> None:
+    odd = tmp_path / "a#b?c%41[d]*'e{f,g}"
+    pages = []
+    for place in (odd, tmp_path / "plain"):
+        build(place, sources=("pairs",), export=False, n=10)
+        frontier = Frontier(place / "state" / "wiki.sqlite")
+        frontier.spend("wiki", 0, "parse", "2026-11-01")
+        frontier.close()
+        report(a_run(place))
+        pages.append((place / "report" / "index.html").read_bytes())
+    assert pages[0] == pages[1]
+    assert {path.name for path in tmp_path.iterdir()} == {odd.name, "plain"}
+
+
+def cut(path: Path) -> str:
+    path.write_bytes(path.read_bytes()[:100])
+    return path.name
+
+
+def test_a_damaged_file_is_named(tmp_path: Path) -> None:
+    from PIL import Image
+
+    build(tmp_path, sources=("wiki", "pairs"), export=False, n=10)
+    with Data(a_run(tmp_path)) as data:
+        shots = [tmp_path / row[0] for row in data.rows("wiki/pages", "SELECT screenshot_path FROM {t}")]
+    for shot in shots:
+        shot.parent.mkdir(parents=True, exist_ok=True)
+        Image.effect_noise((1280, 900), 64).save(shot)
+        cut(shot)
+    with pytest.raises(DamagedData, match=r"the screenshot .* can't be read") as caught:
+        report(a_run(tmp_path))
+    assert "put it back from a copy, or remove it" in caught.value.hint
+    for shot in shots:
+        shot.unlink()
+    path = tmp_path / "state" / "reddit.sqlite"
+    path.parent.mkdir()
+    path.write_text("garbage")
+    with pytest.raises(DamagedData, match=r"reddit\.sqlite can't be read"):
+        report(a_run(tmp_path))
+    path.unlink()
+    name = cut(next((tmp_path / "pairs").glob("*.parquet")))
+    with pytest.raises(DamagedData, match=f"pairs/{name} can't be read") as caught:
+        report(a_run(tmp_path))
+    assert caught.value.hint == "run `kb pairs --again`"
+    assert not (tmp_path / "report").exists()
 
 
 def test_command_prints_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

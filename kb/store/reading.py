@@ -1,0 +1,99 @@
+"""How the data root's own files are read: paths taken literally, and damage told by the file's name with what to do.
+
+with reading(files):                    # what a library says of a broken file becomes DamagedData
+    con.execute(f"SELECT count(*) FROM {scan(files)}")
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import sqlite3
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from kb.core.errors import DamagedData
+from kb.store.frontier import Frontier
+
+_BATCH = 1024  # rows of a suspect that are decoded at a time
+
+
+@contextlib.contextmanager
+def reading(files: Iterable[Path | str]) -> Iterator[None]:
+    """Raises DamagedData for the first of these Parquet files that can't be read, when that is why the block failed.
+
+    Nothing is read unless the block fails, and an error that no file explains stays what it is.
+    """
+    try:
+        yield
+    except Exception as error:
+        if _a_readers(error) and (found := broken(files)):
+            raise found from error
+        raise
+
+
+def broken(files: Iterable[Path | str]) -> DamagedData | None:
+    """The first file that can't be read, as an error; None when all can. Footers first, then every page, a batch at a time."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    paths = [Path(file) for file in files]
+    for deep in (False, True):
+        for path in paths:
+            try:
+                with pq.ParquetFile(path, pre_buffer=False) as file:
+                    for _ in file.iter_batches(batch_size=_BATCH, use_threads=False) if deep else ():
+                        pass
+            except (pa.ArrowException, OSError) as error:
+                what = str(error).splitlines()[0] if str(error) else type(error).__name__
+                return DamagedData(f"{path} can't be read: {what.rstrip('.')}", hint=advice(path))
+    return None
+
+
+def advice(path: Path) -> str:
+    """How a file of the data root is made again, by where it is."""
+    match path.parts[::-1]:
+        case (_, _, source, "clean", *_):
+            return f"run `kb {source} filter` again"
+        case (_, "pairs", *_) | (_, _, "pairs", "state", *_):
+            return "run `kb pairs --again`"
+        case (_, source, "release", *_):
+            return f"run `kb {source} export` again"
+        case (_, source, "annotations", *_):
+            return f"remove it, then run `kb {source} filter`: what it held is scored again"
+    return "put it back from a copy"
+
+
+def scan(files: Iterable[Path | str], *, by_name: bool = False) -> str:
+    """SQL that reads these files and no others; `by_name`: they may differ in their columns."""
+    listed = ", ".join(literal(file) for file in files)
+    return f"read_parquet([{listed}]{', union_by_name = true' if by_name else ''})"
+
+
+def literal(path: Path | str) -> str:
+    """A path in SQL as DuckDB takes it: a name may hold quotes and what would be a pattern."""
+    return "'" + escaped(str(path)).replace("'", "''") + "'"
+
+
+def escaped(path: str) -> str:
+    """A path as a pattern that only it matches."""
+    return re.sub(r"([*?\[])", r"[\1]", path)
+
+
+@contextlib.contextmanager
+def state(path: Path) -> Iterator[Frontier]:
+    """A source's state, read beside a running crawl. Raises DamagedData."""
+    try:
+        with contextlib.closing(Frontier(path, readonly=True)) as frontier:
+            yield frontier
+    except sqlite3.DatabaseError as error:
+        busy = getattr(error, "sqlite_errorname", "").startswith(("SQLITE_BUSY", "SQLITE_LOCKED"))
+        hint = "try again in a moment" if busy else "move it away; the next run rebuilds it from the raw data"
+        raise DamagedData(f"the state {path} can't be read: {error}", hint=hint) from None
+
+
+def _a_readers(error: Exception) -> bool:
+    """Whether a library may say so of a broken file: Arrow and DuckDB have errors of their own, and OSErrors without a number."""
+    kinds = [getattr(sys.modules.get(name), kind, None) for name, kind in (("pyarrow", "ArrowException"), ("duckdb", "Error"))]
+    return isinstance(error, tuple(kind for kind in kinds if kind)) or (isinstance(error, OSError) and error.errno is None)
