@@ -6,6 +6,7 @@ printed or logged goes through `text`, not only what is known to hold a key.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable
 from typing import Any
@@ -21,18 +22,36 @@ _PATTERNS = [
     (re.compile(r"(?i)\b(bearer\s+)[A-Za-z0-9._~+/=-]{16,}"), r"\1" + MARK),
     # Google's API keys, wherever they stand
     (re.compile(r"AIza[0-9A-Za-z_-]{30,}"), MARK),
+    # what signed addresses carry (timed text, streams): who asked, from where, and the leave to read
+    (re.compile(r"(?i)((?:[?&]|&amp;|\\u0026)(?:signature|l?sig|ip|ei|pot|visitor_?data)=)[^&\s\"'<>)\\]+"), r"\1" + MARK),
     # user:password@host
     (re.compile(r"(?<=://)[^/\s:@]+:[^/\s@]+(?=@)"), MARK),
 ]
 _literal: re.Pattern[str] | None = None
+_long: tuple[bytes, ...] = ()
+_LONG = 8  # characters: what is shorter stands in data by chance, and data is kept verbatim
 
 
 def know(secrets: Iterable[str]) -> None:
     """Literal secrets of this process; also as they look inside a URL. Replaces earlier ones."""
-    global _literal
+    global _literal, _long
     forms = {form for secret in secrets if secret for form in (secret, quote(secret, safe=""), quote_plus(secret))}
     ordered = sorted(forms, key=len, reverse=True)
     _literal = re.compile("|".join(map(re.escape, ordered))) if ordered else None
+    # Within JSON text quotes and backslashes are escaped.
+    _long = tuple(json.dumps(form, ensure_ascii=False)[1:-1].encode() for form in ordered if len(form) >= _LONG)
+
+
+def holds_secret(line: bytes) -> bool:
+    """Whether JSON text holds a literal secret of this process that is long enough to be no chance. Quick."""
+    return any(form in line for form in _long)
+
+
+def literal(value: str) -> str:
+    """`value` without the literal secrets of `holds_secret`; nothing that merely looks like one is touched."""
+    if _literal is None:
+        return value
+    return _literal.sub(lambda found: MARK if len(found[0]) >= _LONG else found[0], value)
 
 
 def text(value: str) -> str:

@@ -20,6 +20,7 @@ import msgspec
 import zstandard
 
 from kb.core.errors import DamagedData
+from kb.net import redact
 from kb.store.atomic import full_disk_is_resumable, sync_folder
 
 SUFFIX = ".ndjson.zst"
@@ -50,22 +51,26 @@ _UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
 
 
 def encode(envelope: Envelope) -> bytes:
-    """The envelope as one line; NUL and lone surrogates become U+FFFD, all else is verbatim."""
+    """The envelope as one line; NUL and lone surrogates become U+FFFD, a secret of ours "***", all else is verbatim."""
+    return storable(envelope)[1]
+
+
+def storable(envelope: Envelope) -> tuple[Envelope, bytes]:
+    """What is kept of an envelope (the same object where that is all of it), and its line."""
     try:
         line = _encoder.encode(envelope)
-        if b"\\u0000" not in line:
-            return line + b"\n"
+        if b"\\u0000" not in line and not redact.holds_secret(line):
+            return envelope, line + b"\n"
     except UnicodeEncodeError:
         pass
-    clean = Envelope(
-        envelope.fetched_at, Request(envelope.request.endpoint, _holdable(envelope.request.params)), envelope.status, _holdable(envelope.response)
-    )
-    return _encoder.encode(clean) + b"\n"
+    params, response = _holdable(envelope.request.params), _holdable(envelope.response)
+    kept = Envelope(envelope.fetched_at, Request(envelope.request.endpoint, params), envelope.status, response)
+    return kept, _encoder.encode(kept) + b"\n"
 
 
 def _holdable(value: Any) -> Any:
     if isinstance(value, str):
-        return _UNHOLDABLE.sub("�", value)
+        return redact.literal(_UNHOLDABLE.sub("�", value))
     if isinstance(value, dict):
         return {_holdable(key): _holdable(inner) for key, inner in value.items()}
     if isinstance(value, list):

@@ -35,8 +35,8 @@ class Recorder:
 
     def record(self, kind: str, endpoint: str, params: dict[str, Any], status: int, response: Any, fetched_at: str | None = None) -> Envelope:
         """Keep one answer and its effect on the frontier. Raises DiskFull, with nothing half-kept."""
-        envelope = Envelope(fetched_at or clock.stamp(), Request(endpoint, params), status, response)
-        line = rawlog.encode(envelope)
+        # The frontier sees what is on disk, as it would from a replay.
+        envelope, line = rawlog.storable(Envelope(fetched_at or clock.stamp(), Request(endpoint, params), status, response))
         with self._lock:
             if kind not in self._segments:
                 self._segments[kind] = Segment(rawlog.folder(self._root, self._source, kind))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 
 import pytest
@@ -27,6 +28,11 @@ def _forget() -> Iterator[None]:
         ("{'Authorization': 'Bearer eyJhbGciOiJSUzI1NiIsImtpZCI6'}", "Bearer ***"),
         ("Authorization: Basic dXNlcjpwYXNz", "Basic ***"),
         ("POST grant_type=refresh_token&refresh_token=abc-123&client_secret=s3", "refresh_token=***&client_secret=***"),
+        (
+            '"GET /api/timedtext?v=a&ip=10.9.8.7&ei=abc&sparams=ip,ei&signature=0A.1B&key=yt8 HTTP/1.1"',
+            "&ip=***&ei=***&sparams=ip,ei&signature=***&key=***",
+        ),
+        (r'{"baseUrl":"/api/timedtext?v=a\u0026lsig=0A1B\u0026lang=en"}', r"\u0026lsig=***\u0026lang=en"),
         ("proxy http://user:hunter2@10.0.0.1:3128/ refused", "http://***@10.0.0.1:3128/"),
     ],
 )
@@ -40,6 +46,7 @@ def test_what_looks_like_a_secret_is_replaced(line: str, wanted: str) -> None:
         "kb: unknown key 'min_vews', did you mean 'min_views'?",
         "videos.list: 50 ids, 1 unit",
         "https://www.youtube.com/watch?v=dQw4w9WgXcQ",
+        "tip=3 and zip=4 are no addresses, nor is signature=mine",
         "metadata: 40/40 videos, 12.0/s, units 4/10000",
     ],
 )
@@ -51,6 +58,14 @@ def test_literal_secrets_also_inside_urls() -> None:
     redact.know(["pa ss/word+1", ""])
     assert redact.text("x pa ss/word+1 y") == "x *** y"
     assert redact.text("?s=pa%20ss%2Fword%2B1 ?s=pa+ss%2Fword%2B1") == "?s=*** ?s=***"
+
+
+def test_json_text_is_searched_for_long_literals_alone() -> None:
+    redact.know(["items", 'quo"ted\\pass', KEY])
+    assert redact.holds_secret(json.dumps({"a": f"see {KEY}"}).encode())
+    assert redact.holds_secret(json.dumps({"a": 'quo"ted\\pass'}).encode())
+    assert not redact.holds_secret(b'{"items": []}')
+    assert redact.literal(f"items?key={KEY}&token=other") == "items?key=***&token=other"
 
 
 def test_a_secret_that_begins_with_another_goes_whole() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+from urllib.parse import quote
 
 import msgspec
 import pytest
@@ -13,8 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from kb.core.errors import DamagedData, DiskFull
+from kb.net import redact
 from kb.store import rawlog
+from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope, Frames, Request, Segment
+from kb.store.recorder import Recorder
 
 
 def envelope(number, text="x"):
@@ -49,6 +53,22 @@ def test_the_open_segment_can_be_read_and_is_renamed_when_closed(tmp_path):
     assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == ["v1"]
     segment.close()
     assert [path.name.endswith(".ndjson.zst") for path in rawlog.segments(tmp_path, "youtube", "videos")] == [True]
+
+
+def test_a_secret_that_an_answer_repeats_is_not_kept(tmp_path):
+    key = "not-a-real-key/0123456789"
+    answer = {"items": [], "selfLink": f"/search?q=a&key={quote(key, safe='')}", key: [{"key": key, "id": 12345678}], "other": "key=abc"}
+    want = {"items": [], "selfLink": "/search?q=a&key=***", "***": [{"key": "***", "id": 12345678}], "other": "key=abc"}
+    redact.know([key, "12345678", "items"])  # a short secret or a number is data's own
+    try:
+        seen = []
+        frontier = Frontier(tmp_path / "state" / "youtube.sqlite")
+        with Recorder(tmp_path, "youtube", frontier, lambda _, kind, envelope: seen.append(envelope)) as recorder:
+            seen.append(recorder.record("search", "search", {"q": "a"}, 200, answer))
+        frontier.close()
+    finally:
+        redact.know([])
+    assert [envelope.response for envelope in (*seen, *rawlog.read(tmp_path, "youtube", "search"))] == [want] * 3
 
 
 @pytest.mark.parametrize("bytes_left", [1, 5, 30])
