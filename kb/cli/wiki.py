@@ -46,6 +46,9 @@ def crawl(
     """Show every content page in headless Chromium and keep what is seen.
 
     Needs KB_CONTACT, Chromium and chromedriver. A second crawl (--again) shows only what has changed.
+    robots.txt rules which pages and pictures are read, and its crawl-delay every request. The API is asked by
+    MediaWiki's etiquette (a contact, maxlag, Retry-After) also where robots.txt bars its folder to all crawlers;
+    rules for `lorebase` by name are kept there too.
     """
     from kb.core.pipeline import load, locate
 

@@ -130,6 +130,7 @@ class Crawl(Job):
                 fetch.reopen_changed(self, api)
             self.frontier.set_cursor("round", {"number": number, "done": True})
         elif not listing:
+            self._ask_after(api, tag)
             self.frontier.set_cursor("named", {"number": int(tag[1:]), "done": True})
         self._bury()
 
@@ -170,6 +171,15 @@ class Crawl(Job):
         ]
         for start in range(0, len(gone), BATCH):
             api.details(str(number), ids=gone[start : start + BATCH])
+            signals.stop.check()
+
+    def _ask_after(self, api: Api, tag: str) -> None:
+        """Ask by their ids after known pages whose titles, named again, have no page any more: deleted or moved away."""
+        titles = {payload["title"] for key, _, _, payload in self.frontier.items("info", "skipped") if key.startswith(f"{tag}:")}
+        titles |= {title[:1].upper() + title[1:] for title in titles}  # as most wikis write them
+        left = [key for key, status, _, payload in self.frontier.items("pages") if payload["title"] in titles and status in ("done", "todo", "error")]
+        for start in range(0, len(left), BATCH):
+            api.details(tag, ids=left[start : start + BATCH])
             signals.stop.check()
 
     def _bury(self) -> None:

@@ -67,15 +67,15 @@ class SmallWiki:
         found: list[dict[str, Any]] = []
         normalized, interwiki = [], []
         for title in query.get("titles", "").split("|") if "titles" in query else ():
-            held = self._by_title(title)
-            if held and held[1]["title"] != title:
-                normalized.append({"fromencoded": False, "from": title, "to": held[1]["title"]})
-            if held:
-                found.append(self._told(*held, root))
-            elif title.startswith("wp:"):
+            if title.startswith("wp:"):
                 interwiki.append({"title": title, "iw": "wp"})
+                continue
+            written = title[:1].upper() + title[1:]
+            normalized += [{"fromencoded": False, "from": title, "to": written}] if written != title else []
+            if held := self._by_title(title):
+                found.append(self._told(*held, root))
             else:
-                found.append({"ns": 0, "title": title, "missing": True})
+                found.append({"ns": 0, "title": written, "missing": True})
         for key in query.get("pageids", "").split("|") if "pageids" in query else ():
             found.append(self._told(int(key), self.pages[int(key)], root) if int(key) in self.pages else {"pageid": int(key), "missing": True})
         parts = {"pages": found, "normalized": normalized, "interwiki": interwiki}
