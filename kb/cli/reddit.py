@@ -47,7 +47,8 @@ def crawl(run: Run, since: Since = None, until: Until = None) -> Summary:
     """
     from kb.reddit.crawl import crawl as room
 
-    return room(run, since=_moment("--since", since), until=_moment("--until", until))
+    begin, end = _span(since, until)
+    return room(run, since=begin, until=end)
 
 
 @command(
@@ -61,8 +62,8 @@ def crawl(run: Run, since: Since = None, until: Until = None) -> Summary:
 def import_(
     run: Run,
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Archive dumps (.zst).")],
-    since: Since = None,
-    until: Until = None,
+    since: Annotated[str | None, typer.Option("--since", metavar="DATE", help="Only posts and comments made at this time or later (UTC).")] = None,
+    until: Annotated[str | None, typer.Option("--until", metavar="DATE", help="Only posts and comments made before this time (UTC).")] = None,
 ) -> Summary:
     """Take posts and comments of the subreddit out of archive dumps. Sends nothing; needs no key.
 
@@ -70,7 +71,8 @@ def import_(
     """
     from kb.reddit.importing import import_dumps
 
-    return import_dumps(run, files, since=_moment("--since", since), until=_moment("--until", until))
+    begin, end = _span(since, until)
+    return import_dumps(run, files, since=begin, until=end)
 
 
 @command(app, name="filter", examples=["kb reddit filter", "kb reddit filter --profile mine.toml"])
@@ -119,6 +121,15 @@ def reconstruct(
     from kb.reddit.reconstruction import OUT, rebuild
 
     return rebuild(run, ids, (out or run.root / OUT).absolute())
+
+
+def _span(since: str | None, until: str | None) -> tuple[datetime | None, datetime | None]:
+    from kb.core.errors import SettingError
+
+    begin, end = _moment("--since", since), _moment("--until", until)
+    if begin and end and begin >= end:
+        raise SettingError(f"--since {since} is not before --until {until}", hint="nothing was made in that time; exchange the two")
+    return begin, end
 
 
 def _moment(name: str, text: str | None) -> datetime | None:

@@ -1,14 +1,15 @@
 """Archive dumps: NDJSON in zstd with a 2^31 window, one line a post or comment, all subreddits mixed or one.
 
 A whole chunk is searched for the subreddit's name before anything is parsed; only lines that hold
-it are read as JSON, and looked at again then. What is cut off or damaged is counted, never fatal.
+it are read as JSON, and looked at again then. Of the others it is seen that they begin and end as
+objects do. What is cut off or damaged is counted, never fatal.
 """
 
 from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +20,8 @@ from ahocorasick_rs import BytesAhoCorasick
 
 # Several passes go over what one read swells to, so it should fit the processor's cache (measured in the bench).
 CHUNK = 512 << 10  # decompressed bytes that zstd makes room for
-CHECKED = 8 << 20  # decompressed bytes at the beginning of which every line is looked at
+CHECKED = 1 << 20  # decompressed bytes at the beginning of which every line is read
+DEEPEST = 200  # levels of nesting; what Reddit says has about ten
 _BLOCK = 16 << 10  # compressed bytes of one read; they swell to 10 to 30 times as much
 
 
@@ -29,8 +31,16 @@ class Seen:
 
     lines: int = 0
     bad_lines: int = 0
+    first_bad: int | None = None  # offset of the first of them in the decompressed file
     truncated: bool = False
     problem: str = ""
+    stopped: bool = False  # asked to, before the end
+
+    def damaged(self, number: int, first: int | None) -> None:
+        """Count damaged lines, the first of which begins at `first`."""
+        self.bad_lines += number
+        if self.first_bad is None:
+            self.first_bad = first
 
 
 def pieces(path: Path, seen: Seen) -> Iterator[bytes]:
@@ -69,16 +79,20 @@ class Chunk(NamedTuple):
     end: int
 
 
-def chunks(path: Path, seen: Seen, skip: int = 0) -> Iterator[Chunk]:
+def chunks(path: Path, seen: Seen, skip: int = 0, goes_on: Callable[[], bool] = lambda: True) -> Iterator[Chunk]:
     """Whole lines from decompressed offset `skip` on; a piece is never copied, the line across two pieces comes by itself.
 
     A last line without line break is given when the file is whole; in a cut file it is a part of
-    a line and counts as damaged.
+    a line and counts as damaged. `goes_on` is asked at every piece, also while skipping; when it says
+    no, `seen.stopped` is set and nothing more comes.
     """
     parts: list[bytes] = []  # a line that goes on in the next piece
     held = 0  # their bytes
     at = 0  # of the next byte to give
     for piece in pieces(path, seen):
+        if not goes_on():
+            seen.stopped = True
+            return
         begin = max(0, skip - at - held)
         if begin:
             # Only the part of the piece from `skip` on is wanted; what was held lies before it.
@@ -101,101 +115,125 @@ def chunks(path: Path, seen: Seen, skip: int = 0) -> Iterator[Chunk]:
     rest = b"".join(parts)
     if rest.strip() and seen.truncated:
         seen.lines += 1
-        seen.bad_lines += 1
+        seen.damaged(1, at)
     elif rest.strip():
         yield Chunk(at, rest + b"\n", 0, len(rest) + 1)
 
 
 class Found(NamedTuple):
-    """What a chunk holds: its lines, damaged ones, and the subreddit's records as (offset of the line's end, object)."""
+    """What a chunk holds: its lines, damaged ones and where the first is, and the subreddit's records as (offset of the line's end, object)."""
 
     lines: int
     bad_lines: int
+    first_bad: int | None
     records: list[tuple[int, dict[str, Any]]]
 
 
 class Search:
-    """Finds the records of one subreddit in chunks of a dump.
+    """Finds the records of one subreddit in chunks of a dump, however its name is written.
 
-    The name is looked for without case until a record shows how the archive writes it. Every line
-    of the first CHECKED bytes, and of chunks that are mostly the subreddit's, must be an object;
-    elsewhere only lines that hold the name are read, and can be found damaged.
+    Every line must begin and end as an object does; one that doesn't is read, and so is every line of
+    the first CHECKED bytes and of chunks that are mostly the subreddit's. Elsewhere only lines that
+    hold the name are read.
     """
 
     def __init__(self, subreddit: str) -> None:
         self._name = subreddit.lower()
-        self._exact = False
-        self._look_for(self._name)
-
-    def _look_for(self, name: str) -> None:
-        self._needle = b'"' + name.encode() + b'"'
-        # One pattern: its vectorised search is several times faster than bytes.find (tests/bench).
-        self._places = BytesAhoCorasick([self._needle]).find_matches_as_indexes
+        # One pattern: its vectorised search is several times faster than bytes.find, and than many spellings (tests/bench).
+        self._places = BytesAhoCorasick([bytes(byte | _CASE for byte in f'"{self._name}"'.encode())]).find_matches_as_indexes
 
     def __call__(self, chunk: Chunk) -> Found:
         """What a chunk holds, in order."""
         offset, data, begin, end = chunk
-        lines, bad, stop = _lines(chunk), 0, begin
-        whole = memoryview(data if self._exact else data.lower())[begin:end]
+        lines, stop = _lines(chunk), begin
         records: list[tuple[int, dict[str, Any]]] = []
-        for _, place, _ in self._places(whole):
+        hits: set[int] = set()  # where lines begin that were read
+        bad: list[int] = []
+        for _, place, _ in self._places(_folded(data)[begin:end]):
             if begin + place < stop:
                 continue  # again in the same line
             first = data.rfind(b"\n", stop, begin + place) + 1 or stop
             stop = data.find(b"\n", begin + place) + 1
             record = _read(data[first:stop])
+            hits.add(first)
             if record is None:
-                bad += 1
+                bad.append(first)
             # The name may stand in a title: only the field decides.
-            elif isinstance(record, dict) and str(record.get("subreddit", "")).lower() == self._name:
+            elif str(record.get("subreddit", "")).lower() == self._name:
                 records.append((offset + stop - begin, record))
-        if offset < CHECKED or 2 * len(records) > lines:
-            bad += self._damaged(data[begin:end], lines)
-        if records and not self._exact:
-            self._exact = True
-            self._look_for(records[0][1]["subreddit"])
-        return Found(lines, bad, records)
-
-    def _damaged(self, data: bytes, lines: int) -> int:
-        """Lines that are no objects; those with the name were counted where they were read."""
-        if data.count(b"}\n{") == lines - 1 and data.startswith(b"{") and data.endswith(b"}\n"):
-            return 0
-        return sum(
-            1 for line in data.splitlines() if line.strip() and self._needle not in (line if self._exact else line.lower()) and not _whole(line)
-        )
+        every = offset < CHECKED or 2 * len(records) >= len(lines)
+        if len(hits) < len(lines) and (every or not _look_whole(lines)):
+            at = begin
+            for line in lines:
+                if at not in hits and (every or not _looks_whole(line)) and line.strip() and _read(line) is None:
+                    bad.append(at)
+                at += len(line)
+        return Found(len(lines), len(bad), offset + min(bad) - begin if bad else None, records)
 
 
-def _lines(chunk: Chunk) -> int:
-    """How many lines a chunk has; a file's search for line breaks is twice as fast as bytes.count."""
+_CASE = 0x20  # the bit that tells a small letter from a capital
+
+
+def _folded(data: bytes) -> memoryview:
+    """The bytes with capitals as small letters; other bytes change too, so what is found there has to be looked at."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    plain = pa.Array.from_buffers(pa.uint8(), len(data), [None, pa.py_buffer(data)])
+    return memoryview(pc.bit_wise_or(plain, pa.scalar(_CASE, pa.uint8())).buffers()[1]).cast("B")
+
+
+def _lines(chunk: Chunk) -> list[bytes]:
+    """The lines of a chunk with their ends; a file finds line breaks twice as fast as bytes.count."""
     file = io.BytesIO(chunk.data)
     file.seek(chunk.begin)
-    return sum(1 for _ in file) - (chunk.end < len(chunk.data))
+    return file.readlines(chunk.end - chunk.begin) if chunk.end > chunk.begin else []
 
 
-def _read(line: bytes) -> Any:
-    """The object of a line, None when it is none."""
+def _look_whole(lines: list[bytes]) -> bool:
+    """Whether all lines begin and end as objects do: two comparisons a line."""
     try:
-        return orjson.loads(line)
-    except orjson.JSONDecodeError:
-        pass
-    try:
-        # The patient reader takes lone surrogates, which real titles hold.
-        return json.loads(line)
-    except ValueError:
-        return None
+        return [line[0] for line in lines].count(0x7B) == [line[-2] for line in lines].count(0x7D) == len(lines)
+    except IndexError:  # an empty line
+        return False
 
 
-def _whole(line: bytes) -> bool:
+def _looks_whole(line: bytes) -> bool:
     line = line.strip()
     return line.startswith(b"{") and line.endswith(b"}")
+
+
+def _read(line: bytes) -> dict[str, Any] | None:
+    """The object of a line, None when it is none, or nested so deeply that reading it could end the run."""
+    try:
+        value = orjson.loads(line)
+    except orjson.JSONDecodeError:
+        try:
+            # The patient reader takes lone surrogates, which real titles hold.
+            value = json.loads(line)
+        except (ValueError, RecursionError):
+            return None
+    return None if not isinstance(value, dict) or _is_deep(line, value) else value
+
+
+def _is_deep(line: bytes, value: Any) -> bool:
+    if line.count(b"[") + line.count(b"{") <= DEEPEST:
+        return False
+    level = [value]
+    for _ in range(DEEPEST):
+        inner = (list(outer.values()) if isinstance(outer, dict) else outer for outer in level if isinstance(outer, (dict, list)))
+        level = [one for several in inner for one in several]
+        if not level:
+            return False
+    return True
 
 
 def retrieved(data: dict[str, Any]) -> int | None:
     """When the archive read a record, in seconds since 1970; None when it doesn't say."""
     for name in ("retrieved_utc", "retrieved_on"):
         value = data.get(name)
+        if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 20:
+            value = int(value)
         if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < 253402300800:
-            return int(value)
-        if isinstance(value, str) and value.isdigit():
             return int(value)
     return None

@@ -15,6 +15,7 @@ from kb.core.context import Run
 from kb.reddit import tree
 from kb.reddit.crossposts import drop_parents, repeats
 from kb.reddit.known import known
+from kb.reddit.places import settle
 from kb.reddit.reconstruction import OUT
 from kb.reddit.refresh import KIND as INFO
 from kb.reddit.state import apply
@@ -76,6 +77,8 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
     with lock.writer(run.root, "reddit"):
         frontier = Frontier(run.root / "state" / "reddit.sqlite")
         try:
+            # What an import that was killed had not noted holds texts too; it reads them again.
+            settle(run.root)
             # Opening the recorder cuts torn frames, closes segments and takes in what was not read yet.
             Recorder(run.root, "reddit", frontier, apply).close()
             keys = purge.begin(run.root, "reddit", collect(run, ids))

@@ -8,53 +8,20 @@ import signal
 import subprocess
 import sys
 import time
+from datetime import UTC, datetime
 
 import pytest
-import zstandard
 from hypothesis import given
 from hypothesis import strategies as some
 
-from kb.core.context import Run
 from kb.core.errors import LimitReached, SettingError
 from kb.core.profile import load_profile
-from kb.core.settings import load_settings
-from kb.reddit import importing, parse
+from kb.core.progress import Plain
+from kb.reddit import parse, places
 from kb.reddit.dumps import CHECKED, Chunk, Search
 from kb.reddit.importing import Job, import_dumps, import_file
 from kb.store import rawlog, tombstones
-
-
-def run_in(root, **options):
-    return Run(load_settings(dotenv=False), load_profile("minecraft"), root, workers=1, **options)
-
-
-def post(key, **fields):
-    return {
-        "id": key,
-        "subreddit": "Minecraft",
-        "author": "brisk_otter",
-        "title": f"post {key}",
-        "selftext": "",
-        "is_self": True,
-        "score": 7,
-        "created_utc": 1_600_000_000,
-        "retrieved_on": 1_600_100_000,
-        **fields,
-    }
-
-
-def write(path, lines, frames=1, cut=0):
-    """A dump of JSON objects and bytes, in so many frames; `cut` bytes are missing at its end."""
-    texts = [line if isinstance(line, bytes) else json.dumps(line).encode() for line in lines]
-    size = max(1, -(-len(texts) // frames))
-    data = b"".join(zstandard.ZstdCompressor().compress(b"\n".join(texts[n : n + size]) + b"\n") for n in range(0, len(texts), size))
-    path.write_bytes(data[: len(data) - cut])
-    return path
-
-
-def imported(root):
-    """Every thing in the raw log, as (kind, data)."""
-    return [(thing["kind"], thing["data"]) for envelope in rawlog.read(root, "reddit", "dumps") for thing in envelope.response["data"]["children"]]
+from tests.reddit.dumped import imported, post, run_in, write
 
 
 def rows(root):
@@ -88,6 +55,59 @@ def test_damaged_lines_are_counted_and_the_rest_is_taken(tmp_path):
     ]
     summary = import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", lines)])
     assert (summary["crawled"], summary["bad_lines"], summary["lines"], summary["truncated_files"]) == (3, 3, 6, 0)
+
+
+def test_damage_far_behind_the_beginning_is_counted_and_the_first_place_is_said(tmp_path, capsys):
+    other = json.dumps(post("x", subreddit="gardening", selftext="leaf " * 200)).encode()
+    before = [other] * (CHECKED // len(other) + 500)
+    lines = [
+        *before,
+        b"garbage",
+        other,
+        b'["Minecraft"]',
+        b'{"subreddit": "pics", "ti',
+        other,
+        b'{"subreddit": "Minecraft", broken}',
+        b"",
+        other,
+        post("last"),
+    ]
+    summary = import_dumps(run_in(tmp_path, progress=Plain()), [write(tmp_path / "RS.zst", lines)])
+    assert (summary["crawled"], summary["lines"], summary["bad_lines"]) == (1, len(lines), 4)
+    assert f"left out 4 damaged lines, the first at byte {len(before) * (len(other) + 1)} " in capsys.readouterr().err
+
+
+def test_objects_that_are_broken_inside_count_in_a_file_of_the_subreddit(tmp_path):
+    dump = write(tmp_path / "RS.zst", [post("aaa"), b'{"id": broken}', b"garbage", post("bbb")])
+    assert import_dumps(run_in(tmp_path), [dump])["bad_lines"] == 2
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_every_spelling_of_the_name_in_any_order(tmp_path, order):
+    other = post("x", subreddit="gardening", selftext="leaf " * 200)
+    lines = [post("a"), *[other] * 3_000, post("b", subreddit="minecraft"), post("c", subreddit="MineCraft"), *[other] * 3_000, post("d")]
+    import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", lines[::order])])
+    assert sorted(data["id"] for _, data in imported(tmp_path)) == ["a", "b", "c", "d"]
+
+
+@pytest.mark.parametrize("said", ["1700000000000", "²", "٣", -1, 1e300, "9" * 30, float("nan"), True])
+def test_a_date_of_reading_that_is_none_is_null(tmp_path, said):
+    import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [post("odd", retrieved_on=said), post("good")])])
+    assert {row["fullname"]: row["fetched_at"] for row in rows(tmp_path)} == {"t3_odd": None, "t3_good": "2020-09-14T16:13:20Z"}
+
+
+@pytest.mark.parametrize("depth", [300, 3_000, 200_000])
+def test_a_line_nested_without_end_is_damaged(tmp_path, depth):
+    deep = b'{"id": "q", "subreddit": "Minecraft", "title": "t", "x": ' + b"[" * depth + b"]" * depth + b"}"
+    summary = import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [deep, post("good")])])
+    assert (summary["crawled"], summary["bad_lines"]) == (1, 1)
+
+
+@pytest.mark.parametrize("made", ["nan", "inf", -5, None, "soon", [1]])
+def test_a_record_whose_date_cannot_be_read_is_left_to_the_filter(tmp_path, made):
+    dump = write(tmp_path / "RS.zst", [post("odd", created_utc=made)])
+    assert import_dumps(run_in(tmp_path), [dump])["crawled"] == 1
+    assert import_dumps(run_in(tmp_path), [dump], since=datetime(2020, 1, 1, tzinfo=UTC))["crawled"] == 1
 
 
 def test_several_frames_in_one_file(tmp_path):
@@ -152,6 +172,8 @@ def test_limit_goes_on_where_it_stopped(tmp_path):
         with pytest.raises(LimitReached) as stopped:
             import_dumps(run_in(tmp_path, limit=25), dumps)
         assert stopped.value.summary["crawled"] == taken
+        lines = stopped.value.summary["lines"]
+    assert lines == 50, "lines behind the last thing taken were counted"
     assert import_dumps(run_in(tmp_path), dumps)["crawled"] == 10
     assert sorted(data["id"] for _, data in imported(tmp_path)) == sorted(f"f{n}p{m}" for n in range(2) for m in range(30))
 
@@ -161,8 +183,6 @@ def test_since_until_and_tombstones(tmp_path):
     dump = write(
         tmp_path / "RS.zst", [post("early", created_utc=10), post("in", created_utc=20), post("gone", created_utc=21), post("late", created_utc=30)]
     )
-    from datetime import UTC, datetime
-
     import_dumps(run_in(tmp_path), [dump], since=datetime.fromtimestamp(20, UTC), until=datetime.fromtimestamp(30, UTC))
     assert [data["id"] for _, data in imported(tmp_path)] == ["in"]
 
@@ -192,14 +212,14 @@ def test_sigkill_then_the_same_command_takes_each_once(tmp_path):
     assert import_file(Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)).done
     ids = [data["id"] for _, data in imported(tmp_path)]
     assert sorted(ids) == [f"p{n:05d}" for n in range(8_000)]
-    assert importing._place(tmp_path, dump).lines == 8_000
+    assert places.load(tmp_path, places.name_of(dump, 0.0, float("inf"))).lines == 8_000
 
 
 LINE = some.one_of(
     some.builds(
         lambda key, name: json.dumps({"id": key, "subreddit": name, "title": "t"}).encode(),
         some.text("abc", min_size=1, max_size=5),
-        some.sampled_from(["Minecraft", "minecraft", "pics", "MinecraftBuilds"]),
+        some.sampled_from(["Minecraft", "minecraft", "mINECRAFT", "pics", "MinecraftBuilds"]),
     ),
     some.binary(max_size=20).filter(lambda line: b"\n" not in line and b"\r" not in line and line.strip() and not line.strip().startswith(b"{")),
 )
@@ -212,5 +232,6 @@ def test_search_finds_what_reading_every_line_finds(lines, start):
     wanted = [json.loads(line)["id"] for line in lines if line.startswith(b"{") and json.loads(line)["subreddit"].lower() == "minecraft"]
     assert [record["id"] for _, record in found.records] == wanted
     assert found.lines == len(lines)
-    if start == 0:
-        assert found.bad_lines == sum(not line.startswith(b"{") for line in lines)
+    bad = [n for n, line in enumerate(lines) if not line.startswith(b"{")]
+    assert found.bad_lines == len(bad)
+    assert found.first_bad == (start + sum(len(line) + 1 for line in lines[: bad[0]]) if bad else None)

@@ -1,0 +1,168 @@
+"""Spans, rounds and stops of an import: nothing is written over, nothing is left out in silence, nothing half-read stays."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from datetime import UTC, datetime
+
+import pytest
+
+from kb.core.errors import Interrupted, LimitReached
+from kb.core.progress import Plain
+from kb.core.signals import stop
+from kb.reddit import places
+from kb.reddit.authors import load_key
+from kb.reddit.importing import Job, import_dumps, import_file
+from kb.reddit.purge import purge_raw
+from kb.store import rawlog
+from tests.cli.conftest import clean_environment
+from tests.reddit.dumped import imported, post, run_in, write
+
+DAYS = [post(f"p{n:03d}", created_utc=1_600_000_000 + n * 86_400) for n in range(100)]
+HALF = datetime.fromtimestamp(1_600_000_000 + 50 * 86_400, UTC)
+
+
+def ids(root):
+    return sorted(data["id"] for _, data in imported(root))
+
+
+def test_another_span_is_another_import(tmp_path, capsys):
+    dump = write(tmp_path / "RS.zst", DAYS)
+    run = run_in(tmp_path, progress=Plain())
+    assert import_dumps(run, [dump], since=HALF)["crawled"] == 50
+    assert import_dumps(run, [dump])["crawled"] == 100
+    capsys.readouterr()
+    assert import_dumps(run, [dump])["crawled"] == 0
+    assert "RS.zst: imported before (100 posts and comments); --again reads it once more" in capsys.readouterr().err
+    assert len(ids(tmp_path)) == 150
+    assert set(ids(tmp_path)) == {one["id"] for one in DAYS}
+
+
+def test_again_writes_over_nothing(tmp_path):
+    dump = write(tmp_path / "RS.zst", DAYS)
+    import_dumps(run_in(tmp_path), [dump])
+    assert import_dumps(run_in(tmp_path, again=True), [dump], since=HALF)["crawled"] == 50
+    assert import_dumps(run_in(tmp_path, again=True), [dump])["crawled"] == 100
+    assert len(ids(tmp_path)) == 150, "what a later round reads the same is there once"
+    assert set(ids(tmp_path)) == {one["id"] for one in DAYS}
+
+
+def test_again_goes_on_where_it_was_stopped(tmp_path):
+    dumps = [write(tmp_path / f"RS_{n}.zst", [post(f"f{n}p{m:02d}") for m in range(30)]) for n in range(2)]
+    import_dumps(run_in(tmp_path), dumps)
+    taken = []
+    for _ in range(3):
+        try:
+            taken.append(import_dumps(run_in(tmp_path, again=True, limit=25), dumps)["crawled"])
+        except LimitReached as stopped:
+            taken.append(stopped.summary["crawled"])
+    assert taken == [25, 25, 10]
+    assert set(ids(tmp_path)) == {f"f{n}p{m:02d}" for n in range(2) for m in range(30)}
+
+
+def test_spans_of_two_machines_in_one_folder(tmp_path):
+    dump = write(tmp_path / "RS.zst", DAYS)
+    import_dumps(run_in(tmp_path / "a"), [dump], until=HALF)
+    import_dumps(run_in(tmp_path / "b"), [dump], since=HALF)
+    for machine in "ab":
+        shutil.copytree(tmp_path / machine / "raw", tmp_path / "both" / "raw", dirs_exist_ok=True)
+    assert ids(tmp_path / "both") == [one["id"] for one in DAYS]
+
+
+def test_a_half_imported_copy_takes_nothing_from_a_whole_one(tmp_path):
+    dump = write(tmp_path / "RS.zst", DAYS)
+    load_key(tmp_path / "whole")
+    shutil.copytree(tmp_path / "whole", tmp_path / "half")
+    import_dumps(run_in(tmp_path / "whole"), [dump])
+    with pytest.raises(LimitReached):
+        import_dumps(run_in(tmp_path / "half", limit=30), [dump])
+    shutil.copytree(tmp_path / "half" / "raw", tmp_path / "whole" / "raw", dirs_exist_ok=True)
+    assert set(ids(tmp_path / "whole")) == {one["id"] for one in DAYS}
+
+
+def test_a_dump_that_is_given_twice_is_read_once(tmp_path, capsys):
+    dump = write(tmp_path / "RS.zst", DAYS)
+    (tmp_path / "copy").mkdir()
+    shutil.copy(dump, tmp_path / "copy" / "RS.zst")
+    summary = import_dumps(run_in(tmp_path, workers=2, progress=Plain()), [dump, dump, tmp_path / "copy" / "RS.zst"])
+    assert (summary["crawled"], len(ids(tmp_path))) == (100, 100)
+    assert capsys.readouterr().err.count("the same dump as") == 2
+
+
+@pytest.mark.parametrize(("workers", "number"), [(1, signal.SIGTERM), (2, signal.SIGINT)])
+def test_a_signal_ends_it_within_a_dump(tmp_path, workers, number):
+    text = os.urandom(15_000).hex()
+    lines = [post(f"p{n:06d}", selftext=text[n % 29_000 : n % 29_000 + 900]) for n in range(15_000)]
+    dumps = [write(tmp_path / f"RS_{n}.zst", lines) for n in range(workers)]
+    words = ["reddit", "import", *map(str, dumps), "--data", str(tmp_path / "data"), "--workers", str(workers), "--json"]
+    # A shell without job control starts background jobs with SIGINT ignored, and children inherit that.
+    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from kb.cli import main; main()"
+    child = subprocess.Popen(
+        [sys.executable, "-c", program, *words], env=clean_environment(), text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    base = rawlog.folder(tmp_path / "data", "reddit", "dumps")
+    while child.poll() is None and not any(base.glob(".*.part")):
+        time.sleep(0.005)
+    child.send_signal(number)
+    out, err = child.communicate(timeout=60)
+    assert child.returncode == 3, err
+    summary = json.loads(out.splitlines()[-1])
+    assert 0 < summary["crawled"] == len(imported(tmp_path / "data")) < 15_000 * workers
+    assert {"lines", "bad_lines", "truncated_files", "requests", "stopped"} <= summary.keys()
+    assert not list(base.glob(".*"))
+    assert import_dumps(run_in(tmp_path / "data"), dumps)["crawled"] == 15_000 * workers - summary["crawled"]
+    assert set(ids(tmp_path / "data")) == {one["id"] for one in lines}
+
+
+def test_a_request_to_stop_reaches_a_worker_while_it_skips(tmp_path):
+    dump = write(tmp_path / "RS.zst", DAYS)
+    job = Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 40)
+    import_file(job)
+    left = import_file(Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, lease=str(tmp_path / "gone")))
+    assert (left.things, left.done) == (40, False)
+    assert import_file(job).things == 80
+
+
+def test_a_stop_before_the_first_file_says_so(tmp_path):
+    stop.request("SIGTERM")
+    try:
+        with pytest.raises(Interrupted, match="SIGTERM") as stopped:
+            import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", DAYS)])
+    finally:
+        stop.clear()
+    assert stopped.value.summary["crawled"] == 0
+
+
+def test_what_a_killed_import_left_is_noted_or_gone_before_a_purge(tmp_path):
+    """Killed between note and rename, and within a segment: the purge reaches the first, the second is read again."""
+    dump = write(tmp_path / "RS.zst", [post(f"p{n:05d}", title=f"TITLE{n:05d}", selftext=os.urandom(300).hex()) for n in range(4_000)])
+    import_file(Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 300))
+    name = places.name_of(dump, 0.0, float("inf"))
+    place, base = places.load(tmp_path, name), rawlog.folder(tmp_path, "reddit", "dumps")
+    os.rename(base / place.segment, places.written(base, place.segment))
+    places.begun(base, name).write_bytes(b"TITLE00301")
+    (tmp_path / "ids.txt").write_text("t3_p00001\nt3_p00301\n")
+    purge_raw(run_in(tmp_path), tmp_path / "ids.txt")
+    assert not list(base.glob(".*"))
+    assert len(ids(tmp_path)) == 299
+    import_dumps(run_in(tmp_path), [dump])
+    assert ids(tmp_path) == [f"p{n:05d}" for n in range(4_000) if n not in (1, 301)]
+
+
+def test_notes_of_an_earlier_version_go_on(tmp_path):
+    """Its parts were named by the note until they were in their place."""
+    dump = write(tmp_path / "RS.zst", DAYS)
+    import_file(Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 40))
+    name = places.name_of(dump, 0.0, float("inf"))
+    place, base = places.load(tmp_path, name), rawlog.folder(tmp_path, "reddit", "dumps")
+    os.rename(base / place.segment, base / f".{name}.part")
+    place.segment, place.form = f"000001-{name[:8]}.ndjson.zst", 1
+    places.save(tmp_path, name, place)
+    import_dumps(run_in(tmp_path), [dump])
+    assert ids(tmp_path) == [one["id"] for one in DAYS]
