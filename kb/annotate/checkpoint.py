@@ -1,8 +1,8 @@
 """Which checkpoint scores texts, and the proof that it is the right one, before anything reads it.
 
 A checkpoint is a pickle: loading one runs what it says. Detoxify checks nothing, so the file's
-sha256 is compared first with every digest that is known: the published one, the prefix in the
-file's name, a `.sha256` file beside it, KB_TOXICITY_SHA256. Without any, the file is refused.
+sha256 is compared first with every digest that is known: the published one, KB_TOXICITY_SHA256, a
+`.sha256` file beside it, else the prefix in the file's name. Without any, the file is refused.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from kb.annotate.beside import check_beside
 from kb.annotate.cache import cache_root
 from kb.annotate.published import PUBLISHED, Published
-from kb.core.errors import MissingExtra, MissingModel
+from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.settings import Settings
 
 SANDBOX = "lorebase_tiny"  # the sandbox's model; what it scored is marked in releases
@@ -68,14 +69,19 @@ def need_extra() -> None:
 def find_checkpoint(settings: Settings) -> Checkpoint:
     """The checkpoint of KB_TOXICITY_MODEL, verified. Loads nothing.
 
-    Raises MissingModel (absent, cut off, another file, no digest, no configuration beside it).
+    Raises MissingModel (absent, cut off, another file, no digest, no configuration or tokenizer beside it
+    that goes with it), SettingError (KB_TOXICITY_SHA256 is none).
     """
-    chosen = settings.kb_toxicity_model
+    chosen = settings.kb_toxicity_model.strip()
+    if not chosen:
+        raise SettingError("KB_TOXICITY_MODEL is empty", hint=f"known: {', '.join(PUBLISHED)}; or give a checkpoint file")
     if chosen in PUBLISHED:
         return _fetched(PUBLISHED[chosen])
     path = Path(chosen).expanduser().absolute()
     if "/" not in chosen and "." not in chosen and not path.exists():
         raise MissingModel(f"KB_TOXICITY_MODEL is {chosen!r}", hint=f"known: {', '.join(PUBLISHED)}; or give a checkpoint file")
+    if path.is_dir():
+        raise MissingModel(f"KB_TOXICITY_MODEL names a folder: {path}", hint="name the checkpoint file in it")
     if not path.is_file():
         raise MissingModel(f"there is no checkpoint {path}", hint="see KB_TOXICITY_MODEL, or run `kb models fetch`")
     expected = _known_digests(path, settings.kb_toxicity_sha256)
@@ -85,9 +91,11 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
             hint=f"if you trust it, run `sha256sum {path.name} > {path.name}.sha256` in its folder",
         )
     digest = _verify(path, expected, "get the file again from where it came from")
-    _need_beside(path.parent, "put config.json and the tokenizer's files beside the checkpoint")
+    check_beside(path.parent, "put the config.json and the tokenizer's files of its base model beside the checkpoint")
     # Of the name only the part before the digest: the same model under another digest is a new revision.
-    name = SANDBOX if _made_by_sandbox(path) else _PREFIX.sub("", path.name).removesuffix(path.suffix)
+    in_name = _PREFIX.search(path.name)
+    bare = path.name[: in_name.start()] if in_name and digest.startswith(in_name.group(1)) else path.stem
+    name = SANDBOX if _made_by_sandbox(path) else bare
     return Checkpoint(path, name or path.stem, digest)
 
 
@@ -115,14 +123,19 @@ def _fetched(model: Published) -> Checkpoint:
         beside = folder / name
         if not beside.is_file() or (expected and sha256_of(beside) != expected):
             raise MissingModel(f"{beside} is missing or not the published file", hint=f"run `{command}` again")
+    check_beside(folder, f"run `{command}` again")
     return Checkpoint(path, model.name, digest)
 
 
 def _known_digests(path: Path, setting: str | None) -> list[tuple[str, str]]:
     """(who says so, lower-case hex digest or prefix) for a local checkpoint."""
     known = []
-    if setting:
-        known.append(("KB_TOXICITY_SHA256", setting.strip().lower()))
+    words = (setting or "").split()
+    if words:  # a pasted line of sha256sum begins with the digest
+        given = words[0].lower().removeprefix("sha256:")
+        if not _DIGEST.fullmatch(given):
+            raise SettingError("KB_TOXICITY_SHA256 is no sha256", hint=f"give the 64 hex digits that `sha256sum {path.name}` prints")
+        known.append(("KB_TOXICITY_SHA256", given))
     for beside in (path.with_name(path.name + ".sha256"), path.with_suffix(".sha256")):
         if beside.is_file():
             found = _DIGEST.search(beside.read_text(encoding="utf-8", errors="replace"))
@@ -130,7 +143,7 @@ def _known_digests(path: Path, setting: str | None) -> list[tuple[str, str]]:
                 raise MissingModel(f"{beside} holds no sha256", hint=f"write it with `sha256sum {path.name} > {beside.name}`")
             known.append((beside.name, found.group().lower()))
     in_name = _PREFIX.search(path.name)
-    if in_name:
+    if in_name and not known:  # eight digits may as well be a date
         known.append(("the digest in its name", in_name.group(1)))
     return known
 
@@ -144,30 +157,6 @@ def _verify(path: Path, expected: list[tuple[str, str]], what_to_do: str) -> str
                 hint=what_to_do,
             )
     return digest
-
-
-def _need_beside(folder: Path, what_to_do: str) -> None:
-    if not (folder / "config.json").is_file():
-        raise MissingModel(f"there is no config.json in {folder}", hint=what_to_do)
-    if not tokenizer_files(folder):
-        raise MissingModel(f"there is no tokenizer in {folder}", hint=what_to_do)
-
-
-def tokenizer_files(folder: Path) -> list[Path]:
-    """The files of a tokenizer in a model's folder."""
-    names = (
-        "vocab.txt",
-        "tokenizer.json",
-        "vocab.json",
-        "merges.txt",
-        "spiece.model",
-        "sentencepiece.bpe.model",
-        "tokenizer_config.json",
-        "special_tokens_map.json",
-        "added_tokens.json",
-    )
-    found = [folder / name for name in names if (folder / name).is_file()]
-    return found if any(path.name not in ("tokenizer_config.json", "special_tokens_map.json", "merges.txt") for path in found) else []
 
 
 def sha256_of(path: Path) -> str:

@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from kb.annotate.checkpoint import Checkpoint, need_extra, tokenizer_files
+from kb.annotate.beside import tokenizer_files
+from kb.annotate.checkpoint import Checkpoint, need_extra
 from kb.core.errors import MissingModel
 
 WINDOW = 512  # tokens that every published model reads at once
@@ -40,7 +41,9 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
             loaded = torch.load(checkpoint.path, map_location=device, weights_only=False)
             arguments = loaded["config"]["arch"]["args"]
             outputs, classes = int(arguments["num_classes"]), loaded["config"]["dataset"]["args"]["classes"]
-            loaded["state_dict"]
+            # Weights in halves are widened: the graph and its runners compute in fp32.
+            state = {name: value.float() if value.is_floating_point() else value for name, value in loaded["state_dict"].items()}
+            loaded["state_dict"] = state
             if not 0 < len(classes) <= outputs:
                 raise ValueError("classes")
         except Exception as error:  # whatever unpickling a foreign file may raise
@@ -54,12 +57,11 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
                 # Detoxify reads the file itself; it gets what was verified and is read already.
                 with mock.patch.object(source.torch, "load", return_value=loaded):
                     model = source.Detoxify(checkpoint=str(checkpoint.path), device=device, huggingface_config_path=str(folder))
-            except (OSError, ValueError, RuntimeError, KeyError, AttributeError) as error:
-                raise MissingModel(
-                    f"{checkpoint.path} doesn't fit the configuration beside it: {str(error).splitlines()[0]}",
-                    hint="put the config.json and tokenizer of its base model beside it",
-                ) from error
-        _same_weights(model, loaded["state_dict"], checkpoint)
+            except Exception as error:  # whatever a foreign configuration makes transformers raise
+                raise _misfit(checkpoint, _reason(error)) from error
+        if len(model.tokenizer) > model.model.config.vocab_size:
+            raise _misfit(checkpoint, f"the tokenizer has {len(model.tokenizer)} tokens, the model knows {model.model.config.vocab_size}")
+        _same_weights(model, state, checkpoint)
     model.model.eval()
     return model
 
@@ -89,14 +91,26 @@ def _same_weights(model: Any, state: dict[str, Any], checkpoint: Checkpoint) -> 
     """transformers fills a missing weight with random numbers and only warns: that is no model."""
     import torch
 
+    broken = [name for name, value in state.items() if value.is_floating_point() and not bool(torch.isfinite(value).all())]
+    if broken:
+        raise MissingModel(f"{checkpoint.path} is broken: {broken[0]} holds what is no number", hint="get the file again from where it came from")
     own = model.model.state_dict()
     wrong = [name for name in own if name not in state and not name.endswith("position_ids")]
     wrong += [name for name, value in state.items() if name in own and not torch.equal(own[name].cpu(), value.cpu())]
     if wrong:
-        raise MissingModel(
-            f"{checkpoint.path} doesn't fit the configuration beside it: {wrong[0]} differs",
-            hint="put the config.json of its base model beside it",
-        )
+        raise _misfit(checkpoint, f"{wrong[0]} differs")
+
+
+def _reason(error: Exception) -> str:
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    return "its weights have other shapes" if "ignore_mismatched_sizes" in lines[0] else lines[0]
+
+
+def _misfit(checkpoint: Checkpoint, why: str) -> MissingModel:
+    return MissingModel(
+        f"{checkpoint.path} doesn't fit the configuration beside it: {why}",
+        hint="put the config.json and tokenizer of its base model beside it",
+    )
 
 
 @contextlib.contextmanager

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 from kb.annotate.batches import TOKEN_BUDGET, batches
 from kb.annotate.detoxify_model import WINDOW
 from kb.annotate.windows import largest, windows
+from kb.core.errors import MissingModel
 
 DECIMALS = 5
 
@@ -35,8 +36,11 @@ class Meta:
         tokenizer = detoxify.tokenizer
         bare = len(tokenizer("", add_special_tokens=False)["input_ids"])
         marks = tokenizer("")["input_ids"]
-        assert not bare
-        assert len(marks) == 2, "a model with another layout of marks"
+        if bare or len(marks) != 2:
+            raise MissingModel(
+                f"the model's tokenizer puts {len(marks)} marks around a text; models with one before and one after it are known",
+                hint="see `kb models fetch` for models that are",
+            )
         return cls(
             tuple(detoxify.class_names),
             tuple(marks[:1]),

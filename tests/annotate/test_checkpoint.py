@@ -10,10 +10,12 @@ import sys
 
 import pytest
 
+from kb.annotate.backends import open_runner
 from kb.annotate.checkpoint import SANDBOX, find_checkpoint, sha256_of
 from kb.annotate.detoxify_model import load_detoxify
-from kb.core.errors import MissingExtra, MissingModel
+from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.settings import load_settings
+from tests.annotate.made import WORDS, checkpoint_of, make_checkpoint
 
 
 def find(path, **settings):
@@ -67,6 +69,94 @@ def test_every_digest_must_agree(copied):
     digest = sha256_of(copied)
     copied.with_name(copied.name + ".sha256").write_text("0" * 64)
     refused(copied, kb_toxicity_sha256=digest)
+
+
+@pytest.mark.parametrize("given", ["   ", "a", "no digest at all", "0" * 63, "g" * 64])
+def test_a_blank_or_short_setting_is_no_proof(copied, given):
+    """A prefix of one digit fits one file in sixteen: nothing may be unpickled for it."""
+    with pytest.raises((MissingModel, SettingError)) as error:
+        find(copied, kb_toxicity_sha256=given if given != "a" else sha256_of(copied)[:1])
+    assert error.value.exit_code == 2
+    assert "sha256sum" in error.value.hint
+
+
+def test_a_pasted_line_of_sha256sum_is_taken(copied):
+    digest = sha256_of(copied)
+    for given in (f" {digest}  {copied.name}\n", digest.upper(), f"sha256:{digest}"):
+        assert find(copied, kb_toxicity_sha256=given).sha256 == digest
+
+
+def test_a_date_in_the_name_is_no_digest_when_another_one_is_given(copied):
+    digest = sha256_of(copied)
+    dated = copied.rename(copied.with_name("mine-20240115.ckpt"))
+    assert find(dated, kb_toxicity_sha256=digest).sha256 == digest
+    dated.with_name(dated.name + ".sha256").write_text(digest)
+    assert find(dated).sha256 == digest
+    dated.with_name(dated.name + ".sha256").unlink()
+    refused(dated)
+
+
+def test_a_folder_is_named_as_one(copied):
+    assert "names a folder" in str(refused(copied.parent))
+
+
+BESIDE = {
+    "cut configuration": ("config.json", '{"a":', "config.json is no JSON object"),
+    "list as configuration": ("config.json", "[]", "config.json is no JSON object"),
+    "cut options of the tokenizer": ("tokenizer_config.json", '{"a":', "tokenizer_config.json is no JSON object"),
+    "empty vocabulary": ("vocab.txt", "", "[UNK]"),
+    "vocabulary in another code": ("vocab.txt", "[UNK]\nfünf", "UTF-8"),
+    "larger vocabulary": ("vocab.txt", "[UNK]\n" + "x\n" * 9000, "9001 tokens"),
+    "a tokenizer that is none": ("tokenizer.json", "{}", "tokenizer.json is no tokenizer"),
+    "a web page": ("spiece.model", "<!DOCTYPE html><p>log in", "web page"),
+}
+
+
+@pytest.mark.parametrize("case", BESIDE)
+def test_broken_files_beside_it_are_found_before_anything_is_loaded(copied, case):
+    name, held, words = BESIDE[case]
+    (copied.parent / name).write_bytes(held.encode("latin-1"))
+    assert words in str(refused(copied, kb_toxicity_sha256=sha256_of(copied)))
+
+
+def _without_outputs(held):
+    del held["config"]["arch"]["args"]["num_classes"]
+
+
+def _with_more(held):
+    held["config"]["arch"]["args"]["extra"] = 1
+
+
+def _not_a_number(held):
+    held["state_dict"]["classifier.bias"][:] = float("nan")
+
+
+def _too_few_classes(held):
+    held["config"]["dataset"]["args"]["classes"] = []
+
+
+def _another_shape(held):
+    held["state_dict"]["classifier.weight"] = held["state_dict"]["classifier.weight"][:, :-1].clone()
+
+
+@pytest.mark.parametrize("change", [_without_outputs, _with_more, _not_a_number, _too_few_classes, _another_shape])
+def test_a_checkpoint_that_can_not_be_loaded_is_exit_2(tmp_path, change):
+    with pytest.raises(MissingModel) as error:
+        load_detoxify(checkpoint_of(make_checkpoint(tmp_path / "model", change=change)))
+    assert error.value.hint
+    assert "\n" not in str(error.value)
+
+
+def test_weights_in_halves_are_widened(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+    def halve(held):
+        held["state_dict"] = {name: value.half() for name, value in held["state_dict"].items()}
+
+    exact = open_runner(checkpoint_of(make_checkpoint(tmp_path / "exact")))
+    halved = open_runner(checkpoint_of(make_checkpoint(tmp_path / "halved", change=halve)))
+    for row, wanted in zip(halved.score(WORDS), exact.score(WORDS), strict=True):
+        assert row == pytest.approx(wanted, abs=0.01)
 
 
 def test_missing_files_are_named(copied, tmp_path):

@@ -20,7 +20,7 @@ from kb.core.settings import load_settings
 BIG = hashlib.sha256(b"seed").digest() * 100_000  # 3.2 MB
 KEPT = len(BIG) // 2 // PIECE * PIECE  # of a download that is cut in the middle
 SMALL = b'{"model_type": "bert"}'
-VOCAB = b"[PAD]\n"
+VOCAB = b"[PAD]\n[UNK]\n"
 
 
 def digest(data):

@@ -1,0 +1,92 @@
+"""The configuration and the tokenizer beside a checkpoint: whether they can be read and go together.
+
+Looked at before anything is sent or written; whether they go with the weights shows when the model is loaded.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from kb.core.errors import MissingModel
+
+_VOCABULARIES = ("vocab.txt", "tokenizer.json", "vocab.json", "spiece.model", "sentencepiece.bpe.model")
+_OPTIONS = ("merges.txt", "tokenizer_config.json", "special_tokens_map.json", "added_tokens.json")
+
+
+def tokenizer_files(folder: Path) -> list[Path]:
+    """The files of a tokenizer in a model's folder; none when there is no vocabulary among them."""
+    if not any((folder / name).is_file() for name in _VOCABULARIES):
+        return []
+    return [folder / name for name in (*_VOCABULARIES, *_OPTIONS) if (folder / name).is_file()]
+
+
+def check_beside(folder: Path, what_to_do: str) -> None:
+    """Raise MissingModel when configuration or tokenizer are missing, can't be read, or don't go together."""
+    if not (folder / "config.json").is_file():
+        raise MissingModel(f"there is no config.json in {folder}", hint=what_to_do)
+    files = tokenizer_files(folder)
+    if not files:
+        raise MissingModel(f"there is no tokenizer in {folder}", hint=what_to_do)
+    problem = next((found for path in (folder / "config.json", *files) if (found := problem_of(path))), "")
+    if problem:
+        raise MissingModel(f"{folder}: {problem}", hint=what_to_do)
+    rows = _object(folder / "config.json").get("vocab_size")
+    for path in files:
+        largest = _largest_number(path)
+        if isinstance(rows, int) and largest >= rows:
+            raise MissingModel(f"{path} has {largest + 1} tokens, the model of the config.json beside it knows {rows}", hint=what_to_do)
+
+
+def problem_of(path: Path) -> str:
+    """What is wrong with one of the files by its name, in words; "" when nothing is. Binary ones are only looked at."""
+    try:
+        if path.suffix == ".json":
+            held = _object(path)
+            if path.name == "tokenizer.json" and not isinstance(held.get("model"), dict):
+                return "tokenizer.json is no tokenizer"
+            return "vocab.json is empty" if path.name == "vocab.json" and not held else ""
+        if path.suffix == ".txt":
+            return _problem_of_words(path)
+        head = path.read_bytes()[:64].lstrip().lower() if path.is_file() else b""
+    except UnicodeDecodeError:
+        return f"{path.name} is no UTF-8 text"
+    except (ValueError, RecursionError):
+        return f"{path.name} is no JSON object"
+    except OSError as error:
+        return f"{path.name} can't be read: {error.strerror}"
+    return f"{path.name} is empty or a web page" if not head or head.startswith((b"<!doctype", b"<html")) else ""
+
+
+def _problem_of_words(path: Path) -> str:
+    lines = path.read_text(encoding="utf-8").rstrip("\n").split("\n")
+    if lines[0].lstrip().lower().startswith(("<!doctype", "<html")):
+        return f"{path.name} is a web page"
+    if path.name == "vocab.txt" and "[UNK]" not in (line.strip() for line in lines):
+        return "vocab.txt has no token [UNK]"
+    if path.name == "merges.txt" and not any(len(line.split()) == 2 for line in lines if not line.startswith("#version")):
+        return "merges.txt has no pair of tokens"
+    return ""
+
+
+def _object(path: Path) -> dict[str, Any]:
+    held = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(held, dict):
+        raise ValueError(path.name)
+    return held
+
+
+def _largest_number(path: Path) -> int:
+    """The largest token number of a vocabulary file; -1 for files that say none."""
+    if path.name == "vocab.txt":
+        return len(path.read_text(encoding="utf-8").rstrip("\n").split("\n")) - 1
+    if path.name == "vocab.json":
+        return max((number for number in _object(path).values() if isinstance(number, int)), default=-1)
+    if path.name == "tokenizer.json":
+        held = _object(path)
+        names = held["model"].get("vocab") or ()
+        known = [len(names) - 1] if isinstance(names, list) else [number for number in dict(names).values() if isinstance(number, int)]
+        added = [entry.get("id", -1) for entry in held.get("added_tokens") or () if isinstance(entry, dict)]
+        return max((*known, *added), default=-1)
+    return -1
