@@ -39,33 +39,34 @@ def check_beside(folder: Path, what_to_do: str) -> None:
             raise MissingModel(f"{path} has {largest + 1} tokens, the model of the config.json beside it knows {rows}", hint=what_to_do)
 
 
-def problem_of(path: Path) -> str:
-    """What is wrong with one of the files by its name, in words; "" when nothing is. Binary ones are only looked at."""
+def problem_of(path: Path, name: str = "") -> str:
+    """What is wrong with a file that is to be `name`, in words; "" when nothing is. Binary ones are only looked at."""
+    name = name or path.name
     try:
-        if path.suffix == ".json":
+        if name.endswith(".json"):
             held = _object(path)
-            if path.name == "tokenizer.json" and not isinstance(held.get("model"), dict):
+            if name == "tokenizer.json" and not isinstance(held.get("model"), dict):
                 return "tokenizer.json is no tokenizer"
-            return "vocab.json is empty" if path.name == "vocab.json" and not held else ""
-        if path.suffix == ".txt":
-            return _problem_of_words(path)
+            return f"{name} is empty" if not held and name in ("config.json", "vocab.json") else ""
+        if name.endswith(".txt"):
+            return _problem_of_words(path, name)
         head = path.read_bytes()[:64].lstrip().lower() if path.is_file() else b""
     except UnicodeDecodeError:
-        return f"{path.name} is no UTF-8 text"
+        return f"{name} is no UTF-8 text"
     except (ValueError, RecursionError):
-        return f"{path.name} is no JSON object"
+        return f"{name} is no JSON object"
     except OSError as error:
-        return f"{path.name} can't be read: {error.strerror}"
-    return f"{path.name} is empty or a web page" if not head or head.startswith((b"<!doctype", b"<html")) else ""
+        return f"{name} can't be read: {error.strerror}"
+    return f"{name} is empty or a web page" if not head or head.startswith((b"<!doctype", b"<html")) else ""
 
 
-def _problem_of_words(path: Path) -> str:
+def _problem_of_words(path: Path, name: str) -> str:
     lines = path.read_text(encoding="utf-8").rstrip("\n").split("\n")
     if lines[0].lstrip().lower().startswith(("<!doctype", "<html")):
-        return f"{path.name} is a web page"
-    if path.name == "vocab.txt" and "[UNK]" not in (line.strip() for line in lines):
+        return f"{name} is a web page"
+    if name == "vocab.txt" and "[UNK]" not in (line.strip() for line in lines):
         return "vocab.txt has no token [UNK]"
-    if path.name == "merges.txt" and not any(len(line.split()) == 2 for line in lines if not line.startswith("#version")):
+    if name == "merges.txt" and not any(len(line.split()) == 2 for line in lines if not line.startswith("#version")):
         return "merges.txt has no pair of tokens"
     return ""
 

@@ -1,7 +1,8 @@
 """`kb models fetch`: the published checkpoint with its configuration and vocabulary, verified.
 
 A file is downloaded to `.NAME.part` beside its place, goes on there when it was cut off, and takes
-its name only when its sha256 is right. The checkpoint comes last: when it is there, all is.
+its name only when its sha256 is right, or, where none is published, when it is what its name says: a
+network's log-in page answers 200 too. The checkpoint comes last: when it is there, all is.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from kb.annotate.beside import problem_of
 from kb.annotate.checkpoint import models_folder, sha256_of
 from kb.annotate.published import PUBLISHED, Published
 from kb.core import signals
@@ -43,7 +45,7 @@ def fetch(run: Run, name: str = "original", published: Published | None = None, 
     fetched = present = size = 0
     for file, address, digest in published.sources(run.settings.kb_models_endpoint):
         path = folder / file
-        if path.is_file() and (not digest or sha256_of(path).startswith(digest)):
+        if path.is_file() and (sha256_of(path).startswith(digest) if digest else not problem_of(path)):
             present += 1
             continue
         task = run.progress.task(file, None, "bytes")
@@ -61,13 +63,14 @@ def _download(session: Any, address: str, path: Path, digest: str, task: Any) ->
         continued = part.exists()
         attempt(lambda: _receive(session, address, part, task))
         found = sha256_of(part)
-        if found.startswith(digest):
+        problem = "" if digest else problem_of(part, path.name)
+        if found.startswith(digest) and not problem:
             break
         part.unlink()
         # What was continued may have been the beginning of another file: once more from nothing.
         if not (continued and left):
             raise DamagedData(
-                f"{address} is not the published file: its sha256 begins {found[:12]}, not {digest[:12]}; it was deleted",
+                f"{address} is not the published file: {problem or f'its sha256 begins {found[:12]}, not {digest[:12]}'}; it was deleted",
                 hint="try again later or over another network; KB_MODELS_ENDPOINT can name a mirror",
             )
     sync_file(part)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import pytest
 
@@ -200,3 +201,28 @@ def test_what_was_fetched_is_found_and_a_broken_one_names_the_command(run, monke
         find_checkpoint(chosen)
     assert error.value.exit_code == 2
     assert "kb models fetch mine" in error.value.hint
+
+
+PAGE = b"<html>Please log in to the network of this hotel</html>"
+UNPINNED = Published(
+    "unpinned", "v0", MODEL.checkpoint, digest(BIG), "org/base", "abc123", tuple((name, "") for name in ("config.json", "merges.txt", "vocab.txt"))
+)
+
+
+@pytest.mark.parametrize("name", ["config.json", "merges.txt", "vocab.txt"])
+def test_a_log_in_page_is_no_file_of_a_model(host, run, name):
+    """It answers 200, and these files have no published digest."""
+    folder = "/org/base/resolve/abc123/"
+    host.files[f"{folder}merges.txt"] = b"#version: 0.2\na b\n"
+    good = host.files[folder + name]
+    host.files[folder + name] = PAGE
+    with pytest.raises(DamagedData, match=name) as error:
+        fetch(run, published=UNPINNED)
+    assert error.value.exit_code == 1
+    host.files[folder + name] = good
+    # One that an earlier version kept is fetched again.
+    kept = Path(fetch(run, published=UNPINNED)["folder"])
+    (kept / name).write_bytes(PAGE)
+    again = fetch(run, published=UNPINNED)
+    assert (again["fetched"], again["present"]) == (1, 3)
+    assert (kept / name).read_bytes() == good
