@@ -1,7 +1,10 @@
 # The front door. Each target calls the `kb` command of the same name; options go in ARGS="--limit 100".
 # .ci/kb takes exit code 3 (stopped early, resumable) for success, so that targets can be chained.
+# Works from any folder (make -f DIR/Makefile, make -C DIR); .env and data are those of the working folder.
 ARGS ?=
-KB := .ci/kb
+HERE := $(dir $(lastword $(MAKEFILE_LIST)))
+# `exec`, so that no shell stands between make and kb: it would end at SIGTERM and leave kb running.
+KB := exec "$(HERE).ci/kb"
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
@@ -9,9 +12,9 @@ KB := .ci/kb
 	models annotate pairs release report status test bench lock reference
 
 help:               ## this list
-	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/\1|\2/p' Makefile | while IFS='|' read -r n d; do printf '  make %-20s %s\n' "$$n" "$$d"; done
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/\1|\2/p' '$(HERE)Makefile' | while IFS='|' read -r n d; do printf '  make %-20s %s\n' "$$n" "$$d"; done
 setup:              ## make .venv with the locked dependencies, and find a browser
-	@.ci/setup
+	@"$(HERE).ci/setup"
 demo: setup         ## the whole job on invented loopback services: no key, no network, minutes
 	@$(KB) demo $(ARGS)
 youtube-crawl: setup      ## channels by keyword, uploads, metadata, transcripts, as raw JSON
@@ -49,10 +52,10 @@ report: setup             ## figures and one HTML page of what was collected
 status: setup             ## progress, quota, age of the data, what is left
 	@$(KB) status $(ARGS)
 test: setup               ## every test
-	@.ci/test $(ARGS)
+	@"$(HERE).ci/test" $(ARGS)
 bench: setup              ## the benchmarks, as ratios side by side in one run
-	@.ci/bench $(ARGS)
+	@"$(HERE).ci/bench" $(ARGS)
 lock: setup               ## resolve .ci/requirements.lock again (for developers)
-	@.ci/lock
+	@"$(HERE).ci/lock"
 reference: setup          ## write the reference pages again (for developers)
-	@.venv/bin/python -m kb.cli.reference
+	@cd "$(HERE)" && .venv/bin/python -m kb.cli.reference

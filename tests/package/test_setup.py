@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -157,3 +159,73 @@ def test_targets_take_exit_3_for_success_and_pass_others_on(checkout: Path) -> N
         assert done.returncode == wanted
         assert done.stdout.splitlines()[0] == "youtube crawl --limit 5"
         assert "kb: a line" in done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_stopped_make_stops_kb_and_waits_for_it(checkout: Path, number: signal.Signals) -> None:
+    """SIGTERM to make alone, as `kill` and job schedulers send it; SIGINT to all, as a terminal's Ctrl-C."""
+    setup(checkout)
+    kb = checkout / ".venv" / "bin" / "kb"
+    kb.write_text(KB.format(python=sys.executable))
+    kb.chmod(0o755)
+    make = subprocess.Popen(
+        ["make", "youtube-crawl"],
+        cwd=checkout,
+        text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # which this suite may have been told to ignore
+        env={"PATH": str(checkout / "tools")},
+    )
+    assert make.stdin is not None
+    assert make.stdout is not None
+    make.stdin.write("typed\n")
+    make.stdin.flush()
+    assert make.stdout.readline() == "ready typed\n"
+    (os.kill if number == signal.SIGTERM else os.killpg)(make.pid, number)
+    out, err = make.communicate(timeout=30)
+    assert out == f"finished after {number.name}\n", err
+
+
+# A stand-in for kb: at a signal it finishes what it has in hand.
+KB = """#!{python}
+import os, signal, sys, time
+
+def stop(number, frame):
+    time.sleep(0.2)
+    os.write(1, f"finished after {{signal.Signals(number).name}}\\n".encode())
+    os._exit(3)
+
+signal.signal(signal.SIGTERM, stop)
+if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where it is ignored
+    signal.signal(signal.SIGINT, stop)
+os.write(1, b"ready " + sys.stdin.buffer.readline())
+while True:
+    signal.pause()
+"""
+
+
+def test_targets_work_from_another_folder_and_in_it(checkout: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    setup(checkout)
+    kb = checkout / ".venv" / "bin" / "kb"
+    kb.write_text('#!/bin/sh\necho "$PWD: $*"\n')
+    kb.chmod(0o755)
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    for words, line in (
+        (["-f", f"{checkout}/Makefile", "status", "ARGS=--json"], f"{elsewhere}: status --json"),
+        (["-C", str(checkout), "status"], f"{checkout}: status"),
+        (["-f", f"{checkout}/Makefile"], "  make help"),
+    ):
+        done = subprocess.run(
+            ["make", "--no-print-directory", *words],
+            cwd=elsewhere,
+            capture_output=True,
+            text=True,
+            check=False,
+            env={"PATH": str(checkout / "tools")},
+        )
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.startswith(line)
+    assert list(elsewhere.iterdir()) == []
