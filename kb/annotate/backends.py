@@ -11,9 +11,10 @@ from kb.annotate.compiled import can_compile, find_compiled, make_compiled
 from kb.annotate.first_token import shorten
 from kb.annotate.graph import Compiled, graph_runner, installed, int8_runner
 from kb.annotate.runner import Meta, Network, Runner
-from kb.core.errors import MissingExtra, SettingError
+from kb.annotate.scores import PRECISIONS
+from kb.core.errors import MissingExtra, MissingModel, SettingError
 
-PRECISIONS = ("fp32", "bf16", "int8")
+DEVICES = ("auto", "cpu", "cuda")
 # Within this of a threshold a reduced score may fall on the other side; half of it was measured, on random weights.
 REACH = {"fp32": 0.0, "bf16": 0.04, "int8": 0.15}
 
@@ -27,8 +28,6 @@ def open_runner(checkpoint: Checkpoint, precision: str = "fp32", device: str = "
         raise SettingError(f"--precision is {precision!r}", hint=f"allowed: {', '.join(PRECISIONS)}")
     os.environ.setdefault("RAYON_NUM_THREADS", str(threads))  # the tokenizer's own threads
     if device == "cuda":
-        if precision == "int8":
-            raise SettingError("--precision int8 runs on a CPU only", hint="use bf16 on a GPU")
         return torch_runner(checkpoint, precision, device, threads)
     if precision == "bf16":
         return torch_runner(checkpoint, precision, device, threads)
@@ -40,8 +39,30 @@ def open_runner(checkpoint: Checkpoint, precision: str = "fp32", device: str = "
             if runner:
                 return runner
     if precision == "int8":
-        raise MissingExtra("--precision int8 needs onnxruntime and onnx", hint="run `pip install onnxruntime onnx`")
+        need_int8()
+        raise MissingModel(f"{checkpoint.path} can't be scored in int8: its graph can't be made", hint="use bf16 or fp32")
     return torch_runner(checkpoint, precision, device, threads)
+
+
+def check_options(precision: str, device: str, here: bool) -> None:
+    """Raise SettingError or MissingExtra for options that can't work; `here`: this machine does the scoring."""
+    if precision not in PRECISIONS:
+        raise SettingError(f"--precision is {precision!r}", hint=f"allowed: {', '.join(PRECISIONS)}")
+    if device not in DEVICES:
+        raise SettingError(f"--device is {device!r}", hint=f"allowed: {', '.join(DEVICES)}")
+    if precision == "int8" and device == "cuda":
+        raise SettingError("--precision int8 runs on a CPU only", hint="use bf16 on a GPU")
+    if here and precision == "int8":
+        need_int8()
+    if here and device == "cuda":
+        choose_device(device)
+
+
+def need_int8() -> None:
+    """Raise MissingExtra unless the packages that make and run 8-bit weights are installed."""
+    absent = [name for name in ("onnxruntime", "onnx") if not installed(name)]
+    if absent:
+        raise MissingExtra(f"--precision int8 needs {' and '.join(absent)}", hint=f"run `pip install {' '.join(absent)}`")
 
 
 def prepare(checkpoint: Checkpoint) -> Compiled | None:
@@ -64,13 +85,11 @@ def torch_network(model: Any, device: str, precision: str) -> Network:
     return network
 
 
-def choose_device(wanted: str) -> str:
-    """ "cpu" or "cuda" for `--device auto|cpu|cuda`. Raises SettingError when there is no GPU to use."""
+def choose_device(wanted: str, precision: str = "fp32") -> str:
+    """ "cpu" or "cuda" for `--device auto|cpu|cuda` on this machine. Raises SettingError when there is no GPU to use."""
     import shutil
 
-    if wanted not in ("auto", "cpu", "cuda"):
-        raise SettingError(f"--device is {wanted!r}", hint="allowed: auto, cpu, cuda")
-    if wanted == "cpu":
+    if wanted == "cpu" or (wanted == "auto" and precision == "int8"):
         return "cpu"
     # Importing torch takes seconds; without a driver there is nothing to ask it.
     if os.path.exists("/proc/driver/nvidia/version") or shutil.which("nvidia-smi"):

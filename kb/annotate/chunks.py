@@ -32,8 +32,9 @@ class Chunks:
     `texts`: how many came by, equal ones of one look-up counted once.
     """
 
-    def __init__(self, scores: Scores, threshold: float | None, limit: int | None, task: Any) -> None:
+    def __init__(self, scores: Scores, threshold: float | None, limit: int | None, task: Any, least: str | None = None) -> None:
         self._scores, self._threshold, self._limit, self._task = scores, threshold, limit, task
+        self._least = least
         self._given: set[str] = set()
         self._part = FIRST
         self.texts = 0
@@ -72,7 +73,7 @@ class Chunks:
         for found in self._lookups(batches):
             self.texts += len(found)
             hashes = pa.array(found, pa.string())
-            missing = self._scores.missing(hashes, self._threshold, REACH).to_pylist()
+            missing = self._scores.missing(hashes, self._threshold, REACH, self._least).to_pylist()
             self._task.advance(len(missing) - sum(missing))
             for (key, text), wanted in zip(found.items(), missing, strict=True):
                 if not wanted:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 TABLE = "shared/annotations"
 CATEGORIES = ("toxicity", "severe_toxicity", "obscene", "threat", "insult", "identity_attack")
+PRECISIONS = ("fp32", "bf16", "int8")  # the exact one first
 _RANK = "CASE precision WHEN 'fp32' THEN 0 WHEN 'bf16' THEN 1 ELSE 2 END"
 
 
@@ -53,8 +54,11 @@ class Scores:
         con.close()
         return found.cast(pa.schema([*((name, pa.float32()) for name in CATEGORIES), ("precision", pa.string())]))
 
-    def missing(self, hashes: pa.Array, threshold: float | None = None, reach: dict[str, float] | None = None) -> pa.Array:
-        """True for each hash to be scored: it has no score, or a reduced one within reach of the threshold."""
+    def missing(self, hashes: pa.Array, threshold: float | None = None, reach: dict[str, float] | None = None, least: str | None = None) -> pa.Array:
+        """True for each hash to be scored: it has no score, or a reduced one within reach of the threshold.
+
+        `least`: a score of a lower precision than this one counts as none.
+        """
         import pyarrow as pa
         import pyarrow.compute as pc
 
@@ -66,6 +70,8 @@ class Scores:
                 if distance:
                     near = pc.less_equal(pc.abs(pc.subtract(top, pa.scalar(threshold, pa.float32()))), pa.scalar(distance, pa.float32()))
                     wanted = pc.or_(wanted, pc.fill_null(pc.and_(pc.equal(known["precision"], precision), near), False))
+        for precision in PRECISIONS[PRECISIONS.index(least) + 1 :] if least else ():
+            wanted = pc.or_(wanted, pc.fill_null(pc.equal(known["precision"], precision), False))
         return pc.and_(wanted, pc.is_valid(hashes)).combine_chunks() if isinstance(wanted, pa.ChunkedArray) else pc.and_(wanted, pc.is_valid(hashes))
 
     def precisions(self) -> dict[str, int]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kb.annotate.backends import PRECISIONS, choose_device, prepare
+from kb.annotate.backends import check_options, prepare
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
 from kb.annotate.chunks import Chunks
 from kb.annotate.hashes import text_hashes
@@ -23,7 +23,7 @@ from kb.annotate.scores import CATEGORIES, Scores
 from kb.annotate.worker import Job, score_chunk
 from kb.core import signals
 from kb.core.engine import make_executor, map_in_order
-from kb.core.errors import LimitReached, SettingError
+from kb.core.errors import LimitReached
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -59,25 +59,25 @@ class Scorer:
     precision: str = "fp32"
     device: str = "auto"
     threshold: float | None = None
+    least: str | None = None  # scores of a lower precision are computed again
     scores: Scores | None = field(default=None)
 
     @classmethod
-    def open(cls, run: Run, source: str, precision: str = "fp32", device: str = "auto") -> Scorer:
+    def open(cls, run: Run, source: str, precision: str | None = None, device: str = "auto") -> Scorer:
         """Check model, extra, precision and device without loading the model.
 
+        A `precision` that is asked for is the least that a score must have; without one fp32 scores
+        what has no score, and what there is stays.
         Raises MissingExtra, MissingModel, SettingError: all exit 2, before anything is written.
         """
-        if precision not in PRECISIONS:
-            raise SettingError(f"--precision is {precision!r}", hint=f"allowed: {', '.join(PRECISIONS)}")
+        check_options(precision or "fp32", device, here=run.engine == "local")
         toxicity = run.profile.toxicity
         if not toxicity.on:
             return cls(run, source, None)
         need_extra()
         checkpoint = find_checkpoint(run.settings)
-        if device != "auto":
-            choose_device(device)
         scores = Scores(str(run.root / "annotations" / source), checkpoint.model, checkpoint.revision)
-        return cls(run, source, checkpoint, precision, device, toxicity.threshold(source), scores)
+        return cls(run, source, checkpoint, precision or "fp32", device, toxicity.threshold(source), precision, scores)
 
     @property
     def on(self) -> bool:
@@ -129,11 +129,11 @@ class Scorer:
 
     def _annotate(self, batches: Iterable[Any], task: Any) -> Counts:
         assert self.scores is not None
-        chunks = Chunks(self.scores, self.threshold, self.run.limit, task)
-        job = Job(self.checkpoint, self.precision, choose_device(self.device), self._threads(), self.threshold)  # type: ignore[arg-type]
+        chunks = Chunks(self.scores, self.threshold, self.run.limit, task, self.least)
+        job = Job(self.checkpoint, self.precision, self.device, self._threads(), self.threshold)  # type: ignore[arg-type]
         local = self.run.engine == "local"
         # On one machine the threads are inside the model: one copy of it, whatever the number of cores.
-        if not local and job.device == "cpu" and job.precision != "bf16":
+        if not local and job.device != "cuda" and job.precision != "bf16":
             prepare(job.checkpoint)  # once here, not by every worker at the same time
         with make_executor(self.run.engine, 1 if local else self.run.workers, self.run.scheduler) as executor:
             waiting: list[list[str]] = []
@@ -169,7 +169,7 @@ def check(run: Run, source: str) -> str:
     return f"{checkpoint.model}@{checkpoint.revision}" if checkpoint else ""
 
 
-def annotate(run: Run, source: str, texts: Iterable[Any], precision: str = "fp32", device: str = "auto") -> Counts:
+def annotate(run: Run, source: str, texts: Iterable[Any], precision: str | None = None, device: str = "auto") -> Counts:
     """Score what has no score yet of the batches `texts`, each distinct text once. See `Scorer`."""
     return Scorer.open(run, source, precision, device).annotate(texts)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-from kb.annotate.backends import REACH, Runner, open_runner
+from kb.annotate.backends import REACH, Runner, choose_device, open_runner
 from kb.annotate.checkpoint import Checkpoint
 from kb.core import clock, signals
 
@@ -16,7 +16,10 @@ _ONE = threading.Lock()  # one chunk at a time in a process
 
 
 class Job(NamedTuple):
-    """How a worker is to score; what it loads is kept for the next task. `threads` 0: as many as the worker has."""
+    """How a worker is to score; what it loads is kept for the next task.
+
+    `threads` 0: as many as the worker has. `device` "auto" is the worker's own GPU, where it has one.
+    """
 
     checkpoint: Checkpoint
     precision: str
@@ -33,6 +36,7 @@ def score_chunk(job: Job, texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _score_chunk(job: Job, texts: Sequence[str]) -> dict[str, Any]:
+    job = job._replace(device=_device(job.device, job.precision))
     runner = _runner(job.checkpoint, job.precision, job.device, job.threads)
     start, before = clock.monotonic(), runner.tokens
 
@@ -67,6 +71,11 @@ def _worker_threads() -> int:
         return get_worker().state.nthreads
     except ValueError:  # not on a worker
         return 1
+
+
+@cache
+def _device(wanted: str, precision: str) -> str:
+    return choose_device(wanted, precision)
 
 
 @cache

@@ -33,20 +33,24 @@ class Device(StrEnum):
 
 
 PrecisionOption = Annotated[
-    Precision,
-    typer.Option("--precision", help="Reduced ones are faster, recorded with the scores, and exact again near the threshold."),
+    Precision | None,
+    typer.Option(
+        "--precision",
+        help="Reduced ones are faster, recorded with the scores, and exact again near the threshold."
+        " When given, scores of a lower one are computed again; default for new scores: fp32.",
+    ),
 ]
 DeviceOption = Annotated[Device, typer.Option("--device", help="Where the model runs; auto takes a GPU when there is one.")]
 
 
-def _annotate(run: Run, source: str, precision: Precision, device: Device) -> Summary:
+def _annotate(run: Run, source: str, precision: Precision | None, device: Device) -> Summary:
     from kb.annotate.toxicity import Scorer
     from kb.core.errors import KbError
     from kb.core.verdict import Summary
     from kb.filters.clean import texts
 
     run.profile.section(source)
-    scorer = Scorer.open(run, source, str(precision), str(device))
+    scorer = Scorer.open(run, source, precision and str(precision), str(device))
     if not scorer.on:
         return Summary(source=source, toxicity="off in the profile", scored=0)
     try:
@@ -67,13 +71,13 @@ def _annotate(run: Run, source: str, precision: Precision, device: Device) -> Su
 
 
 @command(app, examples=["kb annotate youtube                     titles and descriptions"])
-def youtube(run: Run, precision: PrecisionOption = Precision.fp32, device: DeviceOption = Device.auto) -> Summary:
+def youtube(run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto) -> Summary:
     """Score titles and descriptions of crawled videos."""
     return _annotate(run, "youtube", precision, device)
 
 
 @command(app, examples=["kb annotate wiki                        each page's visible text"])
-def wiki(run: Run, precision: PrecisionOption = Precision.fp32, device: DeviceOption = Device.auto) -> Summary:
+def wiki(run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto) -> Summary:
     """Score the text of crawled wiki pages."""
     return _annotate(run, "wiki", precision, device)
 
@@ -85,6 +89,6 @@ def wiki(run: Run, precision: PrecisionOption = Precision.fp32, device: DeviceOp
         "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
     ],
 )
-def reddit(run: Run, precision: PrecisionOption = Precision.fp32, device: DeviceOption = Device.auto) -> Summary:
+def reddit(run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto) -> Summary:
     """Score titles, bodies and comments."""
     return _annotate(run, "reddit", precision, device)

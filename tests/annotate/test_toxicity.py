@@ -13,7 +13,7 @@ from kb.annotate.hashes import text_hashes
 from kb.annotate.scores import CATEGORIES, Scores
 from kb.annotate.toxicity import Scorer
 from kb.core import signals
-from kb.core.errors import Interrupted, LimitReached, SettingError
+from kb.core.errors import Interrupted, LimitReached, MissingExtra, SettingError
 from kb.core.progress import SilentTask
 
 TEXTS = [
@@ -208,6 +208,32 @@ def test_reduced_precision_is_recorded_and_exact_near_the_threshold(make_run, ch
     assert Scorer.open(again, "reddit").lookup(text_hashes(pa.array([TEXTS[other]])))["precision"].to_pylist() == ["fp32"]
 
 
+def test_a_precision_that_is_asked_for_is_the_least_a_score_may_have(make_run):
+    run = make_run()
+    Scorer.open(run, "reddit", precision="bf16").annotate([TEXTS])
+    assert Scorer.open(run, "reddit").annotate([TEXTS]).scored == 0, "without one, what there is stays"
+    assert Scorer.open(run, "reddit", precision="bf16").annotate([TEXTS]).scored == 0
+    assert Scorer.open(run, "reddit", precision="fp32").annotate([TEXTS]).scored == len(TEXTS)
+    assert set(Scorer.open(run, "reddit").lookup(text_hashes(pa.array(TEXTS)))["precision"].to_pylist()) == {"fp32"}
+    assert Scorer.open(run, "reddit", precision="bf16").annotate([TEXTS]).scored == 0, "better ones stay as well"
+
+
+def test_packages_of_int8_are_looked_for_before_anything_is_read(make_run, monkeypatch):
+    run = make_run()
+    monkeypatch.setattr(backends, "installed", lambda name: name != "onnx")
+    with pytest.raises(MissingExtra) as error:
+        Scorer.open(run, "reddit", precision="int8")
+    assert "onnx" in error.value.hint
+    assert not run.root.exists()
+
+
+def test_where_a_cluster_scores_is_decided_by_its_workers(make_run):
+    """This machine may have no GPU where the workers have one."""
+    Scorer.open(make_run(engine="dask"), "reddit", device="cuda")
+    with pytest.raises(SettingError):
+        Scorer.open(make_run(engine="dask"), "reddit", device="tpu")
+
+
 def test_int8_is_near_enough(checkpoint):
     pytest.importorskip("onnxruntime")
     exact = backends.open_runner(checkpoint).score(TEXTS)
@@ -215,7 +241,10 @@ def test_int8_is_near_enough(checkpoint):
     assert max(abs(a - b) for x, y in zip(exact, reduced, strict=True) for a, b in zip(x, y, strict=True)) < backends.REACH["int8"]
 
 
-@pytest.mark.parametrize(("options", "words"), [({"precision": "fp8"}, "fp32, bf16, int8"), ({"device": "tpu"}, "auto, cpu, cuda")])
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [({"precision": "fp8"}, "fp32, bf16, int8"), ({"device": "tpu"}, "auto, cpu, cuda"), ({"precision": "int8", "device": "cuda"}, "bf16")],
+)
 def test_wrong_options_are_exit_2(make_run, options, words):
     with pytest.raises(SettingError) as error:
         Scorer.open(make_run(), "reddit", **options)
