@@ -7,10 +7,11 @@ import sys
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
+from kb.cli.answer import as_csv, as_json, as_table
 from kb.cli.command import command, group
 
 if TYPE_CHECKING:
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
     from kb.cli.options import Options
 
 app = group("SQL over the tables of the data root, by DuckDB.")
-
-_TABLE_ROWS = 100  # rows shown by --format table
-_CELL = 60  # characters of a cell shown by --format table
 
 
 class Format(StrEnum):
@@ -54,7 +52,8 @@ def query(
     """Run SQL over the data root's tables.
 
     Schemas clean and release hold one view a table (clean.reddit_posts, release.youtube_videos);
-    the bare name is the clean one where it exists, else the released one.
+    the bare name is the clean one where it exists, else the released one. --limit N gives the
+    first N rows, with exit code 0.
     """
     from kb.core.errors import UsageError
     from kb.schema import views
@@ -63,6 +62,8 @@ def query(
         raise UsageError("give a query, or --tables", hint='for example: kb query "FROM youtube_videos LIMIT 5"')
     if format == Format.parquet and out is None and sys.stdout.isatty():
         raise UsageError("Parquet is no text for a terminal", hint="add --out FILE, or redirect stdout")
+    if out is not None and out.is_dir():
+        raise UsageError(f"--out {out} is a folder", hint="name a file in it")
     run = options.make_run()
     if options.json and format == Format.table:
         format = Format.json
@@ -71,9 +72,10 @@ def query(
             catalog = views.catalog(run.root)
             if not catalog:
                 run.progress.say(f"no tables in {run.root} yet: run a crawl and its filter first, or `kb demo`")
-            _write(_listing(catalog), format, out)
+            answer = _listing(catalog)
         else:
-            _write(views.select(db, sql or ""), format, out)
+            answer = views.select(db, sql or "", root=run.root, text=format != Format.parquet)
+        _write(_first(answer, options.limit) if options.limit else answer, format, out)
 
 
 def _listing(catalog: list[tuple[str, str, int, str]]) -> pa.RecordBatchReader:
@@ -86,127 +88,53 @@ def _listing(catalog: list[tuple[str, str, int, str]]) -> pa.RecordBatchReader:
     return table.to_reader()
 
 
+def _first(answer: pa.RecordBatchReader, rows: int) -> pa.RecordBatchReader:
+    import pyarrow as pa
+
+    def batches() -> Iterator[pa.RecordBatch]:
+        left = rows
+        for batch in answer:
+            yield batch.slice(0, left)
+            left -= batch.num_rows
+            if left <= 0:
+                return
+
+    return pa.RecordBatchReader.from_batches(answer.schema, batches())
+
+
 def _write(answer: pa.RecordBatchReader, format: Format, out: Path | None) -> None:
     if format == Format.parquet:
-        _write_parquet(answer, out)
+        if out is None:
+            _write_parquet(answer, sys.stdout.buffer)
+        else:
+            with _opened(out) as path, path.open("wb") as file:
+                _write_parquet(answer, file)
         return
-    lines = {Format.table: as_table, Format.csv: _as_csv, Format.json: _as_json}[format](answer)
+    lines = {Format.table: as_table, Format.csv: as_csv, Format.json: as_json}[format](answer)
     if out is None:
         sys.stdout.writelines(lines)
         sys.stdout.flush()
         return
-    from kb.store.atomic import writing
-
-    with writing(out) as path, path.open("w", encoding="utf-8") as file:
+    with _opened(out) as path, path.open("w", encoding="utf-8") as file:
         file.writelines(lines)
 
 
-def _write_parquet(answer: pa.RecordBatchReader, out: Path | None) -> None:
+def _write_parquet(answer: pa.RecordBatchReader, file: IO[bytes]) -> None:
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    if out is None:
-        with pq.ParquetWriter(sys.stdout.buffer, answer.schema, compression="zstd") as writer:
+    from kb.core.errors import UsageError
+
+    try:
+        with pq.ParquetWriter(file, answer.schema, compression="zstd") as writer:
             for batch in answer:
                 writer.write_batch(batch)
-        return
+    except pa.ArrowNotImplementedError as error:
+        raise UsageError(f"Parquet can't hold a column of this answer: {error}", hint="cast it to text: NAME::VARCHAR") from None
+
+
+def _opened(out: Path) -> contextlib.AbstractContextManager[Path]:
+    """Where to write: a device or pipe as it is, a file as a whole that takes its place (that of what a link points to)."""
     from kb.store.atomic import writing
 
-    with writing(out) as path, pq.ParquetWriter(path, answer.schema, compression="zstd") as writer:
-        for batch in answer:
-            writer.write_batch(batch)
-
-
-def _rows(answer: pa.RecordBatchReader) -> Iterator[list[Any]]:
-    for batch in answer:
-        yield from zip(*(column.to_pylist() for column in batch.columns), strict=True)
-
-
-def as_table(answer: pa.RecordBatchReader) -> Iterator[str]:
-    """Aligned columns; long values are cut and rows beyond a hundred counted, and it says so."""
-    head = answer.schema.names
-    shown, total = [], 0
-    for row in _rows(answer):
-        total += 1
-        if total <= _TABLE_ROWS:
-            shown.append([_cell(value) for value in row])
-    numeric = [_is_number(field.type) for field in answer.schema]
-    widths = [max(len(name), *(len(row[i]) for row in shown)) if shown else len(name) for i, name in enumerate(head)]
-    for cells in (head, ["-" * width for width in widths], *shown):
-        yield (
-            "  ".join(cell.rjust(width) if right else cell.ljust(width) for cell, width, right in zip(cells, widths, numeric, strict=True)).rstrip()
-            + "\n"
-        )
-    if total > len(shown):
-        yield f"... {total:,} rows in all; --format csv prints every one\n"
-
-
-def _is_number(kind: pa.DataType) -> bool:
-    import pyarrow.types as types
-
-    return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return ""
-    text = " ".join(_text(value).split())
-    return text if len(text) <= _CELL else text[: _CELL - 1] + "…"
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}" if abs(value) < 1e6 else f"{value:.0f}"
-    if isinstance(value, (dict, list)):
-        return _dump(value)
-    return str(_plain(value))
-
-
-def _as_csv(answer: pa.RecordBatchReader) -> Iterator[str]:
-    import csv
-    import io
-
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(answer.schema.names)
-    for row in _rows(answer):
-        writer.writerow([_dump(value) if isinstance(value, (dict, list)) else _plain(value) for value in row])
-        if buffer.tell() > 1 << 16:
-            yield buffer.getvalue()
-            buffer.seek(0)
-            buffer.truncate()
-    yield buffer.getvalue()
-
-
-def _as_json(answer: pa.RecordBatchReader) -> Iterator[str]:
-    """One array of objects, in one line."""
-    names = answer.schema.names
-    before = "["
-    for row in _rows(answer):
-        yield before + _dump(dict(zip(names, row, strict=True)))
-        before = ","
-    yield "[]\n" if before == "[" else "]\n"
-
-
-def _dump(value: Any) -> str:
-    import orjson
-
-    return orjson.dumps(value, default=_as_number_or_text, option=orjson.OPT_UTC_Z | orjson.OPT_NON_STR_KEYS).decode()
-
-
-def _as_number_or_text(value: Any) -> Any:
-    """Sums of integers and literals with a point are decimals in DuckDB."""
-    from decimal import Decimal
-
-    if isinstance(value, Decimal):
-        return int(value) if value == value.to_integral_value() else float(value)
-    return str(value)
-
-
-def _plain(value: Any) -> Any:
-    """Times as in the data, 2026-11-20T12:00:00Z."""
-    from datetime import datetime
-
-    if isinstance(value, datetime):
-        text = value.isoformat()
-        return text.removesuffix("+00:00") + "Z" if text.endswith("+00:00") else text
-    return value
+    return contextlib.nullcontext(out) if out.exists() and not out.is_file() else writing(out.resolve())

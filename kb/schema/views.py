@@ -12,8 +12,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from kb.core.errors import DamagedData, UsageError
+from kb.core.errors import DamagedData, FatalError, KbError, UsageError
+from kb.schema import statements
 from kb.schema.tables import Table, table, tables
+from kb.store.reading import broken, escaped, reading, scan
 
 if TYPE_CHECKING:
     import duckdb
@@ -65,9 +67,9 @@ def views(con: duckdb.DuckDBPyConnection, root: Path) -> list[View]:
     con.execute("CREATE SCHEMA IF NOT EXISTS clean")
     con.execute("CREATE SCHEMA IF NOT EXISTS release")
     for view in made:
-        files = ", ".join(_literal(path) for path in view.files)
         try:
-            con.execute(f"CREATE OR REPLACE VIEW {view.schema}.{view.name} AS SELECT * FROM read_parquet([{files}])")
+            with reading(view.files):
+                con.execute(f"CREATE OR REPLACE VIEW {view.schema}.{view.name} AS SELECT * FROM {scan(view.files)}")
         except duckdb.Error as error:
             raise DamagedData(f"{view.files[0].parent}: {one_line(error)}", hint="run filter or export again") from None
     return made
@@ -82,7 +84,7 @@ def connect(root: Path) -> duckdb.DuckDBPyConnection:
     made = views(con, root)
     con.execute("SET search_path = 'clean,release'")
     folders = {f"{view.files[0].parent}/" for view in made}
-    allowed = sorted(folders | {_escaped(folder) for folder in folders})  # the pattern is checked, then the file
+    allowed = sorted(folders | {escaped(folder) for folder in folders})  # the pattern is checked, then the file
     con.execute(f"SET allowed_directories = [{', '.join(_quoted(folder) for folder in allowed)}]")
     con.execute("SET enable_external_access = false")
     con.execute("SET lock_configuration = true")
@@ -90,45 +92,64 @@ def connect(root: Path) -> duckdb.DuckDBPyConnection:
 
 
 def catalog(root: Path) -> list[tuple[str, str, int, str]]:
-    """(schema, view, rows, description) of every view that has files."""
-    import pyarrow as pa
+    """(schema, view, rows, description) of every view that has files. Raises DamagedData."""
     import pyarrow.parquet as pq
 
     listing = []
     for view in found(root):
-        try:
+        with reading(view.files):
             rows = sum(pq.read_metadata(path).num_rows for path in view.files)
-        except pa.ArrowInvalid as error:
-            what = f"{view.files[0].parent}: {str(error).splitlines()[0]}"
-            raise DamagedData(what, hint="run filter or export again") from None
         listing.append((view.schema, view.name, rows, view.declared.doc))
     return sorted(listing)
 
 
-def select(con: duckdb.DuckDBPyConnection, sql: str) -> pa.RecordBatchReader:
-    """Runs one query over the views and streams its rows.
+def select(con: duckdb.DuckDBPyConnection, sql: str, *, root: Path | None = None, text: bool = False) -> pa.RecordBatchReader:
+    """Runs one query over the views and streams its rows; columns of one name become a, a_1, a_2.
 
-    Raises UsageError in one line for what is wrong with it (with DuckDB's own guess, or the names
-    there are), and for anything that is no query.
+    What Arrow can't hold (intervals, bits) comes as text, with `text` bytes too. Raises UsageError in
+    one line for what is wrong with it (with DuckDB's own guess, or the names there are), and for
+    anything that is no query; DamagedData for a file of `root` that can't be read. Both may come
+    while rows are read.
     """
     import duckdb
+    import pyarrow as pa
 
     try:
-        statements = con.extract_statements(sql)
-        if len(statements) != 1:
-            raise UsageError(f"{len(statements)} statements; kb query runs one")
-        kind = statements[0].type
-        if kind not in (duckdb.StatementType.SELECT, duckdb.StatementType.EXPLAIN):
-            hint = "SELECT, FROM, DESCRIBE and SUMMARIZE work"
-            raise UsageError(f"{kind.name} is no query: kb query only reads", hint=hint)
+        statements.check(con, sql)
         relation = con.sql(sql)
-        return relation.to_arrow_reader(10_000)
+        cast = statements.casts(relation, text=text)
+        reader = (relation.query("answer", cast) if cast else relation).to_arrow_reader(10_000)
     except duckdb.CatalogException as error:
         raise UsageError(one_line(error), hint=_names(con)) from None
     except duckdb.Error as error:
-        if isinstance(error, duckdb.IOException):
-            raise DamagedData(one_line(error)) from None
-        raise UsageError(one_line(error), hint="`kb query --tables` lists the views") from None
+        raise _problem(error, root) from None
+    names = statements.distinct(reader.schema.names)
+    schema = pa.schema([field.with_name(name) for field, name in zip(reader.schema, names, strict=True)])
+    return pa.RecordBatchReader.from_batches(schema, _batches(reader, names, root))
+
+
+def _batches(reader: pa.RecordBatchReader, names: list[str], root: Path | None) -> Iterator[pa.RecordBatch]:
+    import pyarrow as pa
+
+    try:
+        for batch in reader:
+            yield batch.rename_columns(names)
+    except (pa.ArrowException, OSError) as error:  # what DuckDB raises becomes an OSError without a number on its way
+        raise _problem(error, root) from None
+
+
+def _problem(error: Exception, root: Path | None) -> KbError:
+    """What to say of a query that DuckDB gave up: a file is damaged, or the query is wrong."""
+    line = one_line(error)
+    files = [path for view in found(root.absolute()) for path in view.files] if root else []
+    named = [path for path in files if str(path) in str(error)]
+    # A wrong query has a kind ("Binder Error: …"); what a reader of Parquet stumbles over has none.
+    about_files = line.startswith(("IO Error: ", "Invalid Error: ")) or not re.match(r"[A-Z][\w -]* Error: ", line)
+    if (named or about_files) and (damage := broken(named or files)):
+        return damage
+    if line.startswith("Out of Memory Error: "):
+        return FatalError(line, hint="ask for less at a time")
+    return DamagedData(line) if line.startswith("IO Error: ") else UsageError(line, hint="`kb query --tables` lists the views")
 
 
 def one_line(error: Exception) -> str:
@@ -147,12 +168,3 @@ def _names(con: duckdb.DuckDBPyConnection) -> str:
 
 def _quoted(text: object) -> str:
     return "'" + str(text).replace("'", "''") + "'"
-
-
-def _literal(path: Path) -> str:
-    """A path as DuckDB reads it: a name may hold what would be a pattern."""
-    return _quoted(_escaped(str(path)))
-
-
-def _escaped(path: str) -> str:
-    return re.sub(r"([*?\[])", r"[\1]", path)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import subprocess
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import duckdb
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -98,6 +100,8 @@ def test_views_of_the_data_root(kb: Any, root: Path) -> None:
         ("DROP VIEW clean.youtube_rejected", ["only reads"]),
         ("COPY (SELECT 1) TO 'x.csv'", ["only reads"]),
         ("SELECT 'x'::INT", ["x"]),
+        ("SELECT CASE WHEN range > 90000 THEN error('late') ELSE range::VARCHAR END AS x FROM range(100000)", ["late"]),
+        ("SELECT [DATE 'infinity'] AS x", ["column x", "x::VARCHAR"]),
     ],
 )
 def test_a_wrong_query_is_one_line_and_exit_2(kb: Any, root: Path, tmp_path: Path, sql: str, words: list[str]) -> None:
@@ -111,10 +115,93 @@ def test_a_wrong_query_is_one_line_and_exit_2(kb: Any, root: Path, tmp_path: Pat
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.parametrize("format", ["csv", "json", "parquet"])
+def test_a_mistake_in_a_late_row_is_one_line_and_exit_2(kb: Any, tmp_path: Path, format: str) -> None:
+    late = "SELECT CASE WHEN range > 90000 THEN error('late') ELSE range::VARCHAR END AS x FROM range(100000)"
+    answer = kb("query", late, "--format", format, "--out", "answer")
+    assert (answer.returncode, answer.stderr.count("\n")) == (2, 1)
+    assert "Invalid Input Error: late" in answer.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_columns_of_one_name_are_all_there(kb: Any, tmp_path: Path) -> None:
+    sql = "SELECT 1 AS a, 2 AS a, 3 AS a_1 UNION ALL SELECT 4, 5, 6"
+    assert kb("query", sql, "--format", "json").stdout == '[{"a":1,"a_1":2,"a_1_1":3},{"a":4,"a_1":5,"a_1_1":6}]\n'
+    assert kb("query", sql, "--format", "csv").stdout == "a,a_1,a_1_1\n1,2,3\n4,5,6\n"
+    kb("query", sql, "--format", "parquet", "--out", "answer.parquet")
+    assert pq.read_table(tmp_path / "answer.parquet").to_pylist()[0] == {"a": 1, "a_1": 2, "a_1_1": 3}
+
+
+# What Python, JSON or Arrow have no value for.
+ODD = (
+    "SELECT INTERVAL 3 DAY AS i, 170141183460469231731687303715884105727::HUGEINT AS h, DATE 'infinity' AS d, DATE '20000-01-02' AS far,"
+    " TIMESTAMP '-infinity' AS t, TIMESTAMPTZ '20000-01-02 03:04:05.5+00' AS z, 'ab'::BLOB AS b, true AS yes, {'x y': [INTERVAL 1 DAY]} AS s,"
+    " MAP {'k': '101'::BIT} AS m, TIMESTAMP_NS '2026-01-02 03:04:05.123456789' AS n"
+)
+
+
+def test_values_of_every_kind_as_text(kb: Any) -> None:
+    (row,) = json.loads(kb("query", ODD, "--format", "json").stdout)
+    assert row == {
+        "i": "3 days",
+        "h": 2**127 - 1,
+        "d": "infinity",
+        "far": "20000-01-02",
+        "t": "-infinity",
+        "z": "20000-01-02T03:04:05.500000Z",
+        "b": "ab",
+        "yes": True,
+        "s": {"x y": ["1 day"]},
+        "m": [["k", "101"]],
+        "n": "2026-01-02T03:04:05.123456789",
+    }
+    assert kb("query", ODD, "--format", "csv").stdout.splitlines()[1] == (
+        "3 days,170141183460469231731687303715884105727,infinity,20000-01-02,-infinity,20000-01-02T03:04:05.500000Z,ab,true,"
+        '"{""x y"":[""1 day""]}","[[""k"",""101""]]",2026-01-02T03:04:05.123456789'
+    )
+    assert "20000-01-02T03:04:05.500000Z" in kb("query", ODD).stdout
+
+
+def test_values_of_every_kind_as_parquet(kb: Any, tmp_path: Path) -> None:
+    assert kb("query", ODD, "--format", "parquet", "--out", "answer.parquet").returncode == 0
+    read = duckdb.connect().execute(f"SELECT i, h, d = 'infinity', far::VARCHAR, b, s, m FROM '{tmp_path}/answer.parquet'").fetchone()
+    assert read == ("3 days", 2**127 - 1, True, "20000-01-02", b"ab", {"x y": ["1 day"]}, {"k": "101"})
+
+
+def test_limit_gives_the_first_rows(kb: Any, root: Path) -> None:
+    answer = kb("query", "SELECT range AS n FROM range(50000)", "--limit", "2", "--format", "csv")
+    assert (answer.returncode, answer.stdout) == (0, "n\n0\n1\n")
+    assert json.loads(kb("query", "SELECT 1 AS n", "--limit", "2", "--json").stdout) == [{"n": 1}]
+
+
+def test_out_names_a_file_a_link_or_a_pipe(kb: Any, tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    answer = kb("query", "SELECT 1 AS n", "--out", "folder")
+    assert (answer.returncode, answer.stderr) == (2, "kb: --out folder is a folder; name a file in it\n")
+    (tmp_path / "link").symlink_to("there.csv")
+    (tmp_path / "there.csv").touch()
+    assert kb("query", "SELECT 1 AS n", "--out", "link", "--format", "csv").returncode == 0
+    assert (tmp_path / "there.csv").read_text() == "n\n1\n"
+    assert (tmp_path / "link").is_symlink()
+    os.mkfifo(tmp_path / "pipe")
+    with subprocess.Popen(["cat", "pipe"], cwd=tmp_path, stdout=subprocess.PIPE, text=True) as cat:
+        assert kb("query", "SELECT 2 AS n", "--out", "pipe", "--format", "csv").returncode == 0
+        assert cat.communicate()[0] == "n\n2\n"
+    assert (tmp_path / "pipe").is_fifo()
+
+
+@pytest.mark.parametrize("arguments", [("query", "SELECT 1"), ("query", "--tables"), ("status",)])
+def test_a_root_that_is_not_there_stays_so(kb: Any, tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    answer = kb(*arguments, "--data", "nowhere")
+    assert answer.returncode == 0
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_damaged_file_is_named(kb: Any, root: Path) -> None:
     file = root / "clean" / "youtube" / "rejected" / "part-0.parquet"
     file.write_bytes(file.read_bytes()[:100])
     answer = kb("query", "FROM youtube_rejected")
     assert answer.returncode == 1
-    assert "clean/youtube/rejected" in answer.stderr
+    assert f"{file} can't be read" in answer.stderr
+    assert "run `kb youtube filter` again" in answer.stderr
     assert answer.stderr.count("\n") == 1

@@ -97,14 +97,46 @@ def test_a_mistake_is_one_line_with_a_hint(root: Path, sql: str, said: str, hint
         "EXPORT DATABASE '{tmp}/x'",
         "PRAGMA database_list",
         "SELECT * FROM glob('/etc/*')",
+        "COPY (PIVOT youtube_videos ON view_count USING count(*)) TO '{root}/clean/youtube/videos/x.parquet'",
+        "CREATE TABLE t AS PIVOT youtube_videos ON view_count USING count(*)",
+        "EXPLAIN ANALYZE COPY (SELECT 1) TO '{root}/clean/youtube/videos/x.parquet'",
+        "/* é */ EXPLAIN (ANALYZE, FORMAT JSON) COPY (SELECT 1) TO '{root}/clean/youtube/videos/x.parquet'",
+        "EXPLAIN ANALYZE COPY (PIVOT youtube_videos ON view_count USING count(*)) TO '{root}/clean/youtube/videos/x.parquet'",
     ],
 )
 def test_nothing_but_reading_the_tables(root: Path, tmp_path: Path, sql: str, make_rows) -> None:  # type: ignore[no-untyped-def]
     write_table(tmp_path / "other.parquet", make_rows("shared/failed", 1), "shared/failed")
     before = sorted(tmp_path.rglob("*"))
     with pytest.raises(UsageError):
-        rows(root, sql.format(tmp=tmp_path))
+        rows(root, sql.format(tmp=tmp_path, root=str(root).replace("'", "''")))
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "PIVOT youtube_rejected ON stage USING count(*)",
+        "-- how many\nWITH p AS (PIVOT youtube_rejected ON stage USING count(*)) FROM p",
+        "(FROM (PIVOT youtube_rejected ON stage USING count(*)))",
+        "EXPLAIN SELECT 1",
+        "EXPLAIN (ANALYZE, FORMAT JSON) PIVOT youtube_rejected ON stage USING count(*)",
+        "SUMMARIZE youtube_rejected",
+        "DESCRIBE PIVOT youtube_rejected ON stage USING count(*)",
+        "PIVOT (SELECT stage, INTERVAL 1 DAY AS i FROM youtube_rejected) ON stage USING max(i)",
+        "VALUES (1)",
+    ],
+)
+def test_whatever_only_reads(root: Path, sql: str) -> None:
+    assert rows(root, sql)
+
+
+def test_pages_that_are_broken_name_their_file_also_while_rows_stream(root: Path) -> None:
+    file = root / "clean/youtube/videos/part-00001.parquet"
+    data = bytearray(file.read_bytes())
+    data[4:200] = b"\xff" * 196
+    file.write_bytes(data)
+    with views.connect(root) as con, pytest.raises(DamagedData, match=r"part-00001\.parquet can't be read"):
+        views.select(con, "FROM clean.youtube_videos", root=root).read_all()
 
 
 def test_an_empty_root_says_what_to_do(tmp_path: Path) -> None:

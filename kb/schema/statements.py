@@ -1,0 +1,110 @@
+"""What `kb query` may run, and what Arrow and text can hold of its answer."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from kb.core.errors import UsageError
+
+if TYPE_CHECKING:
+    import duckdb
+    import duckdb.sqltypes
+
+_READS = {"select", "from", "with", "values", "(", "pivot", "pivot_wider", "describe", "summarize"}
+# DuckDB's names of types that Arrow or Parquet lacks, or holds as bytes of DuckDB's own.
+_NO_ARROW = {"interval", "bit", "uhugeint", "bignum", "time with time zone", "union", "variant", "geometry", "tuple"}
+
+
+def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
+    """Raises UsageError for anything but one query, and what DuckDB raises for what it can't parse."""
+    import duckdb
+
+    kinds = duckdb.StatementType
+    statements = con.extract_statements(sql)
+    if len(statements) != 1:
+        raise UsageError(f"{len(statements)} statements; kb query runs one")
+    kind = statements[0].type
+    words = _words(sql)
+    at, first = next(words, (0, ""))
+    # DuckDB splits what holds a PIVOT without its list of values; COPY and CREATE may hold one as well.
+    if kind == kinds.SELECT or (kind == kinds.MULTI and first in _READS):
+        return
+    if kind in (kinds.EXPLAIN, kinds.MULTI) and first == "explain":  # EXPLAIN ANALYZE runs what it explains
+        at, word = next(words, (0, ""))
+        if word == "analyze":
+            at, word = next(words, (0, ""))
+        if word == "(":
+            while word not in (")", ""):
+                at, word = next(words, (0, ""))
+            at, word = next(words, (0, ""))
+        if at:
+            check(con, sql.encode()[at:].decode())
+            return
+    name = first.upper() if kind == kinds.MULTI else kind.name
+    raise UsageError(f"{name} is no query: kb query only reads", hint="SELECT, FROM, PIVOT, DESCRIBE and SUMMARIZE work")
+
+
+def _words(sql: str) -> Iterator[tuple[int, str]]:
+    """(offset in bytes, word in lower case) of each token that is no comment."""
+    import duckdb
+
+    raw = sql.encode()
+    for at, kind in duckdb.tokenize(sql):
+        found = re.match(rb"\w+|.", raw[at:], re.DOTALL)
+        if found and kind != duckdb.token_type.comment:
+            yield at, found[0].decode(errors="replace").lower()
+
+
+def casts(relation: duckdb.DuckDBPyRelation, *, text: bool) -> str | None:
+    """What to select of a relation `answer` so that Arrow can hold it; None when it can already.
+
+    `text`: bytes as well are given as text, as for CSV and JSON.
+    """
+    wanted = {*_NO_ARROW, "blob"} if text else _NO_ARROW
+    if not any(_has(kind, wanted) for kind in relation.types):
+        return None
+    columns = []
+    for name, kind in zip(distinct(relation.columns), relation.types, strict=True):
+        quoted = _quoted(name)
+        columns.append(f"CAST({quoted} AS {_held(kind, wanted)}) AS {quoted}" if _has(kind, wanted) else quoted)
+    return f"SELECT {', '.join(columns)} FROM answer"
+
+
+def distinct(names: Sequence[str]) -> list[str]:
+    """Names of columns without doubles, told apart as DuckDB does it: a, a_1, a_2."""
+    taken: set[str] = set()
+    found = []
+    for name in names:
+        new, number = name, 0
+        while new.lower() in taken:
+            number += 1
+            new = f"{name}_{number}"
+        taken.add(new.lower())
+        found.append(new)
+    return found
+
+
+def _has(kind: duckdb.sqltypes.DuckDBPyType, wanted: set[str]) -> bool:
+    if kind.id in wanted:
+        return True
+    return kind.id in ("list", "array", "struct", "map") and any(_has(child, wanted) for name, child in kind.children if name != "size")
+
+
+def _held(kind: duckdb.sqltypes.DuckDBPyType, wanted: set[str]) -> str:
+    """The type in SQL with text for what is in `wanted`."""
+    if kind.id in wanted:
+        return "VARCHAR"
+    if not _has(kind, wanted):
+        return str(kind)
+    children = dict(kind.children)
+    if kind.id in ("list", "array"):
+        return f"{_held(children['child'], wanted)}[{children.get('size', '')}]"
+    if kind.id == "map":
+        return f"MAP({_held(children['key'], wanted)}, {_held(children['value'], wanted)})"
+    return f"STRUCT({', '.join(f'{_quoted(name)} {_held(child, wanted)}' for name, child in children.items())})"
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"'
