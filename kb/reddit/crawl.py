@@ -231,7 +231,10 @@ class Crawl:
         except Retryable as error:
             self._failed(kind, [item.key], error)
             return
-        self.at.record("comments", endpoint, {**params, **about}, status, answer)
+        try:
+            self.at.record("comments", endpoint, {**params, **about}, status, answer)
+        except RecursionError:  # a caller that is deep in calls itself; nothing was written yet
+            self._failed(kind, [item.key], Retryable(f"an answer nested too deep to be read at {endpoint}"))
 
     def _more(self, post: str, keys: list[str]) -> None:
         data = {"link_id": f"t3_{post}", "children": ",".join(keys), "api_type": "json", "sort": "old", "raw_json": 1}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import pyarrow.parquet as pq
@@ -166,3 +167,24 @@ def test_an_answer_too_deep_to_be_read_is_a_post_that_failed(few: Work) -> None:
     deep = '[{"kind": "Listing", "data": {"children": ' * 300 + "[]" + "}}]" * 300
     few.sandbox.faults.add(f"^/comments/{key}/", status=200, body=deep, times=None)
     assert few.crawl()["failed"] == 1
+
+
+def test_a_hundred_and_ninety_replies_below_each_other_are_read(few: Work) -> None:
+    key = list(few.world.posts)[4]
+    front = []  # in pieces, as a writer of JSON has the same limit
+    for number in range(190):
+        parent = f"t1_n{number - 1}" if number else f"t3_{key}"
+        front.append(
+            json.dumps(listing(comment(f"n{number}", link_id=f"t3_{key}", parent_id=parent))).replace(
+                '"created_utc"', '"replies": REST, "created_utc"'
+            )
+        )
+    text = '""'
+    for piece in reversed(front):
+        text = piece.replace("REST", text)
+    few.sandbox.faults.add(f"^/comments/{key}/", status=200, body=f"[{json.dumps(listing(post(key)))}, {text}]", times=None)
+    job = few.job()
+    assert job.done("reddit", "crawl", "--quiet")["failed"] == 0
+    job.done("reddit", "filter", "--quiet")
+    depths = {row["comment_id"]: row["depth"] for row in few.table("clean", "reddit", "comments")}
+    assert [depths.get(f"n{number}") for number in range(190)] == list(range(190))
