@@ -19,7 +19,6 @@ from kb.filters.predicates import AtLeast, AtMost, In, NotIn, NotTrue, Predicate
 from kb.reddit import parse
 from kb.reddit.assemble import HELPERS, assemble
 from kb.reddit.state import gave_up
-from kb.store.buckets import Kind
 
 THERE = (NotTrue("missing", stage="missing", reason="missing"), In("state", ("there",), stage="missing"))
 GONE = ("deleted", "removed")
@@ -33,6 +32,7 @@ def posts(p: Profile) -> tuple[Predicate, ...]:
         Present("created_utc", stage="missing"),
         NotIn("gone", GONE, stage="removed"),
         Present("title", stage="removed"),
+        Present("over_18", stage="nsfw"),
         NotTrue("over_18", stage="nsfw", reason="over_18"),
         AtLeast("score", p.reddit.min_score, stage="score"),
         *toxic(p, POST),
@@ -62,7 +62,7 @@ def clean(p: Profile) -> Clean:
     """Raw answers, live ones and dumps, to clean posts and comments."""
     return Clean(
         source="reddit",
-        kinds={of: Kind(partial(parse.rows, kind=of, links=p.reddit.links), key=("fullname", "state"), bucket="post_id") for of in parse.KINDS},
+        kinds={of: parse.raw_kind(of, p.reddit.links) for of in parse.KINDS},
         assemble=assemble,
         chains=(
             Chain("reddit/posts", "post_id", posts(p), prefix="t3_", scores=POST, helpers=HELPERS),

@@ -79,11 +79,15 @@ def _differs(names: pa.Array) -> pa.Array:
 
 def _named(rows: pa.Table) -> pa.Table:
     """The columns that both tables share: `missing`, `score_source`, and the text as `body`."""
+    import pyarrow as pa
     import pyarrow.compute as pc
 
     state = rows["state"]
     rows = rows.append_column("missing", pc.equal(state, "missing"))
+    # What has no id has no state either: why is in its problems.
+    rows = rows.set_column(rows.column_names.index("state"), "state", pc.if_else(pc.equal(state, "unknown"), pa.scalar(None, pa.string()), state))
     rows = rows.append_column("score_source", pc.if_else(rows["live"], "live", "dump"))
+    rows = rows.drop_columns(["dump"])
     return rows.rename_columns(["body" if name == "text" else name for name in rows.column_names])
 
 

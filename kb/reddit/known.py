@@ -23,7 +23,7 @@ from kb.store.atomic import full_disk_is_resumable
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_READ = ("fullname", "post_id", "state", "fetched_at", "live", "gone")
+_READ = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "dump")
 
 
 class Known:
@@ -107,7 +107,7 @@ def reduce(folder: str, number: int) -> None:
     rows = pa.concat_tables(parts)
     # As in assemble: the later kind wins where two are as old, so that both tell the same. Segments stand in
     # the order of the kinds; nulls first, as an answer that doesn't say when it was read is older than any that does.
-    by = ["fullname", "fetched_at", "_segment", "_at"]
+    by = ["fullname", "fetched_at", "live", "dump", "_segment", "_at"]
     rows = rows.take(pc.sort_indices(rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by]))
     # An answer that only says that a comment is gone may not say of which post it was; an older one does.
     rows = rows.set_column(1, "post_id", pc.if_else(pc.equal(rows["post_id"], ""), pa.scalar(None, pa.string()), rows["post_id"]))

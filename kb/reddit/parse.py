@@ -11,6 +11,7 @@ import html
 import json
 from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -20,6 +21,7 @@ from kb.core.profile.reddit import Links
 from kb.reddit import tree
 from kb.reddit.dumps import retrieved
 from kb.reddit.types import is_crosspost, link_classifier, poll_options, post_type, removal
+from kb.store.buckets import Kind
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -29,6 +31,11 @@ KINDS = ("dumps", "info", "listings", "comments", "morechildren")
 _ENTITIES = ("title", "selftext", "body", "url", "url_overridden_by_dest")
 
 Row = dict[str, Any]
+
+
+def raw_kind(kind: str, links: Links) -> Kind:
+    """How one raw kind becomes rows; of records of dumps that are as old, or don't say, the later dump's counts."""
+    return Kind(partial(rows, kind=kind, links=links), key=("fullname", "state"), bucket="post_id", then="dump")
 
 
 def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
@@ -71,10 +78,11 @@ class Reader:
         known = {row["fullname"] for row in found}
         asked = asked_for(self._kind, params, status)
         found += [_row(name, post, "missing") for name, post in asked if name not in known]
+        dump = "" if self._live else f"{envelope['request']['endpoint']}/{params.get('offset', 0):020d}"
         for row in found:
-            # A dump's envelope holds records that were read at different times.
-            row.setdefault("fetched_at", fetched_at)
-            row["live"] = self._live
+            # A dump's envelope holds records that were read at different times; each says it itself, or nobody knows.
+            row["fetched_at"] = fetched_at if self._live else row.pop("retrieved", None)
+            row["live"], row["dump"] = self._live, dump
         return found
 
     def _things(self, response: Any, about: str) -> Iterator[Row]:
@@ -99,7 +107,7 @@ class Reader:
             "source_url": url,
             "is_crosspost": is_crosspost(data),
             "poll_options": poll_options(data),
-            "over_18": data.get("over_18") is True,
+            "over_18": _flag(row, data, "over_18"),
             "title": _text(row, data, "title", needed=True),
             "text": _text(row, data, "selftext") or None,
             "num_comments": _integer(row, data, "num_comments"),
@@ -151,6 +159,7 @@ def schema() -> pa.Schema:
             ("state", text),
             ("fetched_at", pa.timestamp("us", "UTC")),
             ("live", flag),
+            ("dump", text),
             ("type", text),
             ("link_kind", text),
             ("source_url", text),
@@ -213,8 +222,7 @@ def _identified(kind: str, data: dict[str, Any]) -> tuple[Row, str]:
 def _common(row: Row, data: dict[str, Any]) -> Row:
     gone = removal(data)
     author = data.get("author")
-    if "retrieved_on" in data or "retrieved_utc" in data:
-        row["fetched_at"] = _retrieved(data)
+    row["retrieved"] = _retrieved(data)
     row |= {
         "score": _integer(row, data, "score"),
         "created_utc": _integer(row, data, "created_utc"),
@@ -249,10 +257,28 @@ def _integer(row: Row, data: dict[str, Any], name: str) -> int | None:
     return None
 
 
+def _flag(row: Row, data: dict[str, Any], name: str) -> bool | None:
+    """Yes or no, also as 1 and 0 or as words. Dumps of every year say whether a post is for adults: absent is not no."""
+    value = data.get(name)
+    if value is None or isinstance(value, bool):
+        return value
+    said = str(value).lower()
+    if isinstance(value, (int, str)) and said in ("1", "0", "true", "false"):
+        return said in ("1", "true")
+    row["found"].append((name, "malformed", str(value)[:200]))
+    return None
+
+
 def _ratio(row: Row, data: dict[str, Any]) -> float | None:
     value = data.get("upvote_ratio")
-    if value is None or (isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value <= 1):
-        return None if value is None else float(value)
+    if value is None:
+        return None
+    if isinstance(value, (int, float, str)) and not isinstance(value, bool):
+        try:
+            if 0 <= float(value) <= 1:
+                return float(value)
+        except (ValueError, OverflowError):
+            pass
     row["found"].append(("upvote_ratio", "malformed", str(value)[:200]))
     return None
 

@@ -69,10 +69,18 @@ def post_type(post: Post, classify: Callable[[str], str]) -> tuple[str, str | No
         return "poll", None, None
     if true.get("is_self") or url is None or _is_own_page(true, url):
         return "text", None, None
-    if "reddit.com/gallery/" in url:
+    if "reddit.com/gallery/" in url or url.startswith("/gallery/"):
         return "gallery", None, url
+    if true is post and _shows_parents_page(post, url):
+        # Of a crosspost whose parent isn't told: the address of a text is its page.
+        return "text", None, None
     kind = "video" if true.get("is_video") else classify(url)
     return _KINDS[kind], kind, url
+
+
+def _shows_parents_page(post: Post, url: str) -> bool:
+    parent = post.get("crosspost_parent")
+    return isinstance(parent, str) and bool(parent) and f"/comments/{parent.removeprefix('t3_')}/" in f"{url}/"
 
 
 def _is_own_page(post: Post, url: str) -> bool:

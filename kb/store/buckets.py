@@ -34,7 +34,7 @@ LOOKED_AT = 20  # envelopes of a segment that are all searched for unknown keys;
 class Kind:
     """A raw kind: how its lines become rows, which key names a record, which column decides its bucket.
 
-    Of several rows with one key the newest stays (`fetched_at`, then place in the raw log); with
+    Of several rows with one key the newest stays (`fetched_at`, then the column `then`, then place in the raw log); with
     `prefer` (a boolean column) a row where it is true beats one where it is not. Everything that is
     joined must share its bucket, so `bucket` is the same thing in all kinds (a video's id).
 
@@ -49,6 +49,7 @@ class Kind:
     prefer: str = ""
     named_by: tuple[str, str] = ("", "")
     echo: str = ""
+    then: str = ""
 
 
 def how_many(size: int) -> int:
@@ -162,7 +163,7 @@ def newest(folder: Path, kind: Kind, wanted: pa.Array | None = None) -> tuple[pa
         part = _read(path, kind, wanted)
         parts.append(part.append_column("_segment", pa.repeat(pa.scalar(number, pa.int32()), part.num_rows)))
     rows = pa.concat_tables(parts)
-    by = [*kind.key, *([kind.prefer] if kind.prefer else []), "fetched_at", "_segment", "_at"]
+    by = [*kind.key, *([kind.prefer] if kind.prefer else []), "fetched_at", *([kind.then] if kind.then else []), "_segment", "_at"]
     # nulls first: an answer that doesn't say when it was read is older than any that does
     order = pc.sort_indices(rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by])
     keys = [rows.column(name).take(order).combine_chunks() for name in kind.key]

@@ -7,7 +7,16 @@ from typing import Any
 
 from kb.store.rawlog import Envelope, Request, Segment, encode, folder
 
-MADE = {"created_utc": 1_700_000_000, "title": "a title", "selftext": "", "is_self": True, "score": 9, "num_comments": 0, "author": "0" * 32}
+MADE = {
+    "created_utc": 1_700_000_000,
+    "title": "a title",
+    "selftext": "",
+    "is_self": True,
+    "over_18": False,
+    "score": 9,
+    "num_comments": 0,
+    "author": "0" * 32,
+}
 SAID = {"created_utc": 1_700_000_000, "body": "words", "score": 1, "author": "1" * 32, "link_id": "t3_good", "parent_id": "t3_good"}
 
 

@@ -24,12 +24,20 @@ POSTS = [  # the post, then stage, reason, value, threshold; None: kept
     (post("odd", score="many"), ("score", "malformed", "many", "5")),
     (post("txt", score="12"), None),
     (post("adult", over_18=True), ("nsfw", "over_18", None, None)),
+    (post("adult1", over_18=1), ("nsfw", "over_18", None, None)),
+    (post("adultword", over_18="True"), ("nsfw", "over_18", None, None)),
+    (post("child0", over_18=0), None),
+    (post("childword", over_18="false"), None),
+    (post("nobodysays", over_18="LEFT OUT"), ("nsfw", "absent", None, None)),
+    (post("nullsays", over_18=None), ("nsfw", "absent", None, None)),
+    (post("perhaps", over_18="maybe"), ("nsfw", "malformed", "maybe", None)),
     (post("del", selftext="[deleted]", removed_by_category="deleted"), ("removed", "deleted", None, None)),
     (post("mod", selftext="[removed]", removed_by_category="moderator"), ("removed", "removed", None, None)),
     (post("untitled", title="LEFT OUT"), ("removed", "absent", None, None)),
     (post("undated", created_utc="LEFT OUT"), ("missing", "absent", None, None)),
     (post("baddate", created_utc="yesterday"), ("missing", "malformed", "yesterday", None)),
 ]
+NAMELESS = (post("", id="LEFT OUT"), post("", id=123456))
 COMMENTS = [
     (comment("c_good"), None),
     (comment("c_reply", parent_id="t1_c_del"), None),
@@ -50,7 +58,7 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> Work:
         patch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
         work = Work(sandbox, tmp_path_factory.mktemp("judged"))
         stub = {"kind": "more", "data": {"id": "c_more", "children": ["c_more"], "parent_id": "t3_good", "count": 1}}
-        write(work.root, "listings", {}, listing(*(thing for thing, _ in POSTS)))
+        write(work.root, "listings", {}, listing(*(thing for thing, _ in POSTS), *NAMELESS))
         write(work.root, "comments", {"article": "good"}, [listing(*(thing for thing, _ in COMMENTS), stub)])
         write(work.root, "info", {"id": "t3_gone,t1_c_gone", "posts": ["gone", "good"]}, listing())
         work.filtered = work.filter()
@@ -82,10 +90,20 @@ def test_each_row_gets_its_verdict(judged: Work, thing: dict[str, Any], expected
             assert row["threshold"] == threshold
 
 
+@pytest.mark.parametrize(("reason", "value"), [("absent", None), ("malformed", "123456")])
+def test_what_has_no_readable_id_says_so(judged: Work, reason: str, value: str | None) -> None:
+    found = [row for row in judged.table("clean", "reddit", "rejected") if row["key"].startswith("t3_unknown-")]
+    assert [(row["stage"], row["value"]) for row in found if row["reason"] == reason] == [("missing", value)]
+
+
 def test_a_stub_that_was_not_resolved_waits(judged: Work) -> None:
     assert judged.table("clean", "reddit", "pending") == [{"key": "t1_c_more", "reason": "more"}]
     summary = judged.filtered
-    assert summary["crawled"] == len(POSTS) + len(COMMENTS) + 3 == summary["kept"] + summary["rejected"] + summary["failed"] + summary["pending"]
+    assert (
+        summary["crawled"]
+        == len(POSTS) + len(NAMELESS) + len(COMMENTS) + 3
+        == summary["kept"] + summary["rejected"] + summary["failed"] + summary["pending"]
+    )
 
 
 def test_depth_counts_deleted_ancestors_too(judged: Work) -> None:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import pytest
@@ -16,12 +17,15 @@ from hypothesis import strategies as some
 
 from kb.core.errors import LimitReached, SettingError
 from kb.core.profile import load_profile
+from kb.core.profile.toxicity import Toxicity
 from kb.core.progress import Plain
+from kb.filters.clean import run_clean
 from kb.reddit import parse, places
 from kb.reddit.dumps import CHECKED, Chunk, Search
 from kb.reddit.importing import Job, import_dumps, import_file
 from kb.store import rawlog, tombstones
 from tests.reddit.dumped import imported, post, run_in, write
+from tests.reddit.work import rows as read_rows
 
 
 def rows(root):
@@ -152,6 +156,26 @@ def test_fields_of_old_dumps(tmp_path):
     assert first["fetched_at"] == "2011-03-14T07:06:40Z"
     # a dump that doesn't say when it was read
     assert (found["t1_c1"]["text"], found["t1_c1"]["fetched_at"], found["t1_c1"]["live"]) == ("yes & no", None, False)
+
+
+def test_each_record_has_its_own_date_of_reading_or_none(tmp_path):
+    never = {"retrieved_on": None}
+    import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [post("n1", **never), post("n2", retrieved_on=1_600_000_000, upvote_ratio="0.95")])])
+    found = {row["post_id"]: row for row in rows(tmp_path)}
+    assert (found["n1"]["fetched_at"], found["n2"]["fetched_at"]) == (None, "2020-09-13T12:26:40Z")
+    assert (found["n2"]["upvote_ratio"], found["n2"]["found"]) == (0.95, [])
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_where_no_date_is_said_the_later_dump_counts_in_whatever_order_they_came(tmp_path, order):
+    early = write(tmp_path / "RS_2020-01.zst", [post("a", score=10, retrieved_on=None), post("a", score=11, retrieved_on=None)])
+    late = write(tmp_path / "RS_2024-01.zst", [post("a", score=98, retrieved_on=None), *[post("b")] * 300, post("a", score=99, retrieved_on=None)])
+    for dump in (early, late)[::order]:
+        import_dumps(run_in(tmp_path), [dump])
+    profile = load_profile("minecraft")
+    profile = profile.model_copy(update={"toxicity": Toxicity(toxicity="off")})
+    assert run_clean(replace(run_in(tmp_path), profile=profile), "reddit")["duplicates"] == 302
+    assert [(row["post_id"], row["score"]) for row in read_rows(tmp_path / "clean" / "reddit" / "posts")] == [("a", 99), ("b", 7)]
 
 
 def test_emoji_right_to_left_nul_and_lone_surrogates(tmp_path):

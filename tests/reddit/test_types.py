@@ -30,6 +30,9 @@ CLASSIFY = link_classifier(load_profile("minecraft").section("reddit").links)
         ("https://www.youtube.com/watch?v=abc", "video"),
         ("https://youtu.be/abc", "video"),
         ("https://m.youtube.com/shorts/abc", "video"),
+        ("https://music.youtube.com/watch?v=abc", "video"),
+        ("https://www.youtube-nocookie.com/embed/abc", "video"),
+        ("https://youtube.com/clip/Ugkabc", "video"),
         ("https://example.org/film.mp4", "video"),
         ("https://www.youtube.com/@somebody", "general"),
         ("https://www.youtube.com/", "general"),
@@ -68,6 +71,9 @@ FILM = {"is_self": False, "is_video": True, "url": "https://v.redd.it/x"}
         ({"url": "/r/M/comments/a/t/", "crosspost_parent_list": [SELF]}, ("text", None, None)),
         ({"url": "https://a.org/x", "crosspost_parent_list": []}, ("link", "general", "https://a.org/x")),
         ({"url": "https://a.org/x", "crosspost_parent": "t3_gone"}, ("link", "general", "https://a.org/x")),
+        ({"url": "/gallery/gone", "crosspost_parent": "t3_gone"}, ("gallery", None, "/gallery/gone")),
+        ({"url": "/r/M/comments/gone/t/", "crosspost_parent": "t3_gone"}, ("text", None, None)),
+        ({"url": "https://www.reddit.com/r/M/comments/b/t/"}, ("link", "general", "https://www.reddit.com/r/M/comments/b/t/")),
     ],
 )
 def test_types(post: dict[str, Any], expected: tuple[str, str | None, str | None]) -> None:
