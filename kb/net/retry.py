@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from email.utils import parsedate_to_datetime
 from typing import TypeVar
 
@@ -21,14 +21,15 @@ Result = TypeVar("Result")
 TRIES = 5
 FIRST_S, LONGEST_S = 0.5, 60.0
 PATIENCE_S = 300.0  # a longer Retry-After is no hiccup: the run stops and goes on another time
+ADVICE_S = 3600.0  # when to come back to a service that blocks us and names no time
 
 
-def attempt(call: Callable[[], Result], *, tries: int = TRIES, patience: float = PATIENCE_S) -> Result:
+def attempt(call: Callable[[], Result], *, tries: int = TRIES, patience: float = PATIENCE_S, sleep: Callable[[float], None] | None = None) -> Result:
     """The result of `call`, tried again while it raises Retryable, at most `tries` times in all.
 
     After the last try: Unreachable when there was no connection, else the Retryable itself (the item failed
     and the next run tries it again). Raises Blocked when the service asks to wait longer than `patience` seconds,
-    or turns every try away (429).
+    or turns every try away (429). `sleep` waits between the tries instead of the clock's, and may raise.
     """
     import tenacity
 
@@ -36,14 +37,14 @@ def attempt(call: Callable[[], Result], *, tries: int = TRIES, patience: float =
         error = state.outcome.exception() if state.outcome else None
         after = getattr(error, "after", None)
         if after is not None and after > patience:
-            raise Blocked(f"the service asks to wait {after:.0f} s ({error})", hint="run the same command later, or add --wait", after=after)
+            raise blocked(f"the service asks to wait {after:.0f} s ({error})", after)
         return backoff(state.attempt_number, after)
 
     retrying = tenacity.Retrying(
         stop=tenacity.stop_after_attempt(tries),
         retry=tenacity.retry_if_exception_type(Retryable),
         wait=wait,
-        sleep=clock.sleep,
+        sleep=sleep or clock.sleep,
         reraise=True,
     )
     try:
@@ -54,12 +55,21 @@ def attempt(call: Callable[[], Result], *, tries: int = TRIES, patience: float =
                 f"no connection after {tries} tries: {error.reason}", hint="check the network; the same command goes on where it stopped"
             ) from error
         if error.throttled:
-            raise Blocked(
-                f"the service turns us away {tries} times in a row ({error})",
-                hint="run the same command later, or add --wait",
-                after=error.after or patience,
-            ) from error
+            stop = blocked(f"the service turns us away {tries} times in a row ({error})", error.after, waited=patience > PATIENCE_S)
+            stop.after = error.after or min(patience, PATIENCE_S)
+            raise stop from error
         raise
+
+
+def blocked(what: str, after: float | None = None, *, waited: bool = False) -> Blocked:
+    """The error for a service that turns us away, with the time to come back: in `after` seconds, if it said so.
+
+    `waited`: to wait for that did not help, or would not.
+    """
+    back = clock.stamp(clock.now() + timedelta(seconds=min(after or ADVICE_S, 1e9)))
+    if after:
+        return Blocked(what, hint=f"run the same command after {back}" + ("" if waited else ", or add --wait"), after=after)
+    return Blocked(what, hint=f"it names no time; run the same command after {back}, or from another address")
 
 
 def backoff(number: int, after: float | None = None) -> float:

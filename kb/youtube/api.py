@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import http.client
 import json
+import math
 from typing import Any
 
-from kb.core.errors import Retryable
+from kb.core import clock
+from kb.core.errors import Blocked, Retryable, Unreachable
 from kb.core.profile.youtube import YouTube
 from kb.core.settings import Settings
 from kb.net.client import TIMEOUT_S, user_agent
-from kb.net.retry import attempt, retry_after
+from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
 from kb.store.frontier import Frontier
 from kb.youtube import quota
 from kb.youtube.errors import meaning
 
 GOOGLE = "https://youtube.googleapis.com"
+BLOCKED = "api_blocked"  # cursor: since when the API turns us away
+HOPELESS = 3  # so many requests failed one after the other: the service is down, not the item
 
 
 class Api:
-    """The calls that a crawl makes. Not for several threads at once (httplib2 is not thread-safe)."""
+    """The calls that a crawl makes. Not for several threads at once (httplib2 is not thread-safe).
 
-    def __init__(self, settings: Settings, profile: YouTube, frontier: Frontier) -> None:
+    With `wait` it sleeps however long the service asks for.
+    """
+
+    def __init__(self, settings: Settings, profile: YouTube, frontier: Frontier, *, wait: bool = False) -> None:
         import httplib2
         from googleapiclient.discovery import build
 
@@ -38,6 +45,9 @@ class Api:
         )
         self._agent = user_agent(settings.kb_contact)
         self._profile, self._frontier = profile, frontier
+        self._patience = math.inf if wait else PATIENCE_S
+        self._wait, self._blocked = wait, frontier.cursor(BLOCKED) is not None
+        self._bad_luck = 0
 
     def search(self, **params: Any) -> dict[str, Any]:
         """search.list: the one call of the search bucket."""
@@ -56,8 +66,35 @@ class Api:
         self._service.close()
 
     def _call(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
+        """The answer, after several tries. Raises Unreachable instead of Retryable when nothing goes well any more."""
         request.headers["user-agent"] = self._agent
-        return attempt(lambda: self._once(bucket, endpoint, request), tries=self._profile.max_tries)
+        try:
+            answer = attempt(lambda: self._probe(bucket, endpoint, request), tries=self._profile.max_tries, patience=self._patience)
+        except Retryable as error:
+            self._bad_luck += 1
+            if self._bad_luck >= HOPELESS:
+                raise Unreachable(
+                    f"{error.reason}; {HOPELESS} requests failed one after the other",
+                    hint="the service seems to be down; the same command goes on",
+                ) from error
+            raise
+        except Blocked:
+            self._frontier.set_cursor(BLOCKED, clock.stamp())
+            raise
+        self._bad_luck = 0
+        if self._blocked:
+            self._blocked = False
+            self._frontier.set_cursor(BLOCKED, None)
+        return answer
+
+    def _probe(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
+        """One try; after a block the first one decides whether it still stands."""
+        try:
+            return self._once(bucket, endpoint, request)
+        except Retryable as error:
+            if self._blocked and error.throttled and not self._wait:
+                raise blocked(f"the YouTube API still turns us away ({error})", error.after) from None
+            raise
 
     def _once(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
         import httplib2
@@ -70,7 +107,8 @@ class Api:
         except HttpError as error:
             # Never the client's own text: it holds the URL, and so the key.
             self._frontier.outcome(row, str(error.resp.status))
-            raise meaning(int(error.resp.status), _json(error.content), bucket, retry_after(error.resp.get("retry-after"))) from None
+            after = retry_after(error.resp.get("retry-after"), error.resp.get("date"))
+            raise meaning(int(error.resp.status), _json(error.content), bucket, after) from None
         except (httplib2.HttpLib2Error, http.client.HTTPException, OSError, ValueError) as error:
             self._frontier.outcome(row, type(error).__name__)
             raise Retryable(f"{type(error).__name__} at {endpoint}", unreachable=not isinstance(error, ValueError)) from None

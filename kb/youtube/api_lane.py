@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from kb.core import clock, signals
-from kb.core.errors import ItemFinal, QuotaSpent, Retryable, Unreachable
+from kb.core.errors import ItemFinal, QuotaSpent, Retryable
 from kb.store.frontier import Item
 from kb.youtube import effects, parse
 from kb.youtube.api import Api
@@ -15,7 +15,6 @@ from kb.youtube.job import PACK, Job
 
 PARTS = "snippet,contentDetails,statistics,status,player"
 FRAME = {"maxWidth": 1920, "maxHeight": 1080}  # of the embed: its shape is the video's
-HOPELESS = 3  # so many requests failed one after the other: the service is down, not the item
 ASKED = {SEARCHES, UPLOADS, VIDEOS}
 
 
@@ -25,15 +24,14 @@ class ApiLane:
     def __init__(self, job: Job, wake: Callable[[], None]) -> None:
         self.job, self.frontier, self._wake = job, job.frontier, wake
         self._phases = job.phases & ASKED
-        self._bad_luck = 0
 
     def work(self) -> None:
-        """Until nothing is left to ask. Raises QuotaSpent, LimitReached, Unreachable and what the API's client raises."""
+        """Until nothing is left to ask. Raises QuotaSpent, LimitReached and what the API's client raises."""
         if not self._phases:
             return
         spent: dict[str, QuotaSpent] = {}  # by phase: what to say in the end
         if any(self.frontier.ready(kind) for kind in self._phases):
-            api = Api(self.job.run.settings, self.job.profile, self.frontier)
+            api = Api(self.job.run.settings, self.job.profile, self.frontier, wait=self.job.run.wait)
             try:
                 self._ask_all(api, spent)
             finally:
@@ -72,7 +70,7 @@ class ApiLane:
     def _search(self, api: Api) -> None:
         (item,) = self.frontier.take(SEARCHES, 1)
         if item.payload["page"] > self.job.profile.search_pages:
-            self.frontier.skip(SEARCHES, item.key, "beyond search_pages")
+            self.frontier.skip(SEARCHES, item.key, effects.BEYOND)
             return
         params = {"q": item.payload["q"], "type": "channel", "part": "snippet", "maxResults": PACK, **_page(item)}
         answer = self._ask([item], lambda: api.search(**params))
@@ -89,7 +87,7 @@ class ApiLane:
             **_page(item),
         }
         try:
-            answer = self._ask([item], lambda: api.playlist_items(**params), final=False)
+            answer = self._ask([item], lambda: api.playlist_items(**params), facts=True)
         except ItemFinal as fact:
             if fact.reason != "not_found":
                 self.frontier.skip(UPLOADS, item.key, fact.reason)
@@ -118,28 +116,18 @@ class ApiLane:
             self.job.spend_room(n)
         self.job.show(phase, unit, n)
 
-    def _ask(self, items: list[Item], call: Callable[[], dict[str, Any]], *, final: bool = True) -> dict[str, Any] | None:
-        """The answer; None when the items failed. What stops the run gives them back first."""
+    def _ask(self, items: list[Item], call: Callable[[], dict[str, Any]], *, facts: bool = False) -> dict[str, Any] | None:
+        """The answer; None when the items failed. What stops the run gives them back first.
+
+        Only a list can be final (`facts`: ItemFinal is raised): a search or a pack of videos that is refused fails.
+        """
         kind, keys = items[0].kind, [item.key for item in items]
         try:
-            answer = call()
-            self._bad_luck = 0
-            return answer
-        except Retryable as error:
-            self._bad_luck += 1
-            for key in keys:
-                self.frontier.error(kind, key, error.reason)
-            if self._bad_luck >= HOPELESS:
-                raise Unreachable(
-                    f"{error.reason}; {HOPELESS} requests failed one after the other",
-                    hint="the service seems to be down; the same command goes on",
-                ) from error
-            return None
-        except ItemFinal as fact:
-            if not final:
+            return call()
+        except (Retryable, ItemFinal) as error:
+            if facts and isinstance(error, ItemFinal):
                 raise
-            for key in keys:
-                self.frontier.skip(kind, key, fact.reason)
+            self.frontier.mark(kind, keys, "error", error.reason)
             return None
         except BaseException:
             self.frontier.release(kind, *keys)
@@ -148,8 +136,7 @@ class ApiLane:
     def _sleep_until_reset(self, spent: dict[str, QuotaSpent]) -> None:
         reset = min(stop.reset_at for stop in spent.values() if stop.reset_at)
         self.job.run.progress.say(f"youtube: quota spent; waiting until {clock.stamp(reset)}")
-        while (seconds := (reset - clock.now()).total_seconds()) > 0:
-            clock.sleep(min(seconds + 1, 60))
+        clock.sleep_until(reset)
         spent.clear()
 
 

@@ -25,10 +25,10 @@ def assemble(newest: dict[str, pa.Table], words: Callable[[Any], pa.Array]) -> d
     `transcript_kind`, `word_count`.
     """
     videos = newest.get("videos")
-    found = _usable(newest.get("transcripts"))
+    found = _usable(newest.get("transcripts"), words)
     if videos is None:
         return {"youtube/transcripts": _tracks(found)}
-    return {"youtube/videos": _joined(videos, found, words), "youtube/transcripts": _tracks(found)}
+    return {"youtube/videos": _joined(videos, found), "youtube/transcripts": _tracks(found)}
 
 
 def unanswered(root: Path) -> Iterator[tuple[str, str]]:
@@ -44,7 +44,7 @@ def unanswered(root: Path) -> Iterator[tuple[str, str]]:
         frontier.close()
 
 
-def _joined(videos: pa.Table, found: pa.Table, words: Callable[[Any], pa.Array]) -> pa.Table:
+def _joined(videos: pa.Table, found: pa.Table) -> pa.Table:
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -58,7 +58,6 @@ def _joined(videos: pa.Table, found: pa.Table, words: Callable[[Any], pa.Array])
     restricted = pc.or_(
         pc.equal(pc.fill_null(_column(videos, "yt_rating"), ""), "ytAgeRestricted"), pc.equal(pc.fill_null(outcome, ""), "age_restricted")
     )
-    counted = _words(_column(side, "cues"), words)
     own: dict[str, Any] = {
         "link": pc.binary_join_element_wise(WATCH, _column(videos, "video_id"), ""),
         "width": pc.if_else(sized, _column(side, "player_width"), _column(videos, "embed_width")),
@@ -69,7 +68,7 @@ def _joined(videos: pa.Table, found: pa.Table, words: Callable[[Any], pa.Array])
         "game_label": _column(side, "game_label"),
         "transcript_outcome": outcome,
         "transcript_kind": kind,
-        "word_count": pc.if_else(had, counted, pa.scalar(None, pa.int64())),
+        "word_count": pc.if_else(had, _column(side, "word_count"), pa.scalar(None, pa.int64())),
         "problems": _renamed(_column(videos, "problems")),
     }
     for name, column in own.items():
@@ -80,19 +79,26 @@ def _joined(videos: pa.Table, found: pa.Table, words: Callable[[Any], pa.Array])
     return videos
 
 
-def _usable(found: pa.Table | None) -> pa.Table:
-    """Outcomes with a readable video id; an `ok` whose kind, language or cues can't be read counts as failed."""
+def _usable(found: pa.Table | None, words: Callable[[Any], pa.Array]) -> pa.Table:
+    """Outcomes with a readable video id, and `word_count`.
+
+    An `ok` whose kind, language or cues can't be read counts as failed, one without a word as none.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
 
     if found is None:
         names = table("youtube/transcripts")
-        return pa.schema([(column.name, column.parsed.arrow()) for column in (*names.columns, *names.inputs)]).empty_table()
+        fields = [(column.name, column.parsed.arrow()) for column in (*names.columns, *names.inputs)]
+        return pa.schema([*fields, ("word_count", pa.int64())]).empty_table()
     found = found.filter(pc.is_valid(found["video_id"]))
     whole = pc.and_(pc.and_(pc.is_valid(found["cues"]), pc.is_valid(found["kind"])), pc.is_valid(found["language"]))
     broken = pc.and_(pc.equal(found["outcome"], "ok"), pc.invert(whole))
-    outcome = pc.fill_null(pc.if_else(broken, "failed", found["outcome"]), "failed")
-    return found.set_column(found.column_names.index("outcome"), "outcome", outcome)
+    counted = _words(_column(found, "cues"), words)
+    empty = pc.and_(pc.equal(found["outcome"], "ok"), pc.fill_null(pc.equal(counted, 0), False))
+    outcome = pc.if_else(broken, "failed", pc.if_else(empty, "none", found["outcome"]))
+    found = found.set_column(found.column_names.index("outcome"), "outcome", pc.fill_null(outcome, "failed"))
+    return found.append_column("word_count", counted)
 
 
 def _tracks(found: pa.Table) -> pa.Table:

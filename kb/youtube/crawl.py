@@ -10,21 +10,22 @@ With a limit only as much is listed and searched as the videos need.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
 from kb.core.context import Run
-from kb.core.errors import KbError, LimitReached, QuotaSpent, Stopped
+from kb.core.errors import Blocked, KbError, LimitReached, QuotaSpent, SettingError, Stopped
 from kb.core.verdict import Summary
 from kb.net.rate import Pace, is_loopback
 from kb.store import identity, lock, tombstones
 from kb.store.frontier import Frontier
 from kb.store.recorder import Recorder
-from kb.youtube import effects
+from kb.youtube import effects, errors
 from kb.youtube.api import GOOGLE
 from kb.youtube.api_lane import ApiLane
-from kb.youtube.effects import SEARCHES, TRANSCRIPTS, UPLOADS, VIDEOS, Effects, Wanted
-from kb.youtube.ids import read_ids, share
+from kb.youtube.effects import CHANNELS, SEARCHES, TRANSCRIPTS, UPLOADS, VIDEOS, Effects, Wanted
+from kb.youtube.ids import share, some_ids
 from kb.youtube.job import Job
 from kb.youtube.transcripts import SITE
 from kb.youtube.web_lane import WebLane
@@ -40,7 +41,9 @@ def crawl(run: Run, wanted: Wanted, *, only: str | None = None, ids: Path | None
     profile = run.profile.section("youtube")
     if only != "transcripts":
         run.settings.need("youtube_api_key")
-    known, bad_lines = read_ids(ids) if ids else ([], 0)
+    if ids and only in ("channels", "uploads"):
+        raise SettingError(f"--ids skips discovery, so there is nothing to do for --only {only}", hint="leave one of the two away")
+    known, bad_lines = some_ids(ids) if ids else ([], 0)
     mine = share(part)
     with ExitStack() as stack:
         stack.enter_context(lock.writer(run.root, "youtube"))
@@ -55,7 +58,7 @@ def crawl(run: Run, wanted: Wanted, *, only: str | None = None, ids: Path | None
         job.summary["bad_lines"] = bad_lines
         if ids:
             frontier.add(VIDEOS, [key for key in known if mine(key) and key not in purged])
-        _begin(job)
+        _begin(job, mine, discover=ids is None)
         return _finish(job, _run_lanes(job))
 
 
@@ -65,13 +68,20 @@ def _phases(only: str | None, ids: Path | None) -> set[str]:
     return {VIDEOS, TRANSCRIPTS} if ids else {SEARCHES, UPLOADS, VIDEOS, TRANSCRIPTS}
 
 
-def _begin(job: Job) -> None:
-    """Extend the frontier by new keywords; what failed before gets another chance; a new round starts over."""
+def _begin(job: Job, mine: Callable[[str], bool], *, discover: bool) -> None:
+    """Extend the frontier; what failed before gets another chance; a new round starts over.
+
+    New are the profile's keywords, and channels that were another part's share. Known ids alone (`discover` False)
+    leave searches and lists as they are.
+    """
     frontier = job.frontier
+    _reopen(job)
+    if not discover:
+        return
     words = job.profile.keywords
     frontier.add(SEARCHES, [(effects.search_key(word, None), {"q": word, "token": None, "page": 1}) for word in words])
-    for kind in (SEARCHES, UPLOADS, VIDEOS, TRANSCRIPTS):
-        frontier.reopen(kind, "error")
+    channels = (key for key, *_ in frontier.items(CHANNELS) if mine(key))
+    frontier.add(UPLOADS, [(key, {"playlist": effects.uploads_list(key, job.profile), "token": None}) for key in channels])
     if job.run.again and not any(frontier.ready(kind) for kind in (SEARCHES, UPLOADS, VIDEOS)):
         with frontier.transaction():
             frontier.set_cursor("round", frontier.cursor("round", 1) + 1)
@@ -79,6 +89,18 @@ def _begin(job: Job) -> None:
             frontier.remove(SEARCHES, [key for key in searches if not key.endswith("#")])
             frontier.mark(SEARCHES, [key for key in searches if key.endswith("#")], "todo")
             frontier.reopen(UPLOADS, "done", "skipped")
+
+
+def _reopen(job: Job) -> None:
+    """What failed, and what was taken as final without being a fact: by an earlier version, or under fewer search_pages."""
+    frontier = job.frontier
+    for kind in (SEARCHES, UPLOADS, VIDEOS, TRANSCRIPTS):
+        frontier.reopen(kind, "error")
+    most = job.profile.search_pages
+    pages = [key for key, _, reason, item in frontier.items(SEARCHES, "skipped") if reason != effects.BEYOND or item["page"] <= most]
+    frontier.mark(SEARCHES, pages, "todo")
+    frontier.mark(UPLOADS, [key for key, _, reason, _ in frontier.items(UPLOADS, "skipped") if reason not in errors.FINAL], "todo")
+    frontier.reopen(VIDEOS, "skipped")
 
 
 def _run_lanes(job: Job) -> list[KbError]:
@@ -96,7 +118,7 @@ def _run_lanes(job: Job) -> list[KbError]:
         api.work()
     except KbError as stop:
         stops.append(stop)
-        if not isinstance(stop, (QuotaSpent, LimitReached)):
+        if not isinstance(stop, (QuotaSpent, LimitReached, Blocked)):
             web.end(stop)
     except BaseException as error:
         web.end(Stopped(str(error)))
@@ -123,5 +145,5 @@ def _finish(job: Job, stops: list[KbError]) -> Summary:
         worst.summary = summary
         raise worst
     if not summary["requests"]:
-        job.run.progress.say("youtube: nothing left to crawl; --again starts a new round")
+        job.run.progress.say("youtube: nothing left to crawl" + ("" if job.run.again else "; --again starts a new round"))
     return summary

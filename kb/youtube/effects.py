@@ -9,6 +9,7 @@ transcripts   key video id
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -22,6 +23,9 @@ SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH = "searches", "channel
 # raw kinds
 RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS = "search", "playlist_items", "videos", "transcripts"
 FINAL = {"ok", "none", "disabled", "unavailable", "age_restricted"}
+BEYOND = "beyond search_pages"  # why a page of a search is skipped
+
+_log = logging.getLogger("kb.youtube")
 
 Wanted = Callable[[Any], Iterable[str]]
 
@@ -88,9 +92,15 @@ class Effects:
             return
         new = self._add_videos(frontier, envelope.response)
         following = parse.next_page(envelope.response)
+        pages, mark = known[1].get("pages", 0) + 1 if known else 1, known[1].get("mark") if known else None
+        if following and new == 0 and following in (mark, token):
+            _log.warning("the list %s goes round: page %s leads back to one that was read; taken as its end", playlist, pages)
+            following = None
         later_round = frontier.cursor("round", 1) > 1
         if following and not (later_round and new == 0):
-            frontier.payload(UPLOADS, channel, {"playlist": playlist, "token": following})
+            # The token after every 1st, 2nd, 4th, 8th … page is remembered: it comes again where pages go round.
+            mark = following if pages & (pages - 1) == 0 else mark
+            frontier.payload(UPLOADS, channel, {"playlist": playlist, "token": following, "pages": pages, "mark": mark})
             frontier.release(UPLOADS, channel)
         else:
             # Lists are newest first: in a later round a page of known videos ends it.

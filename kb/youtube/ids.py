@@ -25,13 +25,21 @@ def read_ids(path: Path) -> tuple[list[str], int]:
         elif path.suffix == ".json":
             values = _minedojo(path)
         else:
-            values = [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+            values = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
     except OSError as error:
         raise SettingError(f"--ids {path}: {error.strerror or error}") from None
     except ValueError as error:
         raise SettingError(f"--ids {path} can't be read: {str(error).splitlines()[0]}") from None
     found = [match[1] if (match := _ID.search(value)) else None for value in values]
     return list(dict.fromkeys(key for key in found if key)), found.count(None)
+
+
+def some_ids(path: Path) -> tuple[list[str], int]:
+    """The same for a crawl, which has nothing to do without one. Raises SettingError also when there is none."""
+    found, bad_lines = read_ids(path)
+    if not found:
+        raise SettingError(f"--ids {path} holds no video id", hint="write one a line: 11 characters, or a video's address")
+    return found, bad_lines
 
 
 def _parquet(path: Path) -> list[str]:
@@ -45,7 +53,7 @@ def _parquet(path: Path) -> list[str]:
 
 
 def _minedojo(path: Path) -> list[str]:
-    data = json.loads(path.read_text(encoding="utf-8"))
+    data = json.loads(path.read_text(encoding="utf-8-sig"))
     if not isinstance(data, list):
         raise SettingError(f"--ids {path} is no list", hint="MineDojo's files are lists of objects with an id")
     return [str(entry.get("id", "")) if isinstance(entry, dict) else str(entry) for entry in data]

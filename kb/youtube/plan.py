@@ -17,7 +17,7 @@ from kb.store import rawlog
 from kb.store.frontier import Frontier
 from kb.youtube import effects, quota
 from kb.youtube.effects import CHANNELS, SEARCHES, TRANSCRIPTS, UPLOADS, VIDEOS
-from kb.youtube.ids import read_ids, share
+from kb.youtube.ids import share, some_ids
 from kb.youtube.job import PACK
 
 # Used only where this data root has nothing to measure.
@@ -123,7 +123,7 @@ def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[
 def _left_of_ids(run: Run, ids: Path, part: tuple[int, int] | None, state: dict[str, Any]) -> dict[str, int]:
     """A known list: no searches and no lists."""
     mine = share(part)
-    wanted = {key for key in read_ids(ids)[0] if mine(key)}
+    wanted = {key for key in some_ids(ids)[0] if mine(key)}
     rates, _ = _measured(state)
     path = run.root / "state" / "youtube.sqlite"
     pending = 0

@@ -33,7 +33,7 @@ def facts(answer: Any, page: str, game_ids: tuple[str, ...] = ()) -> dict[str, A
         "width": width,
         "height": height,
         "fps": fps,
-        "length_s": int(length) if isinstance(length, str) and length.isdigit() else None,
+        "length_s": int(length) if isinstance(length, str) and length.isdecimal() else None,
         "game_label_id": label_id,
         "game_label": label,
         "playability": _text(_at(playability, "status")),

@@ -25,12 +25,15 @@ ROWS = (
 )
 
 
-def collect(run: Run, ids: Path | None) -> dict[str, str]:
+class Keys(dict[str, str]):
+    """What a purge removes, key → reason; `said`: what its summary says besides."""
+
+    said: dict[str, int]
+
+
+def collect(run: Run, named: Collection[str]) -> dict[str, str]:
     """What is to go: videos that the API no longer returns ("vanished"), and named ones ("named")."""
-    found = dict.fromkeys(vanished(run.root), "vanished")
-    if ids:
-        found |= dict.fromkeys(read_ids(ids)[0], "named")
-    return found
+    return dict.fromkeys(vanished(run.root), "vanished") | dict.fromkeys(named, "named")
 
 
 def vanished(root: Path) -> set[str]:
@@ -47,8 +50,12 @@ def vanished(root: Path) -> set[str]:
     return {key for key, (_, gone) in newest.items() if gone}
 
 
-def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
-    """Tombstones, raw segments and frontier; the keys that must leave everything else as well."""
+def purge_raw(run: Run, ids: Path | None) -> Keys:
+    """Tombstones, raw segments and frontier; the keys that must leave everything else as well.
+
+    Raises SettingError before anything is written.
+    """
+    named, bad_lines = read_ids(ids) if ids else ([], 0)
     with ExitStack() as stack:
         stack.enter_context(lock.writer(run.root, "youtube"))
         frontier = Frontier(run.root / "state" / "youtube.sqlite")
@@ -56,7 +63,8 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
         # Opening the recorder cuts torn frames, closes segments and takes in what was not read yet.
         known = tombstones.keys(run.root, "youtube")
         Recorder(run.root, "youtube", frontier, Effects(run.profile.section("youtube"), lambda rows: (), lambda key: True, known)).close()
-        keys = purge.begin(run.root, "youtube", collect(run, ids))
+        keys = Keys(purge.begin(run.root, "youtube", collect(run, named)))
+        keys.said = {"bad_lines": bad_lines} if ids else {}
         if keys:
             purge.rewrite_raw(run.root, "youtube", keys.keys(), strip, frontier)
             for kind in (VIDEOS, TRANSCRIPTS, REFRESH):

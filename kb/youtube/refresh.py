@@ -7,7 +7,7 @@ removes it.
 from __future__ import annotations
 
 from contextlib import ExitStack
-from datetime import datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import msgspec
 
 from kb.core import clock, signals
 from kb.core.context import Run
-from kb.core.errors import LimitReached, QuotaSpent, Retryable
+from kb.core.errors import ItemFinal, LimitReached, QuotaSpent, Retryable
 from kb.core.verdict import Summary
 from kb.store import identity, lock, rawlog, tombstones
 from kb.store.frontier import Frontier
@@ -77,7 +77,7 @@ def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total:
     if not total:
         run.progress.say(f"youtube: nothing is older than {profile.max_age_days} days")
         return summary
-    api, task = Api(run.settings, profile, frontier), run.progress.task("refresh", total, "videos")
+    api, task = Api(run.settings, profile, frontier, wait=run.wait), run.progress.task("refresh", total, "videos")
     try:
         while frontier.ready(REFRESH):
             signals.stop.check()
@@ -88,15 +88,19 @@ def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total:
             params = {"id": ",".join(keys), "part": PARTS, **FRAME}
             try:
                 answer = api.videos(**params)
-            except Retryable as error:
+            except (Retryable, ItemFinal) as error:
                 frontier.mark(REFRESH, keys, "error", error.reason)
                 continue
             except QuotaSpent as stop:
                 frontier.release(REFRESH, *keys)
                 if not run.wait or stop.reset_at is None:
                     raise
-                _sleep_until(stop.reset_at)
+                run.progress.say(f"youtube: quota spent; waiting until {clock.stamp(stop.reset_at)}")
+                clock.sleep_until(stop.reset_at)
                 continue
+            except BaseException:
+                frontier.release(REFRESH, *keys)
+                raise
             recorder.record(effects.RAW_VIDEOS, "videos.list", params, 200, answer)
             summary["crawled"] += len(keys)
             summary["missing"] += len(parse.missing(params, answer))
@@ -108,11 +112,6 @@ def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total:
         api.close()
         task.close()
     return _final(summary, frontier, before)
-
-
-def _sleep_until(reset: datetime) -> None:
-    while (seconds := (reset - clock.now()).total_seconds()) > 0:
-        clock.sleep(min(seconds + 1, 60))
 
 
 def _final(summary: Summary, frontier: Frontier, before: tuple[int, int]) -> Summary:

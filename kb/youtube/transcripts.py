@@ -1,41 +1,58 @@
 """One video's transcript through youtube-transcript-api, with the facts of the player answer that comes with it.
 
-Three requests a video (watch page, player, timed text) and no further one. Preference: manual track of the
+Three requests a video (watch page, player, timed text) and no further one, unless a track is empty. Preference: manual track of the
 language, automatic one, manual of another language translated, automatic translated.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urljoin, urlsplit
 from xml.etree.ElementTree import ParseError
 
-from kb.core.errors import Blocked, Retryable
+from kb.core.errors import Retryable
 from kb.core.profile.youtube import YouTube
 from kb.core.settings import Settings
 from kb.net.client import make_session
 from kb.net.rate import Pace
-from kb.net.retry import attempt, retry_after
+from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
 from kb.youtube import player
 
 if TYPE_CHECKING:
     import requests
 
 SITE = "https://www.youtube.com/"
+REDIRECTS = 5  # in a row
 
 
 class Fetcher:
     """Fetches transcripts, one at a time: one for each thread, as sessions are not thread-safe."""
 
-    def __init__(self, settings: Settings, profile: YouTube, pace: Pace, before: Callable[[str], None]) -> None:
-        """`before` is called with the endpoint's name before each request (the ledger)."""
+    def __init__(
+        self,
+        settings: Settings,
+        profile: YouTube,
+        pace: Pace,
+        before: Callable[[str], None],
+        *,
+        sleep: Callable[[float], None] | None = None,
+        wait: bool = False,
+    ) -> None:
+        """`before` is called with the endpoint's name before each request (the ledger), `sleep` between the tries.
+
+        Either may raise, which ends the video. With `wait` it sleeps however long the site asks for.
+        """
         from youtube_transcript_api import YouTubeTranscriptApi
 
-        self._profile, self._pace = profile, pace
-        self._session = make_session(settings)
+        self._profile, self._pace, self._sleep = profile, pace, sleep
+        self._patience = math.inf if wait else PATIENCE_S
         # The library's own User-Agent would be Python's; the site serves any, so ours says who we are.
-        self._session.mount(SITE, _adapter(settings.kb_youtube_web, before))
+        self._session = make_session(settings)
+        self._session.max_redirects = REDIRECTS
+        self._session.adapters.clear()  # nothing goes past ours
+        self._session.mount("", _adapter(settings.kb_youtube_web, before))
         self._session.hooks["response"].append(self._look)
         self._page, self._answer = "", None
         self._api = YouTubeTranscriptApi(http_client=self._session)
@@ -44,21 +61,27 @@ class Fetcher:
         """Close the connections."""
         self._session.close()
 
-    def fetch(self, video_id: str) -> dict[str, Any]:
+    def fetch(self, video_id: str, *, probe: bool = False) -> dict[str, Any]:
         """The `response` of a transcripts envelope; `outcome` says what became of it.
 
-        Raises Blocked or Unreachable, which are no facts about the video, and Retryable after the last try.
+        `probe`: the site turned us away before, so the first 429 says that it still does. Raises Blocked or Unreachable,
+        which are no facts about the video, and Retryable after the last try.
         """
         self._pace.wait()
-        try:
-            return attempt(lambda: self._once(video_id), tries=self._profile.max_tries)
-        except Retryable as error:
-            if error.reason.startswith("429"):
-                raise Blocked("YouTube answers 429 without end", hint="go on later or from another address; the same command goes on") from error
-            raise
+
+        def once() -> dict[str, Any]:
+            try:
+                return self._once(video_id)
+            except Retryable as error:
+                if probe and error.throttled:
+                    raise blocked(f"YouTube still turns this address away ({error})", error.after) from None
+                raise
+
+        return attempt(once, tries=self._profile.max_tries, patience=self._patience, sleep=self._sleep)
 
     def _once(self, video_id: str) -> dict[str, Any]:
         import requests
+        import urllib3
         import youtube_transcript_api as lib
 
         self._page, self._answer = "", None
@@ -74,11 +97,9 @@ class Fetcher:
         try:
             found |= self._read(self._api.list(video_id))
         except (lib.RequestBlocked, lib.IpBlocked) as error:
-            raise Blocked(
-                f"YouTube blocks this address ({type(error).__name__})", hint="go on later or from another address; the same command goes on"
-            ) from None
+            raise blocked(f"YouTube blocks this address ({type(error).__name__})") from None
         except lib.FailedToCreateConsentCookie:
-            raise Blocked("YouTube shows a consent wall instead of the watch page", hint="go on from another address") from None
+            raise blocked("YouTube shows a consent wall instead of the watch page") from None
         except lib.NoTranscriptFound:
             found |= {"outcome": "none"}
         except lib.TranscriptsDisabled:
@@ -90,15 +111,20 @@ class Fetcher:
         except (lib.YouTubeRequestFailed, lib.YouTubeDataUnparsable, lib.PoTokenRequired, ParseError, requests.JSONDecodeError) as error:
             # An empty body of the timed text raises the parser's own error.
             raise Retryable(_reason(error)) from None
-        except (KeyError, IndexError, TypeError, AttributeError) as error:
-            raise Retryable(f"unreadable ({type(error).__name__})") from None  # an answer of another form than the library expects
         except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError) as error:
             raise Retryable(f"{type(error).__name__} at www.youtube.com", unreachable=True) from None
-        found["player"] = player.facts(self._answer, self._page, self._profile.game_ids)
+        except (requests.RequestException, urllib3.exceptions.HTTPError) as error:
+            raise Retryable(f"{type(error).__name__} at www.youtube.com") from None  # redirects in a circle, a body that can't be decoded
+        except (LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
+            raise Retryable(f"unreadable ({type(error).__name__})") from None  # an answer of another form than the library expects
+        try:
+            found["player"] = player.facts(self._answer, self._page, self._profile.game_ids)
+        except RecursionError:
+            raise Retryable("unreadable (RecursionError)") from None
         return found
 
     def _read(self, tracks: Any) -> dict[str, Any]:
-        """The best track there is; NoTranscriptFound when none is in the language or can be translated."""
+        """The best track with a word in it; NoTranscriptFound when none is in the language or can be translated."""
         import youtube_transcript_api as lib
 
         language = self._profile.language
@@ -107,13 +133,11 @@ class Fetcher:
                 shown = track.translate(language) if translate else track
             except (lib.NotTranslatable, lib.TranslationLanguageNotAvailable):
                 continue
+            cues = [[cue.start, cue.duration, cue.text] for cue in shown.fetch()]
+            if not any(text.split() for *_, text in cues):
+                continue
             original = "asr" if track.is_generated else "manual"
-            return {
-                "kind": "translated" if translate else original,
-                "original_kind": original,
-                "language": track.language_code,
-                "cues": [[cue.start, cue.duration, cue.text] for cue in shown.fetch()],
-            }
+            return {"kind": "translated" if translate else original, "original_kind": original, "language": track.language_code, "cues": cues}
         raise lib.NoTranscriptFound(tracks.video_id, [language], tracks)
 
     def _by_preference(self, tracks: Any) -> Iterator[tuple[Any, bool]]:
@@ -130,7 +154,10 @@ class Fetcher:
         """Sees every answer before the library does."""
         if response.status_code == 429:
             # The library calls every 429 a block; with a wish to wait it is none yet.
-            raise Retryable("429 from YouTube", after=retry_after(response.headers.get("Retry-After")))
+            after = retry_after(response.headers.get("Retry-After"), response.headers.get("Date"))
+            raise Retryable("429 from YouTube", after=after, throttled=True)
+        shown = urljoin(response.url, response.headers["Location"]) if response.is_redirect else response.url
+        _no_wall(urlsplit(shown))
         path = urlsplit(response.url).path
         if path == "/watch":
             self._page = response.text
@@ -141,18 +168,35 @@ class Fetcher:
                 self._answer = None
 
 
+def _no_wall(target: SplitResult) -> None:
+    """Not where people are asked something, instead of the page. Raises Blocked."""
+    if (target.hostname or "").startswith("consent."):
+        raise blocked("YouTube shows a consent wall instead of the watch page")
+    if target.path == "/sorry" or target.path.startswith("/sorry/"):
+        raise blocked("YouTube blocks this address (automated queries)")
+
+
 def _adapter(root: str | None, before: Callable[[str], None]) -> Any:
-    """Writes the ledger, and sends to `root` what is for the web site."""
+    """Writes the ledger, and sends to `root` what is for the web site; nothing is sent anywhere else.
+
+    What comes back carries the site's own address again, so that paths and redirects mean the same under any root.
+    """
     from requests.adapters import HTTPAdapter
 
     names = {"/watch": "watch", "/youtubei/v1/player": "player", "/api/timedtext": "timedtext"}
 
     class Adapter(HTTPAdapter):
         def send(self, request: Any, *arguments: Any, **options: Any) -> Any:
+            if root and request.url.startswith(f"{root}/"):
+                request.url = SITE + request.url.removeprefix(f"{root}/")  # a redirect that names the root
+            if not request.url.startswith(SITE):
+                raise Retryable("redirected away from YouTube")
             before(names.get(urlsplit(request.url).path, "web"))
-            if root:
-                request.url = root + "/" + request.url.removeprefix(SITE)
-            return super().send(request, *arguments, **options)
+            sent = request.copy()
+            sent.url = root + "/" + request.url.removeprefix(SITE) if root else request.url
+            response = super().send(sent, *arguments, **options)
+            response.request, response.url = request, request.url
+            return response
 
     return Adapter()
 
