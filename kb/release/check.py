@@ -7,41 +7,45 @@ release` added. An empty list opens the gate. Nothing is written here.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kb.core import clock
 from kb.core.errors import KbError
-from kb.release import checksums, scan
+from kb.release import archives, checksums, columns, personal, scan
 from kb.release.folders import DEPOSIT, SUMS, Folder, Part, clean_files, released_tables
-from kb.release.licences import licence
-from kb.release.measure import folder_licence
-from kb.release.problem import Problem
+from kb.release.licences import KNOWN, licence
+from kb.release.measure import folder_licence, page_licences
+from kb.release.problem import Problem, damaged
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from kb.core.context import Run
-
-_REDDIT_LONGEST = 16  # ids, types and full names; anything longer is content
+    from kb.schema import Table
 
 
 def check(run: Run, folders: list[Folder]) -> list[Problem]:
     """Every problem of the exported data."""
     problems: list[Problem] = []
     for folder in folders:
-        problems += _files(folder)
-        broken = {problem.where for problem in problems}
-        whole = [part for part in folder.parts if not any(f"{folder.source}/{shard.name}" in broken for shard in part.shards)]
-        problems += [found for part in whole for found in _counts(run.root, folder.source, part)]
+        problems += _layout(folder)
+        tables, whole = _tables(folder)
+        problems += tables
+        cleaned = [found for declared in released_tables(folder.source) if (found := _clean(run.root, declared))]
+        problems += [problem for one in cleaned for problem in one]
+        if not cleaned:
+            problems += [found for part in whole for found in _counts(run.root, folder.source, part)]
         problems += _absent(run.root, folder)
         problems += checksums.check(folder, folder.data)
-        problems += _licence(run, folder)
-        problems += _scores(run, folder)
+        if len(whole) == len(folder.parts):
+            problems += archives.check(folder)
+            problems += _licence(run, folder)
+        if not cleaned:
+            problems += _scores(run, folder, whole)
         problems += [found for part in whole for found in _age(run, folder.source, part)]
         problems += scan.secrets(folder, run.settings.secret_values())
-        problems += scan.personal(folder, run.profile.release)
+        problems += personal.personal(folder, run.profile.release)
     return problems
 
 
@@ -55,87 +59,75 @@ def check_made(run: Run, folders: list[Folder]) -> list[Problem]:
         problems += checksums.check(folder, folder.files(), all_listed=True)
         problems += scan.secrets(folder, run.settings.secret_values())
         deposit = folder.path / DEPOSIT
-        if deposit.is_file() and not _names_licence(deposit):
-            problems.append(Problem("licence", f"{folder.source}/{DEPOSIT}", "names no licence; Zenodo would take CC0"))
+        if deposit.is_file():
+            problems += _deposit(deposit, f"{folder.source}/{DEPOSIT}")
     return problems
 
 
-def _names_licence(path: Path) -> bool:
+def _deposit(path: Path, where: str) -> list[Problem]:
+    from pydantic import ValidationError
+
+    from kb.release.metadata import Document
+
     try:
-        return bool(json.loads(path.read_text(encoding="utf-8"))["metadata"]["license"])
-    except (ValueError, KeyError, TypeError):
-        return False
+        body = json.loads(path.read_text(encoding="utf-8"))
+        if not body["metadata"].get("license"):
+            return [Problem("licence", where, "names no licence; Zenodo would take CC0")]
+        Document.model_validate(body)
+    except ValidationError as error:
+        first = error.errors(include_input=False, include_url=False)[0]
+        return [Problem("damaged", where, f"{'.'.join(map(str, first['loc']))}: {first['msg']}; run `kb release`")]
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return [Problem("damaged", where, "can't be read; run `kb release`")]
+    return []
 
 
-def _files(folder: Folder) -> list[Problem]:
-    """Every file readable, flat and declared; every column described and meant for release."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+def _layout(folder: Folder) -> list[Problem]:
+    """A flat folder of declared files."""
     found = [
         Problem("layout", f"{folder.source}/{path.name}", "is a folder; a deposit is flat")
         for path in sorted(folder.path.iterdir())
-        if path.is_dir() and not path.name.startswith(".")
+        if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")
     ]
+    for path in folder.strays:
+        what = "is a link; a release has files of its own" if path.is_symlink() else "is nothing that an export or a release writes; remove it"
+        found.append(Problem("undeclared file", f"{folder.source}/{path.name}", what))
+    return found
+
+
+def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
+    """Problems of the Parquet files, and the parts whose shards can be read as declared."""
+    found: list[Problem] = []
+    whole = []
     for part in folder.parts:
-        found += _numbering(folder, part)
-        for shard in part.shards:
-            where = f"{folder.source}/{shard.name}"
-            try:
-                schema = pq.read_schema(shard)
-            except (pa.ArrowInvalid, OSError) as error:
-                found.append(Problem("damaged", where, f"can't be read ({str(error).splitlines()[0][:80]}); export it again"))
-                continue
-            found += _columns(part, schema, where)
-            if folder.source == "reddit":
-                found += _reddit_values(shard, where)
-    for path in folder.others:
-        if path.suffix == ".parquet":
-            found.append(Problem("undescribed", f"{folder.source}/{path.name}", "is no table of schemas/"))
-    return found
+        names = [shard.name for shard in part.shards]
+        if not columns.numbered(names, part.table.short, "parquet"):
+            found.append(Problem("damaged", f"{folder.source}/{part.table.short}", "shards are missing or of two exports; export it again"))
+        problems = [problem for shard in part.shards for problem in columns.check(shard, part.table, folder.source)]
+        if not any(problem.check in ("damaged", "undescribed") for problem in problems):
+            whole.append(part)
+        found += problems
+    for declared, path in folder.described():
+        found += columns.check(path, declared, folder.source)
+    return found, whole
 
 
-def _numbering(folder: Folder, part: Part) -> list[Problem]:
-    total = len(part.shards)
-    names = [f"{part.table.short}-{index:05d}-of-{total:05d}.parquet" for index in range(total)]
-    if names == [shard.name for shard in part.shards]:
-        return []
-    return [Problem("damaged", f"{folder.source}/{part.table.short}", "shards are missing or of two exports; export it again")]
-
-
-def _columns(part: Part, schema: pa.Schema, where: str) -> list[Problem]:
-    declared = {column.name: column for column in part.table.columns}
-    expected = part.table.arrow(True)
-    found = []
-    for field in schema:
-        column = declared.get(field.name)
-        if column is None:
-            found.append(Problem("undescribed", where, f"column {field.name} is not described in schemas/"))
-        elif not column.released:
-            word = "content" if column.content else "unreleased"
-            found.append(Problem(word, where, f"column {field.name} may not be released"))
-        elif field.type != expected.field(field.name).type:
-            found.append(Problem("undescribed", where, f"column {field.name} is {field.type}, schemas/ says {column.type}"))
-    found += [Problem("undescribed", where, f"column {name} is missing") for name in expected.names if name not in schema.names]
-    return found
-
-
-def _reddit_values(shard: Path, where: str) -> list[Problem]:
-    """No text of a released Reddit table may be longer than an id or hold an address, whatever its column says."""
+def _clean(root: Path, declared: Table) -> list[Problem]:
+    """Clean files that can't be read: nothing can be compared with them."""
     import pyarrow as pa
-    import pyarrow.compute as pc
     import pyarrow.parquet as pq
 
     found = []
-    file = pq.ParquetFile(shard)
-    for name in [field.name for field in file.schema_arrow if pa.types.is_string(field.type)]:
-        for batch in file.iter_batches(columns=[name]):
-            values = batch.column(0).drop_null()
-            odd = pc.or_(pc.greater(pc.utf8_length(values), _REDDIT_LONGEST), pc.match_substring_regex(values, r"[\s/@]"))
-            if pc.any(odd).as_py():
-                found.append(Problem("content", where, f"column {name} holds text that is no id"))
-                break
+    for path in clean_files(root, declared):
+        try:
+            pq.read_metadata(path)
+        except (pa.ArrowInvalid, OSError) as error:
+            found.append(damaged(str(path.relative_to(root)), error, _again(declared.source)))
     return found
+
+
+def _again(source: str) -> str:
+    return "run `kb pairs` again" if source == "pairs" else f"run `kb {source} filter` again"
 
 
 def _rows(paths: list[Path] | tuple[Path, ...]) -> int:
@@ -164,41 +156,63 @@ def _absent(root: Path, folder: Folder) -> list[Problem]:
 
 def _licence(run: Run, folder: Folder) -> list[Problem]:
     where = f"{folder.source}/LICENSE"
+    named, unnamed = page_licences(folder)
+    foreign = [name for name in named if name not in KNOWN]
+    if foreign:
+        what = f"the pages name {', '.join(foreign[:3])}, which is no licence that a release can carry (known: {', '.join(sorted(KNOWN))})"
+        return [Problem("licence", where, f"{what}; remove release/wiki to release the rest")]
+    found = []
+    if named and unnamed:
+        found.append(Problem("licence", f"{folder.source}/pages", f"{unnamed:,} rows name no licence, though others do; run `kb wiki crawl --again`"))
     spdx = folder_licence(run, folder)
     if not spdx:
-        return [Problem("licence", where, f"none is given; set {folder.source} in [release.licenses] of the profile")]
+        return [*found, Problem("licence", where, f"none is given; set {folder.source} in [release.licenses] of the profile")]
     try:
         licence(spdx)
     except KbError as error:
-        return [Problem("licence", where, f"{error}; {error.hint}")]
-    return []
+        found.append(Problem("licence", where, f"{error}; {error.hint}"))
+    return found
 
 
-def _scores(run: Run, folder: Folder) -> list[Problem]:
-    """Every text that the source has must have been scored; `toxicity_<text>` belongs to `<text>`."""
-    import duckdb
-
+def _scores(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
+    """Every text that the source has must have been scored, in clean/ and as released; `toxicity_<text>` belongs to `<text>`."""
+    shards = {part.table.name: part.shards for part in whole}
     found = []
     for declared in released_tables(folder.source):
-        files = clean_files(run.root, declared)
-        if not files:
+        where = f"{folder.source}/{declared.short}"
+        clean = _unscored(clean_files(run.root, declared), declared, set(declared.names()))
+        released = _unscored(shards.get(declared.name, ()), declared, set(declared.names(released=True)))
+        if isinstance(clean, Problem):
+            found.append(clean)
             continue
-        names = {column.name for column in declared.columns}
-        pairs = [
-            (name.removeprefix("toxicity_"), name)
-            for name in sorted(names)
-            if name.removeprefix("toxicity_") in names and name.startswith("toxicity_")
-        ]
-        tests = {text: f'length(trim("{text}")) > 0 AND "{score}" IS NULL' for text, score in pairs}
-        if "toxicity" in names and "word_count" in names:
-            tests["the page's text"] = "word_count > 0 AND toxicity IS NULL"
-        for text, test in tests.items():
-            row = duckdb.connect().execute(f"SELECT count(*) FROM read_parquet(?) WHERE {test}", [[str(path) for path in files]]).fetchone()
-            if row and row[0]:
-                what = f"{row[0]:,} rows have no toxicity score of {text}"
-                what += "; run `kb annotate`" if run.profile.toxicity.on else "; the release is incomplete, toxicity is off in the profile"
-                found.append(Problem("toxicity", f"{folder.source}/{declared.short}", what))
+        again = "run `kb annotate`" if run.profile.toxicity.on else "the release is incomplete, toxicity is off in the profile"
+        found += [Problem("toxicity", where, f"{rows:,} rows have no toxicity score of {text}; {again}") for text, rows in clean.items()]
+        if not isinstance(released, Problem):
+            found += [
+                Problem("toxicity", where, f"{rows:,} released rows have no toxicity score of {text}; run the export again")
+                for text, rows in released.items()
+                if rows > clean.get(text, 0)
+            ]
     return found
+
+
+def _unscored(files: Sequence[Path], declared: Table, names: set[str]) -> dict[str, int] | Problem:
+    """Text → rows with that text and without its score."""
+    import duckdb
+
+    scores = [name for name in sorted(names) if name.startswith("toxicity_") and name.removeprefix("toxicity_") in names]
+    tests = {name.removeprefix("toxicity_"): f'length(trim("{name.removeprefix("toxicity_")}")) > 0 AND "{name}" IS NULL' for name in scores}
+    if {"toxicity", "word_count"} <= names:
+        tests["the page's text"] = "word_count > 0 AND toxicity IS NULL"
+    if not files or not tests:
+        return {}
+    counts = ", ".join(f"count(*) FILTER (WHERE {test})" for test in tests.values())
+    try:
+        with duckdb.connect() as con:
+            row = con.execute(f"SELECT {counts} FROM read_parquet(?)", [[str(path) for path in files]]).fetchone() or ()
+    except duckdb.Error as error:
+        return damaged(f"clean rows of {declared.name}", error, _again(declared.source))
+    return {text: rows for text, rows in zip(tests, row, strict=True) if rows}
 
 
 def max_age_days(run: Run, source: str) -> int | None:

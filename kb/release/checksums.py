@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from kb.release.folders import SUMS, Folder
-from kb.release.problem import Problem
+from kb.release.folders import SUMS, Folder, is_made
+from kb.release.problem import Problem, damaged
 from kb.store.atomic import write_text
+
+_LINE = re.compile(r"[0-9a-f]{64}  [^/]+")
 
 
 def digest(path: Path, algorithm: str = "sha256") -> str:
@@ -25,17 +28,25 @@ def write(folder: Folder) -> Path:
 
 
 def read(folder: Path) -> dict[str, str]:
-    """File name → digest as SHA256SUMS says; empty when there is none."""
+    """File name → digest as SHA256SUMS says; empty when there is none. Raises ValueError when it is damaged."""
     path = folder / SUMS
     if not path.is_file():
         return {}
     lines = path.read_text(encoding="utf-8").splitlines()
-    return {name: value for value, _, name in (line.partition("  ") for line in lines) if name}
+    if not all(_LINE.fullmatch(line) for line in lines):
+        raise ValueError("a line is no checksum and name")
+    return {name: value for value, _, name in (line.partition("  ") for line in lines)}
 
 
 def check(folder: Folder, files: Sequence[Path], *, all_listed: bool = False) -> list[Problem]:
-    """A line for each file that differs from SHA256SUMS; `all_listed`: also for files it does not know."""
-    sums = read(folder.path)
+    """A line for each file that differs from SHA256SUMS or is gone; `all_listed`: also for files it does not know.
+
+    Without `all_listed` what `kb release` makes may be gone: it is made again.
+    """
+    try:
+        sums = read(folder.path)
+    except (OSError, ValueError) as error:
+        return [damaged(f"{folder.source}/{SUMS}", error, "what was exported can't be compared with it: export it again")]
     found = []
     for file in files:
         where = f"{folder.source}/{file.name}"
@@ -44,6 +55,5 @@ def check(folder: Folder, files: Sequence[Path], *, all_listed: bool = False) ->
                 found.append(Problem("checksum", where, f"is not in {SUMS}; run `kb release`"))
         elif digest(file) != sums[file.name]:
             found.append(Problem("checksum", where, f"differs from {SUMS}; export it again"))
-    if all_listed:
-        found += [Problem("checksum", f"{folder.source}/{name}", f"is in {SUMS} but not there") for name in sums if not (folder.path / name).exists()]
-    return found
+    gone = [name for name in sums if not (folder.path / name).exists() and (all_listed or not is_made(name, folder.source))]
+    return found + [Problem("checksum", f"{folder.source}/{name}", f"is in {SUMS} but not there; export it again") for name in gone]

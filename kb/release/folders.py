@@ -1,20 +1,25 @@
 """Which folders a release has, and which files of them hold data.
 
-A folder is one deposit: flat, whole in itself, with one licence.
+A folder is one deposit: flat, whole in itself, with one licence. What belongs into it is listed by
+name: shards of declared tables, the wiki's archives and their index, and what `kb release` makes.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from kb.core.profile.release import SOURCES
-from kb.schema import Table, tables
+from kb.release.licences import KNOWN
+from kb.schema import Table, table, tables
 
 SUMS = "SHA256SUMS"
 TOMBSTONES = "tombstones.parquet"
 DEPOSIT = "zenodo.json"
+INDEX = "index.ndjson"
 MADE = ("README.md", "DATASHEET.md", "CITATION.cff", "LICENSE", "croissant.json", DEPOSIT, TOMBSTONES, SUMS)
+_ARCHIVE = re.compile(r"(screenshots|images)-\d{5}-of-\d{5}\.tar")
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,12 +32,16 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Folder:
-    """`release/<source>/`. `others` are data files that are no shards (the wiki's tar files)."""
+    """`release/<source>/`. `others` are data files that are no shards: the wiki's tar files and their index.
+
+    `strays` is what no export and no release writes, and every link.
+    """
 
     source: str
     path: Path
     parts: tuple[Part, ...]
     others: tuple[Path, ...]
+    strays: tuple[Path, ...] = ()
 
     @property
     def data(self) -> list[Path]:
@@ -40,8 +49,13 @@ class Folder:
         return [shard for part in self.parts for shard in part.shards] + list(self.others)
 
     def files(self) -> list[Path]:
-        """Every file of the folder but the checksums, by name."""
-        return sorted(path for path in self.path.iterdir() if path.is_file() and path.name != SUMS and not path.name.startswith("."))
+        """Every file of the folder but the checksums, by name; links are no files of it."""
+        return [path for path in _files(self.path) if path.name != SUMS and not path.is_symlink()]
+
+    def described(self) -> list[tuple[Table, Path]]:
+        """Samples and tombstones with the tables that they are of: Parquet files beside the shards."""
+        named = {_sample(declared): declared for declared in released_tables(self.source)} | {TOMBSTONES: table("shared/tombstones")}
+        return [(named[path.name], path) for path in self.files() if path.name in named]
 
 
 def released_tables(source: str) -> list[Table]:
@@ -56,23 +70,35 @@ def find(root: Path) -> list[Folder]:
 
 def read(path: Path, source: str) -> Folder:
     """One folder as it is on disk; without data when it is not there."""
+    files = _files(path)
+    own = [file for file in files if not file.is_symlink()]
     parts = tuple(
         Part(declared, shards)
         for declared in released_tables(source)
-        if (shards := tuple(sorted(path.glob(f"{declared.short}-[0-9]*-of-[0-9]*.parquet"))))
+        if (shards := tuple(file for file in own if re.fullmatch(rf"{declared.short}-\d{{5}}-of-\d{{5}}\.parquet", file.name)))
     )
     shards = {shard for part in parts for shard in part.shards}
-    made = set(MADE)
-    others = tuple(file for file in sorted(path.glob("*")) if file.is_file() and file not in shards and not is_made(file.name, made))
-    return Folder(source, path, parts, others)
+    others = tuple(file for file in own if source == "wiki" and (file.name == INDEX or _ARCHIVE.fullmatch(file.name)))
+    known = {*shards, *others, *(file for file in own if is_made(file.name, source))}
+    return Folder(source, path, parts, others, tuple(file for file in files if file not in known))
 
 
-def is_made(name: str, made: set[str] | frozenset[str] = frozenset(MADE)) -> bool:
-    """Whether `kb release` writes a file of that name."""
-    return name in made or name.startswith((".", "sample-")) or (name.startswith("LICENSE-") and name.endswith(".txt"))
+def is_made(name: str, source: str) -> bool:
+    """Whether `kb release` writes a file of that name into the source's folder."""
+    texts = {f"LICENSE-{spdx}.txt" for spdx in KNOWN}
+    return name in MADE or name in texts or name in {_sample(declared) for declared in released_tables(source)}
 
 
 def clean_files(root: Path, declared: Table) -> list[Path]:
     """The clean files that a released table was exported from."""
     folder = root / "pairs" if declared.source == "pairs" else root / "clean" / declared.source / declared.short
     return sorted(folder.glob("*.parquet"))
+
+
+def _files(path: Path) -> list[Path]:
+    """Files and links by name; hidden ones stay on this machine."""
+    return [file for file in sorted(path.glob("*")) if not file.name.startswith(".") and (file.is_symlink() or file.is_file())]
+
+
+def _sample(declared: Table) -> str:
+    return f"sample-{declared.short}.parquet"

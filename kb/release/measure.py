@@ -102,7 +102,7 @@ def measure(run: Run, folder: Folder) -> Facts:
     """Read the folder, and what clean/ says about how it came to be."""
     import duckdb
 
-    from kb.release.scan import personal_counts
+    from kb.release.personal import personal_counts
 
     con = duckdb.connect()
     con.execute("SET TimeZone = 'UTC'")
@@ -135,6 +135,19 @@ def folder_licence(run: Run, folder: Folder) -> str:
 
     with duckdb.connect() as con:
         return _choose(con, run, folder)
+
+
+def page_licences(folder: Folder) -> tuple[list[str], int]:
+    """Licences that the wiki's pages name, and how many rows name none; nothing for other sources."""
+    import duckdb
+
+    named: dict[str | None, int] = {}
+    with duckdb.connect() as con:
+        for part in folder.parts if folder.source == "wiki" else ():
+            if part.table.short == "pages":
+                files = [str(shard) for shard in part.shards]
+                named = dict(con.execute("SELECT license, count(*) FROM read_parquet(?) GROUP BY 1 ORDER BY 1", [files]).fetchall())
+    return [name for name in named if name is not None], named.get(None, 0)
 
 
 def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:

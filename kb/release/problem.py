@@ -14,3 +14,9 @@ class Problem(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.check}: {self.where}: {self.what}"
+
+
+def damaged(where: str, error: BaseException, do: str) -> Problem:
+    """A file that can't be read, with the first words of why, and what to do."""
+    why = (str(error).splitlines() or [""])[0].strip()[:80]
+    return Problem("damaged", where, f"can't be read ({why or type(error).__name__}); {do}")

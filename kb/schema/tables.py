@@ -14,6 +14,8 @@ and a later rule uses up: it is in no table):
     released    true where the column goes into release/ (default false)
     content     true for what people wrote (titles, texts, addresses, names)
     dictionary  true for low-cardinality columns that Parquet stores with a dictionary
+    values      the words that a text column may hold; the release gate refuses others
+    pattern     a regular expression that each whole text of the column has; checked there as well
     each        a list of words; the block then stands for one column a word, put in place of {}
 """
 
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _TABLE_KEYS = {"name", "doc", "raw", "key", "sort_by", "partition_by", "released", "column", "input"}
-_COLUMN_KEYS = {"name", "type", "unit", "null", "doc", "from", "released", "content", "dictionary", "each"}
+_COLUMN_KEYS = {"name", "type", "unit", "null", "doc", "from", "released", "content", "dictionary", "values", "pattern", "each"}
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,8 @@ class Column:
     released: bool = False
     content: bool = False
     dictionary: bool = False
+    values: tuple[str, ...] = ()
+    pattern: str = ""
     parsed: Type = field(repr=False, compare=False, default=None)  # type: ignore[assignment]
 
     @property
@@ -184,6 +188,8 @@ def _column(block: dict[str, Any]) -> Column:
         released=block.get("released", False),
         content=block.get("content", False),
         dictionary=block.get("dictionary", False),
+        values=tuple(block.get("values", ())),
+        pattern=block.get("pattern", ""),
         parsed=parse_type(block["type"]),
     )
 
@@ -235,6 +241,16 @@ def _column_problems(block: dict[str, Any]) -> list[str]:
         problems.append(f"`from` is {block['from']!r}; it must read `<raw kind>: <path>` or `rule: <how>`")
     if "null" in block and not str(block["null"]).strip():
         problems.append("`null` must say why the value may be absent")
+    values = block.get("values", [""])
+    if not isinstance(values, list) or not values or not all(isinstance(word, str) for word in values):
+        problems.append("`values` must list words")
+    for key in ("values", "pattern"):
+        if key in block and block.get("type") != "string":
+            problems.append(f"`{key}` is for columns of type string")
+    try:
+        re.compile(str(block.get("pattern", "")))
+    except re.error as error:
+        problems.append(f"`pattern` is no regular expression: {error}")
     try:
         parse_type(str(block.get("type", "")))
     except ValueError as error:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from kb.schema import Table, table
 from kb.store.shards import sorted_shards, write_table
@@ -142,7 +143,7 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
             "element_id": 1,
             "src": f"https://wiki.example.org/images/{page['page_id']}.png",
             "path": f"raw/wiki/images/{page['page_id']}.png",
-            "sha256": hashlib.sha256(b"%d" % page["page_id"]).hexdigest(),
+            "sha256": hashlib.sha256(b"picture %d" % page["page_id"]).hexdigest(),
             "media_type": "image/png",
             "width": 16,
             "height": 16,
@@ -250,7 +251,7 @@ def build(
         arrow = pa.Table.from_pylist([filled(declared, row) for row in made], declared.arrow())
         folder = root / "pairs" if name == PAIRS else root / "clean" / name
         part = write_table(folder / "part-00000.parquet", arrow, declared)
-        if export:
+        if export and not name.startswith("wiki/"):
             released(root, name, part.path)
     for source, lines in REJECTED.items():
         if source not in sources:
@@ -272,7 +273,23 @@ def build(
             pa.Table.from_pylist(made, declared.arrow()),
             declared,
         )
+    if export and "wiki" in sources:
+        archived(root)
     return root
+
+
+def archived(root: Path) -> None:
+    """The wiki's files, and its export: tables, tars and their index."""
+    from kb.export import wiki_tar
+    from tests.release.conftest import a_run
+
+    for column, what in (("pages/screenshot_path", b"screenshot of %d"), ("images/path", b"picture %d")):
+        short, _, name = column.partition("/")
+        for row in pq.read_table(root / "clean" / "wiki" / short / "part-00000.parquet", columns=["page_id", name]).to_pylist():
+            if row[name]:
+                (root / row[name]).parent.mkdir(parents=True, exist_ok=True)
+                (root / row[name]).write_bytes(what % row["page_id"])
+    wiki_tar.export(a_run(root))
 
 
 def released(root: Path, name: str, part: Path, rows_per_shard: int = 40) -> None:

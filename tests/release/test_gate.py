@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -38,6 +40,14 @@ def changed(name: str, change: Callable[[dict[str, Any]], object], rows: slice =
 
 def rewritten(path: Path, change: Callable[[pa.Table], pa.Table]) -> None:
     pq.write_table(change(pq.read_table(path)), path)
+
+
+def with_first(rows: pa.Table, column: str, value: object) -> pa.Table:
+    """The rows with another value of `column` in the first one."""
+    index = rows.column_names.index(column)
+    return rows.set_column(
+        index, rows.schema.field(index).with_nullable(True), pa.array([value, *rows[column].to_pylist()[1:]], rows.schema.field(index).type)
+    )
 
 
 def test_nothing_exported(tmp_path: Path) -> None:
@@ -168,6 +178,160 @@ def test_wiki_without_licence(tmp_path: Path) -> None:
     assert refused(tmp_path, profile=profile) == ["licence: wiki/LICENSE: none is given; set wiki in [release.licenses] of the profile"]
 
 
+def test_wiki_under_a_licence_that_no_release_can_carry(tmp_path: Path) -> None:
+    build(tmp_path, changed("wiki/pages", lambda row: row.update(license="https://wiki.example.org/terms"), slice(None)), ("wiki",))
+    profile = tmp_path / "mine.toml"
+    profile.write_text('name = "mine"\ntitle = "Mine"\n[release.licenses]\nwiki = "CC-BY-NC-SA-3.0"\n')
+    (line,) = refused(tmp_path, profile=profile)
+    assert line.startswith("licence: wiki/LICENSE: the pages name https://wiki.example.org/terms, which is no licence that a release can carry")
+
+
+def test_some_pages_without_licence(tmp_path: Path) -> None:
+    build(tmp_path, changed("wiki/pages", lambda row: row.update(license=None), slice(0, 2)), ("wiki",))
+    assert refused(tmp_path) == ["licence: wiki/pages: 2 rows name no licence, though others do; run `kb wiki crawl --again`"]
+
+
+@pytest.mark.parametrize(
+    ("source", "name"),
+    [
+        ("reddit", "reddit.json"),
+        ("reddit", "posts.csv"),
+        ("reddit", "posts-1-of-1.parquet"),
+        ("reddit", "sample-bodies.parquet"),
+        ("youtube", "LICENSE-mine.txt"),
+        ("youtube", "images-00000-of-00001.tar"),
+        ("youtube", "settings.env"),
+    ],
+)
+def test_undeclared_files(tmp_path: Path, source: str, name: str) -> None:
+    build(tmp_path, sources=(source,))
+    (tmp_path / "release" / source / name).write_text("text")
+    assert refused(tmp_path) == [f"undeclared file: {source}/{name}: is nothing that an export or a release writes; remove it"]
+
+
+def test_links_are_not_followed(tmp_path: Path) -> None:
+    build(tmp_path, sources=("youtube",))
+    (tmp_path / "outside").write_text("not ours")
+    for name in ("extra.txt", "README.md", "DATASHEET.md"):
+        (tmp_path / "release" / "youtube" / name).symlink_to(tmp_path / ("nowhere" if name == "DATASHEET.md" else "outside"))
+    assert refused(tmp_path) == [
+        f"undeclared file: youtube/{name}: is a link; a release has files of its own" for name in ("DATASHEET.md", "README.md", "extra.txt")
+    ]
+
+
+def test_sample_with_content(tmp_path: Path) -> None:
+    build(tmp_path, sources=("reddit",))
+    shutil.copy(tmp_path / "clean" / "reddit" / "posts" / "part-00000.parquet", tmp_path / "release" / "reddit" / "sample-posts.parquet")
+    lines = refused(tmp_path)
+    assert "content: reddit/sample-posts.parquet: column title may not be released" in lines
+    assert all(line.split(": ")[1] == "reddit/sample-posts.parquet" for line in lines)
+
+
+@pytest.mark.parametrize("name", ["notes.csv", "settings.env", "conf.yaml", "images-00000-of-00001.tar"])
+def test_shapes_of_keys_in_any_file_also_across_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setattr("kb.release.scan._CHUNK", 5000)
+    build(tmp_path, sources=("youtube",))
+    (tmp_path / "release" / "youtube" / name).write_bytes(b"\xff" * 4985 + b" ghp_" + b"a1" * 18 + b" " * 9000)
+    assert f"secret: youtube/{name}: it holds a GitHub token" in refused(tmp_path)
+
+
+@pytest.mark.parametrize("place", ["table", "column"])
+def test_shapes_of_keys_in_parquet_metadata(tmp_path: Path, place: str) -> None:
+    build(tmp_path, sources=("pairs",))
+    key = {b"note": b"AIza" + b"Sy0" * 11 + b"ab"}
+
+    def noted(rows: pa.Table) -> pa.Table:
+        if place == "table":
+            return rows.replace_schema_metadata(key)
+        return rows.cast(pa.schema([rows.schema.field(0).with_metadata(key), *list(rows.schema)[1:]]))
+
+    rewritten(tmp_path / "release" / "pairs" / "pairs-00000-of-00001.parquet", noted)
+    assert refused(tmp_path) == ["secret: pairs/pairs-00000-of-00001.parquet: its metadata holds a Google API key"]
+
+
+@pytest.mark.parametrize(("table", "column", "text"), [("youtube/videos", "toxicity_title", "title"), ("wiki/pages", "toxicity", "the page's text")])
+def test_released_text_without_score(tmp_path: Path, table: str, column: str, text: str) -> None:
+    source, _, short = table.partition("/")
+    build(tmp_path, sources=(source,))
+    shard = next((tmp_path / "release" / source).glob(f"{short}-00000-*"))
+    rewritten(shard, lambda rows: with_first(rows, column, None))
+    assert refused(tmp_path) == [f"toxicity: {table}: 1 released rows have no toxicity score of {text}; run the export again"]
+
+
+def test_null_where_the_schema_knows_none(tmp_path: Path) -> None:
+    build(tmp_path, sources=("youtube",))
+    shard = tmp_path / "release" / "youtube" / "videos-00000-of-00002.parquet"
+    rewritten(shard, lambda rows: with_first(rows, "fetched_at", None))
+    (line,) = refused(tmp_path)
+    assert line.startswith("null: youtube/videos-00000-of-00002.parquet: column fetched_at has rows without a value")
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "text"),
+    [
+        ("comments", "score_source", "Notch_1990"),
+        ("posts", "type", "u_SomeAuthor"),
+        ("posts", "post_id", "SomeAuthor"),
+        ("comments", "parent_id", "u_author"),
+        ("comments", "comment_id", "abc\nd"),
+    ],
+)
+def test_a_name_where_reddit_has_words_and_ids(tmp_path: Path, table: str, column: str, text: str) -> None:
+    build(tmp_path, sources=("reddit",))
+    where = f"reddit/{table}-00000-of-00001.parquet"
+    rewritten(tmp_path / "release" / where, lambda rows: with_first(rows, column, text))
+    (line,) = refused(tmp_path)
+    assert line.startswith(f"content: {where}: column {column} holds ")
+    assert text not in line
+
+
+def test_archives_that_are_gone_or_cut_off(tmp_path: Path) -> None:
+    build(tmp_path, sources=("wiki",))
+    wiki = tmp_path / "release" / "wiki"
+    images, screenshots = wiki / "images-00000-of-00001.tar", wiki / "screenshots-00000-of-00001.tar"
+    whole = images.read_bytes()
+    images.write_bytes(whole[:1024])
+    (line,) = refused(tmp_path)
+    assert re.fullmatch(r"damaged: wiki/images-00000-of-00001\.tar: is cut off: \d+ of its files end beyond it; run `kb wiki export` again", line)
+    images.write_bytes(whole)
+    release(a_run(tmp_path))
+    screenshots.unlink()
+    lines = refused(tmp_path)
+    assert f"checksum: wiki/{screenshots.name}: is in SHA256SUMS but not there; export it again" in lines
+    assert any(line.startswith(f"damaged: wiki/{screenshots.name}: is not there; index.ndjson names 12 files in it") for line in lines)
+
+
+@pytest.mark.parametrize("text", [None, "{", ""])
+def test_index_that_is_gone_or_damaged(tmp_path: Path, text: str | None) -> None:
+    build(tmp_path, sources=("wiki",))
+    index = tmp_path / "release" / "wiki" / "index.ndjson"
+    index.unlink() if text is None else index.write_text(text)
+    lines = refused(tmp_path)
+    assert lines
+    assert all(line.startswith("damaged: wiki/") and line.endswith("run `kb wiki export` again") for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "file"),
+    [("youtube", "clean/youtube/videos/part-00000.parquet"), ("pairs", "pairs/part-00000.parquet"), ("pairs", "release/pairs/sample-pairs.parquet")],
+)
+def test_damaged_files_are_lines(tmp_path: Path, text: str, file: str) -> None:
+    build(tmp_path, sources=(text,))
+    release(a_run(tmp_path))
+    path = tmp_path / file
+    path.write_bytes(path.read_bytes()[:500])
+    lines = refused(tmp_path)
+    assert any(line.startswith(f"damaged: {file.removeprefix('release/')}: can't be read") and " again" in line for line in lines)
+
+
+@pytest.mark.parametrize("data", [b"\xff\xfe garbage", b"words\n"])
+def test_damaged_checksums_are_a_line(tmp_path: Path, data: bytes) -> None:
+    build(tmp_path, sources=("pairs",))
+    (tmp_path / "release" / "pairs" / "SHA256SUMS").write_bytes(data)
+    (line,) = refused(tmp_path)
+    assert line.startswith("damaged: pairs/SHA256SUMS: can't be read")
+
+
 def test_damaged_shard_is_a_line_and_no_crash(tmp_path: Path) -> None:
     build(tmp_path, sources=("youtube",))
     shard = tmp_path / "release" / "youtube" / "videos-00000-of-00002.parquet"
@@ -193,6 +357,11 @@ def test_data_changed_after_the_release(tmp_path: Path) -> None:
         ("write to jane.doe+x@mail.example.org please", "an e-mail address", "emails_per_thousand", "0.2"),
         ("call +1 (555) 010-9999 now", "a phone number", "phones_per_thousand", "0.5"),
         ("call 555-010-9999", "a phone number", "phones_per_thousand", "0.5"),
+        ("mail jörg@exämple.de", "an e-mail address", "emails_per_thousand", "0.2"),
+        ("appelez moi +33 6 12 34 56 78", "a phone number", "phones_per_thousand", "0.5"),
+        ("ruf an 0171 1234567", "a phone number", "phones_per_thousand", "0.5"),
+        ("WhatsApp me: 555 123 4567", "a phone number", "phones_per_thousand", "0.5"),
+        ("+33612345678", "a phone number", "phones_per_thousand", "0.5"),
     ],
 )
 def test_personal_data_beyond_tolerance(tmp_path: Path, text: str, what: str, key: str, rate: str) -> None:
@@ -210,6 +379,14 @@ def test_personal_data_beyond_tolerance(tmp_path: Path, text: str, what: str, ke
         "3.14159265",
         "meet @ the castle",
         "user@home",
+        "100 200 3000",
+        "at 255 64 1984",
+        "+12 500 000 XP",
+        "+3.14159265",
+        "call it 1200 64 -300",
+        "mobile version of 20.11.2026",
+        "2026-11-01 12:00:00 +0100",
+        "0101 0101 0101",
     ],
 )
 def test_game_talk_is_no_personal_data(tmp_path: Path, text: str) -> None:

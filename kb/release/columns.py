@@ -1,0 +1,90 @@
+"""What a released Parquet file may hold: declared columns of declared types, and values as `schemas/` says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kb.release.problem import Problem, damaged
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from kb.schema import Table
+    from kb.schema.tables import Column
+
+_REDDIT_LONGEST = 16  # ids, types and full names; anything longer is content
+
+
+def check(path: Path, declared: Table, source: str) -> list[Problem]:
+    """Every problem of one file: to be readable, described, without nulls where there are none, and no content."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    where = f"{source}/{path.name}"
+    try:
+        schema = pq.read_schema(path)
+        found = _columns(declared, schema, where)
+        return found or _values(path, declared, where, ids_only=source == "reddit" and declared.source == source)
+    except (pa.ArrowInvalid, OSError) as error:
+        return [damaged(where, error, "export it again")]
+
+
+def _columns(declared: Table, schema: pa.Schema, where: str) -> list[Problem]:
+    known = {column.name: column for column in declared.columns}
+    expected = declared.arrow(True)
+    found = []
+    for field in schema:
+        column = known.get(field.name)
+        if column is None:
+            found.append(Problem("undescribed", where, f"column {field.name} is not described in schemas/"))
+        elif not column.released:
+            word = "content" if column.content else "unreleased"
+            found.append(Problem(word, where, f"column {field.name} may not be released"))
+        elif field.type != expected.field(field.name).type:
+            found.append(Problem("undescribed", where, f"column {field.name} is {field.type}, schemas/ says {column.type}"))
+    found += [Problem("undescribed", where, f"column {name} is missing") for name in expected.names if name not in schema.names]
+    return found
+
+
+def _values(path: Path, declared: Table, where: str, *, ids_only: bool) -> list[Problem]:
+    """The first odd value of each column, read a batch at a time; what it says is not shown, as it may be content."""
+    import pyarrow.parquet as pq
+
+    found = []
+    file = pq.ParquetFile(path)
+    for column in declared.columns:
+        if not column.released:
+            continue
+        for batch in file.iter_batches(columns=[column.name]):
+            if problem := _odd(batch.column(0), column, where, ids_only=ids_only):
+                found.append(problem)
+                break
+    return found
+
+
+def _odd(values: pa.Array, column: Column, where: str, *, ids_only: bool) -> Problem | None:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if values.null_count and not column.nullable:
+        return Problem("null", where, f"column {column.name} has rows without a value, schemas/ says there are none; export it again")
+    if column.type != "string":
+        return None
+    values = values.drop_null()
+    if ids_only:
+        # No text of a released Reddit table may be longer than an id or hold an address, whatever its column says.
+        odd = pc.or_(pc.greater(pc.utf8_length(values), _REDDIT_LONGEST), pc.match_substring_regex(values, r"[\s/@]"))
+        if pc.any(odd).as_py():
+            return Problem("content", where, f"column {column.name} holds text that is no id")
+    if column.values and not pc.all(pc.is_in(values, pa.array(column.values))).as_py():
+        return Problem("content", where, f"column {column.name} holds something else than {', '.join(column.values)}")
+    if column.pattern and not pc.all(pc.match_substring_regex(values, rf"\A(?:{column.pattern})\z")).as_py():
+        return Problem("content", where, f"column {column.name} holds something else than {column.pattern}")
+    return None
+
+
+def numbered(names: list[str], stem: str, ending: str) -> bool:
+    """Whether `names` are all files of one export: 0 to n-1 of n."""
+    total = len(names)
+    return names == [f"{stem}-{index:05d}-of-{total:05d}.{ending}" for index in range(total)]
