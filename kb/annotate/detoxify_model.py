@@ -62,6 +62,11 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
         if len(model.tokenizer) > model.model.config.vocab_size:
             raise _misfit(checkpoint, f"the tokenizer has {len(model.tokenizer)} tokens, the model knows {model.model.config.vocab_size}")
         _same_weights(model, state, checkpoint)
+    if "toxicity" not in model.class_names:
+        raise MissingModel(
+            f"{checkpoint.path} has no class 'toxicity', only {', '.join(map(str, model.class_names))[:80]}",
+            hint="KB_TOXICITY_MODEL must be a Detoxify model name or checkpoint; see `kb models fetch`",
+        )
     model.model.eval()
     return model
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 TABLE = "shared/annotations"
-CATEGORIES = ("toxicity", "severe_toxicity", "obscene", "threat", "insult", "identity_attack")
+CATEGORIES = ("toxicity", "severe_toxicity", "obscene", "threat", "insult", "identity_attack", "sexual_explicit")
 PRECISIONS = ("fp32", "bf16", "int8")  # the exact one first
 _RANK = "CASE precision WHEN 'fp32' THEN 0 WHEN 'bf16' THEN 1 ELSE 2 END"
 
@@ -32,7 +32,7 @@ class Scores:
     revision: str
 
     def lookup(self, hashes: pa.Array | pa.ChunkedArray) -> pa.Table:
-        """A row for each hash, in order: `CATEGORIES` and `precision`; null where there is no score.
+        """A row for each hash, in order: `CATEGORIES` and `precision`; null where there is no score or no such class.
 
         Of several precisions the exact one wins, so the result doesn't depend on what was scored first.
         """
@@ -91,7 +91,7 @@ class Scores:
         precisions: Sequence[str],
         classes: Sequence[str],
     ) -> Path:
-        """Add a chunk as the next part. Raises DiskFull."""
+        """Add a chunk as the next part; a category that is none of `classes` is null. Raises DiskFull."""
         import pyarrow as pa
 
         from kb.store.shards import write_table
@@ -103,7 +103,9 @@ class Scores:
                 "model": pa.array([self.model] * len(hashes), pa.string()),
                 "revision": pa.array([self.revision] * len(hashes), pa.string()),
                 "precision": pa.array(precisions, pa.string()),
-                **{name: pa.array([0.0 if n is None else row[n] for row in scores], pa.float32()) for name, n in zip(CATEGORIES, place, strict=True)},
+                **{
+                    name: pa.array([None if n is None else row[n] for row in scores], pa.float32()) for name, n in zip(CATEGORIES, place, strict=True)
+                },
             }
         )
         path = Path(self.folder) / f"part-{self._next():06d}.parquet"
@@ -142,14 +144,14 @@ class Scores:
         return con
 
     def _files(self) -> str:
+        """SQL of all rows; files of an earlier version may lack a category."""
         from kb.schema.tables import table
+        from kb.store.reading import scan
 
-        files = sorted(str(path) for path in Path(self.folder).glob("*.parquet"))
-        if files:
-            listed = ", ".join("'" + file.replace("'", "''") + "'" for file in files)
-            return f"read_parquet([{listed}])"
+        files = sorted(Path(self.folder).glob("*.parquet"))
         columns = ", ".join(f"NULL::{'FLOAT' if column.type == 'float32' else 'VARCHAR'} AS {column.name}" for column in table(TABLE).columns)
-        return f"(SELECT {columns} WHERE false)"
+        none = f"SELECT {columns} WHERE false"
+        return f"(SELECT * FROM {scan(files, by_name=True)} UNION ALL BY NAME {none})" if files else f"({none})"
 
     def _next(self) -> int:
         numbers = [re.fullmatch(r"part-(\d+)\.parquet", path.name) for path in Path(self.folder).glob("part-*.parquet")]

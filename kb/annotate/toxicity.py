@@ -175,7 +175,9 @@ def annotate(run: Run, source: str, texts: Iterable[Any], precision: str | None 
 
 
 def scores(key: str, root: Path | str, source: str, texts: pa.Array | pa.ChunkedArray) -> pa.Table:
-    """The six categories (float32) of each text, null for null or empty ones; loads no model. For workers.
+    """`CATEGORIES` (float32) of each text, null for null or empty ones and for what is no class of the model. For workers.
+
+    Loads no model.
 
     `key` is what `check` gave.
     """

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 import zstandard
 
+from kb.schema.tables import table
 from kb.store import lock, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
@@ -136,7 +137,10 @@ def _keep(path: Path, declared: str, column: str, good: Callable[[pa.Array], pa.
             mask, start = pa.chunked_array(kept, pa.bool_()).combine_chunks(), 0
             with ShardWriter(path, declared, in_order=True) as writer:
                 for batch in file.iter_batches():
-                    writer.write(pa.Table.from_batches([batch.filter(mask.slice(start, batch.num_rows))]))
+                    rows = pa.Table.from_batches([batch.filter(mask.slice(start, batch.num_rows))])
+                    for lacking in (name for name in table(declared).names() if name not in rows.column_names):  # of an earlier version
+                        rows = rows.append_column(lacking, pa.nulls(rows.num_rows, table(declared).arrow().field(lacking).type))
+                    writer.write(rows)
                     start += batch.num_rows
     return gone
 

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from kb.annotate import backends, graph
 from kb.annotate.compiled import make_compiled
 from kb.annotate.detoxify_model import load_detoxify
+from kb.annotate.hashes import text_hashes
+from kb.annotate.scores import CATEGORIES
+from kb.annotate.toxicity import Scorer
+from kb.core.errors import MissingModel
+from kb.store.purge import drop_annotations
 from tests.annotate.made import UNBIASED, WORDS, checkpoint_of, make_checkpoint
 
 TEXTS = ["hello there", "you are a stupid idiot", " ".join(WORDS * 3), "creeper", "ünïcode 方块"]
@@ -35,3 +42,44 @@ def test_more_outputs_than_classes_are_read_as_detoxify_reads_them(sixteen):
             assert row == pytest.approx([theirs[name] for name in UNBIASED], abs=1e-4), runner.name
     if graph.installed("onnxruntime"):
         assert all(len(row) == 7 for row in backends.open_runner(sixteen, "int8").score(TEXTS))
+
+
+def test_a_class_that_only_some_models_have_is_kept_and_counts(sixteen, make_run):
+    """`sexual_explicit` is a class of `unbiased`; a lower one of `original` would else be called the largest."""
+    run = make_run(model=str(sixteen.path))
+    scorer = Scorer.open(run, "reddit")
+    scorer.annotate([TEXTS])
+    columns = scorer.columns(pa.array(TEXTS))
+    detoxify = load_detoxify(sixteen)
+    for n, text in enumerate(TEXTS):
+        theirs = detoxify.predict(text)
+        assert columns["toxicity_sexual_explicit"][n].as_py() == pytest.approx(theirs["sexual_explicit"], abs=1e-4)
+        assert columns["toxicity"][n].as_py() == pytest.approx(max(theirs.values()), abs=1e-4)
+
+
+def test_a_class_that_the_model_lacks_is_null_and_one_without_toxicity_is_exit_2(make_run, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    run = make_run(model=str(make_checkpoint(tmp_path / "two", classes=("toxic", "spam"), outputs=2)))
+    Scorer.open(run, "wiki").annotate([TEXTS])
+    found = Scorer.open(run, "wiki").lookup(text_hashes(pa.array(TEXTS)))
+    assert found["toxicity"].null_count == 0
+    assert all(found[name].null_count == len(TEXTS) for name in CATEGORIES[1:])
+    foreign = make_run(model=str(make_checkpoint(tmp_path / "foreign", classes=("spam", "ham"), outputs=2)))
+    with pytest.raises(MissingModel, match="no class 'toxicity'") as error:
+        Scorer.open(foreign, "youtube").annotate([TEXTS])
+    assert error.value.exit_code == 2
+    assert not (run.root / "annotations/youtube").exists()
+
+
+def test_scores_of_an_earlier_version_are_read_and_merged(make_run):
+    """Their files lack the newest category."""
+    run = make_run()
+    Scorer.open(run, "reddit").annotate([TEXTS[:3]])
+    path = run.root / "annotations/reddit/toxicity.parquet"
+    pq.write_table(pq.read_table(path).drop_columns(["sexual_explicit"]), path)
+    counts = Scorer.open(run, "reddit").annotate([TEXTS])
+    assert (counts.scored, counts.known) == (len(TEXTS) - 3, 3)
+    assert pq.read_table(path)["sexual_explicit"].null_count == len(TEXTS)
+    pq.write_table(pq.read_table(path).drop_columns(["sexual_explicit"]), path)
+    assert drop_annotations(run.root, "reddit", text_hashes(pa.array(TEXTS[:2]))) == len(TEXTS) - 2
+    assert Scorer.open(run, "reddit").annotate([TEXTS[:2]]).scored == 0
