@@ -20,13 +20,16 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 import typer.core
 
 from kb.cli import outcome
 from kb.cli.options import COMMON, Options
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 class Command(typer.core.TyperCommand):
@@ -73,16 +76,18 @@ def command(
     raw: bool = False,
     resumable: bool = True,
     main: bool = False,
+    needs_data: bool = False,
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Declare a command of `app`.
 
     `raw`: pass Options instead of a Run. `resumable`: a signal lets the item in hand be finished;
     otherwise it ends the command at once (queries, servers). `main`: what the group itself does when
-    none of its commands is named.
+    none of its commands is named. `needs_data`: it works on what was collected, so that a data root that
+    is not there is a mistake, and is not made.
     """
 
     def declare(function: Callable[..., Any]) -> Callable[..., Any]:
-        wrapped = _wrap(function, raw=raw, resumable=resumable, main=main)
+        wrapped = _wrap(function, raw=raw, resumable=resumable, main=main, needs_data=needs_data)
         epilog = "\n".join(examples)
         if main:
             app.callback(invoke_without_command=True, cls=Group, epilog=epilog)(wrapped)
@@ -93,7 +98,7 @@ def command(
     return declare
 
 
-def _wrap(function: Callable[..., Any], *, raw: bool, resumable: bool, main: bool) -> Callable[..., Any]:
+def _wrap(function: Callable[..., Any], *, raw: bool, resumable: bool, main: bool, needs_data: bool) -> Callable[..., Any]:
     signature = inspect.signature(function)
     _, *own = signature.parameters.values()
     parameters = [
@@ -115,7 +120,7 @@ def _wrap(function: Callable[..., Any], *, raw: bool, resumable: bool, main: boo
         if context is not None and context.invoked_subcommand is not None:
             return 0
         options = Options(**{name: values.pop(name) for name in COMMON})
-        return _call(function, options, values, raw=raw, resumable=resumable)
+        return _call(function, options, values, raw=raw, resumable=resumable, needs_data=needs_data)
 
     run.__doc__ = function.__doc__
     run.__name__ = function.__name__
@@ -124,13 +129,15 @@ def _wrap(function: Callable[..., Any], *, raw: bool, resumable: bool, main: boo
     return run
 
 
-def _call(function: Callable[..., Any], options: Options, values: dict[str, Any], *, raw: bool, resumable: bool) -> int:
+def _call(function: Callable[..., Any], options: Options, values: dict[str, Any], *, raw: bool, resumable: bool, needs_data: bool = False) -> int:
     from kb.cli import logs
 
     try:
         with _signals(resumable):
             logs.configure(quiet=options.quiet, debug=options.debug)
-            first = options if raw else options.make_run()
+            first: Any = options if raw else options.make_run()
+            if needs_data:
+                _existing(first.root)
             try:
                 summary = function(first, **values)
             finally:
@@ -155,11 +162,20 @@ def _signals(resumable: bool) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    numbers = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _existing(root: Path) -> None:
+    from kb.core.errors import SettingError
+
+    if not root.is_dir():
+        raise SettingError(f"there is no data root {root}", hint="check --data and KB_DATA, or run a crawl first")
 
 
 def _close(progress: Any) -> None:

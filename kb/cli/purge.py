@@ -19,13 +19,13 @@ app = group("Remove for good what was deleted at its source, or named.")
 Ids = Annotated[Path | None, typer.Option("--ids", metavar="FILE", help="Also remove these keys: one a line, or a Parquet file.")]
 
 
-@command(app, examples=["kb purge youtube", "kb purge youtube --ids gone.txt"])
+@command(app, needs_data=True, examples=["kb purge youtube", "kb purge youtube --ids gone.txt"])
 def youtube(run: Run, ids: Ids = None) -> Summary:
     """Remove videos that vanished from YouTube, or are named, from every folder, and remember them."""
     return pipeline(run, "purge").purge(run, "youtube", ids)
 
 
-@command(app, examples=["kb purge wiki --ids pages.txt"])
+@command(app, needs_data=True, examples=["kb purge wiki --ids pages.txt"])
 def wiki(run: Run, ids: Ids = None) -> Summary:
     """Remove pages that the wiki deleted, or that are named, from every folder, and remember them.
 
@@ -35,7 +35,7 @@ def wiki(run: Run, ids: Ids = None) -> Summary:
     return pipeline(run, "purge").purge(run, "wiki", ids)
 
 
-@command(app, examples=["kb purge reddit", "kb purge reddit --ids requests.txt"])
+@command(app, needs_data=True, examples=["kb purge reddit", "kb purge reddit --ids requests.txt"])
 def reddit(run: Run, ids: Ids = None) -> Summary:
     """Remove posts and comments that were deleted or removed, or are named, and remember them."""
     return pipeline(run, "purge").purge(run, "reddit", ids)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 app = group("Read again what the services' terms ask to keep fresh.")
 
 
-@command(app, examples=["kb refresh youtube --wait", "kb refresh youtube --limit 5000"])
+@command(app, needs_data=True, examples=["kb refresh youtube --wait", "kb refresh youtube --limit 5000"])
 def youtube(run: Run) -> Summary:
     """Read statistics older than the profile's max_age_days again and mark videos that vanished.
 
@@ -24,7 +24,7 @@ def youtube(run: Run) -> Summary:
     return refresh(run)
 
 
-@command(app, examples=["kb refresh reddit --wait"])
+@command(app, needs_data=True, examples=["kb refresh reddit --wait"])
 def reddit(run: Run) -> Summary:
     """Read scores, removals and deletions again, 100 ids a request, with your own app's key.
 

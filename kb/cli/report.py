@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 app = group("Figures and one HTML page of what was collected.")
 
 
-@command(app, examples=["kb report                                what is there so far; open report/index.html"])
+@command(app, needs_data=True, examples=["kb report                                what is there so far; open report/index.html"])
 def report(run: Run) -> Summary:
     """Figures (SVG, PNG) and one page that needs no network, in report/ under the data root.
 

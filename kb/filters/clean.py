@@ -45,6 +45,7 @@ def run_clean(run: Run, source: str) -> Summary:
     job = _job(run, source)
     spec = spec_of(job)
     key = spec.scorer.check(run, source) if spec.scorer is not None else ""
+    _segments(run.root, spec)  # without any, nothing is written
     with writer(run.root, source), _work(job) as work:
         segments = _segments(run.root, spec)
         tombstones.heal(run.root, source)
@@ -64,8 +65,9 @@ def run_clean(run: Run, source: str) -> Summary:
 def texts(run: Run, source: str) -> Iterator[pa.Array]:
     """The texts that the toxicity stage of a source would look at, for `kb annotate`."""
     job = _job(run, source)
+    spec = spec_of(job)
+    _segments(run.root, spec)
     with writer(run.root, source), _work(job) as work:
-        spec = spec_of(job)
         segments = _segments(run.root, spec)
         job = job._replace(work=str(work), buckets=_buckets(run.root, spec, segments))
         with make_executor(run.engine, run.workers, run.scheduler) as executor:

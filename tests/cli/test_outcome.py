@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from kb.cli.command import _call
 from kb.cli.options import Options
 from kb.core import errors
+from kb.core.resources import folder
 from tests.cli.conftest import clean_environment
 
 
@@ -143,6 +145,35 @@ def test_empty_settings_change_nothing(kb: Any, tmp_path: Path) -> None:
     plain = kb("status")
     assert kb("status", env={"KB_DATA": "", "KB_PROFILE": "", "KB_TOXICITY_MODEL": "", "KB_CONTACT": ""}).stdout == plain.stdout
     assert str(tmp_path / "data") in plain.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["purge", "youtube"], 2),
+        (["purge", "wiki", "--ids", "gone.txt"], 2),
+        (["refresh", "youtube"], 2),
+        (["report"], 2),
+        (["youtube", "filter", "--profile", "off.toml"], 1),
+        (["youtube", "export"], 1),
+        (["release"], 1),
+        (["pairs"], 1),
+        (["query", "FROM youtube_videos"], 2),
+        (["query", "--tables"], 0),
+        (["status"], 0),
+    ],
+)
+def test_a_data_root_that_is_not_there_is_not_made(kb: Any, tmp_path: Path, arguments: list[str], code: int) -> None:
+    shipped = folder("profiles") / "minecraft"
+    shutil.copytree(shipped, tmp_path / "profile")
+    text = (shipped / "profile.toml").read_text(encoding="utf-8").replace('toxicity = "on"', 'toxicity = "off"')
+    (tmp_path / "profile" / "off.toml").write_text(text, encoding="utf-8")
+    arguments = ["profile/off.toml" if word == "off.toml" else word for word in arguments]
+    answer = kb(*arguments, "--data", "mistyped", env={"YOUTUBE_API_KEY": "k"})
+    assert answer.returncode == code, answer.stderr
+    assert not (tmp_path / "mistyped").exists()
+    if code:
+        assert answer.stderr.count("\n") == 1, answer.stderr
 
 
 def test_a_file_as_data_root_is_refused(kb: Any, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
@@ -94,3 +95,25 @@ def test_a_second_ctrl_c_does_not_wait_for_the_item(tmp_path: Path) -> None:
     _, err = process.communicate(timeout=30)
     assert process.returncode == 3
     assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_a_command_is_still_being_loaded(tmp_path: Path, number: signal.Signals) -> None:
+    """Whatever is imported when it comes: here the command tree, which says so and waits."""
+    (tmp_path / "typer.py").write_text('import time\nprint("importing", flush=True)\ntime.sleep(60)\n')
+    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from kb.cli import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, "youtube", "crawl", "--json"],
+        cwd=tmp_path,
+        env={**clean_environment(), "PYTHONPATH": f"{tmp_path}:{Path(__file__).parents[2]}"},
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "importing\n"
+    process.send_signal(number)
+    out, err = process.communicate(timeout=30)
+    assert process.returncode == 3
+    assert err == f"kb: stopped by {number.name}; run the same command to go on\n"
+    assert json.loads(out) == {"stopped": f"stopped by {number.name}"}
