@@ -13,9 +13,12 @@ from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
+from kb.sandbox import youtube_errors
 from kb.sandbox.server import Sandbox
 from kb.youtube.quota import PACIFIC
 from pipelines import youtube
+from tests.youtube.job import Job
+from tests.youtube.test_faults import CRAWL
 
 UNITS, SEARCHES = 4, 2
 
@@ -52,6 +55,24 @@ def run_with(sandbox: Sandbox, root: Path, wait: bool = False, **limits: int) ->
     profile = profile.model_copy(update={"youtube": profile.youtube.model_copy(update=limits)})
     settings = load_settings(dotenv=False, **{key.lower(): value for key, value in sandbox.settings(model=False).items()})
     return Run(settings=settings, profile=profile, root=root, workers=2, wait=wait)
+
+
+def test_wait_sleeps_as_long_as_the_service_asks(few: Sandbox, tmp_path: Path, days: Days) -> None:
+    for path in ("/v3/videos", "/watch"):
+        few.faults.add(path, status=429, headers={"Retry-After": "4000"})
+    start = days.time
+    summary = youtube.crawl(run_with(few, tmp_path, wait=True), None, None, None)
+    assert (summary["left"], summary["failed"]) == (0, 0)
+    assert days.time - start >= timedelta(seconds=8000)
+
+
+def test_wait_with_a_set_date_sees_the_next_day(job: Job) -> None:
+    status, body = youtube_errors.general_spent()
+    job.sandbox.faults.add("/v3/videos", status=status, body=body)
+    assert job.done(*CRAWL, "--wait", KB_NOW="2026-11-21T07:59:58Z")["left"] == 0
+    with sqlite3.connect(job.root / "state" / "youtube.sqlite") as state:
+        days = state.execute("SELECT DISTINCT day FROM ledger WHERE bucket = 'general' ORDER BY day").fetchall()
+    assert days == [("2026-11-20",), ("2026-11-21",)]
 
 
 def test_wait_goes_on_after_each_reset_and_never_overspends(few: Sandbox, tmp_path: Path, days: Days) -> None:

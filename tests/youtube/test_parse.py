@@ -8,8 +8,10 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
+from kb.annotate.words import word_count_of_lists
 from kb.core.errors import DamagedData
 from kb.youtube import parse
+from kb.youtube.assemble import assemble
 
 GOOD: dict[str, Any] = {
     "id": "a",
@@ -189,7 +191,10 @@ def test_transcripts_of_every_outcome() -> None:
         outcome(video_id="c", outcome="ok", kind="manual", language="en-GB", cues=[[0, "x", "y"]]),
         outcome(video_id="d", outcome="ok", kind="manual", language="en", cues=[]),
     ]
-    a, b, c, d = pa.concat_tables(parse.transcripts(lines)).to_pylist()
+    table = pa.concat_tables(parse.transcripts(lines))
+    # What has no words in it, or can't be read, is no transcript.
+    assert assemble({"transcripts": table}, words=word_count_of_lists)["youtube/transcripts"]["video_id"].to_pylist() == ["a"]
+    a, b, c, d = table.to_pylist()
     assert a["cues"] == [{"start_s": 0.0, "duration_s": 1.5, "text": "hi"}, {"start_s": 1.0, "duration_s": 2.0, "text": "a\ufffdb"}]
     assert (a["player_fps"], a["game_label_id"], a["player_width"], a["problems"]) == (60, "UC1", None, [])
     assert (b["outcome"], b["cues"], b["kind"]) == ("disabled", None, None)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs
 
 import pytest
 
-from kb.sandbox.server import Sandbox
+from kb.sandbox import youtube
+from kb.sandbox.server import Sandbox, Server
 from kb.sandbox.world import World
 from tests.youtube.job import Job, plain_units
 from tests.youtube.test_faults import CRAWL, check
@@ -59,6 +63,61 @@ def test_two_parts_copied_together_are_the_whole(job: Job, few: Sandbox, tmp_pat
     assert len(watched) == len(set(watched))  # no video was in both parts
 
 
+def test_one_part_after_the_other_in_one_root_is_the_whole(job: Job) -> None:
+    job.done(*CRAWL, "--part", "1/2")
+    listed = len(job.sandbox.ledger.requests("/playlistItems"))
+    job.done(*CRAWL, "--part", "2/2")
+    assert 0 < listed < len(job.sandbox.ledger.requests("/playlistItems"))
+    check(job)
+
+
+def test_the_site_below_a_path(tmp_path: Path) -> None:
+    """Game labels and sizes come from pages whose address begins with the root's own path."""
+    sandbox = Sandbox(World(n_channels=9, n_videos=30), services=["youtube"])
+    inner = youtube.app(sandbox.world, sandbox.faults)
+
+    def below(environ: dict[str, Any], start: Any) -> Any:
+        path = environ["PATH_INFO"]
+        return inner(environ | {"PATH_INFO": path.removeprefix("/mirror/yt") if path.startswith("/mirror/yt/") else "/nowhere"}, start)
+
+    sandbox.servers["youtube"] = Server(below)
+    with sandbox:
+        root = f"{sandbox.servers['youtube'].url}/mirror/yt"
+        job = Job(sandbox, tmp_path, KB_YOUTUBE_ENDPOINT=root, KB_YOUTUBE_WEB=root)
+        job.done(*CRAWL)
+        check(job)
+        found = [one["response"]["player"] for one in job.raw("transcripts")]
+        assert any(one["game_label_id"] for one in found)
+        assert any(one["fps"] for one in found)
+
+
+def test_a_list_that_goes_round_ends_with_a_warning(job: Job) -> None:
+    channel = job.sandbox.world.youtube.channels[0]
+    keys = [video.id for video in channel.entries]
+
+    def page(environ: dict[str, Any]) -> bytes:
+        token = parse_qs(environ["QUERY_STRING"]).get("pageToken", [""])[0]
+        items = [{"contentDetails": {"videoId": key}} for key in keys]
+        return json.dumps({"items": items, "nextPageToken": {"": "A", "A": "B", "B": "A"}[token]}).encode()
+
+    job.sandbox.faults.add(f"/playlistItems.*UU{channel.id[2:]}", times=None, status=200, body=page)
+    result = job.kb(*CRAWL)
+    assert result.returncode == 0, result.stderr
+    assert "goes round" in result.stderr
+    assert len([seen for seen in job.sandbox.ledger.requests("/playlistItems") if channel.id[2:] in seen.query]) < 8
+    check(job)
+
+
+def test_known_ids_alone_leave_no_search_behind(job: Job) -> None:
+    file = job.place / "ids.txt"
+    file.write_text("\ufeff" + "\n".join(job.sandbox.world.youtube.videos), encoding="utf-8")
+    assert job.done(*CRAWL, "--ids", str(file))["bad_lines"] == 0
+    assert job.done("status")["left"] == 0
+    check(job)
+    assert "--again" in job.kb(*CRAWL, "--ids", str(file)).stderr
+    assert "--again" not in job.kb(*CRAWL, "--ids", str(file), "--again").stderr
+
+
 def test_known_ids_skip_discovery(job: Job) -> None:
     ids = [video.id for video in job.sandbox.world.youtube.videos.values()]
     file = job.place / "ids.txt"
@@ -99,7 +158,10 @@ def test_a_new_round_reads_only_what_is_new(job: Job) -> None:
     check(job)
 
 
-@pytest.mark.parametrize("words", [("--part", "3/2"), ("--only", "nothing"), ("--ids", "/no/such/file")])
+@pytest.mark.parametrize(
+    "words",
+    [("--part", "3/2"), ("--only", "nothing"), ("--ids", "/no/such/file"), ("--ids", "/dev/null"), ("--ids", __file__, "--only", "channels")],
+)
 def test_wrong_usage_sends_and_writes_nothing(job: Job, words: tuple[str, ...]) -> None:
     job.stopped(*CRAWL, *words, code=2)
     assert len(job.sandbox.ledger) == 0
