@@ -60,8 +60,8 @@ def test_every_line_of_a_file_of_titles_is_counted(wiki, run, tmp_path):
     assert {name: summary[name] for name in ("crawled", "failed", "missing", "bad_lines", "pending")} == {
         "crawled": 3, "failed": 1, "missing": 3, "bad_lines": 1, "pending": 0,
     }  # fmt: skip
-    _, kept, odd = filtered(run)
-    assert kept == ["Alpha", "Beta", "Delta"]
+    found, kept, odd = filtered(run)
+    assert (kept, found["unknown_keys"]) == (["Alpha", "Beta", "Delta"], {})
     absent = {"wp:Foo": ("missing", "interwiki"), "Redir": ("missing", "redirect"), "Nope": ("missing", "missing")}
     assert odd == {**absent, "Lost": ("failed", "unanswered")}
     wiki.hook = lambda request: None
