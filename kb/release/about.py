@@ -131,13 +131,13 @@ ABOUT = {
             "retrieval for agents",
         ),
         avoid=(
-            "presenting the text as your own: it is shared alike, with credit to its editors",
+            "presenting the text as your own: its editors are named by contributors_url",
             "commercial use where the licence forbids it",
         ),
         upkeep="`kb wiki crawl --again` reads what changed; deleted and moved pages become tombstones.",
         words=("wiki", "screenshots", "document layout", "bounding boxes"),
         tasks=("visual-question-answering", "object-detection", "question-answering"),
-        attribution=("Text and pictures belong to the wiki's editors: credit them by the page's url and contributors_url and share alike."),
+        attribution="Text and pictures are by the wiki's editors, whom each page's url and contributors_url name.",
     ),
     "reddit": About(
         title="{topic} on Reddit: post and comment ids with thread structure",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from kb.core.errors import ReleaseRefused
+from kb.core.errors import DamagedData, ReleaseRefused
 from kb.core.verdict import Summary
 from kb.release import check, checksums, folders, measure, sample
 from kb.release.card import card
@@ -75,8 +75,14 @@ def refuse(problems: Sequence[Problem]) -> None:
 
 def write(run: Run, folder: Folder) -> Facts:
     """Everything around one folder's data, the checksums last."""
+    import duckdb
+
     task = run.progress.task(f"release {folder.source}", total=9, unit="files")
-    facts = measure.measure(run, folder)
+    try:
+        facts = measure.measure(run, folder)
+    except duckdb.Error as error:
+        why = (str(error).splitlines() or [""])[0]
+        raise DamagedData(f"{folder.source} can't be measured: {why}", hint="make the file that it names again, or remove it") from None
     for path in folder.path.glob("LICENSE-*.txt"):
         path.unlink()
     texts = {
@@ -103,7 +109,7 @@ def _licence(facts: Facts) -> str:
     from kb.release.about import ABOUT
 
     law = licence(facts.licence)
-    head = [f"{law.title} ({law.spdx})", law.url, "", ABOUT[facts.source].attribution]
+    head = [f"{law.title} ({law.spdx})", law.url, "", f"{ABOUT[facts.source].attribution} {law.short}"]
     if len(facts.licences) > 1:
         head += [
             "",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from kb.release.about import ABOUT
 from kb.release.licences import licence
-from kb.release.texts import SANDBOX_NOTE, bibtex, day, folded, rows, size, span, summary, title, value
+from kb.release.texts import SANDBOX_NOTE, bibtex, day, folded, language, rows, size, span, summary, title, value
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -76,7 +76,7 @@ def _front(run: Run, facts: Facts) -> str:
     lines = ["---", f"license: {licence(facts.licence).hugging_face}", f"pretty_name: {folded(title(run, facts))}"]
     lines += [
         "language:",
-        f"- {run.profile.youtube.language if run.profile.youtube else 'en'}",
+        f"- {language(run)}",
         "size_categories:",
         f"- {category}",
     ]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from kb.release.about import ABOUT
 from kb.release.licences import licence
-from kb.release.texts import SANDBOX_NOTE, bibtex, day, name, summary
+from kb.release.texts import SANDBOX_NOTE, bibtex, day, language, name, summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -81,7 +81,7 @@ def croissant(run: Run, facts: Facts) -> str:
         "keywords": list(dict.fromkeys((run.profile.name, *about.words, *section.keywords))),
         "datePublished": day(facts.built),
         "dateModified": day(facts.built),
-        "inLanguage": run.profile.youtube.language if run.profile.youtube else "en",
+        "inLanguage": language(run),
         **({"url": section.homepage} if section.homepage else {}),
         **_responsible(run, facts),
         "distribution": [file for table in facts.tables for file in _files(table)] + [_archive(file) for file in facts.others],

@@ -137,7 +137,7 @@ def _sections(run: Run, facts: Facts) -> list[tuple[str, list[tuple[str, str]]]]
                 ),
                 (
                     "Under which licence?",
-                    f"{law.title} ({law.spdx}), {law.url}. {about.attribution}" + _licences(facts),
+                    f"{law.title} ({law.spdx}), {law.url}. {about.attribution} {law.short}" + _licences(facts),
                 ),
             ],
         ),

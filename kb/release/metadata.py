@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from kb.release.about import ABOUT
+from kb.release.languages import three_letters
 from kb.release.licences import licence
-from kb.release.texts import SANDBOX_NOTE, day, name, size, span, summary, title
+from kb.release.texts import SANDBOX_NOTE, day, language, name, size, span, summary, title
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -59,7 +60,7 @@ class Deposit(_Part):
     access_right: Literal["open"] = "open"
     license: Text
     version: str = Field(pattern=r"^\d+\.\d+\.\d+$")
-    language: str = Field("eng", pattern=r"^[a-z]{3}$")
+    language: str | None = Field(None, pattern=r"^[a-z]{3}$")
     keywords: tuple[Text, ...] = ()
     notes: Text | None = None
     communities: tuple[Community, ...] | None = None
@@ -84,6 +85,7 @@ def deposit(run: Run, facts: Facts) -> str:
         publication_date=day(facts.built),
         license=licence(facts.licence).zenodo,
         version=section.version,
+        language=three_letters(language(run)),
         keywords=tuple(dict.fromkeys((run.profile.title, *ABOUT[facts.source].words, *section.keywords))),
         notes=SANDBOX_NOTE if facts.sandbox else None,
         communities=tuple(Community(identifier=one) for one in section.communities) or None,
@@ -103,7 +105,7 @@ def _description(run: Run, facts: Facts) -> str:
         summary(run, facts),
         about.on(run.profile.title, about.collection),
         f"Read from the source {span(facts.read)}; material from {span(facts.made)}.",
-        about.attribution,
+        f"{about.attribution} {licence(facts.licence).short}",
     ]
     return (
         "".join(f"<p>{html.escape(line)}</p>" for line in sentences[:2])

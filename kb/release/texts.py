@@ -75,6 +75,11 @@ def summary(run: Run, facts: Facts) -> str:
     return ABOUT[facts.source].on(run.profile.title, ABOUT[facts.source].summary)
 
 
+def language(run: Run) -> str:
+    """Language of the material as the profile gives it: ISO 639, two letters or three."""
+    return run.profile.youtube.language if run.profile.youtube else "en"
+
+
 def name(run: Run, facts: Facts) -> str:
     """A short name without spaces: lorebase-minecraft-youtube."""
     return f"lorebase-{run.profile.name}-{facts.source}"

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.core.errors import ReleaseRefused
+from kb.core.errors import DamagedData, ReleaseRefused
 from kb.release.build import release
 from tests.release.conftest import SECRETS, a_run
 from tests.release.made import build
@@ -431,3 +431,11 @@ def test_everything_is_said_at_once(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert said[-1].startswith("kb: the release is refused for 4 reasons")
     assert not any(SECRETS["youtube_api_key"] in line for line in said)
     assert not (tmp_path / "release" / "youtube" / "README.md").exists()
+
+
+def test_damaged_scores_are_a_line(tmp_path: Path) -> None:
+    build(tmp_path, sources=("youtube",))
+    (tmp_path / "annotations" / "youtube").mkdir(parents=True)
+    (tmp_path / "annotations" / "youtube" / "part.parquet").write_bytes(b"PAR1 cut off")
+    with pytest.raises(DamagedData, match=r"youtube can't be measured: .*part\.parquet"):
+        release(a_run(tmp_path))

@@ -143,3 +143,27 @@ def test_names_and_orcids_reach_citation_and_deposit(tmp_path: Path) -> None:
         {"name": "The group"},
     ]
     assert "https://kb.example.org/remove" in (folder / "README.md").read_text()
+
+
+@pytest.mark.parametrize(("written", "sent"), [("de", "deu"), ("deu", "deu"), ("qq", None)])
+def test_language_of_the_profile_reaches_the_deposit(tmp_path: Path, written: str, sent: str | None) -> None:
+    profile = tmp_path / "mine.toml"
+    profile.write_text(f'name = "mine"\ntitle = "Mine"\n[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\nlanguage = "{written}"\n')
+    release(a_run(build(tmp_path, sources=("pairs",), n=10), profile))
+    folder = tmp_path / "release" / "pairs"
+    assert json.loads((folder / "zenodo.json").read_text())["metadata"].get("language") == sent
+    assert f"language:\n- {written}\n" in (folder / "README.md").read_text()
+
+
+@pytest.mark.parametrize(("spdx", "alike"), [("CC0-1.0", False), ("CC-BY-NC-SA-3.0", True)])
+def test_duties_are_those_of_the_licence(tmp_path: Path, spdx: str, alike: bool) -> None:
+    def edit(name: str, made: list[dict[str, Any]]) -> None:
+        for row in made if name == "wiki/pages" else []:
+            row["license"] = spdx
+
+    release(a_run(build(tmp_path, edit, ("wiki",), n=10)))
+    folder = tmp_path / "release" / "wiki"
+    head = (folder / "LICENSE").read_text().partition("-" * 72)[0]
+    for text in (head, json.loads((folder / "zenodo.json").read_text())["metadata"]["description"], (folder / "README.md").read_text()):
+        assert ("alike" in text or "under the same licence" in text) is alike
+        assert KNOWN[spdx].short in text
