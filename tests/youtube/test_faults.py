@@ -160,8 +160,10 @@ def test_a_service_that_is_down_stops_the_run(job: Job) -> None:
         {"path": "/player", "status": 200, "body": youtube_player.bot_answer()},
         {"path": "/timedtext", "status": 429, "headers": {"Retry-After": "0"}},
         {"path": "/watch", "status": 429, "headers": {"Retry-After": "7200"}},
+        {"path": "/watch", "status": 302, "headers": {"Location": "https://consent.youtube.com/m?continue=x"}},
+        {"path": "/watch", "status": 302, "headers": {"Location": "/sorry/index"}},
     ],
-    ids=["captcha", "consent wall", "bot", "429", "429 for hours"],
+    ids=["captcha", "consent wall", "bot", "429", "429 for hours", "sent to the consent wall", "sent to the captcha"],
 )
 def test_a_block_stops_the_run_and_is_no_fact_about_a_video(job: Job, what: dict[str, Any]) -> None:
     no_patience(job)

@@ -46,8 +46,8 @@ def test_named_videos_leave_every_folder_and_stay_away(finished: Job) -> None:
     named = [next(key for key in before if key in paired), before[-1]]
     assert traces(job, named[0])
     vanished = {row["key"] for row in job.rows("SELECT key FROM clean.youtube_rejected WHERE stage = 'missing'")}
-    summary = job.done("purge", "youtube", "--ids", ids_file(job, *named))
-    assert summary["purged"] == len({*named, *vanished})
+    summary = job.done("purge", "youtube", "--ids", ids_file(job, *named, "no id"))
+    assert (summary["purged"], summary["bad_lines"]) == (len({*named, *vanished}), 1)
     for key in (*named, *vanished):
         assert traces(job, key) == set()
     assert kept(job) == [key for key in before if key not in named]
