@@ -11,6 +11,7 @@ import io
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -71,7 +72,7 @@ def pieces(path: Path, seen: Seen) -> Iterator[bytes]:
 
 
 class Chunk(NamedTuple):
-    """Whole lines: data[begin:end], of which the first byte is at `offset` in the decompressed file."""
+    """Whole lines: data[begin:end], of which the first byte is at `offset` in the decompressed file. A part of a line may follow."""
 
     offset: int
     data: bytes
@@ -139,21 +140,23 @@ class Search:
 
     def __init__(self, subreddit: str) -> None:
         self._name = subreddit.lower()
+        self._quoted = f'"{self._name}"'.encode()
         # One pattern: its vectorised search is several times faster than bytes.find, and than many spellings (tests/bench).
-        self._places = BytesAhoCorasick([bytes(byte | _CASE for byte in f'"{self._name}"'.encode())]).find_matches_as_indexes
+        self._places = BytesAhoCorasick([bytes(byte | _CASE for byte in self._quoted)]).find_matches_as_indexes
 
     def __call__(self, chunk: Chunk) -> Found:
         """What a chunk holds, in order."""
         offset, data, begin, end = chunk
-        lines, stop = _lines(chunk), begin
+        lines, whole = _counted(chunk)
+        stop = begin
         records: list[tuple[int, dict[str, Any]]] = []
         hits: set[int] = set()  # where lines begin that were read
         bad: list[int] = []
-        for _, place, _ in self._places(_folded(data)[begin:end]):
-            if begin + place < stop:
+        for place in self._found(data, begin, end):
+            if place < stop:
                 continue  # again in the same line
-            first = data.rfind(b"\n", stop, begin + place) + 1 or stop
-            stop = data.find(b"\n", begin + place) + 1
+            first = data.rfind(b"\n", stop, place) + 1 or stop
+            stop = data.find(b"\n", place) + 1
             record = _read(data[first:stop])
             hits.add(first)
             if record is None:
@@ -161,41 +164,75 @@ class Search:
             # The name may stand in a title: only the field decides.
             elif str(record.get("subreddit", "")).lower() == self._name:
                 records.append((offset + stop - begin, record))
-        every = offset < CHECKED or 2 * len(records) >= len(lines)
-        if len(hits) < len(lines) and (every or not _look_whole(lines)):
+        every = offset < CHECKED or 2 * len(records) >= lines
+        if len(hits) < lines and (every or whole < lines):
             at = begin
-            for line in lines:
+            for line in _lines(chunk):
                 if at not in hits and (every or not _looks_whole(line)) and line.strip() and _read(line) is None:
                     bad.append(at)
                 at += len(line)
-        return Found(len(lines), len(bad), offset + min(bad) - begin if bad else None, records)
+        return Found(lines, len(bad), offset + min(bad) - begin if bad else None, records)
+
+    def _found(self, data: bytes, begin: int, end: int) -> Iterator[int]:
+        """Where the quoted name may stand in data[begin:end], in order, in any case."""
+        rest = begin
+        if end - begin > _FEW:
+            folded = _folded(data)
+            for _, place, _ in self._places(folded[begin:end]):
+                yield begin + place
+            # Folding ends at a multiple of eight bytes: the name may lie across its end.
+            rest = max(begin, len(folded) - len(self._quoted) + 1)
+        lower = data[rest:end].lower()
+        place = lower.find(self._quoted)
+        while place >= 0:
+            yield rest + place
+            place = lower.find(self._quoted, place + 1)
 
 
+_FEW = 16 << 10  # bytes, in which a plain search has ended before the other one has begun
 _CASE = 0x20  # the bit that tells a small letter from a capital
 
 
 def _folded(data: bytes) -> memoryview:
-    """The bytes with capitals as small letters; other bytes change too, so what is found there has to be looked at."""
+    """The bytes with capitals as small letters, but for the last seven at most.
+
+    Other bytes change too, so what is found there has to be looked at. Eight at a time are twice as fast as one.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    plain = pa.Array.from_buffers(pa.uint8(), len(data), [None, pa.py_buffer(data)])
-    return memoryview(pc.bit_wise_or(plain, pa.scalar(_CASE, pa.uint8())).buffers()[1]).cast("B")
+    eights = len(data) // 8
+    plain = pa.Array.from_buffers(pa.uint64(), eights, [None, pa.py_buffer(data)])
+    return memoryview(pc.call_function("bit_wise_or", [plain, _cases()]).buffers()[1]).cast("B")[: eights * 8]
+
+
+@cache
+def _cases() -> Any:
+    import pyarrow as pa
+
+    return pa.scalar(int.from_bytes([_CASE] * 8), pa.uint64())
+
+
+def _counted(chunk: Chunk) -> tuple[int, int]:
+    """How many lines a chunk has, and how many of them begin and end as objects do.
+
+    A file finds line breaks twice as fast as bytes.count, and lines that are let go at once cost no memory.
+    """
+    file = io.BytesIO(chunk.data)
+    file.seek(chunk.begin)
+    try:
+        whole = [line[0] == 0x7B and line[-2] == 0x7D for line in file]
+    except IndexError:  # an empty line, or a part of one
+        file.seek(chunk.begin)
+        whole = [line[:1] == b"{" and line[-2:] == b"}\n" for line in file]
+    if chunk.end < len(chunk.data):
+        whole.pop()  # a part of a line
+    return len(whole), whole.count(True)
 
 
 def _lines(chunk: Chunk) -> list[bytes]:
-    """The lines of a chunk with their ends; a file finds line breaks twice as fast as bytes.count."""
-    file = io.BytesIO(chunk.data)
-    file.seek(chunk.begin)
-    return file.readlines(chunk.end - chunk.begin) if chunk.end > chunk.begin else []
-
-
-def _look_whole(lines: list[bytes]) -> bool:
-    """Whether all lines begin and end as objects do: two comparisons a line."""
-    try:
-        return [line[0] for line in lines].count(0x7B) == [line[-2] for line in lines].count(0x7D) == len(lines)
-    except IndexError:  # an empty line
-        return False
+    """The lines of a chunk with their ends (bytes.splitlines would also split at a carriage return)."""
+    return io.BytesIO(chunk.data[chunk.begin : chunk.end]).readlines()
 
 
 def _looks_whole(line: bytes) -> bool:

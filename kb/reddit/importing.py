@@ -24,7 +24,7 @@ from kb.core.errors import Interrupted, LimitReached, SettingError, Stopped
 from kb.core.verdict import Summary
 from kb.reddit import places
 from kb.reddit.authors import Scrubber, load_key
-from kb.reddit.dumps import Search, Seen, chunks
+from kb.reddit.dumps import Chunk, Search, Seen, chunks
 from kb.reddit.places import KIND, Place
 from kb.reddit.segments import Segments
 from kb.reddit.state import apply
@@ -199,7 +199,8 @@ def import_file(job: Job) -> Place:
             if job.limit and len(wanted) >= room:
                 # Only the part of the chunk up to the last thing taken counts as read.
                 wanted = wanted[:room]
-                chunk = chunk._replace(end=chunk.begin + wanted[-1][0] - chunk.offset)
+                size = wanted[-1][0] - chunk.offset
+                chunk = Chunk(chunk.offset, chunk.data[chunk.begin : chunk.begin + size], 0, size)
                 found = search(chunk)
             for end, thing in wanted:
                 waiting.append({**thing, "data": scrubber.scrub(thing["data"])})
