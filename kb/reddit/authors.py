@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 import os
+import re
 import secrets
 from functools import lru_cache
 from pathlib import Path
@@ -17,12 +18,18 @@ from typing import Any
 from kb.core.errors import DamagedData
 from kb.store.atomic import write_bytes
 
-# Besides everything that starts with "author": who wrote, moderated, reported.
-_NAMES = frozenset({"link_author", "approved_by", "banned_by", "removed_by", "mod_reason_by", "display_name_prefixed"})
+# Besides everything that starts with "author": who wrote, moderated, reported, and what moderators note of them.
+_NAMES = frozenset({"link_author", "approved_by", "banned_by", "removed_by", "mod_reason_by", "mod_note", "display_name_prefixed"})
 # Of people who reported or gave something.
 _LISTS = frozenset({"user_reports", "mod_reports", "awarders", "all_awardings", "user_reports_dismissed", "mod_reports_dismissed"})
+_WHO = _NAMES | {"author"}
 _KEPT = frozenset({"", "[deleted]", "[removed]"})
-_PROFILE = ("subreddit", "subreddit_name_prefixed", "permalink", "link_permalink", "domain")
+# A person's profile is a subreddit whose name is theirs: u_NAME, shown as u/NAME; its own title is theirs too.
+_SUBREDDITS = frozenset({"subreddit", "subreddit_name_prefixed", "display_name"})
+_PROFILE = re.compile(r"(?i)u[_/](?=.)")
+# Addresses on Reddit, of which those of a profile begin with the name: /user/NAME/comments/…, /r/u_NAME/….
+_ADDRESSES = frozenset({"url", "url_overridden_by_dest", "permalink", "link_permalink", "link_url"})
+_PERSON = re.compile(r"(?i)((?:https?://(?:[\w-]+\.)*reddit\.com)?/(?:user/|u/|r/u_))([^/?#]+)")
 
 
 def load_key(root: Path) -> bytes:
@@ -57,21 +64,34 @@ class Scrubber:
             return value
         if not isinstance(value, dict):
             return value
-        if str(value.get("subreddit", "")).startswith("u_"):
-            # A profile's own "subreddit" carries the name in each of these.
-            for name in _PROFILE:
-                if isinstance(value.get(name), str):
-                    value[name] = "u_" + self.hash(value[name])
         for name, inner in value.items():
             # Most of a record is numbers and nulls, which name nobody.
             if isinstance(inner, str):
-                if name.startswith("author") or name in _NAMES:
-                    value[name] = self.hash(inner)
-                elif name in _LISTS:
-                    value[name] = []
+                value[name] = self._text(name, inner)
             elif inner and isinstance(inner, (dict, list)):
                 if name.startswith("author") or name in _NAMES or name in _LISTS:
                     value[name] = []
                 else:
                     self.scrub(inner)
+            elif name in _WHO and inner is not None and not isinstance(inner, bool):
+                value[name] = self.hash(str(inner))  # somebody whose name is a number
+        if _is_profile(value.get("subreddit")) and isinstance(value.get("domain"), str):
+            value["domain"] = self.hash(value["domain"])  # self.u_NAME
+        if _is_profile(value.get("display_name")):
+            value.update({name: self.hash(value[name]) for name in ("title", "public_description") if isinstance(value.get(name), str)})
         return value
+
+    def _text(self, name: str, text: str) -> str:
+        if name.startswith("author") or name in _NAMES:
+            return self.hash(text)
+        if name in _LISTS:
+            return ""
+        if name in _SUBREDDITS and (match := _PROFILE.match(text)):
+            return match[0] + self.hash(text[match.end() :])
+        if name in _ADDRESSES and (match := _PERSON.match(text)):
+            return match[1] + self.hash(match[2]) + text[match.end() :]
+        return text
+
+
+def _is_profile(name: Any) -> bool:
+    return isinstance(name, str) and name.startswith("u_")
