@@ -7,7 +7,6 @@ to 2026 are in the tests); what can't be read is null and named in `problems`.
 from __future__ import annotations
 
 import hashlib
-import html
 import json
 from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
@@ -18,9 +17,10 @@ import msgspec
 
 from kb.core.errors import DamagedData
 from kb.core.profile.reddit import Links
-from kb.reddit import tree
+from kb.reddit import fields, tree
 from kb.reddit.dumps import retrieved
 from kb.reddit.types import is_crosspost, link_classifier, poll_options, post_type, removal
+from kb.schema.decode import holdable
 from kb.store.buckets import Kind
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 ROWS = 8_192
 KINDS = ("dumps", "info", "listings", "comments", "morechildren")
-_ENTITIES = ("title", "selftext", "body", "url", "url_overridden_by_dest")
 
 Row = dict[str, Any]
 
@@ -63,9 +62,9 @@ class Reader:
         """The rows of one line. Raises DamagedData when it is no envelope."""
         try:
             envelope = msgspec.json.decode(line)
-        except msgspec.DecodeError:
+        except (msgspec.DecodeError, UnicodeDecodeError):
             try:
-                envelope = json.loads(line)
+                envelope = holdable(json.loads(line))  # lone surrogates, which Arrow can't hold
             except ValueError as error:
                 raise DamagedData(f"a raw line is no envelope: {error}") from None
         fetched_at, params, status = envelope["fetched_at"], envelope["request"]["params"], envelope["status"]
@@ -97,7 +96,7 @@ class Reader:
     def post(self, data: dict[str, Any]) -> Row:
         """The row of a post (a submission's fields of any year)."""
         if not self._live:
-            data = _unescaped(data)
+            data = fields.unescaped(data)
         row, key = _identified("t3", data)
         row["post_id"] = key
         kind, link_kind, url = post_type(data, self._classify)
@@ -107,18 +106,18 @@ class Reader:
             "source_url": url,
             "is_crosspost": is_crosspost(data),
             "poll_options": poll_options(data),
-            "over_18": _flag(row, data, "over_18"),
-            "title": _text(row, data, "title", needed=True),
-            "text": _text(row, data, "selftext") or None,
-            "num_comments": _integer(row, data, "num_comments"),
-            "upvote_ratio": _ratio(row, data),
+            "over_18": fields.flag(row, data, "over_18"),
+            "title": fields.text(row, data, "title", needed=True),
+            "text": fields.text(row, data, "selftext") or None,
+            "num_comments": fields.integer(row, data, "num_comments"),
+            "upvote_ratio": fields.ratio(row, data),
         }
         return _common(row, data)
 
     def comment(self, data: dict[str, Any]) -> Row:
         """The row of a comment."""
         if not self._live:
-            data = _unescaped(data)
+            data = fields.unescaped(data)
         row, _ = _identified("t1", data)
         row["post_id"] = tree.bare(data.get("link_id"))
         parent = data.get("parent_id")
@@ -126,7 +125,7 @@ class Reader:
             # Some dump years give the parent of a comment as a number or leave it out.
             row["found"].append(("parent_id", "absent" if parent is None else "malformed", None if parent is None else str(parent)))
             parent = None
-        row |= {"parent_id": parent, "text": _text(row, data, "body", needed=True)}
+        row |= {"parent_id": parent, "text": fields.text(row, data, "body", needed=True)}
         return _common(row, data)
 
 
@@ -224,8 +223,8 @@ def _common(row: Row, data: dict[str, Any]) -> Row:
     author = data.get("author")
     row["retrieved"] = _retrieved(data)
     row |= {
-        "score": _integer(row, data, "score"),
-        "created_utc": _integer(row, data, "created_utc"),
+        "score": fields.integer(row, data, "score"),
+        "created_utc": fields.integer(row, data, "created_utc"),
         "author_hash": author if isinstance(author, str) and author not in ("", "[deleted]", "[removed]") else None,
         "gone": gone[0] if gone else None,
         "gone_value": gone[1] if gone else None,
@@ -239,70 +238,3 @@ def _common(row: Row, data: dict[str, Any]) -> Row:
 def _retrieved(data: dict[str, Any]) -> str | None:
     at = retrieved(data)
     return None if at is None else datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
-def _integer(row: Row, data: dict[str, Any], name: str) -> int | None:
-    """A whole number; old dumps have times and scores as strings, some as floats."""
-    value = data.get(name)
-    if value is None:
-        return None
-    if isinstance(value, (int, float, str)) and not isinstance(value, bool):
-        try:
-            number = int(float(value)) if not isinstance(value, int) else value
-            if -(1 << 62) < number < 1 << 62:
-                return number
-        except (ValueError, OverflowError):
-            pass
-    row["found"].append((name, "malformed", str(value)[:200]))
-    return None
-
-
-def _flag(row: Row, data: dict[str, Any], name: str) -> bool | None:
-    """Yes or no, also as 1 and 0 or as words. Dumps of every year say whether a post is for adults: absent is not no."""
-    value = data.get(name)
-    if value is None or isinstance(value, bool):
-        return value
-    said = str(value).lower()
-    if isinstance(value, (int, str)) and said in ("1", "0", "true", "false"):
-        return said in ("1", "true")
-    row["found"].append((name, "malformed", str(value)[:200]))
-    return None
-
-
-def _ratio(row: Row, data: dict[str, Any]) -> float | None:
-    value = data.get("upvote_ratio")
-    if value is None:
-        return None
-    if isinstance(value, (int, float, str)) and not isinstance(value, bool):
-        try:
-            if 0 <= float(value) <= 1:
-                return float(value)
-        except (ValueError, OverflowError):
-            pass
-    row["found"].append(("upvote_ratio", "malformed", str(value)[:200]))
-    return None
-
-
-def _text(row: Row, data: dict[str, Any], name: str, *, needed: bool = False) -> str | None:
-    value = data.get(name)
-    if isinstance(value, str):
-        return value if "\0" not in value else value.replace("\0", "�")
-    if value is not None:
-        row["found"].append(("body" if name in ("selftext", "body") else name, "malformed", str(value)[:200]))
-    elif needed:
-        row["found"].append(("body" if name in ("selftext", "body") else name, "absent", None))
-    return None
-
-
-def _unescaped(data: dict[str, Any]) -> dict[str, Any]:
-    """Dumps hold HTML entities, as Reddit gives them without raw_json=1."""
-    changed = {name: html.unescape(value) for name in _ENTITIES if isinstance(value := data.get(name), str) and "&" in value}
-    data = {**data, **changed} if changed else data
-    parents = data.get("crosspost_parent_list")
-    if isinstance(parents, list) and parents and isinstance(parents[0], dict):
-        data = {**data, "crosspost_parent_list": [_unescaped(parents[0]), *parents[1:]]}
-    poll = data.get("poll_data")
-    if isinstance(poll, dict) and isinstance(poll.get("options"), list):
-        options = [{**option, "text": html.unescape(str(option.get("text", "")))} for option in poll["options"] if isinstance(option, dict)]
-        data = {**data, "poll_data": {**poll, "options": options}}
-    return data

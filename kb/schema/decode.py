@@ -87,7 +87,7 @@ class Reader:
 
     def _patient(self, line: bytes) -> Answer:
         try:
-            envelope = _holdable(json.loads(line))
+            envelope = holdable(json.loads(line))
             fetched_at, status, response = envelope["fetched_at"], envelope["status"], envelope["response"]
             params = envelope["request"].get("params") or {}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
@@ -198,11 +198,12 @@ def _follow(record: Any, path: list[str]) -> Any:
     return record
 
 
-def _holdable(value: Any) -> Any:
+def holdable(value: Any) -> Any:
+    """The same JSON value with U+FFFD for what Arrow can't hold: NUL and lone surrogates."""
     if isinstance(value, str):
         return _UNHOLDABLE.sub("\ufffd", value)
     if isinstance(value, dict):
-        return {_holdable(key): _holdable(inner) for key, inner in value.items()}
+        return {holdable(key): holdable(inner) for key, inner in value.items()}
     if isinstance(value, list):
-        return [_holdable(inner) for inner in value]
+        return [holdable(inner) for inner in value]
     return value

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from kb.core.errors import DamagedData
 from kb.core.profile import load_profile
 from kb.reddit import parse
 from kb.reddit.tree import depths
@@ -194,3 +195,15 @@ def _authors(value: Any) -> set[str]:
             else:
                 found |= _authors(inner)
     return found
+
+
+def test_a_raw_line_of_another_writer_may_hold_what_arrow_cannot(tmp_path: Path) -> None:
+    line = (
+        b'{"fetched_at":"2026-11-20T00:00:00Z","request":{"endpoint":"info","params":{"id":"t3_a"}},"status":200,"response":'
+        b'{"kind":"Listing","data":{"children":[{"kind":"t3","data":{"id":"a","title":"half \\\\ud83d a face","selftext":"nul \\\\u0000"}}]}}}'
+    ).replace(b"\\\\u", b"\\u")
+    (found,) = parse.Reader("info", LINKS).envelope(line)
+    assert (found["title"], found["text"]) == ("half \ufffd a face", "nul \ufffd")
+    assert parse.to_table([found]).num_rows == 1
+    with pytest.raises(DamagedData):
+        parse.Reader("info", LINKS).envelope(line.replace(b"half", b"h\xe4lf"))
