@@ -19,8 +19,9 @@ from kb.annotate.cache import cache_root
 from kb.annotate.published import PUBLISHED, Published
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.settings import Settings
+from kb.store.reading import SANDBOX_MODEL
 
-SANDBOX = "lorebase_tiny"  # the sandbox's model; what it scored is marked in releases
+SANDBOX = SANDBOX_MODEL  # what it scored is marked in releases
 EXTRA = ("torch", "transformers", "detoxify")
 _PREFIX = re.compile(r"-([0-9a-f]{8,64})\.[A-Za-z0-9]+$")
 _DIGEST = re.compile(r"\b[0-9a-fA-F]{64}\b")

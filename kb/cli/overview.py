@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.core import clock
-from kb.core.errors import DamagedData
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -136,15 +135,10 @@ def _table_folders(root: Path, source: str, *, verdicts: bool = False) -> list[P
 
 def _unknown_keys(root: Path, source: str) -> dict[str, int]:
     """Keys of answers that schemas/ does not declare, with how often they were seen by the last filter."""
-    import json
+    from kb.store.reading import filtered
 
-    path = root / "clean" / source / "summary.json"
-    if not path.is_file():
-        return {}
-    try:
-        return dict(json.loads(path.read_text(encoding="utf-8")).get("unknown_keys", {}))
-    except (ValueError, AttributeError) as error:
-        raise DamagedData(f"{path} can't be read: {error}", hint=f"run `kb {source} filter` again") from None
+    found = filtered(root, source).get("unknown_keys", {})
+    return found if isinstance(found, dict) else {}
 
 
 def _writer(root: Path, source: str) -> int | None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from kb.release.checksums import digest
 from kb.release.folders import Folder, Part, clean_files, released_tables
 from kb.release.licences import KNOWN
+from kb.store.reading import SANDBOX_MODEL, filtered
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from kb.core.context import Run
     from kb.schema import Column, Table
 
-SANDBOX_MODEL = "lorebase_tiny"  # kb.annotate.checkpoint.SANDBOX: rooms don't import each other
 _TOPS = 8
 # DuckDB hands out times with a zone only where pytz is installed.
 _LOW, _HIGH = "min({} AT TIME ZONE 'UTC')", "max({} AT TIME ZONE 'UTC')"
@@ -155,15 +155,12 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
 
     Of a text's precisions the exact one decides. A clean folder that doesn't say its model: every model's scores.
     """
-    import json
-
     import duckdb
 
     # Pairs and wiki pictures carry no scores of their own; a pair's videos were scored as YouTube.
     source = "youtube" if source == "pairs" else source
     files = [str(file) for file in sorted((root / "annotations" / source).glob("**/*.parquet"))]
-    clean = root / "clean" / source / "summary.json"
-    said = json.loads(clean.read_text(encoding="utf-8")) if clean.is_file() else {}
+    said = filtered(root, source)
     if not files or "toxicity" in said:  # "not scored"
         return ()
     with duckdb.connect() as con:

@@ -19,11 +19,12 @@ from kb.release.build import exported, refuse
 from kb.release.checksums import digest
 from kb.release.deposit import Forbidden, Gone, Zenodo, md5
 from kb.release.folders import DEPOSIT, SUMS, Folder
-from kb.release.measure import SANDBOX_MODEL, models
+from kb.release.measure import models
 from kb.release.metadata import Document
 from kb.release.problem import Problem
 from kb.store.atomic import write_text
 from kb.store.lock import writer
+from kb.store.reading import SANDBOX_MODEL
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,7 +15,7 @@ from kb.report.page import Section, page
 from kb.report.style import applied
 from kb.schema import table
 from kb.store.atomic import replacing_folder
-from kb.store.reading import reading, scan
+from kb.store.reading import SANDBOX_MODEL, filtered
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -126,13 +126,6 @@ def _funnel(name: str) -> Maker:
 
 def _notes(run: Run) -> list[str]:
     """What a reader must know before believing the figures."""
-    import duckdb
-
-    files = sorted(path for path in (run.root / "annotations").glob("*/*.parquet") if not path.name.startswith("."))
-    if not files:
-        return []
-    with reading(files), duckdb.connect() as con:
-        models = [row[0] for row in con.execute(f"SELECT DISTINCT model FROM {scan(files, by_name=True)} ORDER BY 1").fetchall()]
-    if any(model == "lorebase_tiny" for model in models):
+    if any(filtered(run.root, source).get("model") == SANDBOX_MODEL for source in ("youtube", "wiki", "reddit")):
         return ["Toxicity scores are those of the sandbox's tiny model: they mean nothing about real texts."]
     return []

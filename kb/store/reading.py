@@ -7,15 +7,18 @@ with reading(files):                    # what a library says of a broken file b
 from __future__ import annotations
 
 import contextlib
+import json
 import re
 import sqlite3
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from kb.core.errors import DamagedData
 from kb.store.frontier import Frontier
 
+SANDBOX_MODEL = "lorebase_tiny"  # what its scores say means nothing about real texts
 _BATCH = 1024  # rows of a suspect that are decoded at a time
 
 
@@ -49,6 +52,22 @@ def broken(files: Iterable[Path | str]) -> DamagedData | None:
                 what = str(error).splitlines()[0] if str(error) else type(error).__name__
                 return DamagedData(f"{path} can't be read: {what.rstrip('.')}", hint=advice(path))
     return None
+
+
+def filtered(root: Path, source: str) -> dict[str, Any]:
+    """The summary of the source's last filter, {} when there was none. Raises DamagedData."""
+    path = root / "clean" / source / "summary.json"
+    if not path.is_file():
+        return {}
+    try:
+        said = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        said, why = None, str(error)
+    else:
+        why = "it is no object"
+    if not isinstance(said, dict):
+        raise DamagedData(f"{path} can't be read: {why}", hint=advice(path.parent / "videos" / path.name))
+    return said
 
 
 def advice(path: Path) -> str:

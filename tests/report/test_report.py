@@ -174,9 +174,11 @@ def test_page_needs_nothing_outside_itself(root: Path) -> None:
 
 def test_scores_of_the_tiny_model_are_marked(tmp_path: Path) -> None:
     build(tmp_path, sources=("youtube",), export=False, n=10)
-    folder = tmp_path / "annotations" / "youtube"
-    folder.mkdir(parents=True)
-    duckdb.connect().execute(f"COPY (SELECT 'lorebase_tiny' AS model) TO '{folder / 'a.parquet'}' (FORMAT parquet)")
+    summary = tmp_path / "clean" / "youtube" / "summary.json"
+    summary.write_text('{"model": "toxic_original"}')
+    report(a_run(tmp_path))
+    assert "tiny model" not in (tmp_path / "report" / "index.html").read_text()
+    summary.write_text('{"model": "lorebase_tiny"}')
     report(a_run(tmp_path))
     assert "tiny model" in (tmp_path / "report" / "index.html").read_text()
 
