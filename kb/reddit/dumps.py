@@ -23,7 +23,7 @@ from ahocorasick_rs import BytesAhoCorasick
 CHUNK = 512 << 10  # decompressed bytes that zstd makes room for
 CHECKED = 1 << 20  # decompressed bytes at the beginning of which every line is read
 DEEPEST = 200  # levels of nesting; what Reddit says has about ten
-_BLOCK = 16 << 10  # compressed bytes of one read; they swell to 10 to 30 times as much
+_BLOCK = 32 << 10  # compressed bytes of one read; they swell to 10 to 30 times as much
 
 
 @dataclass
