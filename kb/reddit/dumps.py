@@ -1,28 +1,19 @@
 """Archive dumps: NDJSON in zstd with a 2^31 window, one line a post or comment, all subreddits mixed or one.
 
-A whole chunk is searched for the subreddit's name before anything is parsed; only lines that hold
-it are read as JSON, and looked at again then. Of the others it is seen that they begin and end as
-objects do. What is cut off or damaged is counted, never fatal.
+A file comes as chunks of whole lines (kb.reddit.search looks into them). What is cut off or damaged is counted, never fatal.
 """
 
 from __future__ import annotations
 
-import io
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import orjson
 import zstandard
-from ahocorasick_rs import BytesAhoCorasick
 
 # Several passes go over what one read swells to, so it should fit the processor's cache (measured in the bench).
 CHUNK = 512 << 10  # decompressed bytes that zstd makes room for
-CHECKED = 1 << 20  # decompressed bytes at the beginning of which every line is read
-DEEPEST = 200  # levels of nesting; what Reddit says has about ten
 _BLOCK = 32 << 10  # compressed bytes of one read; they swell to 10 to 30 times as much
 
 
@@ -119,150 +110,6 @@ def chunks(path: Path, seen: Seen, skip: int = 0, goes_on: Callable[[], bool] = 
         seen.damaged(1, at)
     elif rest.strip():
         yield Chunk(at, rest + b"\n", 0, len(rest) + 1)
-
-
-class Found(NamedTuple):
-    """What a chunk holds: its lines, damaged ones and where the first is, and the subreddit's records as (offset of the line's end, object)."""
-
-    lines: int
-    bad_lines: int
-    first_bad: int | None
-    records: list[tuple[int, dict[str, Any]]]
-
-
-class Search:
-    """Finds the records of one subreddit in chunks of a dump, however its name is written.
-
-    Every line must begin and end as an object does; one that doesn't is read, and so is every line of
-    the first CHECKED bytes and of chunks that are mostly the subreddit's. Elsewhere only lines that
-    hold the name are read.
-    """
-
-    def __init__(self, subreddit: str) -> None:
-        self._name = subreddit.lower()
-        self._quoted = f'"{self._name}"'.encode()
-        # One pattern: its vectorised search is several times faster than bytes.find, and than many spellings (tests/bench).
-        self._places = BytesAhoCorasick([bytes(byte | _CASE for byte in self._quoted)]).find_matches_as_indexes
-
-    def __call__(self, chunk: Chunk) -> Found:
-        """What a chunk holds, in order."""
-        offset, data, begin, end = chunk
-        lines, whole = _counted(chunk)
-        stop = begin
-        records: list[tuple[int, dict[str, Any]]] = []
-        hits: set[int] = set()  # where lines begin that were read
-        bad: list[int] = []
-        for place in self._found(data, begin, end):
-            if place < stop:
-                continue  # again in the same line
-            first = data.rfind(b"\n", stop, place) + 1 or stop
-            stop = data.find(b"\n", place) + 1
-            record = _read(data[first:stop])
-            hits.add(first)
-            if record is None:
-                bad.append(first)
-            # The name may stand in a title: only the field decides.
-            elif str(record.get("subreddit", "")).lower() == self._name:
-                records.append((offset + stop - begin, record))
-        every = offset < CHECKED or 2 * len(records) >= lines
-        if len(hits) < lines and (every or whole < lines):
-            at = begin
-            for line in _lines(chunk):
-                if at not in hits and (every or not _looks_whole(line)) and line.strip() and _read(line) is None:
-                    bad.append(at)
-                at += len(line)
-        return Found(lines, len(bad), offset + min(bad) - begin if bad else None, records)
-
-    def _found(self, data: bytes, begin: int, end: int) -> Iterator[int]:
-        """Where the quoted name may stand in data[begin:end], in order, in any case."""
-        rest = begin
-        if end - begin > _FEW:
-            folded = _folded(data)
-            for _, place, _ in self._places(folded[begin:end]):
-                yield begin + place
-            # Folding ends at a multiple of eight bytes: the name may lie across its end.
-            rest = max(begin, len(folded) - len(self._quoted) + 1)
-        lower = data[rest:end].lower()
-        place = lower.find(self._quoted)
-        while place >= 0:
-            yield rest + place
-            place = lower.find(self._quoted, place + 1)
-
-
-_FEW = 16 << 10  # bytes, in which a plain search has ended before the other one has begun
-_CASE = 0x20  # the bit that tells a small letter from a capital
-
-
-def _folded(data: bytes) -> memoryview:
-    """The bytes with capitals as small letters, but for the last seven at most.
-
-    Other bytes change too, so what is found there has to be looked at. Eight at a time are twice as fast as one.
-    """
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    eights = len(data) // 8
-    plain = pa.Array.from_buffers(pa.uint64(), eights, [None, pa.py_buffer(data)])
-    return memoryview(pc.call_function("bit_wise_or", [plain, _cases()]).buffers()[1]).cast("B")[: eights * 8]
-
-
-@cache
-def _cases() -> Any:
-    import pyarrow as pa
-
-    return pa.scalar(int.from_bytes([_CASE] * 8), pa.uint64())
-
-
-def _counted(chunk: Chunk) -> tuple[int, int]:
-    """How many lines a chunk has, and how many of them begin and end as objects do.
-
-    A file finds line breaks twice as fast as bytes.count, and lines that are let go at once cost no memory.
-    """
-    file = io.BytesIO(chunk.data)
-    file.seek(chunk.begin)
-    try:
-        whole = [line[0] == 0x7B and line[-2] == 0x7D for line in file]
-    except IndexError:  # an empty line, or a part of one
-        file.seek(chunk.begin)
-        whole = [line[:1] == b"{" and line[-2:] == b"}\n" for line in file]
-    if chunk.end < len(chunk.data):
-        whole.pop()  # a part of a line
-    return len(whole), whole.count(True)
-
-
-def _lines(chunk: Chunk) -> list[bytes]:
-    """The lines of a chunk with their ends (bytes.splitlines would also split at a carriage return)."""
-    return io.BytesIO(chunk.data[chunk.begin : chunk.end]).readlines()
-
-
-def _looks_whole(line: bytes) -> bool:
-    line = line.strip()
-    return line.startswith(b"{") and line.endswith(b"}")
-
-
-def _read(line: bytes) -> dict[str, Any] | None:
-    """The object of a line, None when it is none, or nested so deeply that reading it could end the run."""
-    try:
-        value = orjson.loads(line)
-    except orjson.JSONDecodeError:
-        try:
-            # The patient reader takes lone surrogates, which real titles hold.
-            value = json.loads(line)
-        except (ValueError, RecursionError):
-            return None
-    return None if not isinstance(value, dict) or _is_deep(line, value) else value
-
-
-def _is_deep(line: bytes, value: Any) -> bool:
-    if line.count(b"[") + line.count(b"{") <= DEEPEST:
-        return False
-    level = [value]
-    for _ in range(DEEPEST):
-        inner = (list(outer.values()) if isinstance(outer, dict) else outer for outer in level if isinstance(outer, (dict, list)))
-        level = [one for several in inner for one in several]
-        if not level:
-            return False
-    return True
 
 
 def retrieved(data: dict[str, Any]) -> int | None:

@@ -24,8 +24,9 @@ from kb.core.errors import Interrupted, LimitReached, SettingError, Stopped
 from kb.core.verdict import Summary
 from kb.reddit import places
 from kb.reddit.authors import Scrubber, load_key
-from kb.reddit.dumps import Chunk, Search, Seen, chunks
+from kb.reddit.dumps import Chunk, Seen, chunks
 from kb.reddit.places import KIND, Place
+from kb.reddit.search import Search
 from kb.reddit.segments import Segments
 from kb.reddit.state import apply
 from kb.reddit.strip import without

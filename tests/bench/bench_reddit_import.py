@@ -87,6 +87,9 @@ LATER = {
 }
 
 
+IDS = {"Minecraft": "t5_2r05i", "gardening": "t5_2qhw1", "trains": "t5_2qlwi", "AskAnything": "t5_2tq4p", "pics": "t5_2qh0u"}
+
+
 def write(path: Path, lines: int, later: dict[str, object]) -> None:
     """A monthly file: comments of many subreddits, half a percent of them Minecraft's."""
     rng = clock.rng("bench dumps")
@@ -114,7 +117,7 @@ def write(path: Path, lines: int, later: dict[str, object]) -> None:
                         "controversiality": 0,
                         "gilded": 0,
                         "score_hidden": False,
-                        "subreddit_id": "t5_2r05i",
+                        "subreddit_id": IDS[name],
                         "total_awards_received": 0,
                         **later,
                     }

@@ -21,8 +21,9 @@ from kb.core.profile.toxicity import Toxicity
 from kb.core.progress import Plain
 from kb.filters.clean import run_clean
 from kb.reddit import parse, places
-from kb.reddit.dumps import CHECKED, Chunk, Search
+from kb.reddit.dumps import Chunk
 from kb.reddit.importing import Job, import_dumps, import_file
+from kb.reddit.search import CHECKED, Search
 from kb.store import rawlog, tombstones
 from tests.reddit.dumped import imported, post, run_in, write
 from tests.reddit.work import rows as read_rows
@@ -87,9 +88,13 @@ def test_objects_that_are_broken_inside_count_in_a_file_of_the_subreddit(tmp_pat
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_every_spelling_of_the_name_in_any_order(tmp_path, order):
-    other = post("x", subreddit="gardening", selftext="leaf " * 200)
-    lines = [post("a"), *[other] * 3_000, post("b", subreddit="minecraft"), post("c", subreddit="MineCraft"), *[other] * 3_000, post("d")]
+@pytest.mark.parametrize(("own", "others"), [(None, None), ("t5_2r05i", "t5_2qhw1"), ("t5_2r05i", "t5_2r05i"), (7, [7])])
+def test_every_spelling_of_the_name_in_any_order(tmp_path, order, own, others):
+    other = post("x", subreddit="gardening", selftext="leaf " * 200, subreddit_id=others)
+    named = [
+        post(key, subreddit=name, subreddit_id=own) for key, name in zip("abcd", ("Minecraft", "minecraft", "MineCraft", "MINECRAFT"), strict=True)
+    ]
+    lines = [named[0], *[other] * 3_000, *named[1:3], *[other] * 3_000, named[3]]
     import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", lines[::order])])
     assert sorted(data["id"] for _, data in imported(tmp_path)) == ["a", "b", "c", "d"]
 
