@@ -11,6 +11,7 @@ import contextlib
 import os
 import re
 import select
+import shutil
 import subprocess
 import tempfile
 import threading
@@ -52,6 +53,7 @@ FLAGS = (
     "--lang=en-US",
 )
 START_SECONDS = 30
+STARTS = 3  # of the driver, before it counts as one that doesn't start
 
 
 class Browser:
@@ -74,14 +76,27 @@ class Browser:
         self._driver: Any = None
         self._deadline: threading.Timer | None = None
         self.overdue = False
-        self._process = self._start(programs.driver)
-        watcher.watch(self._process.pid, self.folder)
+        port = self._listening(programs.driver)
         try:
-            self._open(programs, _port(self._process), hosts, user_agent, viewport, page_seconds)
+            self._open(programs, port, hosts, user_agent, viewport, page_seconds)
             self._prepare(origins, viewport, before)
         except BaseException:
             self.end()
             raise
+
+    def _listening(self, driver: str) -> int:
+        """Start the driver; its port. Raises MissingExtra when it doesn't start in several tries."""
+        for _ in range(STARTS):
+            self._process = self._start(driver)
+            self._watcher.watch(self._process.pid, self.folder)
+            port = _port(self._process)
+            if port is not None:
+                return port
+            # It takes a free port, and ends when another program was faster.
+            guard.end(self._process.pid)
+            self._ended()
+        shutil.rmtree(self.folder, ignore_errors=True)
+        raise MissingExtra(f"{driver} does not start", hint=INSTALL)
 
     def _start(self, driver: str) -> subprocess.Popen[bytes]:
         keep = {name: os.environ[name] for name in ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH") if name in os.environ}
@@ -226,14 +241,17 @@ class Browser:
     def end(self) -> None:
         """End every process of the browser and remove its profile."""
         guard.end(self._process.pid, self.folder)
+        self._ended()
+
+    def _ended(self) -> None:
         self._process.wait()
         if self._process.stdout:
             self._process.stdout.close()
         self._watcher.forget(self._process.pid)
 
 
-def _port(process: subprocess.Popen[bytes]) -> int:
-    """The port that the driver says it listens on. Raises MissingExtra when it says none."""
+def _port(process: subprocess.Popen[bytes]) -> int | None:
+    """The port that the driver says it listens on; None when it says none."""
     assert process.stdout is not None
     end, said = clock.monotonic() + START_SECONDS, b""
     while clock.monotonic() < end:
@@ -245,7 +263,7 @@ def _port(process: subprocess.Popen[bytes]) -> int:
             return int(match[1])
         if not part:
             break
-    raise MissingExtra("chromedriver does not start", hint=INSTALL)
+    return None
 
 
 def origin(url: str) -> str:

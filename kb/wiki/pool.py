@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
-from kb.core.errors import Retryable
+from kb.core.errors import MissingExtra, Retryable
 from kb.wiki.browser import Browser
 from kb.wiki.guard import Guard
 
@@ -49,7 +49,10 @@ class Pool:
         """
         with self._lock:
             browser = self._idle.pop() if self._idle else None
-        browser = browser or self._new()
+        try:
+            browser = browser or self._new()
+        except MissingExtra as error:  # one has started before
+            raise Retryable(f"browser_start: {error}") from error
         healthy = False
         try:
             first()
