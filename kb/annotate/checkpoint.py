@@ -21,7 +21,6 @@ from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.settings import Settings
 from kb.store.reading import SANDBOX_MODEL
 
-SANDBOX = SANDBOX_MODEL  # what it scored is marked in releases
 EXTRA = ("torch", "transformers", "detoxify")
 _PREFIX = re.compile(r"-([0-9a-f]{8,64})\.[A-Za-z0-9]+$")
 _DIGEST = re.compile(r"\b[0-9a-fA-F]{64}\b")
@@ -49,7 +48,7 @@ class Checkpoint:
     @property
     def is_sandbox(self) -> bool:
         """Whether it is the sandbox's tiny model, whose scores mean nothing about real texts."""
-        return self.model == SANDBOX
+        return self.model == SANDBOX_MODEL
 
 
 def models_folder(name: str) -> Path:
@@ -96,7 +95,7 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
     # Of the name only the part before the digest: the same model under another digest is a new revision.
     in_name = _PREFIX.search(path.name)
     bare = path.name[: in_name.start()] if in_name and digest.startswith(in_name.group(1)) else path.stem
-    name = SANDBOX if _made_by_sandbox(path) else bare
+    name = SANDBOX_MODEL if _made_by_sandbox(path) else bare
     return Checkpoint(path, name or path.stem, digest)
 
 

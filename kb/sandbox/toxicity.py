@@ -18,10 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from kb.annotate.cache import cache_root, making
-from kb.annotate.checkpoint import SANDBOX, need_extra, sha256_of
+from kb.annotate.checkpoint import need_extra, sha256_of
 from kb.core import clock
 from kb.core.errors import FatalError
 from kb.sandbox import toxicity_words as words
+from kb.store.reading import SANDBOX_MODEL
 
 VERSION = 1  # raise it when words, sizes or training change: cached models of other versions are left alone
 CLASSES = ("toxic", "severe_toxic", "obscene", "threat", "insult", "identity_hate")
@@ -41,8 +42,8 @@ def tiny_checkpoint(folder: Path | None = None) -> Path:
     import hashlib
 
     import_key = hashlib.sha256(Path(__file__).read_bytes() + Path(words.__file__).read_bytes()).hexdigest()[:8]
-    place = (folder or cache_root() / "models") / f"{SANDBOX}-v{VERSION}-{import_key}"
-    checkpoint = place / f"{SANDBOX}.ckpt"
+    place = (folder or cache_root() / "models") / f"{SANDBOX_MODEL}-v{VERSION}-{import_key}"
+    checkpoint = place / f"{SANDBOX_MODEL}.ckpt"
     if not checkpoint.is_file():
         need_extra()
         with _alone(place):
@@ -179,7 +180,7 @@ def _train(folder: Path) -> None:
         "num_classes": len(CLASSES),
     }
     state = {name: value.clone() for name, value in model.state_dict().items()}
-    path = folder / f"{SANDBOX}.ckpt"
+    path = folder / f"{SANDBOX_MODEL}.ckpt"
     torch.save(
         {
             "config": {
@@ -191,7 +192,7 @@ def _train(folder: Path) -> None:
         },
         path,
     )
-    (folder / f"{SANDBOX}.ckpt.sha256").write_text(f"{sha256_of(path)}  {path.name}\n", encoding="utf-8")
+    (folder / f"{SANDBOX_MODEL}.ckpt.sha256").write_text(f"{sha256_of(path)}  {path.name}\n", encoding="utf-8")
 
 
 def _fit(model: Any, tokenizer: Any) -> None:

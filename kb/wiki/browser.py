@@ -74,7 +74,6 @@ class Browser:
         self.folder = tempfile.mkdtemp(prefix="lorebase-browser-")
         self._watcher, self._page_seconds = watcher, page_seconds
         self._driver: Any = None
-        self._deadline: threading.Timer | None = None
         self.overdue = False
         port = self._listening(programs.driver)
         try:
@@ -266,12 +265,6 @@ def _port(process: subprocess.Popen[bytes]) -> int | None:
     return None
 
 
-def origin(url: str) -> str:
-    """scheme://host[:port] of an address."""
-    parts = urlsplit(url)
-    return f"{parts.scheme}://{parts.netloc}"
-
-
 def reach(url: str, others: Sequence[str]) -> tuple[list[str], list[str]]:
     """The hosts and the origins that a browser may ask for the wiki at `url` with these other hosts.
 
@@ -283,9 +276,3 @@ def reach(url: str, others: Sequence[str]) -> tuple[list[str], list[str]]:
     schemes = sorted({parts.scheme, "https"})
     origins = [f"{scheme}://{parts.netloc}" for scheme in ("http", "https")]
     return [*own, *others], [*origins, *(f"{scheme}://{other}" for other in others for scheme in schemes)]
-
-
-def host_and_port(url: str) -> str:
-    """host:port of an address, the scheme's own port where none is named."""
-    parts = urlsplit(url)
-    return f"{parts.hostname}:{parts.port or (443 if parts.scheme == 'https' else 80)}"

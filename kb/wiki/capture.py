@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from kb.core import clock
 from kb.core.errors import ItemFinal, Retryable
 from kb.wiki import screenshot
-from kb.wiki.browser import Browser, origin
+from kb.wiki.browser import Browser
 
 _READY = "return await window.__kb.ready(arguments[0]);"
 _MEASURE = (
@@ -129,4 +129,4 @@ def _left(browser: Browser, url: str) -> ItemFinal | None:
 
 
 def _same_site(one: str, other: str) -> bool:
-    return urlsplit(one).netloc == urlsplit(other).netloc and bool(origin(one))
+    return urlsplit(one).netloc == urlsplit(other).netloc

@@ -11,10 +11,11 @@ import sys
 import pytest
 
 from kb.annotate.backends import open_runner
-from kb.annotate.checkpoint import SANDBOX, find_checkpoint, sha256_of
+from kb.annotate.checkpoint import find_checkpoint, sha256_of
 from kb.annotate.detoxify_model import load_detoxify
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.settings import load_settings
+from kb.store.reading import SANDBOX_MODEL
 from tests.annotate.made import WORDS, checkpoint_of, make_checkpoint
 
 
@@ -47,7 +48,7 @@ def test_a_digest_may_come_from_the_name_a_file_or_the_setting(copied):
     digest = sha256_of(copied)
     assert find(copied, kb_toxicity_sha256=digest).sha256 == digest
     named = copied.rename(copied.with_name(f"my_model-{digest[:8]}.ckpt"))
-    assert find(named).model == SANDBOX, "the sandbox's model is known under any name"
+    assert find(named).model == SANDBOX_MODEL, "the sandbox's model is known under any name"
     plain = named.rename(named.with_name("plain.ckpt"))
     (plain.parent / "plain.ckpt.sha256").write_text(f"{digest}  plain.ckpt\n")
     assert find(plain).revision == digest[:16]

@@ -15,7 +15,7 @@ from kb.core.profile import load_profile
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.wiki import capture, chromium
-from kb.wiki.browser import Browser, host_and_port, origin
+from kb.wiki.browser import Browser, reach
 from kb.wiki.pool import Pool
 
 pytestmark = pytest.mark.bench
@@ -49,13 +49,14 @@ def section():
 @pytest.fixture
 def make_pool(wiki, section):
     programs = chromium.find()
+    hosts, origins = reach(wiki, ())
 
     def start(watcher):
         return Browser(
             programs,
             watcher,
-            hosts=[host_and_port(wiki)],
-            origins=[origin(wiki)],
+            hosts=hosts,
+            origins=origins,
             user_agent="lorebase/bench (+bench@example.org)",
             viewport=(1280, 1024),
             page_seconds=60,

@@ -27,15 +27,19 @@ def video(key: str, **change: Any) -> dict[str, Any]:
         "player": {"embedWidth": "854", "embedHeight": "480"},
     }
     for path, value in change.items():
-        *parents, last = path.split("__")
-        node = item
-        for step in parents:
-            node = node[step]
-        if value is KeyError:
-            del node[last]
-        else:
-            node[last] = value
+        change_at(item, path.split("__"), value)
     return item
+
+
+def change_at(item: dict[str, Any], path: list[str], value: Any) -> None:
+    """Set what stands at a path of names; KeyError takes it away."""
+    *parents, last = path
+    for step in parents:
+        item = item[step]
+    if value is KeyError:
+        del item[last]
+    else:
+        item[last] = value
 
 
 def put(root: Path, kind: str, *envelopes: tuple[str, dict[str, Any], Any]) -> None:

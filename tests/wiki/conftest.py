@@ -20,7 +20,7 @@ from kb.core.errors import MissingExtra
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.wiki import capture, chromium
-from kb.wiki.browser import Browser, host_and_port
+from kb.wiki.browser import Browser, reach
 from kb.wiki.pool import Pool
 from tests.conftest import skip_or_fail
 
@@ -115,12 +115,14 @@ def section() -> Any:
 def pool(programs: chromium.Programs, pages: Pages, section: Any) -> Iterator[Pool]:
     """Browsers that may ask the page server only."""
 
+    hosts, origins = reach(pages.url, ())
+
     def start(watcher: Any) -> Browser:
         return Browser(
             programs,
             watcher,
-            hosts=[host_and_port(pages.url)],
-            origins=[pages.url],
+            hosts=hosts,
+            origins=origins,
             user_agent="lorebase/test (+test@example.org)",
             viewport=(1280, 1024),
             page_seconds=section.page_seconds,

@@ -12,6 +12,7 @@ from kb.annotate.words import word_count_of_lists
 from kb.core.errors import DamagedData
 from kb.youtube import parse
 from kb.youtube.assemble import assemble
+from tests.filters.made import change_at
 
 GOOD: dict[str, Any] = {
     "id": "a",
@@ -40,14 +41,7 @@ def rows(*lines: bytes, batch: int = parse.ROWS) -> list[dict[str, Any]]:
 
 def changed(path: str, value: Any) -> dict[str, Any]:
     item = json.loads(json.dumps(GOOD))
-    *parents, last = path.split(".")
-    node = item
-    for step in parents:
-        node = node[step]
-    if value is KeyError:
-        del node[last]
-    else:
-        node[last] = value
+    change_at(item, path.split("."), value)
     return item
 
 
