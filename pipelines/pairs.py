@@ -46,5 +46,9 @@ def _write(run: Run, layout: str) -> dict[str, object]:
     if layout == "parquet":
         parquet.export(run, "pairs")
         return {"release": str(run.root / "release" / "pairs")}
-    layouts = {"minedojo": minedojo_pairs.write, "clip4mc": clip4mc.write, "video2dataset": video2dataset.write}
+    layouts = {
+        "minedojo": minedojo_pairs.write,
+        "clip4mc": clip4mc.write,
+        "video2dataset": video2dataset.write,
+    }
     return {"format": layout, "export": str(layouts[layout](run))}

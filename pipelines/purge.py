@@ -45,7 +45,11 @@ def _scores(run: Run, source: str) -> int:
     from kb.filters.clean import texts
 
     hashes = [text_hashes(part) for part in texts(run, source)]
-    return store.drop_annotations(run.root, source, pa.chunked_array(hashes, pa.string()).unique() if hashes else pa.array([], pa.string()))
+    return store.drop_annotations(
+        run.root,
+        source,
+        pa.chunked_array(hashes, pa.string()).unique() if hashes else pa.array([], pa.string()),
+    )
 
 
 def _made(run: Run, source: str) -> None:
@@ -56,7 +60,10 @@ def _made(run: Run, source: str) -> None:
 
     export = load(str(locate(source))).export
     layouts = {"parquet": f"release/{source}", "minedojo": f"export/minedojo/{source}*"}
-    for format, files in {**layouts, **({"convokit": "export/convokit/*"} if source == "reddit" else {})}.items():
+    for format, files in {
+        **layouts,
+        **({"convokit": "export/convokit/*"} if source == "reddit" else {}),
+    }.items():
         if any(run.root.glob(files)):
             export(run, format)
     if source == "youtube":

@@ -20,7 +20,10 @@ from kb.reddit import parse
 from kb.reddit.assemble import HELPERS, assemble
 from kb.reddit.state import gave_up
 
-THERE = (NotTrue("missing", stage="missing", reason="missing"), In("state", ("there",), stage="missing"))
+THERE = (
+    NotTrue("missing", stage="missing", reason="missing"),
+    In("state", ("there",), stage="missing"),
+)
 GONE = ("deleted", "removed")
 POST, COMMENT = {"title": "toxicity_title", "body": "toxicity_body"}, {"body": "toxicity_body"}
 
@@ -55,7 +58,11 @@ def comments(p: Profile) -> tuple[Predicate, ...]:
 def toxic(p: Profile, scored: dict[str, str]) -> tuple[Predicate, ...]:
     """No category of any text above the profile's threshold."""
     limit = p.toxicity.threshold("reddit")
-    return tuple(AtMost(to, limit, stage="toxicity", null_passes=True, reason=of) for of, to in scored.items() if limit is not None)
+    return tuple(
+        AtMost(to, limit, stage="toxicity", null_passes=True, reason=of)
+        for of, to in scored.items()
+        if limit is not None
+    )
 
 
 def clean(p: Profile) -> Clean:
@@ -66,7 +73,14 @@ def clean(p: Profile) -> Clean:
         assemble=assemble,
         chains=(
             Chain("reddit/posts", "post_id", posts(p), prefix="t3_", scores=POST, helpers=HELPERS),
-            Chain("reddit/comments", "comment_id", comments(p), prefix="t1_", scores=COMMENT, helpers=HELPERS),
+            Chain(
+                "reddit/comments",
+                "comment_id",
+                comments(p),
+                prefix="t1_",
+                scores=COMMENT,
+                helpers=HELPERS,
+            ),
         ),
         scorer=toxicity,
         unanswered=gave_up,
@@ -76,5 +90,9 @@ def clean(p: Profile) -> Clean:
 
 def export(run: Run, format: str) -> Summary:
     """Clean to release/reddit, or to export/<format>."""
-    write = {"parquet": partial(parquet.export, source="reddit"), "minedojo": minedojo_reddit.export, "convokit": convokit.export}
+    write = {
+        "parquet": partial(parquet.export, source="reddit"),
+        "minedojo": minedojo_reddit.export,
+        "convokit": convokit.export,
+    }
     return write[format](run)

@@ -38,12 +38,19 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
     return (
         Waits("state", ("unanswered",), stage="missing", reason="unanswered", verdict="failed"),
         Told("missing", stage="missing"),
-        *(Present(column, stage="missing") for column in ("page_id", "title", "url", "revision_id", "revision_timestamp")),
+        *(
+            Present(column, stage="missing")
+            for column in ("page_id", "title", "url", "revision_id", "revision_timestamp")
+        ),
         Told("robots", value="said", stage="robots"),
         Told("render", value="said", stage="render"),
         Waits("captured", (False,), stage="render", reason="render"),
         AtLeast("word_count", p.wiki.min_words, stage="words"),
-        *((AtMost("toxicity", most, stage="toxicity", null_passes=True),) if most is not None else ()),
+        *(
+            (AtMost("toxicity", most, stage="toxicity", null_passes=True),)
+            if most is not None
+            else ()
+        ),
     )
 
 
@@ -52,15 +59,28 @@ def clean(p: Profile) -> Clean:
     return Clean(
         source="wiki",
         kinds={
-            "pages": Kind(parse.pages, key=("of", "name"), bucket="name", prefer="answered", echo="echo"),
-            "renders": Kind(parse.renders, key=("page_id", "captured", "revision_id", "title"), bucket="page_id"),
+            "pages": Kind(
+                parse.pages, key=("of", "name"), bucket="name", prefer="answered", echo="echo"
+            ),
+            "renders": Kind(
+                parse.renders, key=("page_id", "captured", "revision_id", "title"), bucket="page_id"
+            ),
             "files": Kind(parse.files, key=("key",), named_by=("renders", "files")),
             "site": Kind(parse.site, key=()),
             "titles": Kind(parse.nothing, key=()),
             "imageinfo": Kind(parse.nothing, key=()),
         },
         assemble=partial(assemble, url=p.wiki.url),
-        chains=(Chain("wiki/pages", "key", stages(p), scores={"text": "toxicity"}, helpers=HELPERS, also=("title", "of_page")),),
+        chains=(
+            Chain(
+                "wiki/pages",
+                "key",
+                stages(p),
+                scores={"text": "toxicity"},
+                helpers=HELPERS,
+                also=("title", "of_page"),
+            ),
+        ),
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
         scorer=toxicity,
         beside=Beside(tables.read_pages, tables.size),

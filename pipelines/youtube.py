@@ -46,26 +46,39 @@ def crawl(run: Run, only: str | None, ids: Path | None, part: tuple[int, int] | 
 def promising(p: Profile, videos: Any) -> list[str]:
     """Of videos as parsed, the ids that are worth asking for a transcript: of the categories, and through the gate."""
     rows = assemble({"videos": videos}, words=word_count_of_lists)["youtube/videos"]
-    stages = (NotTrue("missing", stage="missing", reason="missing"), In("category_id", p.youtube.category_ids, stage="topic"), *gate(p))
+    stages = (
+        NotTrue("missing", stage="missing", reason="missing"),
+        In("category_id", p.youtube.category_ids, stage="topic"),
+        *gate(p),
+    )
     return rows.filter(passes(stages, rows))["video_id"].to_pylist()
 
 
 def clean(p: Profile) -> Clean:
     """Raw answers to videos and transcripts, stages in the paper's order."""
-    limit, helpers = p.toxicity.threshold("youtube"), ("missing", "game_label_id", "game_label", "transcript_outcome")
+    limit, helpers = (
+        p.toxicity.threshold("youtube"),
+        ("missing", "game_label_id", "game_label", "transcript_outcome"),
+    )
     scored = {"title": "toxicity_title", "description": "toxicity_description"}
     stages = (
         NotTrue("missing", stage="missing", reason="missing"),
         Topic(p.youtube.game_ids, p.youtube.category_ids, p.youtube.words, gate(p)),
         *gate(p),
-        *(AtMost(column, limit, stage="toxicity", null_passes=True, reason=text) for text, column in scored.items() if limit is not None),
+        *(
+            AtMost(column, limit, stage="toxicity", null_passes=True, reason=text)
+            for text, column in scored.items()
+            if limit is not None
+        ),
         *(required() if p.youtube.transcripts == "required" else ()),
     )
     return Clean(
         source="youtube",
         kinds={
             "videos": Kind(parse.videos, key=("video_id",), bucket="video_id"),
-            "transcripts": Kind(parse.transcripts, key=("video_id",), bucket="video_id", prefer="final"),
+            "transcripts": Kind(
+                parse.transcripts, key=("video_id",), bucket="video_id", prefer="final"
+            ),
         },
         assemble=partial(assemble, words=word_count_of_lists),
         chains=(Chain("youtube/videos", "video_id", stages, scores=scored, helpers=helpers),),

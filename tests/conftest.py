@@ -57,6 +57,8 @@ def _make_rows(name, n, released=False, **given):  # type: ignore[no-untyped-def
         elif pa.types.is_list(kind):
             values = [[] for _ in range(n)]
         else:
-            values = pa.array([(row * 7 + number) % 1000 for row in range(n)]).cast(kind) if n else []
+            values = (
+                pa.array([(row * 7 + number) % 1000 for row in range(n)]).cast(kind) if n else []
+            )
         data[field.name] = values if isinstance(values, pa.Array) else pa.array(values, kind)
     return pa.table(data)

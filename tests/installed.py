@@ -40,7 +40,22 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The built wheel."""
 
     def build(folder: Path) -> None:
-        subprocess.run([sys.executable, "-m", "pip", "wheel", "-q", "-q", "--no-deps", "--no-build-isolation", "-w", folder, ROOT], check=True)
+        subprocess.run(
+            [
+                sys.executable,
+                "-m",
+                "pip",
+                "wheel",
+                "-q",
+                "-q",
+                "--no-deps",
+                "--no-build-isolation",
+                "-w",
+                folder,
+                ROOT,
+            ],
+            check=True,
+        )
 
     (built,) = _once(tmp_path_factory, "wheel", build).glob("lorebase-*.whl")
     return built
@@ -57,16 +72,36 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     def install(folder: Path) -> None:
         home = folder / "venv"
         venv.create(home, with_pip=False)
-        subprocess.run([sys.executable, "-m", "pip", "-q", "-q", "--python", home / "bin" / "python", "install", "--no-deps", wheel], check=True)
+        subprocess.run(
+            [
+                sys.executable,
+                "-m",
+                "pip",
+                "-q",
+                "-q",
+                "--python",
+                home / "bin" / "python",
+                "install",
+                "--no-deps",
+                wheel,
+            ],
+            check=True,
+        )
         (site,) = (home / "lib").glob("python*/site-packages")
-        (site / "dependencies.pth").write_text("\n".join({sysconfig.get_paths()["purelib"], sysconfig.get_paths()["platlib"]}) + "\n")
+        (site / "dependencies.pth").write_text(
+            "\n".join({sysconfig.get_paths()["purelib"], sysconfig.get_paths()["platlib"]}) + "\n"
+        )
 
     return _once(tmp_path_factory, "installed", install) / "venv" / "bin"
 
 
 # What a user's own settings may be, and what the demo must leave alone: two credentials, hosts and a model that are not there.
 OWN_DOTENV = "YOUTUBE_API_KEY=a-real-key\nKB_YOUTUBE_ENDPOINT=http://192.0.2.1\nKB_WIKI_URL=http://192.0.2.1\n"
-OWN_ENVIRONMENT = {"REDDIT_CLIENT_SECRET": "a-real-secret", "KB_REDDIT_ENDPOINT": "http://192.0.2.1", "KB_TOXICITY_MODEL": "/nowhere"}
+OWN_ENVIRONMENT = {
+    "REDDIT_CLIENT_SECRET": "a-real-secret",
+    "KB_REDDIT_ENDPOINT": "http://192.0.2.1",
+    "KB_TOXICITY_MODEL": "/nowhere",
+}
 
 
 @pytest.fixture(scope="session")

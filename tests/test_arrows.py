@@ -85,16 +85,22 @@ def test_rooms_import_along_the_arrows() -> None:
         for line, module in imported(ast.parse(path.read_text()), path):
             parts = module.split(".")
             if parts[0] == "pipelines":
-                wrong.append(f"{path.relative_to(ROOT)}:{line} imports {module}: pipelines are loaded by path")
+                wrong.append(
+                    f"{path.relative_to(ROOT)}:{line} imports {module}: pipelines are loaded by path"
+                )
             if parts[0] != "kb" or len(parts) < 2 or not (ROOT / "kb" / parts[1]).is_dir():
                 continue
             if room and parts[1] != room and parts[1] not in ALLOWED[room]:
-                wrong.append(f"{path.relative_to(ROOT)}:{line} imports {module}: {room} may not import {parts[1]}")
+                wrong.append(
+                    f"{path.relative_to(ROOT)}:{line} imports {module}: {room} may not import {parts[1]}"
+                )
     assert not wrong, "\n".join(wrong)
 
 
 def test_every_room_has_its_arrows() -> None:
-    rooms = {path.name for path in (ROOT / "kb").iterdir() if path.is_dir() and any(path.glob("*.py"))}
+    rooms = {
+        path.name for path in (ROOT / "kb").iterdir() if path.is_dir() and any(path.glob("*.py"))
+    }
     assert rooms <= set(ALLOWED), f"say in this test what these may import: {rooms - set(ALLOWED)}"
 
 
@@ -105,7 +111,9 @@ def test_heavy_packages_are_imported_inside_functions_only() -> None:
         for node in _module_level(ast.parse(path.read_text()).body):
             for line, module in imported(node, path):
                 if module.split(".")[0] in HEAVY:
-                    wrong.append(f"{path.relative_to(ROOT)}:{line} imports {module} at module level")
+                    wrong.append(
+                        f"{path.relative_to(ROOT)}:{line} imports {module} at module level"
+                    )
     assert not wrong, "\n".join(wrong)
 
 

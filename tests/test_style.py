@@ -13,5 +13,11 @@ ROOT = Path(__file__).resolve().parent.parent
 
 @pytest.mark.parametrize("words", [("check",), ("format", "--check")], ids=" ".join)
 def test_nothing_is_left_to_mend(words: tuple[str, ...]) -> None:
-    done = subprocess.run([sys.executable, "-m", "ruff", *words, "--no-cache", "."], cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "ruff", *words, "--no-cache", "."],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout + done.stderr

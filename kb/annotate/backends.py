@@ -19,13 +19,17 @@ DEVICES = ("auto", "cpu", "cuda")
 REACH = {"fp32": 0.0, "bf16": 0.04, "int8": 0.15}
 
 
-def open_runner(checkpoint: Checkpoint, precision: str = "fp32", device: str = "cpu", threads: int = 1) -> Runner:
+def open_runner(
+    checkpoint: Checkpoint, precision: str = "fp32", device: str = "cpu", threads: int = 1
+) -> Runner:
     """The fastest runner that is installed for this precision and device.
 
     Raises MissingExtra, MissingModel, SettingError (no such device or precision).
     """
     if precision not in PRECISIONS:
-        raise SettingError(f"--precision is {precision!r}", hint=f"allowed: {', '.join(PRECISIONS)}")
+        raise SettingError(
+            f"--precision is {precision!r}", hint=f"allowed: {', '.join(PRECISIONS)}"
+        )
     os.environ.setdefault("RAYON_NUM_THREADS", str(threads))  # the tokenizer's own threads
     if device == "cuda":
         return torch_runner(checkpoint, precision, device, threads)
@@ -35,19 +39,28 @@ def open_runner(checkpoint: Checkpoint, precision: str = "fp32", device: str = "
     if any(installed(name) for name in wanted):
         compiled = prepare(checkpoint)
         if compiled:
-            runner = int8_runner(compiled, threads) if precision == "int8" else graph_runner(compiled, threads)
+            runner = (
+                int8_runner(compiled, threads)
+                if precision == "int8"
+                else graph_runner(compiled, threads)
+            )
             if runner:
                 return runner
     if precision == "int8":
         need_int8()
-        raise MissingModel(f"{checkpoint.path} can't be scored in int8: its graph can't be made", hint="use bf16 or fp32")
+        raise MissingModel(
+            f"{checkpoint.path} can't be scored in int8: its graph can't be made",
+            hint="use bf16 or fp32",
+        )
     return torch_runner(checkpoint, precision, device, threads)
 
 
 def check_options(precision: str, device: str, here: bool) -> None:
     """Raise SettingError or MissingExtra for options that can't work; `here`: this machine does the scoring."""
     if precision not in PRECISIONS:
-        raise SettingError(f"--precision is {precision!r}", hint=f"allowed: {', '.join(PRECISIONS)}")
+        raise SettingError(
+            f"--precision is {precision!r}", hint=f"allowed: {', '.join(PRECISIONS)}"
+        )
     if device not in DEVICES:
         raise SettingError(f"--device is {device!r}", hint=f"allowed: {', '.join(DEVICES)}")
     if precision == "int8" and device == "cuda":
@@ -62,7 +75,10 @@ def need_int8() -> None:
     """Raise MissingExtra unless the packages that make and run 8-bit weights are installed."""
     absent = [name for name in ("onnxruntime", "onnx") if not installed(name)]
     if absent:
-        raise MissingExtra(f"--precision int8 needs {' and '.join(absent)}", hint=f"run `pip install {' '.join(absent)}`")
+        raise MissingExtra(
+            f"--precision int8 needs {' and '.join(absent)}",
+            hint=f"run `pip install {' '.join(absent)}`",
+        )
 
 
 def prepare(checkpoint: Checkpoint) -> Compiled | None:
@@ -76,7 +92,10 @@ def torch_network(model: Any, device: str, precision: str) -> Network:
 
     def network(ids: Any, mask: Any) -> Any:
         with torch.inference_mode():
-            logits = model(input_ids=torch.from_numpy(ids).to(device), attention_mask=torch.from_numpy(mask).to(device))[0]
+            logits = model(
+                input_ids=torch.from_numpy(ids).to(device),
+                attention_mask=torch.from_numpy(mask).to(device),
+            )[0]
         return logits.float().cpu().numpy()
 
     model.eval()
@@ -98,7 +117,10 @@ def choose_device(wanted: str, precision: str = "fp32") -> str:
         if torch.cuda.is_available():
             return "cuda"
     if wanted == "cuda":
-        raise SettingError("--device cuda: torch sees no GPU here", hint="use --device auto, or install a CUDA build of torch")
+        raise SettingError(
+            "--device cuda: torch sees no GPU here",
+            hint="use --device auto, or install a CUDA build of torch",
+        )
     return "cpu"
 
 
@@ -117,4 +139,6 @@ def torch_runner(checkpoint: Checkpoint, precision: str, device: str, threads: i
     tokenizer.no_padding()
     tokenizer.no_truncation()
     budget = TOKEN_BUDGET if device == "cpu" else 32 * TOKEN_BUDGET
-    return Runner("torch", torch_network(detoxify.model, device, precision), tokenizer, meta, budget)
+    return Runner(
+        "torch", torch_network(detoxify.model, device, precision), tokenizer, meta, budget
+    )

@@ -21,7 +21,9 @@ def padded_length(length: int, size: int = 512) -> int:
     return min(size, max(step, -(-length // step) * step))
 
 
-def batches(lengths: Sequence[int], budget: int = TOKEN_BUDGET, size: int = 512) -> Iterator[tuple[int, list[int]]]:
+def batches(
+    lengths: Sequence[int], budget: int = TOKEN_BUDGET, size: int = 512
+) -> Iterator[tuple[int, list[int]]]:
     """(padded length, numbers of the windows) of each batch, shortest first, in a fixed order.
 
     Every batch has at least one window, and no more tokens than `budget` when it has several.

@@ -11,7 +11,13 @@ from typing import Any
 
 from kb.core.errors import MissingModel
 
-_VOCABULARIES = ("vocab.txt", "tokenizer.json", "vocab.json", "spiece.model", "sentencepiece.bpe.model")
+_VOCABULARIES = (
+    "vocab.txt",
+    "tokenizer.json",
+    "vocab.json",
+    "spiece.model",
+    "sentencepiece.bpe.model",
+)
 _OPTIONS = ("merges.txt", "tokenizer_config.json", "special_tokens_map.json", "added_tokens.json")
 
 
@@ -29,14 +35,19 @@ def check_beside(folder: Path, what_to_do: str) -> None:
     files = tokenizer_files(folder)
     if not files:
         raise MissingModel(f"there is no tokenizer in {folder}", hint=what_to_do)
-    problem = next((found for path in (folder / "config.json", *files) if (found := problem_of(path))), "")
+    problem = next(
+        (found for path in (folder / "config.json", *files) if (found := problem_of(path))), ""
+    )
     if problem:
         raise MissingModel(f"{folder}: {problem}", hint=what_to_do)
     rows = _object(folder / "config.json").get("vocab_size")
     for path in files:
         largest = _largest_number(path)
         if isinstance(rows, int) and largest >= rows:
-            raise MissingModel(f"{path} has {largest + 1} tokens, the model of the config.json beside it knows {rows}", hint=what_to_do)
+            raise MissingModel(
+                f"{path} has {largest + 1} tokens, the model of the config.json beside it knows {rows}",
+                hint=what_to_do,
+            )
 
 
 def problem_of(path: Path, name: str = "") -> str:
@@ -57,7 +68,11 @@ def problem_of(path: Path, name: str = "") -> str:
         return f"{name} is no JSON object"
     except OSError as error:
         return f"{name} can't be read: {error.strerror}"
-    return f"{name} is empty or a web page" if not head or head.startswith((b"<!doctype", b"<html")) else ""
+    return (
+        f"{name} is empty or a web page"
+        if not head or head.startswith((b"<!doctype", b"<html"))
+        else ""
+    )
 
 
 def _problem_of_words(path: Path, name: str) -> str:
@@ -66,7 +81,9 @@ def _problem_of_words(path: Path, name: str) -> str:
         return f"{name} is a web page"
     if name == "vocab.txt" and "[UNK]" not in (line.strip() for line in lines):
         return "vocab.txt has no token [UNK]"
-    if name == "merges.txt" and not any(len(line.split()) == 2 for line in lines if not line.startswith("#version")):
+    if name == "merges.txt" and not any(
+        len(line.split()) == 2 for line in lines if not line.startswith("#version")
+    ):
         return "merges.txt has no pair of tokens"
     return ""
 
@@ -83,11 +100,21 @@ def _largest_number(path: Path) -> int:
     if path.name == "vocab.txt":
         return len(path.read_text(encoding="utf-8").rstrip("\n").split("\n")) - 1
     if path.name == "vocab.json":
-        return max((number for number in _object(path).values() if isinstance(number, int)), default=-1)
+        return max(
+            (number for number in _object(path).values() if isinstance(number, int)), default=-1
+        )
     if path.name == "tokenizer.json":
         held = _object(path)
         names = held["model"].get("vocab") or ()
-        known = [len(names) - 1] if isinstance(names, list) else [number for number in dict(names).values() if isinstance(number, int)]
-        added = [entry.get("id", -1) for entry in held.get("added_tokens") or () if isinstance(entry, dict)]
+        known = (
+            [len(names) - 1]
+            if isinstance(names, list)
+            else [number for number in dict(names).values() if isinstance(number, int)]
+        )
+        added = [
+            entry.get("id", -1)
+            for entry in held.get("added_tokens") or ()
+            if isinstance(entry, dict)
+        ]
         return max((*known, *added), default=-1)
     return -1

@@ -74,16 +74,26 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
     """
     chosen = settings.kb_toxicity_model.strip()
     if not chosen:
-        raise SettingError("KB_TOXICITY_MODEL is empty", hint=f"known: {', '.join(PUBLISHED)}; or give a checkpoint file")
+        raise SettingError(
+            "KB_TOXICITY_MODEL is empty",
+            hint=f"known: {', '.join(PUBLISHED)}; or give a checkpoint file",
+        )
     if chosen in PUBLISHED:
         return _fetched(PUBLISHED[chosen])
     path = Path(chosen).expanduser().absolute()
     if "/" not in chosen and "." not in chosen and not path.exists():
-        raise MissingModel(f"KB_TOXICITY_MODEL is {chosen!r}", hint=f"known: {', '.join(PUBLISHED)}; or give a checkpoint file")
+        raise MissingModel(
+            f"KB_TOXICITY_MODEL is {chosen!r}",
+            hint=f"known: {', '.join(PUBLISHED)}; or give a checkpoint file",
+        )
     if path.is_dir():
-        raise MissingModel(f"KB_TOXICITY_MODEL names a folder: {path}", hint="name the checkpoint file in it")
+        raise MissingModel(
+            f"KB_TOXICITY_MODEL names a folder: {path}", hint="name the checkpoint file in it"
+        )
     if not path.is_file():
-        raise MissingModel(f"there is no checkpoint {path}", hint="see KB_TOXICITY_MODEL, or run `kb models fetch`")
+        raise MissingModel(
+            f"there is no checkpoint {path}", hint="see KB_TOXICITY_MODEL, or run `kb models fetch`"
+        )
     expected = _known_digests(path, settings.kb_toxicity_sha256)
     if not expected:
         raise MissingModel(
@@ -91,10 +101,17 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
             hint=f"if you trust it, run `sha256sum {path.name} > {path.name}.sha256` in its folder",
         )
     digest = _verify(path, expected, "get the file again from where it came from")
-    check_beside(path.parent, "put the config.json and the tokenizer's files of its base model beside the checkpoint")
+    check_beside(
+        path.parent,
+        "put the config.json and the tokenizer's files of its base model beside the checkpoint",
+    )
     # Of the name only the part before the digest: the same model under another digest is a new revision.
     in_name = _PREFIX.search(path.name)
-    bare = path.name[: in_name.start()] if in_name and digest.startswith(in_name.group(1)) else path.stem
+    bare = (
+        path.name[: in_name.start()]
+        if in_name and digest.startswith(in_name.group(1))
+        else path.stem
+    )
     name = SANDBOX_MODEL if _made_by_sandbox(path) else bare
     return Checkpoint(path, name or path.stem, digest)
 
@@ -118,11 +135,15 @@ def _fetched(model: Published) -> Checkpoint:
             f"the toxicity model {model.name!r} is not on this machine",
             hint=f'run `{command}`, or set toxicity = "off" in the profile',
         )
-    digest = _verify(path, [("its published digest", model.sha256)], f"delete it and run `{command}` again")
+    digest = _verify(
+        path, [("its published digest", model.sha256)], f"delete it and run `{command}` again"
+    )
     for name, expected in model.files:
         beside = folder / name
         if not beside.is_file() or (expected and sha256_of(beside) != expected):
-            raise MissingModel(f"{beside} is missing or not the published file", hint=f"run `{command}` again")
+            raise MissingModel(
+                f"{beside} is missing or not the published file", hint=f"run `{command}` again"
+            )
     check_beside(folder, f"run `{command}` again")
     return Checkpoint(path, model.name, digest)
 
@@ -134,13 +155,19 @@ def _known_digests(path: Path, setting: str | None) -> list[tuple[str, str]]:
     if words:  # a pasted line of sha256sum begins with the digest
         given = words[0].lower().removeprefix("sha256:")
         if not _DIGEST.fullmatch(given):
-            raise SettingError("KB_TOXICITY_SHA256 is no sha256", hint=f"give the 64 hex digits that `sha256sum {path.name}` prints")
+            raise SettingError(
+                "KB_TOXICITY_SHA256 is no sha256",
+                hint=f"give the 64 hex digits that `sha256sum {path.name}` prints",
+            )
         known.append(("KB_TOXICITY_SHA256", given))
     for beside in (path.with_name(path.name + ".sha256"), path.with_suffix(".sha256")):
         if beside.is_file():
             found = _DIGEST.search(beside.read_text(encoding="utf-8", errors="replace"))
             if not found:
-                raise MissingModel(f"{beside} holds no sha256", hint=f"write it with `sha256sum {path.name} > {beside.name}`")
+                raise MissingModel(
+                    f"{beside} holds no sha256",
+                    hint=f"write it with `sha256sum {path.name} > {beside.name}`",
+                )
             known.append((beside.name, found.group().lower()))
     in_name = _PREFIX.search(path.name)
     if in_name and not known:  # eight digits may as well be a date

@@ -32,7 +32,14 @@ class Chunks:
     `texts`: how many came by, equal ones of one look-up counted once.
     """
 
-    def __init__(self, scores: Scores, threshold: float | None, limit: int | None, task: Any, least: str | None = None) -> None:
+    def __init__(
+        self,
+        scores: Scores,
+        threshold: float | None,
+        limit: int | None,
+        task: Any,
+        least: str | None = None,
+    ) -> None:
         self._scores, self._threshold, self._limit, self._task = scores, threshold, limit, task
         self._least = least
         self._given: set[str] = set()
@@ -89,7 +96,11 @@ class Chunks:
         found: dict[str, str] = {}
         size = 0
         for batch in batches:
-            column = batch if isinstance(batch, (pa.Array, pa.ChunkedArray)) else pa.array(batch, pa.string())
+            column = (
+                batch
+                if isinstance(batch, (pa.Array, pa.ChunkedArray))
+                else pa.array(batch, pa.string())
+            )
             for key, text in zip(text_hashes(column).to_pylist(), column.to_pylist(), strict=True):
                 if key is None or key in found:
                     continue

@@ -37,8 +37,15 @@ PROBES = (
 
 def place(checkpoint: Checkpoint) -> Path:
     """Where the graph of exactly this checkpoint, configuration and torch is kept."""
-    parts = [str(FORMAT), checkpoint.sha256, *(_version(name) for name in ("torch", "transformers", "detoxify"))]
-    parts += [sha256_of(path) for path in [checkpoint.folder / "config.json", *tokenizer_files(checkpoint.folder)]]
+    parts = [
+        str(FORMAT),
+        checkpoint.sha256,
+        *(_version(name) for name in ("torch", "transformers", "detoxify")),
+    ]
+    parts += [
+        sha256_of(path)
+        for path in [checkpoint.folder / "config.json", *tokenizer_files(checkpoint.folder)]
+    ]
     return cache_root() / "compiled" / hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]
 
 
@@ -123,7 +130,10 @@ def _agrees(detoxify: Any, compiled: Compiled) -> bool:
     own = runner.score(list(PROBES))
     for text, row in zip(PROBES, own, strict=True):
         theirs = detoxify.predict(text)
-        if any(abs(theirs[name] - score) > TOLERANCE for name, score in zip(runner.meta.classes, row, strict=True)):
+        if any(
+            abs(theirs[name] - score) > TOLERANCE
+            for name, score in zip(runner.meta.classes, row, strict=True)
+        ):
             return False
     return True
 

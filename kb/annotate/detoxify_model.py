@@ -40,9 +40,15 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
         try:
             loaded = torch.load(checkpoint.path, map_location=device, weights_only=False)
             arguments = loaded["config"]["arch"]["args"]
-            outputs, classes = int(arguments["num_classes"]), loaded["config"]["dataset"]["args"]["classes"]
+            outputs, classes = (
+                int(arguments["num_classes"]),
+                loaded["config"]["dataset"]["args"]["classes"],
+            )
             # Weights in halves are widened: the graph and its runners compute in fp32.
-            state = {name: value.float() if value.is_floating_point() else value for name, value in loaded["state_dict"].items()}
+            state = {
+                name: value.float() if value.is_floating_point() else value
+                for name, value in loaded["state_dict"].items()
+            }
             loaded["state_dict"] = state
             if not 0 < len(classes) <= outputs:
                 raise ValueError("classes")
@@ -56,11 +62,18 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
             try:
                 # Detoxify reads the file itself; it gets what was verified and is read already.
                 with mock.patch.object(source.torch, "load", return_value=loaded):
-                    model = source.Detoxify(checkpoint=str(checkpoint.path), device=device, huggingface_config_path=str(folder))
+                    model = source.Detoxify(
+                        checkpoint=str(checkpoint.path),
+                        device=device,
+                        huggingface_config_path=str(folder),
+                    )
             except Exception as error:  # whatever a foreign configuration makes transformers raise
                 raise _misfit(checkpoint, _reason(error)) from error
         if len(model.tokenizer) > model.model.config.vocab_size:
-            raise _misfit(checkpoint, f"the tokenizer has {len(model.tokenizer)} tokens, the model knows {model.model.config.vocab_size}")
+            raise _misfit(
+                checkpoint,
+                f"the tokenizer has {len(model.tokenizer)} tokens, the model knows {model.model.config.vocab_size}",
+            )
         _same_weights(model, state, checkpoint)
     if "toxicity" not in model.class_names:
         raise MissingModel(
@@ -96,12 +109,23 @@ def _same_weights(model: Any, state: dict[str, Any], checkpoint: Checkpoint) -> 
     """transformers fills a missing weight with random numbers and only warns: that is no model."""
     import torch
 
-    broken = [name for name, value in state.items() if value.is_floating_point() and not bool(torch.isfinite(value).all())]
+    broken = [
+        name
+        for name, value in state.items()
+        if value.is_floating_point() and not bool(torch.isfinite(value).all())
+    ]
     if broken:
-        raise MissingModel(f"{checkpoint.path} is broken: {broken[0]} holds what is no number", hint="get the file again from where it came from")
+        raise MissingModel(
+            f"{checkpoint.path} is broken: {broken[0]} holds what is no number",
+            hint="get the file again from where it came from",
+        )
     own = model.model.state_dict()
     wrong = [name for name in own if name not in state and not name.endswith("position_ids")]
-    wrong += [name for name, value in state.items() if name in own and not torch.equal(own[name].cpu(), value.cpu())]
+    wrong += [
+        name
+        for name, value in state.items()
+        if name in own and not torch.equal(own[name].cpu(), value.cpu())
+    ]
     if wrong:
         raise _misfit(checkpoint, f"{wrong[0]} differs")
 
@@ -121,8 +145,15 @@ def _misfit(checkpoint: Checkpoint, why: str) -> MissingModel:
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
     """No progress bars and no hub: everything is on this machine."""
-    before = {name: os.environ.get(name) for name in ("HF_HUB_OFFLINE", "TRANSFORMERS_VERBOSITY", "TOKENIZERS_PARALLELISM")}
-    os.environ |= {"HF_HUB_OFFLINE": "1", "TRANSFORMERS_VERBOSITY": "error", "TOKENIZERS_PARALLELISM": "true"}
+    before = {
+        name: os.environ.get(name)
+        for name in ("HF_HUB_OFFLINE", "TRANSFORMERS_VERBOSITY", "TOKENIZERS_PARALLELISM")
+    }
+    os.environ |= {
+        "HF_HUB_OFFLINE": "1",
+        "TRANSFORMERS_VERBOSITY": "error",
+        "TOKENIZERS_PARALLELISM": "true",
+    }
     try:
         import transformers
 

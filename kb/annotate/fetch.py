@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 PIECE = 1 << 16  # bytes; of a connection that breaks only whole pieces are kept
 
 
-def fetch(run: Run, name: str = "original", published: Published | None = None, folder: Path | None = None) -> Summary:
+def fetch(
+    run: Run, name: str = "original", published: Published | None = None, folder: Path | None = None
+) -> Summary:
     """Download and verify what is not there yet; `published` and `folder` stand in for the known ones.
 
     Raises SettingError (no such model), DamagedData (the address gives another file), FatalError
@@ -45,7 +47,9 @@ def fetch(run: Run, name: str = "original", published: Published | None = None, 
     fetched = present = size = 0
     for file, address, digest in published.sources(run.settings.kb_models_endpoint):
         path = folder / file
-        if path.is_file() and (sha256_of(path).startswith(digest) if digest else not problem_of(path)):
+        if path.is_file() and (
+            sha256_of(path).startswith(digest) if digest else not problem_of(path)
+        ):
             present += 1
             continue
         task = run.progress.task(file, None, "bytes")
@@ -54,7 +58,9 @@ def fetch(run: Run, name: str = "original", published: Published | None = None, 
         finally:
             task.close()
         fetched += 1
-    return Summary(model=published.name, fetched=fetched, present=present, bytes=size, folder=str(folder))
+    return Summary(
+        model=published.name, fetched=fetched, present=present, bytes=size, folder=str(folder)
+    )
 
 
 def _download(session: Any, address: str, path: Path, digest: str, task: Any) -> int:
@@ -87,7 +93,9 @@ def _receive(session: Any, address: str, part: Path, task: Any) -> None:
     headers = {"Range": f"bytes={have}-"} if have else {}
     try:
         with session.get(address, headers=headers, stream=True) as response:
-            if response.status_code == 416:  # nothing is left: complete, or a longer file than theirs
+            if (
+                response.status_code == 416
+            ):  # nothing is left: complete, or a longer file than theirs
                 total = response.headers.get("Content-Range", "").rpartition("/")[2]
                 if total != str(have):
                     part.unlink()
@@ -104,7 +112,9 @@ def _receive(session: Any, address: str, part: Path, task: Any) -> None:
                     f"{address} answers HTTP {response.status_code}",
                     hint="check the address or KB_MODELS_ENDPOINT; the file may have moved",
                 )
-            goes_on = response.status_code == 206 and response.headers.get("Content-Range", "").startswith(f"bytes {have}-")
+            goes_on = response.status_code == 206 and response.headers.get(
+                "Content-Range", ""
+            ).startswith(f"bytes {have}-")
             expected = response.headers.get("Content-Length")
             received = _write(response, part, "ab" if goes_on else "wb", task)
             if expected and received != int(expected):

@@ -11,7 +11,11 @@ import contextlib
 from collections.abc import Iterator
 from typing import Any
 
-LAYERS = ("BertLayer", "RobertaLayer", "XLMRobertaLayer")  # one layout; the classifiers of all three read token 0
+LAYERS = (
+    "BertLayer",
+    "RobertaLayer",
+    "XLMRobertaLayer",
+)  # one layout; the classifiers of all three read token 0
 
 
 def shorten(model: Any) -> Any:
@@ -52,7 +56,9 @@ def _first_token_layer(layer: Any) -> Any:
             first = hidden[:, :1]
 
             def heads(projected: Any) -> Any:  # (windows, heads, tokens, head size)
-                return projected.unflatten(-1, (-1, attention.self.attention_head_size)).transpose(1, 2)
+                return projected.unflatten(-1, (-1, attention.self.attention_head_size)).transpose(
+                    1, 2
+                )
 
             mixed = scaled_dot_product_attention(
                 heads(attention.self.query(first)),
@@ -60,6 +66,8 @@ def _first_token_layer(layer: Any) -> Any:
                 heads(attention.self.value(hidden)),
                 attn_mask=None if attention_mask is None else attention_mask[:, :, :1],
             )
-            return self.layer.feed_forward_chunk(attention.output(mixed.transpose(1, 2).flatten(2), first))
+            return self.layer.feed_forward_chunk(
+                attention.output(mixed.transpose(1, 2).flatten(2), first)
+            )
 
     return FirstTokenLayer().eval()

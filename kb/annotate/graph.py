@@ -28,7 +28,11 @@ def graph_runner(compiled: Compiled, threads: int, prefer: str | None = None) ->
     meta = Meta.read(compiled.folder / "meta.json")
     for name in (prefer,) if prefer else ("openvino", "onnxruntime"):
         if installed(name):
-            network = _openvino(compiled.graph, threads) if name == "openvino" else _onnxruntime(compiled.graph, threads)
+            network = (
+                _openvino(compiled.graph, threads)
+                if name == "openvino"
+                else _onnxruntime(compiled.graph, threads)
+            )
             return Runner(name, network, _tokenizer(compiled), meta)
     return None
 
@@ -44,12 +48,19 @@ def int8_runner(compiled: Compiled, threads: int) -> Runner | None:
         with writing(quantized) as fresh:
             root = logging.getLogger()
             before = root.level
-            root.setLevel(logging.ERROR)  # it advises to prepare the graph, which changes nothing for BERT
+            root.setLevel(
+                logging.ERROR
+            )  # it advises to prepare the graph, which changes nothing for BERT
             try:
                 quantize_dynamic(str(compiled.graph), str(fresh), weight_type=QuantType.QInt8)
             finally:
                 root.setLevel(before)
-    return Runner("onnxruntime", _onnxruntime(quantized, threads), _tokenizer(compiled), Meta.read(compiled.folder / "meta.json"))
+    return Runner(
+        "onnxruntime",
+        _onnxruntime(quantized, threads),
+        _tokenizer(compiled),
+        Meta.read(compiled.folder / "meta.json"),
+    )
 
 
 def _tokenizer(compiled: Compiled) -> Any:
@@ -75,7 +86,11 @@ def _openvino(graph: Any, threads: int) -> Network:
     import openvino
 
     # Without the hint OpenVINO takes bf16 on processors that have it.
-    hints = {"INFERENCE_PRECISION_HINT": "f32", "INFERENCE_NUM_THREADS": threads, "PERFORMANCE_HINT": "LATENCY"}
+    hints = {
+        "INFERENCE_PRECISION_HINT": "f32",
+        "INFERENCE_NUM_THREADS": threads,
+        "PERFORMANCE_HINT": "LATENCY",
+    }
     model = openvino.Core().compile_model(str(graph), "CPU", hints)
     return lambda ids, mask: model({"input_ids": ids, "attention_mask": mask})[0]
 

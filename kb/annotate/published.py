@@ -34,8 +34,13 @@ class Published:
         `root` stands for both hosts (KB_MODELS_ENDPOINT).
         """
         hub, releases = root or HUB, root or CHECKPOINTS
-        found = [(name, f"{hub}/{self.base}/resolve/{self.revision}/{name}", digest) for name, digest in self.files]
-        address = f"{releases}/unitaryai/detoxify/releases/download/{self.release}/{self.checkpoint}"
+        found = [
+            (name, f"{hub}/{self.base}/resolve/{self.revision}/{name}", digest)
+            for name, digest in self.files
+        ]
+        address = (
+            f"{releases}/unitaryai/detoxify/releases/download/{self.release}/{self.checkpoint}"
+        )
         return [*found, (self.checkpoint, address, self.sha256)]
 
 
@@ -47,7 +52,12 @@ _ROBERTA = (
     ("tokenizer.json", ""),
 )
 _ALBERT = (("config.json", ""), ("spiece.model", ""), ("tokenizer.json", ""))
-_XLM = (("config.json", ""), ("tokenizer_config.json", ""), ("sentencepiece.bpe.model", ""), ("tokenizer.json", ""))
+_XLM = (
+    ("config.json", ""),
+    ("tokenizer_config.json", ""),
+    ("sentencepiece.bpe.model", ""),
+    ("tokenizer.json", ""),
+)
 
 PUBLISHED = {
     model.name: model
@@ -61,7 +71,10 @@ PUBLISHED = {
             "86b5e0934494bd15c9632b12f734a8a67f723594",
             (
                 ("config.json", "7160e1553ad2ca51d8c1cb066be533db31826e12d173824c1bb0cb1a4f187d20"),
-                ("tokenizer_config.json", "a025160ef0431f1a392f6f050c1310f4c5d9fb6f275932dbccba73c4d214bf10"),
+                (
+                    "tokenizer_config.json",
+                    "a025160ef0431f1a392f6f050c1310f4c5d9fb6f275932dbccba73c4d214bf10",
+                ),
                 ("vocab.txt", "07eced375cec144d27c900241f3e339478dec958f92fddbc551f295c992038a3"),
             ),
         ),

@@ -52,7 +52,13 @@ class Meta:
     @classmethod
     def read(cls, path: Path) -> Meta:
         data = json.loads(path.read_text(encoding="utf-8"))
-        return cls(tuple(data["classes"]), tuple(data["prefix"]), tuple(data["suffix"]), data["pad"], data["window"])
+        return cls(
+            tuple(data["classes"]),
+            tuple(data["prefix"]),
+            tuple(data["suffix"]),
+            data["pad"],
+            data["window"],
+        )
 
 
 class Network(Protocol):
@@ -67,12 +73,16 @@ class Network(Protocol):
 class Runner:
     """Scores texts with one network. Not for several threads at once."""
 
-    def __init__(self, name: str, network: Network, tokenizer: Any, meta: Meta, budget: int = TOKEN_BUDGET) -> None:
+    def __init__(
+        self, name: str, network: Network, tokenizer: Any, meta: Meta, budget: int = TOKEN_BUDGET
+    ) -> None:
         self.name, self.meta, self.budget = name, meta, budget
         self.tokens = 0  # scored so far, padding left out
         self._network, self._tokenizer = network, tokenizer
 
-    def score(self, texts: Sequence[str], between: Callable[[], None] = lambda: None) -> list[list[float]]:
+    def score(
+        self, texts: Sequence[str], between: Callable[[], None] = lambda: None
+    ) -> list[list[float]]:
         """One row of scores a text, in the order of `meta.classes`; each between 0 and 1.
 
         `between` is called between two batches; what it raises ends the work.
@@ -84,12 +94,16 @@ class Runner:
         found: list[Sequence[int]] = []
         owners: list[int] = []
         marks = len(self.meta.prefix) + len(self.meta.suffix)
-        for number, encoded in enumerate(self._tokenizer.encode_batch(list(texts), add_special_tokens=False)):
+        for number, encoded in enumerate(
+            self._tokenizer.encode_batch(list(texts), add_special_tokens=False)
+        ):
             for window in windows(encoded.ids, self.meta.window, marks):
                 found.append([*self.meta.prefix, *window, *self.meta.suffix])
                 owners.append(number)
         scores = np.empty((len(found), len(self.meta.classes)))
-        for width, numbers in batches([len(window) for window in found], self.budget, self.meta.window):
+        for width, numbers in batches(
+            [len(window) for window in found], self.budget, self.meta.window
+        ):
             between()
             ids = np.full((len(numbers), width), self.meta.pad, dtype=np.int64)
             mask = np.zeros((len(numbers), width), dtype=np.int64)
@@ -97,7 +111,9 @@ class Runner:
                 window = found[number]
                 ids[row, : len(window)] = window
                 mask[row, : len(window)] = 1
-            logits = np.asarray(self._network(ids, mask), dtype=np.float64)[:, : len(self.meta.classes)]
+            logits = np.asarray(self._network(ids, mask), dtype=np.float64)[
+                :, : len(self.meta.classes)
+            ]
             scores[numbers] = 1.0 / (1.0 + np.exp(-logits))
             self.tokens += int(mask.sum())
         return largest(np.round(scores, DECIMALS).tolist(), owners, len(texts))

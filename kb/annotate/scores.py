@@ -18,7 +18,15 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 TABLE = "shared/annotations"
-CATEGORIES = ("toxicity", "severe_toxicity", "obscene", "threat", "insult", "identity_attack", "sexual_explicit")
+CATEGORIES = (
+    "toxicity",
+    "severe_toxicity",
+    "obscene",
+    "threat",
+    "insult",
+    "identity_attack",
+    "sexual_explicit",
+)
 PRECISIONS = ("fp32", "bf16", "int8")  # the exact one first
 _RANK = "CASE precision WHEN 'fp32' THEN 0 WHEN 'bf16' THEN 1 ELSE 2 END"
 
@@ -41,7 +49,10 @@ class Scores:
         if isinstance(hashes, pa.ChunkedArray):
             hashes = hashes.combine_chunks()
         con = self._connect()
-        con.register("wanted", pa.table({"place": pa.array(range(len(hashes)), pa.int64()), "text_hash": hashes}))
+        con.register(
+            "wanted",
+            pa.table({"place": pa.array(range(len(hashes)), pa.int64()), "text_hash": hashes}),
+        )
         names = ", ".join([*CATEGORIES, "precision"])
         found = con.sql(
             f"SELECT {', '.join('s.' + name for name in [*CATEGORIES, 'precision'])} FROM wanted w LEFT JOIN ("
@@ -52,9 +63,17 @@ class Scores:
             params={"model": self.model, "revision": self.revision},
         ).to_arrow_table()
         con.close()
-        return found.cast(pa.schema([*((name, pa.float32()) for name in CATEGORIES), ("precision", pa.string())]))
+        return found.cast(
+            pa.schema([*((name, pa.float32()) for name in CATEGORIES), ("precision", pa.string())])
+        )
 
-    def missing(self, hashes: pa.Array, threshold: float | None = None, reach: dict[str, float] | None = None, least: str | None = None) -> pa.Array:
+    def missing(
+        self,
+        hashes: pa.Array,
+        threshold: float | None = None,
+        reach: dict[str, float] | None = None,
+        least: str | None = None,
+    ) -> pa.Array:
         """True for each hash to be scored: it has no score, or a reduced one within reach of the threshold.
 
         `least`: a score of a lower precision than this one counts as none.
@@ -68,11 +87,21 @@ class Scores:
             top = pc.max_element_wise(*(known[name] for name in CATEGORIES))
             for precision, distance in reach.items():
                 if distance:
-                    near = pc.less_equal(pc.abs(pc.subtract(top, pa.scalar(threshold, pa.float32()))), pa.scalar(distance, pa.float32()))
-                    wanted = pc.or_(wanted, pc.fill_null(pc.and_(pc.equal(known["precision"], precision), near), False))
+                    near = pc.less_equal(
+                        pc.abs(pc.subtract(top, pa.scalar(threshold, pa.float32()))),
+                        pa.scalar(distance, pa.float32()),
+                    )
+                    wanted = pc.or_(
+                        wanted,
+                        pc.fill_null(pc.and_(pc.equal(known["precision"], precision), near), False),
+                    )
         for precision in PRECISIONS[PRECISIONS.index(least) + 1 :] if least else ():
             wanted = pc.or_(wanted, pc.fill_null(pc.equal(known["precision"], precision), False))
-        return pc.and_(wanted, pc.is_valid(hashes)).combine_chunks() if isinstance(wanted, pa.ChunkedArray) else pc.and_(wanted, pc.is_valid(hashes))
+        return (
+            pc.and_(wanted, pc.is_valid(hashes)).combine_chunks()
+            if isinstance(wanted, pa.ChunkedArray)
+            else pc.and_(wanted, pc.is_valid(hashes))
+        )
 
     def precisions(self) -> dict[str, int]:
         """How many texts have a score in each precision."""
@@ -104,7 +133,8 @@ class Scores:
                 "revision": pa.array([self.revision] * len(hashes), pa.string()),
                 "precision": pa.array(precisions, pa.string()),
                 **{
-                    name: pa.array([None if n is None else row[n] for row in scores], pa.float32()) for name, n in zip(CATEGORIES, place, strict=True)
+                    name: pa.array([None if n is None else row[n] for row in scores], pa.float32())
+                    for name, n in zip(CATEGORIES, place, strict=True)
                 },
             }
         )
@@ -149,10 +179,20 @@ class Scores:
         from kb.store.reading import scan
 
         files = sorted(Path(self.folder).glob("*.parquet"))
-        columns = ", ".join(f"NULL::{'FLOAT' if column.type == 'float32' else 'VARCHAR'} AS {column.name}" for column in table(TABLE).columns)
+        columns = ", ".join(
+            f"NULL::{'FLOAT' if column.type == 'float32' else 'VARCHAR'} AS {column.name}"
+            for column in table(TABLE).columns
+        )
         none = f"SELECT {columns} WHERE false"
-        return f"(SELECT * FROM {scan(files, by_name=True)} UNION ALL BY NAME {none})" if files else f"({none})"
+        return (
+            f"(SELECT * FROM {scan(files, by_name=True)} UNION ALL BY NAME {none})"
+            if files
+            else f"({none})"
+        )
 
     def _next(self) -> int:
-        numbers = [re.fullmatch(r"part-(\d+)\.parquet", path.name) for path in Path(self.folder).glob("part-*.parquet")]
+        numbers = [
+            re.fullmatch(r"part-(\d+)\.parquet", path.name)
+            for path in Path(self.folder).glob("part-*.parquet")
+        ]
         return 1 + max((int(match.group(1)) for match in numbers if match), default=-1)

@@ -63,7 +63,9 @@ class Scorer:
     scores: Scores | None = field(default=None)
 
     @classmethod
-    def open(cls, run: Run, source: str, precision: str | None = None, device: str = "auto") -> Scorer:
+    def open(
+        cls, run: Run, source: str, precision: str | None = None, device: str = "auto"
+    ) -> Scorer:
         """Check model, extra, precision and device without loading the model.
 
         A `precision` that is asked for is the least that a score must have; without one fp32 scores
@@ -76,8 +78,19 @@ class Scorer:
             return cls(run, source, None)
         need_extra()
         checkpoint = find_checkpoint(run.settings)
-        scores = Scores(str(run.root / "annotations" / source), checkpoint.model, checkpoint.revision)
-        return cls(run, source, checkpoint, precision or "fp32", device, toxicity.threshold(source), precision, scores)
+        scores = Scores(
+            str(run.root / "annotations" / source), checkpoint.model, checkpoint.revision
+        )
+        return cls(
+            run,
+            source,
+            checkpoint,
+            precision or "fp32",
+            device,
+            toxicity.threshold(source),
+            precision,
+            scores,
+        )
 
     @property
     def on(self) -> bool:
@@ -96,7 +109,9 @@ class Scorer:
             )
         return self.scores.lookup(hashes)
 
-    def columns(self, texts: pa.Array | pa.ChunkedArray, prefix: str = "toxicity", categories: bool = True) -> dict[str, pa.ChunkedArray]:
+    def columns(
+        self, texts: pa.Array | pa.ChunkedArray, prefix: str = "toxicity", categories: bool = True
+    ) -> dict[str, pa.ChunkedArray]:
         """The largest category as `prefix`, and with `categories` each one as `prefix_<category>`."""
         import pyarrow.compute as pc
 
@@ -135,7 +150,9 @@ class Scorer:
         # On one machine the threads are inside the model: one copy of it, whatever the number of cores.
         if not local and job.device != "cuda" and job.precision != "bf16":
             prepare(job.checkpoint)  # once here, not by every worker at the same time
-        with make_executor(self.run.engine, 1 if local else self.run.workers, self.run.scheduler) as executor:
+        with make_executor(
+            self.run.engine, 1 if local else self.run.workers, self.run.scheduler
+        ) as executor:
             waiting: list[list[str]] = []
 
             def tasks() -> Iterable[tuple[Any, ...]]:
@@ -144,16 +161,22 @@ class Scorer:
                     yield job, texts
 
             scored = again = 0
-            for result in map_in_order(executor, score_chunk, tasks(), 1 if local else 2 * self.run.workers + 2):
+            for result in map_in_order(
+                executor, score_chunk, tasks(), 1 if local else 2 * self.run.workers + 2
+            ):
                 hashes = waiting.pop(0)
                 self.scores.write(hashes, result["scores"], result["precisions"], result["classes"])
                 chunks.written(hashes)
                 chunks.took(result["seconds"])
                 scored, again = scored + len(hashes), again + result["again"]
-                task.advance(len(hashes), tokens_per_s=round(result["tokens"] / max(result["seconds"], 1e-9)))
+                task.advance(
+                    len(hashes), tokens_per_s=round(result["tokens"] / max(result["seconds"], 1e-9))
+                )
                 signals.stop.check()
         if chunks.limited:
-            raise LimitReached(f"--limit: {scored} texts scored", hint="run the same command again to go on")
+            raise LimitReached(
+                f"--limit: {scored} texts scored", hint="run the same command again to go on"
+            )
         return Counts(chunks.texts, scored, chunks.texts - scored, again)
 
     def _threads(self) -> int:
@@ -169,7 +192,9 @@ def check(run: Run, source: str) -> str:
     return f"{checkpoint.model}@{checkpoint.revision}" if checkpoint else ""
 
 
-def annotate(run: Run, source: str, texts: Iterable[Any], precision: str | None = None, device: str = "auto") -> Counts:
+def annotate(
+    run: Run, source: str, texts: Iterable[Any], precision: str | None = None, device: str = "auto"
+) -> Counts:
     """Score what has no score yet of the batches `texts`, each distinct text once. See `Scorer`."""
     return Scorer.open(run, source, precision, device).annotate(texts)
 
@@ -186,4 +211,8 @@ def scores(key: str, root: Path | str, source: str, texts: pa.Array | pa.Chunked
     if not key:
         return pa.table({name: pa.nulls(len(texts), pa.float32()) for name in CATEGORIES})
     model, _, revision = key.rpartition("@")
-    return Scores(str(Path(root) / "annotations" / source), model, revision).lookup(text_hashes(texts)).select(list(CATEGORIES))
+    return (
+        Scores(str(Path(root) / "annotations" / source), model, revision)
+        .lookup(text_hashes(texts))
+        .select(list(CATEGORIES))
+    )

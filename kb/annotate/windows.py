@@ -18,7 +18,9 @@ def windows(ids: Sequence[int], size: int = 512, marks: int = 2) -> list[Sequenc
     return [ids[start : start + step] for start in range(0, len(ids), step)]
 
 
-def largest(scores: Sequence[Sequence[float]], owners: Sequence[int], texts: int) -> list[list[float]]:
+def largest(
+    scores: Sequence[Sequence[float]], owners: Sequence[int], texts: int
+) -> list[list[float]]:
     """The largest score of each category over each text's windows.
 
     `scores` has one row a window, `owners` the number of its text (0 … texts - 1).
@@ -26,7 +28,9 @@ def largest(scores: Sequence[Sequence[float]], owners: Sequence[int], texts: int
     best: list[list[float] | None] = [None] * texts
     for row, owner in zip(scores, owners, strict=True):
         before = best[owner]
-        best[owner] = list(row) if before is None else [max(a, b) for a, b in zip(before, row, strict=True)]
+        best[owner] = (
+            list(row) if before is None else [max(a, b) for a, b in zip(before, row, strict=True)]
+        )
     if any(row is None for row in best):
         raise ValueError("a text has no window")
     return best  # type: ignore[return-value]

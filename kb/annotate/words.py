@@ -30,7 +30,13 @@ def word_count_of_lists(lists: pa.Array | pa.ChunkedArray) -> pa.Array:
     if isinstance(lists, pa.ChunkedArray):
         lists = lists.combine_chunks()
     counts = pc.fill_null(word_count(lists.flatten()), 0)
-    sums = pa.table({"row": pc.list_parent_indices(lists).cast(pa.int64()), "n": counts}).group_by("row").aggregate([("n", "sum")])
-    found = pc.index_in(pa.array(range(len(lists)), pa.int64()), value_set=sums["row"].combine_chunks())
+    sums = (
+        pa.table({"row": pc.list_parent_indices(lists).cast(pa.int64()), "n": counts})
+        .group_by("row")
+        .aggregate([("n", "sum")])
+    )
+    found = pc.index_in(
+        pa.array(range(len(lists)), pa.int64()), value_set=sums["row"].combine_chunks()
+    )
     totals = pc.fill_null(sums["n_sum"].combine_chunks().take(found), 0)
     return pc.if_else(pc.is_valid(lists), totals, pa.scalar(None, pa.int64()))

@@ -49,8 +49,18 @@ def _score_chunk(job: Job, texts: Sequence[str]) -> dict[str, Any]:
     precisions = [job.precision] * len(texts)
     near = []
     if job.threshold is not None and REACH[job.precision]:
-        near = [n for n, row in enumerate(scores) if abs(max(row) - job.threshold) <= REACH[job.precision]]
-        exact = _runner(job.checkpoint, "fp32", job.device, job.threads).score([texts[n] for n in near], between) if near else []
+        near = [
+            n
+            for n, row in enumerate(scores)
+            if abs(max(row) - job.threshold) <= REACH[job.precision]
+        ]
+        exact = (
+            _runner(job.checkpoint, "fp32", job.device, job.threads).score(
+                [texts[n] for n in near], between
+            )
+            if near
+            else []
+        )
         for n, row in zip(near, exact, strict=True):
             scores[n], precisions[n] = row, "fp32"
     return {

@@ -12,7 +12,11 @@ def main(arguments: list[str] | None = None) -> None:
 
     Until a command takes signals itself, nothing was sent or written: one ends the program at once, with exit code 3.
     """
-    ours = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)]
+    ours = [
+        number
+        for number in (signal.SIGINT, signal.SIGTERM)
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
+    ]
     before = {number: signal.signal(number, _leave) for number in ours}
     try:
         from kb.cli.app import main as run

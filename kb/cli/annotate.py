@@ -40,7 +40,10 @@ PrecisionOption = Annotated[
         " When given, scores of a lower one are computed again; default for new scores: fp32.",
     ),
 ]
-DeviceOption = Annotated[Device, typer.Option("--device", help="Where the model runs; auto takes a GPU when there is one.")]
+DeviceOption = Annotated[
+    Device,
+    typer.Option("--device", help="Where the model runs; auto takes a GPU when there is one."),
+]
 
 
 def _annotate(run: Run, source: str, precision: Precision | None, device: Device) -> Summary:
@@ -71,13 +74,17 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
 
 
 @command(app, examples=["kb annotate youtube                     titles and descriptions"])
-def youtube(run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto) -> Summary:
+def youtube(
+    run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
+) -> Summary:
     """Score titles and descriptions of crawled videos."""
     return _annotate(run, "youtube", precision, device)
 
 
 @command(app, examples=["kb annotate wiki                        each page's visible text"])
-def wiki(run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto) -> Summary:
+def wiki(
+    run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
+) -> Summary:
     """Score the text of crawled wiki pages."""
     return _annotate(run, "wiki", precision, device)
 
@@ -89,6 +96,8 @@ def wiki(run: Run, precision: PrecisionOption = None, device: DeviceOption = Dev
         "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
     ],
 )
-def reddit(run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto) -> Summary:
+def reddit(
+    run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
+) -> Summary:
     """Score titles, bodies and comments."""
     return _annotate(run, "reddit", precision, device)

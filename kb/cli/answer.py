@@ -26,10 +26,16 @@ def as_table(answer: pa.RecordBatchReader) -> Iterator[str]:
         if total <= _TABLE_ROWS:
             shown.append([_cell(value) for value in row])
     numeric = [_is_number(field.type) for field in answer.schema]
-    widths = [max(len(name), *(len(row[i]) for row in shown)) if shown else len(name) for i, name in enumerate(head)]
+    widths = [
+        max(len(name), *(len(row[i]) for row in shown)) if shown else len(name)
+        for i, name in enumerate(head)
+    ]
     for cells in (head, ["-" * width for width in widths], *shown):
         yield (
-            "  ".join(cell.rjust(width) if right else cell.ljust(width) for cell, width, right in zip(cells, widths, numeric, strict=True)).rstrip()
+            "  ".join(
+                cell.rjust(width) if right else cell.ljust(width)
+                for cell, width, right in zip(cells, widths, numeric, strict=True)
+            ).rstrip()
             + "\n"
         )
     if total > len(shown):
@@ -45,7 +51,9 @@ def as_csv(answer: pa.RecordBatchReader) -> Iterator[str]:
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(answer.schema.names)
     for row in _rows(answer):
-        writer.writerow([_dump(value) if isinstance(value, (dict, list)) else _plain(value) for value in row])
+        writer.writerow(
+            [_dump(value) if isinstance(value, (dict, list)) else _plain(value) for value in row]
+        )
         if buffer.tell() > 1 << 16:
             yield buffer.getvalue()
             buffer.seek(0)
@@ -65,7 +73,13 @@ def as_json(answer: pa.RecordBatchReader) -> Iterator[str]:
 
 def _rows(answer: pa.RecordBatchReader) -> Iterator[list[Any]]:
     for batch in answer:
-        yield from zip(*(_values(name, column) for name, column in zip(batch.schema.names, batch.columns, strict=True)), strict=True)
+        yield from zip(
+            *(
+                _values(name, column)
+                for name, column in zip(batch.schema.names, batch.columns, strict=True)
+            ),
+            strict=True,
+        )
 
 
 def _values(name: str, column: pa.Array) -> list[Any]:
@@ -74,16 +88,25 @@ def _values(name: str, column: pa.Array) -> list[Any]:
 
     kind = column.type
     if pa.types.is_timestamp(kind) and kind.unit == "ns":  # finer than Python's
-        return [_moment(value, kind.unit, "Z" if kind.tz else "") for value in column.view(pa.int64()).to_pylist()]
+        return [
+            _moment(value, kind.unit, "Z" if kind.tz else "")
+            for value in column.view(pa.int64()).to_pylist()
+        ]
     try:
         return column.to_pylist()
     except (OverflowError, ValueError) as error:
         if pa.types.is_date32(kind):
             return [_day(value, 2**31 - 1) for value in column.view(pa.int32()).to_pylist()]
         if pa.types.is_timestamp(kind):
-            return [_moment(value, kind.unit, "Z" if kind.tz else "") for value in column.view(pa.int64()).to_pylist()]
+            return [
+                _moment(value, kind.unit, "Z" if kind.tz else "")
+                for value in column.view(pa.int64()).to_pylist()
+            ]
         what = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise UsageError(f"column {name} holds what can't be printed: {what}", hint=f"cast it to text: {name}::VARCHAR") from None
+        raise UsageError(
+            f"column {name} holds what can't be printed: {what}",
+            hint=f"cast it to text: {name}::VARCHAR",
+        ) from None
 
 
 def _day(days: int | None, infinite: int) -> str | None:
@@ -134,7 +157,9 @@ def _text(value: Any) -> str:
 def _dump(value: Any) -> str:
     import orjson
 
-    return orjson.dumps(value, default=_as_number_or_text, option=orjson.OPT_UTC_Z | orjson.OPT_NON_STR_KEYS).decode()
+    return orjson.dumps(
+        value, default=_as_number_or_text, option=orjson.OPT_UTC_Z | orjson.OPT_NON_STR_KEYS
+    ).decode()
 
 
 def _as_number_or_text(value: Any) -> Any:
@@ -144,7 +169,9 @@ def _as_number_or_text(value: Any) -> Any:
     import orjson
 
     if isinstance(value, Decimal):
-        return orjson.Fragment(str(int(value))) if value == value.to_integral_value() else float(value)
+        return (
+            orjson.Fragment(str(int(value))) if value == value.to_integral_value() else float(value)
+        )
     return str(value)
 
 

@@ -68,12 +68,21 @@ def _version(wanted: bool) -> None:
 
 
 # Help is plain text: it is read in pipes and on small terminals, and needs no rich to be imported.
-app = typer.Typer(name="kb", cls=Tree, no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+app = typer.Typer(
+    name="kb",
+    cls=Tree,
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
 
 
 @app.callback()
 def root(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
 ) -> None:
     """Build an open knowledge base about a domain from YouTube, a wiki and Reddit."""
 

@@ -98,22 +98,30 @@ def command(
     return declare
 
 
-def _wrap(function: Callable[..., Any], *, raw: bool, resumable: bool, main: bool, needs_data: bool) -> Callable[..., Any]:
+def _wrap(
+    function: Callable[..., Any], *, raw: bool, resumable: bool, main: bool, needs_data: bool
+) -> Callable[..., Any]:
     signature = inspect.signature(function)
     _, *own = signature.parameters.values()
     parameters = [
         parameter.replace(
             kind=inspect.Parameter.KEYWORD_ONLY,
-            annotation=eval(parameter.annotation, function.__globals__) if isinstance(parameter.annotation, str) else parameter.annotation,
+            annotation=eval(parameter.annotation, function.__globals__)
+            if isinstance(parameter.annotation, str)
+            else parameter.annotation,
         )
         for parameter in own
     ]
     parameters += [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+        )
         for name, (annotation, default) in COMMON.items()
     ]
     if main:
-        parameters.append(inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context))
+        parameters.append(
+            inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
+        )
 
     def run(**values: Any) -> int:
         context = values.pop("context", None)
@@ -129,7 +137,15 @@ def _wrap(function: Callable[..., Any], *, raw: bool, resumable: bool, main: boo
     return run
 
 
-def _call(function: Callable[..., Any], options: Options, values: dict[str, Any], *, raw: bool, resumable: bool, needs_data: bool = False) -> int:
+def _call(
+    function: Callable[..., Any],
+    options: Options,
+    values: dict[str, Any],
+    *,
+    raw: bool,
+    resumable: bool,
+    needs_data: bool = False,
+) -> int:
     from kb.cli import logs
 
     try:
@@ -162,7 +178,11 @@ def _signals(resumable: bool) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    numbers = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) is not signal.SIG_IGN]
+    numbers = [
+        number
+        for number in (signal.SIGINT, signal.SIGTERM)
+        if signal.getsignal(number) is not signal.SIG_IGN
+    ]
     before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
     try:
         yield
@@ -175,7 +195,9 @@ def _existing(root: Path) -> None:
     from kb.core.errors import SettingError
 
     if not root.is_dir():
-        raise SettingError(f"there is no data root {root}", hint="check --data and KB_DATA, or run a crawl first")
+        raise SettingError(
+            f"there is no data root {root}", hint="check --data and KB_DATA, or run a crawl first"
+        )
 
 
 def _close(progress: Any) -> None:
@@ -187,7 +209,11 @@ def _close(progress: Any) -> None:
 
 
 def _write_options(self: Any, ctx: Any, formatter: Any) -> None:
-    sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": [], "Common options": []}
+    sections: dict[str, list[tuple[str, str]]] = {
+        "Arguments": [],
+        "Options": [],
+        "Common options": [],
+    }
     for parameter in self.get_params(ctx):
         record = parameter.get_help_record(ctx)
         if record is None:

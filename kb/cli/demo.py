@@ -105,7 +105,9 @@ def _all(pipeline: Any, run: Run, ledger: Any, given: dict[str, dict[str, Any]])
         done[step] = dict(summary)
         print(summary.line(), flush=True)
     _queries(pipeline.QUERIES, run.root)
-    print(f"\nTables, figures and releases are in {run.root}; open {run.root / 'report' / 'index.html'}")
+    print(
+        f"\nTables, figures and releases are in {run.root}; open {run.root / 'report' / 'index.html'}"
+    )
     write_text(run.root / _FINISHED, "")
     return Summary({"steps": len(done), "requests": len(ledger), "root": str(run.root), **done})
 

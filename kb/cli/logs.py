@@ -27,7 +27,11 @@ class Handler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """One redacted line; never raises."""
         try:
-            print(redact.text(f"{record.levelname.lower()}: {record.name}: {self.format(record)}"), file=sys.stderr, flush=True)
+            print(
+                redact.text(f"{record.levelname.lower()}: {record.name}: {self.format(record)}"),
+                file=sys.stderr,
+                flush=True,
+            )
         except Exception:  # noqa: BLE001  a log line must not end a crawl
             self.handleError(record)
 

@@ -31,7 +31,10 @@ def fetch(
     run: Run,
     name: Annotated[
         str,
-        typer.Argument(metavar="[NAME]", help="original, unbiased, multilingual, original-small or unbiased-small."),
+        typer.Argument(
+            metavar="[NAME]",
+            help="original, unbiased, multilingual, original-small or unbiased-small.",
+        ),
     ] = "original",
 ) -> Summary:
     """Download the published checkpoint with its configuration and vocabulary, and verify it.

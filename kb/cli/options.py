@@ -25,27 +25,105 @@ class Engine(StrEnum):
 
 # name -> (annotation, default); the names are the fields of Options.
 COMMON: dict[str, tuple[Any, Any]] = {
-    "data": (Annotated[Path | None, typer.Option("--data", metavar="DIR", help="The data root. [default: KB_DATA, or data]")], None),
-    "profile": (
+    "data": (
         Annotated[
-            str | None,
-            typer.Option("--profile", metavar="NAME|FILE", help="The domain: a shipped profile or a .toml file. [default: KB_PROFILE, or minecraft]"),
+            Path | None,
+            typer.Option(
+                "--data", metavar="DIR", help="The data root. [default: KB_DATA, or data]"
+            ),
         ],
         None,
     ),
-    "workers": (Annotated[int | None, typer.Option("--workers", min=1, metavar="N", help="Parallel workers. [default: one a core]")], None),
-    "limit": (
-        Annotated[int | None, typer.Option("--limit", min=1, metavar="N", help="Stop after N new items with exit code 3; the next run goes on.")],
+    "profile": (
+        Annotated[
+            str | None,
+            typer.Option(
+                "--profile",
+                metavar="NAME|FILE",
+                help="The domain: a shipped profile or a .toml file. [default: KB_PROFILE, or minecraft]",
+            ),
+        ],
         None,
     ),
-    "wait": (Annotated[bool, typer.Option("--wait", help="Sleep until a spent quota or limit is reset instead of stopping.")], False),
-    "again": (Annotated[bool, typer.Option("--again", help="A new round that reads only what is new.")], False),
-    "engine": (Annotated[Engine, typer.Option("--engine", help="Where stages run: processes on this machine, or a Dask cluster.")], Engine.local),
-    "scheduler": (Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="The Dask scheduler, e.g. tcp://10.0.0.1:8786.")], None),
-    "pipeline": (Annotated[Path | None, typer.Option("--pipeline", metavar="FILE", help="Your own pipeline file instead of the shipped one.")], None),
-    "quiet": (Annotated[bool, typer.Option("--quiet", help="No progress; warnings and errors only.")], False),
-    "json": (Annotated[bool, typer.Option("--json", help="The summary as JSON, the last line on stdout.")], False),
-    "debug": (Annotated[bool, typer.Option("--debug", help="More log lines, and tracebacks.")], False),
+    "workers": (
+        Annotated[
+            int | None,
+            typer.Option(
+                "--workers", min=1, metavar="N", help="Parallel workers. [default: one a core]"
+            ),
+        ],
+        None,
+    ),
+    "limit": (
+        Annotated[
+            int | None,
+            typer.Option(
+                "--limit",
+                min=1,
+                metavar="N",
+                help="Stop after N new items with exit code 3; the next run goes on.",
+            ),
+        ],
+        None,
+    ),
+    "wait": (
+        Annotated[
+            bool,
+            typer.Option(
+                "--wait", help="Sleep until a spent quota or limit is reset instead of stopping."
+            ),
+        ],
+        False,
+    ),
+    "again": (
+        Annotated[bool, typer.Option("--again", help="A new round that reads only what is new.")],
+        False,
+    ),
+    "engine": (
+        Annotated[
+            Engine,
+            typer.Option(
+                "--engine", help="Where stages run: processes on this machine, or a Dask cluster."
+            ),
+        ],
+        Engine.local,
+    ),
+    "scheduler": (
+        Annotated[
+            str | None,
+            typer.Option(
+                "--scheduler",
+                metavar="ADDRESS",
+                help="The Dask scheduler, e.g. tcp://10.0.0.1:8786.",
+            ),
+        ],
+        None,
+    ),
+    "pipeline": (
+        Annotated[
+            Path | None,
+            typer.Option(
+                "--pipeline",
+                metavar="FILE",
+                help="Your own pipeline file instead of the shipped one.",
+            ),
+        ],
+        None,
+    ),
+    "quiet": (
+        Annotated[bool, typer.Option("--quiet", help="No progress; warnings and errors only.")],
+        False,
+    ),
+    "json": (
+        Annotated[
+            bool, typer.Option("--json", help="The summary as JSON, the last line on stdout.")
+        ],
+        False,
+    ),
+    "debug": (
+        Annotated[bool, typer.Option("--debug", help="More log lines, and tracebacks.")],
+        False,
+    ),
 }
 
 
@@ -89,7 +167,10 @@ class Options:
             check(self.scheduler)
         root = loaded.kb_data.expanduser().absolute()
         if root.exists() and not root.is_dir():
-            raise SettingError(f"the data root {root} is not a folder", hint="choose another with --data or KB_DATA")
+            raise SettingError(
+                f"the data root {root} is not a folder",
+                hint="choose another with --data or KB_DATA",
+            )
         return Run(
             settings=loaded,
             profile=load_profile(loaded.kb_profile),
@@ -105,7 +186,10 @@ class Options:
         )
 
 
-Part = Annotated[str | None, typer.Option("--part", metavar="I/N", help="The I-th of N parts of the ids, for N machines.")]
+Part = Annotated[
+    str | None,
+    typer.Option("--part", metavar="I/N", help="The I-th of N parts of the ids, for N machines."),
+]
 
 
 def parse_part(text: str | None) -> tuple[int, int] | None:

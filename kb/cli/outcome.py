@@ -59,7 +59,9 @@ def ending(error: BaseException, *, debug: bool, as_json: bool) -> int:
         print(_redact("".join(traceback.format_exception(error)).rstrip()), file=sys.stderr)
     summary = getattr(error, "summary", None)
     if summary is not None or as_json:
-        show_summary({**(summary or {}), ("stopped" if code == 3 else "error"): _redact(message)}, as_json)
+        show_summary(
+            {**(summary or {}), ("stopped" if code == 3 else "error"): _redact(message)}, as_json
+        )
     complain(message, hint=hint)
     return code
 
@@ -73,13 +75,21 @@ def describe(error: BaseException) -> tuple[str, str, int]:
     if isinstance(error, KeyboardInterrupt):
         return "stopped", "the same command goes on where it stopped", INTERRUPTED
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        return (f"no space left to write {error.filename or 'a file'}", "free some space; the same command goes on where it stopped", 3)
+        return (
+            f"no space left to write {error.filename or 'a file'}",
+            "free some space; the same command goes on where it stopped",
+            3,
+        )
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}", "", 1
     if isinstance(error, MemoryError):
         return "out of memory", "try fewer --workers", 1
     text = str(error).splitlines()[0] if str(error) else ""
-    return f"unexpected {type(error).__name__}: {text}", "run it again with --debug for the traceback", 1
+    return (
+        f"unexpected {type(error).__name__}: {text}",
+        "run it again with --debug for the traceback",
+        1,
+    )
 
 
 def complain(message: str, *, hint: str = "") -> None:

@@ -39,7 +39,13 @@ def _source(run: Run, source: str) -> dict[str, Any]:
     tables = _tables(run.root, source)
     if not state.is_file() and not tables:
         return {}
-    about: dict[str, Any] = {"running_pid": _writer(run.root, source), "phases": {}, "requests": 0, "units": 0, "quota": {}}
+    about: dict[str, Any] = {
+        "running_pid": _writer(run.root, source),
+        "phases": {},
+        "requests": 0,
+        "units": 0,
+        "quota": {},
+    }
     if state.is_file():
         about |= _frontier(run, source, state)
     about["left"] = sum(counts["left"] for counts in about["phases"].values())
@@ -55,9 +61,18 @@ def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:
     with reading.state(state) as frontier:
         phases = {}
         for kind, counts in frontier.kinds().items():
-            phases[kind] = {**counts, "total": sum(counts.values()), "left": sum(counts.get(status, 0) for status in _LEFT)}
+            phases[kind] = {
+                **counts,
+                "total": sum(counts.values()),
+                "left": sum(counts.get(status, 0) for status in _LEFT),
+            }
         requests, units = frontier.requests()
-        return {"phases": phases, "requests": requests, "units": units, "quota": _quota(run, source, frontier)}
+        return {
+            "phases": phases,
+            "requests": requests,
+            "units": units,
+            "quota": _quota(run, source, frontier),
+        }
 
 
 def _quota(run: Run, source: str, frontier: Any) -> dict[str, Any]:
@@ -67,9 +82,17 @@ def _quota(run: Run, source: str, frontier: Any) -> dict[str, Any]:
     from kb.youtube import quota
 
     day, reset_at = quota.today(), quota.next_reset()
-    limits = {"general": run.profile.youtube.units_per_day, "search": run.profile.youtube.searches_per_day}
+    limits = {
+        "general": run.profile.youtube.units_per_day,
+        "search": run.profile.youtube.searches_per_day,
+    }
     return {
-        bucket: {"spent": (spent := frontier.spent(bucket, day)), "left": max(0, limit - spent), "limit": limit, "resets_at": clock.stamp(reset_at)}
+        bucket: {
+            "spent": (spent := frontier.spent(bucket, day)),
+            "left": max(0, limit - spent),
+            "limit": limit,
+            "resets_at": clock.stamp(reset_at),
+        }
         for bucket, limit in limits.items()
     }
 
@@ -90,7 +113,9 @@ def _age(run: Run, source: str) -> dict[str, Any]:
         files = _files(folder)
         with reading(files), duckdb.connect() as db:
             db.execute("SET TimeZone = 'UTC'")
-            columns = {row[0] for row in db.execute(f"DESCRIBE SELECT * FROM {scan(files)}").fetchall()}
+            columns = {
+                row[0] for row in db.execute(f"DESCRIBE SELECT * FROM {scan(files)}").fetchall()
+            }
             if "fetched_at" not in columns:
                 continue
             low, high, old = db.execute(
@@ -130,7 +155,11 @@ def _table_folders(root: Path, source: str, *, verdicts: bool = False) -> list[P
     clean = root / "clean" / source
     if not clean.is_dir():
         return []
-    return [path for path in sorted(clean.iterdir()) if _files(path) and (verdicts or path.name not in ("rejected", "failed", "pending"))]
+    return [
+        path
+        for path in sorted(clean.iterdir())
+        if _files(path) and (verdicts or path.name not in ("rejected", "failed", "pending"))
+    ]
 
 
 def _unknown_keys(root: Path, source: str) -> dict[str, int]:

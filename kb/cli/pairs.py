@@ -38,10 +38,16 @@ class Format(StrEnum):
 )
 def pairs(
     run: Run,
-    format: Annotated[Format, typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/.")] = Format.parquet,
+    format: Annotated[
+        Format, typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/.")
+    ] = Format.parquet,
     from_index: Annotated[
         Path | None,
-        typer.Option("--from-index", metavar="FILE", help="Fill the text of this released index (a file or its folder) from your own transcripts."),
+        typer.Option(
+            "--from-index",
+            metavar="FILE",
+            help="Fill the text of this released index (a file or its folder) from your own transcripts.",
+        ),
     ] = None,
 ) -> Summary:
     """Make the index of aligned clips and texts from clean/youtube: the same input gives the same rows.
@@ -69,10 +75,25 @@ def pairs(
 )
 def keywords(
     run: Run,
-    examples: Annotated[int, typer.Option("--examples", min=0, max=100, metavar="N", help="Examples in context for each keyword.")] = 3,
-    kind: Annotated[str, typer.Option("--kind", metavar="KIND", help="Keywords of one kind: entity, block, item, biome …")] = "",
-    unused: Annotated[bool, typer.Option("--unused", help="List keywords without a hit as well.")] = False,
-    videos: Annotated[int, typer.Option("--videos", min=0, metavar="N", help="Read that many transcripts; 0: all.")] = 0,
+    examples: Annotated[
+        int,
+        typer.Option(
+            "--examples", min=0, max=100, metavar="N", help="Examples in context for each keyword."
+        ),
+    ] = 3,
+    kind: Annotated[
+        str,
+        typer.Option(
+            "--kind", metavar="KIND", help="Keywords of one kind: entity, block, item, biome …"
+        ),
+    ] = "",
+    unused: Annotated[
+        bool, typer.Option("--unused", help="List keywords without a hit as well.")
+    ] = False,
+    videos: Annotated[
+        int,
+        typer.Option("--videos", min=0, metavar="N", help="Read that many transcripts; 0: all."),
+    ] = 0,
 ) -> Summary:
     """Print hits per keyword and examples in context, so that a person can judge the list.
 

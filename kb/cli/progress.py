@@ -45,7 +45,13 @@ class Bars:
     def _start(self) -> Any:
         if self._live is None:
             from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+            from rich.progress import (
+                BarColumn,
+                MofNCompleteColumn,
+                Progress,
+                TextColumn,
+                TimeRemainingColumn,
+            )
 
             self._live = Progress(
                 TextColumn("{task.description}", markup=False),
@@ -71,7 +77,9 @@ class BarTask:
     def advance(self, n: int = 1, **facts: object) -> None:
         """Count `n` more items and keep the newest figures."""
         self._facts.update(facts)
-        shown = "  ".join(f"{name.replace('_', ' ')} {value}" for name, value in self._facts.items())
+        shown = "  ".join(
+            f"{name.replace('_', ' ')} {value}" for name, value in self._facts.items()
+        )
         self._live.update(self._number, advance=n, facts=shown, rate=self._rate())
 
     def close(self) -> None:

@@ -16,7 +16,12 @@ if TYPE_CHECKING:
 
 app = group("Remove for good what was deleted at its source, or named.")
 
-Ids = Annotated[Path | None, typer.Option("--ids", metavar="FILE", help="Also remove these keys: one a line, or a Parquet file.")]
+Ids = Annotated[
+    Path | None,
+    typer.Option(
+        "--ids", metavar="FILE", help="Also remove these keys: one a line, or a Parquet file."
+    ),
+]
 
 
 @command(app, needs_data=True, examples=["kb purge youtube", "kb purge youtube --ids gone.txt"])

@@ -44,10 +44,18 @@ class Format(StrEnum):
 )
 def query(
     options: Options,
-    sql: Annotated[str | None, typer.Argument(metavar="SQL", help="A query; views are named SOURCE_TABLE.")] = None,
-    tables: Annotated[bool, typer.Option("--tables", help="List the views and what they hold.")] = False,
-    format: Annotated[Format, typer.Option("--format", help="How results are printed; --json is --format json.")] = Format.table,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write there instead of to stdout.")] = None,
+    sql: Annotated[
+        str | None, typer.Argument(metavar="SQL", help="A query; views are named SOURCE_TABLE.")
+    ] = None,
+    tables: Annotated[
+        bool, typer.Option("--tables", help="List the views and what they hold.")
+    ] = False,
+    format: Annotated[
+        Format, typer.Option("--format", help="How results are printed; --json is --format json.")
+    ] = Format.table,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Write there instead of to stdout.")
+    ] = None,
 ) -> None:
     """Run SQL over the data root's tables.
 
@@ -59,9 +67,13 @@ def query(
     from kb.schema import views
 
     if tables == (sql is not None):
-        raise UsageError("give a query, or --tables", hint='for example: kb query "FROM youtube_videos LIMIT 5"')
+        raise UsageError(
+            "give a query, or --tables", hint='for example: kb query "FROM youtube_videos LIMIT 5"'
+        )
     if format == Format.parquet and out is None and sys.stdout.isatty():
-        raise UsageError("Parquet is no text for a terminal", hint="add --out FILE, or redirect stdout")
+        raise UsageError(
+            "Parquet is no text for a terminal", hint="add --out FILE, or redirect stdout"
+        )
     if out is not None and out.is_dir():
         raise UsageError(f"--out {out} is a folder", hint="name a file in it")
     run = options.make_run()
@@ -71,7 +83,9 @@ def query(
         if tables:
             catalog = views.catalog(run.root)
             if not catalog:
-                run.progress.say(f"no tables in {run.root} yet: run a crawl and its filter first, or `kb demo`")
+                run.progress.say(
+                    f"no tables in {run.root} yet: run a crawl and its filter first, or `kb demo`"
+                )
             answer = _listing(catalog)
         else:
             answer = views.select(db, sql or "", root=run.root, text=format != Format.parquet)
@@ -84,7 +98,12 @@ def _listing(catalog: list[tuple[str, str, int, str]]) -> pa.RecordBatchReader:
     names = ("schema", "view", "rows", "about")
     columns = list(zip(*catalog, strict=True)) or [[] for _ in names]
     types = (pa.string(), pa.string(), pa.int64(), pa.string())
-    table = pa.table({name: pa.array(column, kind) for name, column, kind in zip(names, columns, types, strict=True)})
+    table = pa.table(
+        {
+            name: pa.array(column, kind)
+            for name, column, kind in zip(names, columns, types, strict=True)
+        }
+    )
     return table.to_reader()
 
 
@@ -130,11 +149,18 @@ def _write_parquet(answer: pa.RecordBatchReader, file: IO[bytes]) -> None:
             for batch in answer:
                 writer.write_batch(batch)
     except pa.ArrowNotImplementedError as error:
-        raise UsageError(f"Parquet can't hold a column of this answer: {error}", hint="cast it to text: NAME::VARCHAR") from None
+        raise UsageError(
+            f"Parquet can't hold a column of this answer: {error}",
+            hint="cast it to text: NAME::VARCHAR",
+        ) from None
 
 
 def _opened(out: Path) -> contextlib.AbstractContextManager[Path]:
     """Where to write: a device or pipe as it is, a file as a whole that takes its place (that of what a link points to)."""
     from kb.store.atomic import writing
 
-    return contextlib.nullcontext(out) if out.exists() and not out.is_file() else writing(out.resolve())
+    return (
+        contextlib.nullcontext(out)
+        if out.exists() and not out.is_file()
+        else writing(out.resolve())
+    )

@@ -26,8 +26,14 @@ class Format(StrEnum):
     convokit = "convokit"
 
 
-Since = Annotated[str | None, typer.Option("--since", metavar="DATE", help="Only posts made at this time or later (UTC).")]
-Until = Annotated[str | None, typer.Option("--until", metavar="DATE", help="Only posts made before this time (UTC).")]
+Since = Annotated[
+    str | None,
+    typer.Option("--since", metavar="DATE", help="Only posts made at this time or later (UTC)."),
+]
+Until = Annotated[
+    str | None,
+    typer.Option("--until", metavar="DATE", help="Only posts made before this time (UTC)."),
+]
 
 
 @command(
@@ -62,8 +68,20 @@ def crawl(run: Run, since: Since = None, until: Until = None) -> Summary:
 def import_(
     run: Run,
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Archive dumps (.zst).")],
-    since: Annotated[str | None, typer.Option("--since", metavar="DATE", help="Only posts and comments made at this time or later (UTC).")] = None,
-    until: Annotated[str | None, typer.Option("--until", metavar="DATE", help="Only posts and comments made before this time (UTC).")] = None,
+    since: Annotated[
+        str | None,
+        typer.Option(
+            "--since",
+            metavar="DATE",
+            help="Only posts and comments made at this time or later (UTC).",
+        ),
+    ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option(
+            "--until", metavar="DATE", help="Only posts and comments made before this time (UTC)."
+        ),
+    ] = None,
 ) -> Summary:
     """Take posts and comments of the subreddit out of archive dumps. Sends nothing; needs no key.
 
@@ -86,7 +104,9 @@ def filter_(run: Run) -> Summary:
 @command(app, examples=["kb reddit export", "kb reddit export --format convokit"])
 def export(
     run: Run,
-    format: Annotated[Format, typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/.")] = Format.parquet,
+    format: Annotated[
+        Format, typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/.")
+    ] = Format.parquet,
 ) -> Summary:
     """Write clean/reddit as the released tables, or in another layout."""
     from kb.core import pipeline
@@ -107,11 +127,18 @@ def reconstruct(
     ids: Annotated[
         Path | None,
         typer.Option(
-            "--ids", metavar="FILE", help="Full names one a line, a released Parquet file, or MineDojo's reddit.json. [default: release/reddit]"
+            "--ids",
+            metavar="FILE",
+            help="Full names one a line, a released Parquet file, or MineDojo's reddit.json. [default: release/reddit]",
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Where the tables go. [default: export/reconstructed in the data root]")
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            help="Where the tables go. [default: export/reconstructed in the data root]",
+        ),
     ] = None,
 ) -> Summary:
     """Bring back full posts and comments from released ids, with your own app's key.
@@ -128,7 +155,10 @@ def _span(since: str | None, until: str | None) -> tuple[datetime | None, dateti
 
     begin, end = _moment("--since", since), _moment("--until", until)
     if begin and end and begin >= end:
-        raise SettingError(f"--since {since} is not before --until {until}", hint="nothing was made in that time; exchange the two")
+        raise SettingError(
+            f"--since {since} is not before --until {until}",
+            hint="nothing was made in that time; exchange the two",
+        )
     return begin, end
 
 
@@ -141,4 +171,7 @@ def _moment(name: str, text: str | None) -> datetime | None:
     try:
         return clock.parse(text)
     except ValueError:
-        raise SettingError(f"{name} is {text!r}, not a date", hint="write it like 2026-01-31 or 2026-01-31T12:00:00Z") from None
+        raise SettingError(
+            f"{name} is {text!r}, not a date",
+            hint="write it like 2026-01-31 or 2026-01-31T12:00:00Z",
+        ) from None

@@ -47,12 +47,16 @@ def commands() -> str:
             continue
         for path, command in _leaves(name, root.get_command(context, name)):  # type: ignore[attr-defined]
             inner = typer.Context(command, info_name=f"kb {path}")
-            options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
+            options = [
+                p for p in command.params if p.param_type_name == "option" and p.name != "help"
+            ]
             if first:
                 blocks.append(_option_table([p for p in options if p.name in COMMON], inner))
                 first = False
             usage = " ".join(command.collect_usage_pieces(inner)).replace("[OPTIONS]", "[options]")
-            blocks.append(f"## `kb {path}`\n\n{_paragraphs(command.help)}\n\nUsage: `kb {path} {usage}`\n")
+            blocks.append(
+                f"## `kb {path}`\n\n{_paragraphs(command.help)}\n\nUsage: `kb {path} {usage}`\n"
+            )
             arguments = [p for p in command.params if p.param_type_name == "argument"]
             if arguments:
                 blocks.append(_option_table(arguments, inner))
@@ -73,7 +77,10 @@ def _leaves(name: str, command: Any) -> Iterator[tuple[str, Any]]:
 
 def _option_table(parameters: list[Any], context: Any) -> str:
     records = [parameter.get_help_record(context) for parameter in parameters]
-    rows = [f"| `{name.replace('|', chr(92) + '|')}` | {_cell(text)} |" for name, text in filter(None, records)]
+    rows = [
+        f"| `{name.replace('|', chr(92) + '|')}` | {_cell(text)} |"
+        for name, text in filter(None, records)
+    ]
     return "\n".join(["| option | meaning |", "|---|---|", *rows, ""])
 
 
@@ -126,7 +133,11 @@ def _section(title: str, model: Any) -> Iterator[str]:
             full = f"{title}.{name}" if title else name
             deeper.append((f"[{full}]" if many else full, inner))
             continue
-        default = "required" if field.is_required() else f"`{_short(field.get_default(call_default_factory=True))}`"
+        default = (
+            "required"
+            if field.is_required()
+            else f"`{_short(field.get_default(call_default_factory=True))}`"
+        )
         yield f"| `{name}` | {_type(field.annotation)} | {default} | {_cell(field.description or '')} |"
     for full, inner in deeper:
         yield from _section(full, inner)
@@ -177,7 +188,10 @@ def columns() -> str:
     """Every table and column, from schemas/."""
     from kb.schema.tables import tables
 
-    lines = ["# Tables\n", "Times are UTC. A column without a reason for null is never null. *Released* columns are those of `release/`.\n"]
+    lines = [
+        "# Tables\n",
+        "Times are UTC. A column without a reason for null is never null. *Released* columns are those of `release/`.\n",
+    ]
     for table in tables().values():
         lines += [
             f"## `{table.name}`\n",
@@ -202,7 +216,11 @@ def _cell(text: str) -> str:
 def main(arguments: list[str]) -> int:
     """Write the pages, or name those that are out of date."""
     root = Path(importlib.import_module("kb").__file__ or "").resolve().parent.parent
-    stale = {name: text for name, text in pages().items() if not (root / name).is_file() or (root / name).read_text(encoding="utf-8") != text}
+    stale = {
+        name: text
+        for name, text in pages().items()
+        if not (root / name).is_file() or (root / name).read_text(encoding="utf-8") != text
+    }
     if "--check" in arguments:
         for name in stale:
             print(f"{name} is out of date; run `make reference`", file=sys.stderr)

@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 app = group("Read again what the services' terms ask to keep fresh.")
 
 
-@command(app, needs_data=True, examples=["kb refresh youtube --wait", "kb refresh youtube --limit 5000"])
+@command(
+    app, needs_data=True, examples=["kb refresh youtube --wait", "kb refresh youtube --limit 5000"]
+)
 def youtube(run: Run) -> Summary:
     """Read statistics older than the profile's max_age_days again and mark videos that vanished.
 

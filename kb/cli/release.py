@@ -52,7 +52,9 @@ def release(run: Run) -> Summary:
 def publish(
     options: Options,
     to: Annotated[Target, typer.Option("--to", help="The service that takes the deposits.")],
-    publish: Annotated[bool, typer.Option("--publish", help="Publish the drafts: can't be undone.")] = False,
+    publish: Annotated[
+        bool, typer.Option("--publish", help="Publish the drafts: can't be undone.")
+    ] = False,
     only: Annotated[
         list[str] | None,
         typer.Option(
@@ -81,7 +83,13 @@ def publish(
     finally:
         getattr(run.progress, "close", lambda: None)()
         for source, one in done.get("sources", {}).items() if not options.json else ():
-            typer.echo("  ".join(str(what) for what in (source, one["state"], one["id"], one["doi"], one["page"]) if what))
+            typer.echo(
+                "  ".join(
+                    str(what)
+                    for what in (source, one["state"], one["id"], one["doi"], one["page"])
+                    if what
+                )
+            )
 
 
 def _listed(run: Run, name: str, *given: object) -> Summary:

@@ -13,7 +13,13 @@ if TYPE_CHECKING:
 app = group("Figures and one HTML page of what was collected.")
 
 
-@command(app, needs_data=True, examples=["kb report                                what is there so far; open report/index.html"])
+@command(
+    app,
+    needs_data=True,
+    examples=[
+        "kb report                                what is there so far; open report/index.html"
+    ],
+)
 def report(run: Run) -> Summary:
     """Figures (SVG, PNG) and one page that needs no network, in report/ under the data root.
 

@@ -35,13 +35,30 @@ def sandbox(
     options: Options,
     run: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[-- COMMAND]", help="A command to run with the settings; its exit code is kb's."),
+        typer.Argument(
+            metavar="[-- COMMAND]",
+            help="A command to run with the settings; its exit code is kb's.",
+        ),
     ] = None,
-    env: Annotated[Path | None, typer.Option("--env", metavar="FILE", help="Write the settings to FILE, as NAME=value lines.")] = None,
+    env: Annotated[
+        Path | None,
+        typer.Option(
+            "--env", metavar="FILE", help="Write the settings to FILE, as NAME=value lines."
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Which world.")] = 0,
-    channels: Annotated[int, typer.Option("--channels", min=1, help="YouTube channels of the world.")] = 12,
-    videos: Annotated[int, typer.Option("--videos", min=0, help="YouTube videos of the world.")] = 300,
-    model: Annotated[bool, typer.Option("--model/--no-model", help="Make the tiny toxicity model, if there is none yet.")] = True,
+    channels: Annotated[
+        int, typer.Option("--channels", min=1, help="YouTube channels of the world.")
+    ] = 12,
+    videos: Annotated[
+        int, typer.Option("--videos", min=0, help="YouTube videos of the world.")
+    ] = 300,
+    model: Annotated[
+        bool,
+        typer.Option(
+            "--model/--no-model", help="Make the tiny toxicity model, if there is none yet."
+        ),
+    ] = True,
 ) -> None:
     """Serve YouTube, wiki, Reddit and Zenodo of one small invented world on loopback.
 
@@ -55,8 +72,13 @@ def sandbox(
         if env is not None:
             _write(env, settings)
         if run:
-            given = {"KB_DATA": options.data and str(options.data.absolute()), "KB_PROFILE": options.profile}
-            raise typer.Exit(_run(run, settings | {name: value for name, value in given.items() if value}))
+            given = {
+                "KB_DATA": options.data and str(options.data.absolute()),
+                "KB_PROFILE": options.profile,
+            }
+            raise typer.Exit(
+                _run(run, settings | {name: value for name, value in given.items() if value})
+            )
         if env is None:
             print("\n".join(f"{name}={value}" for name, value in settings.items()), flush=True)
         _close_stdout()
@@ -86,7 +108,10 @@ def _write(path: Path, settings: dict[str, str]) -> None:
     """A file for `.env` readers and for `set -a; . FILE`. It appears whole."""
     from kb.store.atomic import write_text
 
-    write_text(path.expanduser().absolute(), "".join(f"{name}={value}\n" for name, value in settings.items()))
+    write_text(
+        path.expanduser().absolute(),
+        "".join(f"{name}={value}\n" for name, value in settings.items()),
+    )
 
 
 def _run(words: list[str], settings: dict[str, str]) -> int:

@@ -13,7 +13,12 @@ if TYPE_CHECKING:
 app = group("Progress, quota, age of the data, what is left.")
 
 
-@command(app, raw=True, resumable=False, examples=["kb status", "kb status --json", "kb status --data data/demo"])
+@command(
+    app,
+    raw=True,
+    resumable=False,
+    examples=["kb status", "kb status --json", "kb status --data data/demo"],
+)
 def status(options: Options) -> None:
     """Show progress by phase, quota spent and left, age of the data, what is left, and disk use.
 
@@ -29,9 +34,14 @@ def status(options: Options) -> None:
 
 
 def _lines(about: dict[str, Any]) -> list[str]:
-    lines = [f"data root {about['data']}, profile {about['profile']}, {_bytes(about['disk_bytes_total'])}"]
+    lines = [
+        f"data root {about['data']}, profile {about['profile']}, {_bytes(about['disk_bytes_total'])}"
+    ]
     if not about["sources"]:
-        return [*lines, "nothing collected yet; `kb demo` shows the whole job, `kb youtube crawl --plan` what a crawl costs"]
+        return [
+            *lines,
+            "nothing collected yet; `kb demo` shows the whole job, `kb youtube crawl --plan` what a crawl costs",
+        ]
     for source, facts in about["sources"].items():
         running = f" (being written by pid {facts['running_pid']})" if facts["running_pid"] else ""
         lines += ["", f"{source}{running}"]
@@ -39,7 +49,12 @@ def _lines(about: dict[str, Any]) -> list[str]:
             "phase",
             ["done", "left", "error", "skipped"],
             {
-                kind: [counts.get("done", 0), counts["left"], counts.get("error", 0), counts.get("skipped", 0)]
+                kind: [
+                    counts.get("done", 0),
+                    counts["left"],
+                    counts.get("error", 0),
+                    counts.get("skipped", 0),
+                ]
                 for kind, counts in facts["phases"].items()
             },
         )
@@ -48,15 +63,31 @@ def _lines(about: dict[str, Any]) -> list[str]:
                 f"  quota {bucket}: {quota['spent']:,} of {quota['limit']:,} spent today, {quota['left']:,} left, resets {quota['resets_at']}"
             )
         if facts["requests"]:
-            lines.append(f"  requests so far: {facts['requests']:,}" + (f", units {facts['units']:,}" if facts["units"] else ""))
+            lines.append(
+                f"  requests so far: {facts['requests']:,}"
+                + (f", units {facts['units']:,}" if facts["units"] else "")
+            )
         if facts["rows"]:
-            lines.append("  rows: " + ", ".join(f"{name} {rows:,}" for name, rows in facts["rows"].items()))
+            lines.append(
+                "  rows: " + ", ".join(f"{name} {rows:,}" for name, rows in facts["rows"].items())
+            )
         if facts["oldest"]:
-            old = f"; {facts['too_old']:,} rows older than {facts['max_age_days']} days" if facts["max_age_days"] else ""
+            old = (
+                f"; {facts['too_old']:,} rows older than {facts['max_age_days']} days"
+                if facts["max_age_days"]
+                else ""
+            )
             lines.append(f"  read between {facts['oldest']} and {facts['newest']}{old}")
         if facts["unknown_keys"]:
-            lines.append("  unknown keys in answers: " + ", ".join(f"{key} ({n:,})" for key, n in facts["unknown_keys"].items()))
-    lines += ["", "disk: " + ", ".join(f"{name} {_bytes(size)}" for name, size in about["disk_bytes"].items())]
+            lines.append(
+                "  unknown keys in answers: "
+                + ", ".join(f"{key} ({n:,})" for key, n in facts["unknown_keys"].items())
+            )
+    lines += [
+        "",
+        "disk: "
+        + ", ".join(f"{name} {_bytes(size)}" for name, size in about["disk_bytes"].items()),
+    ]
     return lines
 
 
@@ -65,7 +96,10 @@ def _table(head: str, columns: list[str], rows: dict[str, list[int]]) -> list[st
         return []
     width = max(len(head), *(len(name) for name in rows))
     lines = [f"  {head:<{width}}" + "".join(f"{column:>12}" for column in columns)]
-    return lines + [f"  {name:<{width}}" + "".join(f"{value:>12,}" for value in values) for name, values in rows.items()]
+    return lines + [
+        f"  {name:<{width}}" + "".join(f"{value:>12,}" for value in values)
+        for name, values in rows.items()
+    ]
 
 
 def _bytes(size: int) -> str:

@@ -66,7 +66,12 @@ def filter_(run: Run) -> Summary:
 @command(app, examples=["kb wiki export", "kb wiki export --format minedojo"])
 def export(
     run: Run,
-    format: Annotated[Format, typer.Option("--format", help="Parquet and tar shards go to release/, others to export/FORMAT/.")] = Format.parquet,
+    format: Annotated[
+        Format,
+        typer.Option(
+            "--format", help="Parquet and tar shards go to release/, others to export/FORMAT/."
+        ),
+    ] = Format.parquet,
 ) -> Summary:
     """Write clean/wiki as the released tables with their pictures, or in another layout."""
     from kb.core.pipeline import load, locate

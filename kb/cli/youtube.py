@@ -46,11 +46,18 @@ class Format(StrEnum):
 )
 def crawl(
     run: Run,
-    plan: Annotated[bool, typer.Option("--plan", help="Print what is left and what it costs; send nothing.")] = False,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Print what is left and what it costs; send nothing.")
+    ] = False,
     only: Annotated[Phase | None, typer.Option("--only", help="Run one phase alone.")] = None,
     part: Part = None,
     ids: Annotated[
-        Path | None, typer.Option("--ids", metavar="FILE", help="Video ids: lines, a released Parquet file or MineDojo's JSON; skips discovery.")
+        Path | None,
+        typer.Option(
+            "--ids",
+            metavar="FILE",
+            help="Video ids: lines, a released Parquet file or MineDojo's JSON; skips discovery.",
+        ),
     ] = None,
 ) -> Summary:
     """Crawl channels by keyword, their uploads, metadata and transcripts, as raw JSON.
@@ -65,7 +72,9 @@ def crawl(
     return pipeline(run, "youtube").crawl(run, only.value if only else None, ids, which)
 
 
-@command(app, name="filter", examples=["kb youtube filter", "kb youtube filter --profile mine.toml"])
+@command(
+    app, name="filter", examples=["kb youtube filter", "kb youtube filter --profile mine.toml"]
+)
 def filter_(run: Run) -> Summary:
     """Sort raw answers into clean/youtube: kept, rejected with the reason, failed and pending."""
     from kb.filters.clean import run_clean
@@ -76,7 +85,9 @@ def filter_(run: Run) -> Summary:
 @command(app, examples=["kb youtube export", "kb youtube export --format minedojo"])
 def export(
     run: Run,
-    format: Annotated[Format, typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/.")] = Format.parquet,
+    format: Annotated[
+        Format, typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/.")
+    ] = Format.parquet,
 ) -> Summary:
     """Write clean/youtube as the released tables, or in another layout."""
     from kb.core import pipeline

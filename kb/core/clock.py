@@ -32,7 +32,9 @@ def now() -> datetime:
     try:
         return parse(fixed) + _passed
     except ValueError:
-        raise SettingError(f"KB_NOW is {fixed!r}, not a time", hint="write it like 2026-11-20T12:00:00Z") from None
+        raise SettingError(
+            f"KB_NOW is {fixed!r}, not a time", hint="write it like 2026-11-20T12:00:00Z"
+        ) from None
 
 
 def stamp(moment: datetime | None = None) -> str:

@@ -36,9 +36,13 @@ _SHARED = ("KB_NOW", "SOURCE_DATE_EPOCH")
 def check(scheduler: str | None) -> None:
     """Raise MissingExtra or SettingError before anything is sent or written."""
     if importlib.util.find_spec("distributed") is None:
-        raise MissingExtra("--engine dask needs dask and distributed", hint='run `pip install "lorebase[dask]"`')
+        raise MissingExtra(
+            "--engine dask needs dask and distributed", hint='run `pip install "lorebase[dask]"`'
+        )
     if scheduler and not _ADDRESS.fullmatch(scheduler):
-        raise SettingError(f"--scheduler is {scheduler!r}", hint="write it like tcp://10.0.0.1:8786")
+        raise SettingError(
+            f"--scheduler is {scheduler!r}", hint="write it like tcp://10.0.0.1:8786"
+        )
 
 
 @contextlib.contextmanager
@@ -54,7 +58,9 @@ def dask_executor(scheduler: str | None, workers: int = 1) -> Iterator[Executor]
 
     _hush()
     with contextlib.ExitStack() as stack:
-        stack.enter_context(dask.config.set({"distributed.comm.timeouts.connect": f"{CONNECT_S:.0f}s"}))
+        stack.enter_context(
+            dask.config.set({"distributed.comm.timeouts.connect": f"{CONNECT_S:.0f}s"})
+        )
         if scheduler is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="kb-dask-"))
             target: Any = stack.enter_context(
@@ -95,7 +101,11 @@ class _Pool(Executor):
         """A future of the call on some worker. Raises Unreachable when the scheduler is gone."""
         if self._client.status != "running":
             raise _lost(self._where)
-        return _Future(self._inner.submit(_call, self._environment, fn, args, kwargs), self._client, self._where)
+        return _Future(
+            self._inner.submit(_call, self._environment, fn, args, kwargs),
+            self._client,
+            self._where,
+        )
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Forget what is still running; the cluster stays."""
@@ -122,7 +132,10 @@ class _Future(Future[Any]):
         try:
             return self._wait(timeout)
         except KilledWorker as error:
-            raise FatalError("several Dask workers died of the same task", hint="they may need more memory; see their logs") from error
+            raise FatalError(
+                "several Dask workers died of the same task",
+                hint="they may need more memory; see their logs",
+            ) from error
         # What a task itself raises is none of these.
         except (concurrent.futures.CancelledError, asyncio.CancelledError, CommClosedError):
             raise _lost(self._where) from None
@@ -151,7 +164,9 @@ class _Future(Future[Any]):
                 alone = None
             elif alone is None:
                 alone = now
-                _log.warning("no Dask worker is left at %s; waiting %d s for one", self._where, WORKERS_S)
+                _log.warning(
+                    "no Dask worker is left at %s; waiting %d s for one", self._where, WORKERS_S
+                )
             elif now - alone >= WORKERS_S:
                 raise _unreachable(f"no Dask worker is left at {self._where}")
 
@@ -166,7 +181,10 @@ class _Future(Future[Any]):
 
 def _hush() -> None:
     """What Dask logs about lost connections is said by this project's errors; its loggers have levels of their own."""
-    for name in ("distributed", *(name for name in logging.root.manager.loggerDict if name.startswith("distributed."))):
+    for name in (
+        "distributed",
+        *(name for name in logging.root.manager.loggerDict if name.startswith("distributed.")),
+    ):
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
@@ -182,7 +200,11 @@ def _wait_for_workers(client: Any, where: str) -> None:
             raise _unreachable(f"the Dask scheduler at {where} has no workers")
         if spent >= LOOK_S and not said:
             said = True
-            _log.warning("the Dask scheduler at %s has no workers yet; waiting %d s for one", where, WORKERS_S)
+            _log.warning(
+                "the Dask scheduler at %s has no workers yet; waiting %d s for one",
+                where,
+                WORKERS_S,
+            )
         signals.stop.wait(SLICE_S)
 
 
@@ -205,10 +227,18 @@ def _unreachable(what: str) -> Unreachable:
 
 
 def _lost(where: str) -> Unreachable:
-    return Unreachable(f"the Dask scheduler at {where} went away", hint="start it again; the same command goes on where it stopped")
+    return Unreachable(
+        f"the Dask scheduler at {where} went away",
+        hint="start it again; the same command goes on where it stopped",
+    )
 
 
-def _call(environment: dict[str, str | None], fn: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+def _call(
+    environment: dict[str, str | None],
+    fn: Callable[..., Any],
+    args: tuple[Any, ...],
+    kwargs: dict[str, Any],
+) -> Any:
     """Runs on a worker."""
     for name, value in environment.items():
         if value is None:
@@ -229,7 +259,9 @@ def _same_lorebase(pool: Executor) -> None:
         raise
     except concurrent.futures.TimeoutError:
         raise _unreachable("the Dask workers take no task") from None
-    except Exception as error:  # whatever a worker without this package says when it unpickles the call
+    except (
+        Exception
+    ) as error:  # whatever a worker without this package says when it unpickles the call
         raise FatalError(
             f"the Dask workers can't run Lorebase ({type(error).__name__}: {error})",
             hint="install the same version on every machine of the cluster",

@@ -32,7 +32,9 @@ class Inline(Executor):
 
 
 @contextlib.contextmanager
-def make_executor(engine: str = "local", workers: int = 1, scheduler: str | None = None) -> Iterator[Executor]:
+def make_executor(
+    engine: str = "local", workers: int = 1, scheduler: str | None = None
+) -> Iterator[Executor]:
     """The executor of `--engine`: "local" (this process or a pool) or "dask".
 
     For "dask" the tasks go to the cluster at `scheduler`, or to one of `workers` processes on this machine.
@@ -59,7 +61,9 @@ def make_executor(engine: str = "local", workers: int = 1, scheduler: str | None
     raise SettingError(f"--engine is {engine!r}", hint="allowed: local, dask")
 
 
-def map_in_order(executor: Executor, fn: Callable[..., Any], tasks: Iterable[tuple[Any, ...]], window: int = 4) -> Iterator[Any]:
+def map_in_order(
+    executor: Executor, fn: Callable[..., Any], tasks: Iterable[tuple[Any, ...]], window: int = 4
+) -> Iterator[Any]:
     """Results of `fn(*task)` in task order, with at most `window` tasks submitted at once.
 
     Memory is bounded by the window. Stops with Interrupted between tasks when asked to.

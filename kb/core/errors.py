@@ -163,7 +163,14 @@ class Retryable(ItemError):
     that does not end, it blocks us, which is no fact about an item.
     """
 
-    def __init__(self, reason: str, *, after: float | None = None, unreachable: bool = False, throttled: bool = False) -> None:
+    def __init__(
+        self,
+        reason: str,
+        *,
+        after: float | None = None,
+        unreachable: bool = False,
+        throttled: bool = False,
+    ) -> None:
         super().__init__(reason)
         self.reason = reason
         self.after = after

@@ -15,7 +15,9 @@ def locate(name: str, override: str | None = None) -> Path:
     """The file of a pipeline: `--pipeline FILE` or the shipped one. Raises SettingError."""
     path = Path(override) if override else folder("pipelines") / f"{name}.py"
     if not path.is_file():
-        raise SettingError(f"there is no pipeline file {path}", hint="give --pipeline a Python file that exists")
+        raise SettingError(
+            f"there is no pipeline file {path}", hint="give --pipeline a Python file that exists"
+        )
     return path.resolve()
 
 

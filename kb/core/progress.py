@@ -49,8 +49,16 @@ class Silent:
 class PlainTask:
     """A line at most every `every` seconds, and one at the end."""
 
-    def __init__(self, name: str, total: int | None, unit: str, stream: TextIO, every: float) -> None:
-        self._name, self._total, self._unit, self._stream, self._every = name, total, unit, stream, every
+    def __init__(
+        self, name: str, total: int | None, unit: str, stream: TextIO, every: float
+    ) -> None:
+        self._name, self._total, self._unit, self._stream, self._every = (
+            name,
+            total,
+            unit,
+            stream,
+            every,
+        )
         self._done = 0
         self._facts: dict[str, object] = {}
         self._start = self._last = clock.monotonic()
@@ -73,7 +81,11 @@ class PlainTask:
         self._last = clock.monotonic()
         spent = max(self._last - self._start, 1e-9)
         rate = self._done / spent
-        parts = [f"{self._name}: {self._done}" + (f"/{self._total}" if self._total else "") + (f" {self._unit}" if self._unit else "")]
+        parts = [
+            f"{self._name}: {self._done}"
+            + (f"/{self._total}" if self._total else "")
+            + (f" {self._unit}" if self._unit else "")
+        ]
         parts.append(f"{rate:.1f}/s" if rate >= 0.1 else f"{rate * 60:.1f}/min")
         if self._total and self._done and self._done < self._total:
             parts.append(f"{_span((self._total - self._done) / rate)} left")

@@ -27,20 +27,36 @@ class Settings(BaseSettings):
 
     youtube_api_key: SecretStr | None = Field(None, description="YouTube Data API v3 key")
     reddit_client_id: SecretStr | None = Field(None, description="id of the user's own Reddit app")
-    reddit_client_secret: SecretStr | None = Field(None, description="its secret; empty for an installed app")
+    reddit_client_secret: SecretStr | None = Field(
+        None, description="its secret; empty for an installed app"
+    )
     zenodo_token: SecretStr | None = Field(None, description="token for `kb release publish`")
     kb_contact: str | None = Field(None, description="e-mail or web address in the User-Agent")
     kb_data: Path = Field(Path("data"), description="the data root")
     kb_profile: str = Field("minecraft", description="the profile: a name or a path")
-    kb_youtube_endpoint: str | None = Field(None, description="root of the Data API instead of Google's")
-    kb_youtube_web: str | None = Field(None, description="root that stands for the YouTube web site")
-    kb_reddit_endpoint: str | None = Field(None, description="root for Reddit's web and OAuth hosts")
+    kb_youtube_endpoint: str | None = Field(
+        None, description="root of the Data API instead of Google's"
+    )
+    kb_youtube_web: str | None = Field(
+        None, description="root that stands for the YouTube web site"
+    )
+    kb_reddit_endpoint: str | None = Field(
+        None, description="root for Reddit's web and OAuth hosts"
+    )
     kb_wiki_url: str | None = Field(None, description="the wiki's root instead of the profile's")
     kb_zenodo_endpoint: str | None = Field(None, description="root of the deposit API")
-    kb_models_endpoint: str | None = Field(None, description="root that stands for the hosts of model files")
-    kb_toxicity_model: str = Field("original", description="Detoxify model name, or a checkpoint file")
-    kb_toxicity_sha256: str | None = Field(None, description="sha256 of a checkpoint file of your own")
-    source_date_epoch: int | None = Field(None, ge=0, le=253_402_300_799, description="build date in releases, seconds since 1970")
+    kb_models_endpoint: str | None = Field(
+        None, description="root that stands for the hosts of model files"
+    )
+    kb_toxicity_model: str = Field(
+        "original", description="Detoxify model name, or a checkpoint file"
+    )
+    kb_toxicity_sha256: str | None = Field(
+        None, description="sha256 of a checkpoint file of your own"
+    )
+    source_date_epoch: int | None = Field(
+        None, ge=0, le=253_402_300_799, description="build date in releases, seconds since 1970"
+    )
     kb_now: str | None = Field(None, description="the date for data and quota days, for tests")
 
     @field_validator("*", mode="before")
@@ -56,20 +72,41 @@ class Settings(BaseSettings):
             return cls.model_fields[info.field_name or ""].default
         return value
 
-    @field_validator("youtube_api_key", "reddit_client_id", "reddit_client_secret", "zenodo_token", "kb_contact", mode="before")
+    @field_validator(
+        "youtube_api_key",
+        "reddit_client_id",
+        "reddit_client_secret",
+        "zenodo_token",
+        "kb_contact",
+        mode="before",
+    )
     @classmethod
     def _fits_a_header(cls, value: object) -> object:
         if isinstance(value, str) and not _fits(value, "latin-1"):
-            raise ValueError("must be of Latin letters, digits and signs, as it is sent in a header")
+            raise ValueError(
+                "must be of Latin letters, digits and signs, as it is sent in a header"
+            )
         return value
 
-    @field_validator("kb_youtube_endpoint", "kb_youtube_web", "kb_reddit_endpoint", "kb_wiki_url", "kb_zenodo_endpoint", "kb_models_endpoint")
+    @field_validator(
+        "kb_youtube_endpoint",
+        "kb_youtube_web",
+        "kb_reddit_endpoint",
+        "kb_wiki_url",
+        "kb_zenodo_endpoint",
+        "kb_models_endpoint",
+    )
     @classmethod
     def _is_root(cls, value: str | None) -> str | None:
         if not value:
             return None
         parts = urlsplit(value)
-        if parts.scheme not in ("http", "https") or not parts.hostname or " " in value or not _fits(parts.hostname, "idna"):
+        if (
+            parts.scheme not in ("http", "https")
+            or not parts.hostname
+            or " " in value
+            or not _fits(parts.hostname, "idna")
+        ):
             raise ValueError("must be an address like http://127.0.0.1:8000")
         if parts.username is not None or parts.password is not None:
             raise ValueError("must not hold a user name or password")
@@ -91,7 +128,12 @@ class Settings(BaseSettings):
 
     def secret_values(self) -> list[str]:
         """The literal secrets that must never leave, for redaction and the release gate."""
-        fields = (self.youtube_api_key, self.reddit_client_id, self.reddit_client_secret, self.zenodo_token)
+        fields = (
+            self.youtube_api_key,
+            self.reddit_client_id,
+            self.reddit_client_secret,
+            self.zenodo_token,
+        )
         return [field.get_secret_value() for field in fields if field and field.get_secret_value()]
 
     def need(self, field: str) -> str:
@@ -137,8 +179,15 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
         message = first["msg"].removeprefix("Value error, ")
         raise SettingError(f"{name}: {message}", hint="see .env.example") from None
     except (OSError, UnicodeDecodeError) as error:
-        what = error.strerror if isinstance(error, OSError) else f"not UTF-8 text (byte {error.start + 1})"
-        raise SettingError(f"{Path('.env').absolute()} can't be read: {what}", hint="save it as plain UTF-8; see .env.example") from None
+        what = (
+            error.strerror
+            if isinstance(error, OSError)
+            else f"not UTF-8 text (byte {error.start + 1})"
+        )
+        raise SettingError(
+            f"{Path('.env').absolute()} can't be read: {what}",
+            hint="save it as plain UTF-8; see .env.example",
+        ) from None
     if settings.kb_now:
         # The clock reads the environment, so that worker processes see the same date.
         os.environ["KB_NOW"] = settings.kb_now

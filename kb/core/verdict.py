@@ -19,7 +19,9 @@ class Tally:
     pending: int = 0
 
     def __add__(self, other: Tally) -> Tally:
-        return Tally(*(a + b for a, b in zip(asdict(self).values(), asdict(other).values(), strict=True)))
+        return Tally(
+            *(a + b for a, b in zip(asdict(self).values(), asdict(other).values(), strict=True))
+        )
 
     def check(self, what: str) -> Tally:
         """Itself, or CountMismatch when items were lost or doubled."""
@@ -39,7 +41,9 @@ class Summary(dict[str, Any]):
     def line(self) -> str:
         """One line for a person: `crawled 120, kept 80 …`; empty values are left out."""
         return ", ".join(
-            f"{name.replace('_', ' ')} {value}" if isinstance(value, (int, float)) else f"{name.replace('_', ' ')}: {value}"
+            f"{name.replace('_', ' ')} {value}"
+            if isinstance(value, (int, float))
+            else f"{name.replace('_', ' ')}: {value}"
             for name, value in self.items()
             if value is not None and not isinstance(value, (dict, list))
         )

@@ -33,7 +33,10 @@ def write(run: Run) -> Path:
         file.write(b"[")
         for row in pair_rows(run, _COLUMNS):
             if row["text"] is None:
-                raise FatalError("a pair has no text", hint="run `kb pairs`, or `kb pairs --from-index` with all transcripts")
+                raise FatalError(
+                    "a pair has no text",
+                    hint="run `kb pairs`, or `kb pairs --from-index` with all transcripts",
+                )
             pair = {
                 "vid": row["video_id"],
                 "transcript clip": row["text"],

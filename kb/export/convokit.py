@@ -35,7 +35,12 @@ _INDEX = {
     "utterances-index": {"score": _NUMBER, "depth": _NUMBER, "type": _TEXT, "placeholder": _FLAG},
     "speakers-index": {},
     "overall-index": {"name": _TEXT},
-    "conversations-index": {"title": _TEXT, "type": _TEXT, "num_comments": _NUMBER, "score": _NUMBER},
+    "conversations-index": {
+        "title": _TEXT,
+        "type": _TEXT,
+        "num_comments": _NUMBER,
+        "score": _NUMBER,
+    },
     "vectors": [],
     "version": 1,
 }
@@ -60,31 +65,47 @@ def export(run: Run) -> Summary:
     """clean/reddit → export/convokit/. Raises FatalError without clean rows, DamagedData, DiskFull. The same rows give the same bytes."""
     import duckdb
 
-    posts, comments = (clean_parts(run.root, table(f"reddit/{name}")) for name in ("posts", "comments"))
+    posts, comments = (
+        clean_parts(run.root, table(f"reddit/{name}")) for name in ("posts", "comments")
+    )
     if not posts:
-        raise FatalError("nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first")
+        raise FatalError(
+            "nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first"
+        )
     speakers: set[str] = set()
     counts = {"posts": 0, "comments": 0, "placeholders": 0}
     with duckdb.connect() as con, replacing_folder(run.root / "export" / "convokit") as fresh:
-        with (fresh / "utterances.jsonl").open("w", encoding="utf-8") as file, (fresh / "conversations.json").open("w", encoding="utf-8") as about:
+        with (
+            (fresh / "utterances.jsonl").open("w", encoding="utf-8") as file,
+            (fresh / "conversations.json").open("w", encoding="utf-8") as about,
+        ):
             about.write("{")
             for row in _rows(con, _POSTS.format(posts=scan(posts)), posts):
                 _put(file, _post(row), speakers)
                 meta = {name: row[name] for name in ("title", "type", "num_comments", "score")}
                 entry = json.dumps({"meta": meta, "vectors": []}, ensure_ascii=False)
-                about.write(f"{',' if counts['posts'] else ''}\n{json.dumps(row['post_id'])}: {entry}")
+                about.write(
+                    f"{',' if counts['posts'] else ''}\n{json.dumps(row['post_id'])}: {entry}"
+                )
                 counts["posts"] += 1
             about.write("\n}\n")
-            for row in _rows(con, _COMMENTS.format(comments=scan(comments)), comments) if comments else ():
+            for row in (
+                _rows(con, _COMMENTS.format(comments=scan(comments)), comments) if comments else ()
+            ):
                 _put(file, _comment(row), speakers)
                 counts["placeholders" if row["placeholder"] else "comments"] += 1
-        _write(fresh / "speakers.json", {name: {"meta": {}, "vectors": []} for name in sorted(speakers)})
+        _write(
+            fresh / "speakers.json",
+            {name: {"meta": {}, "vectors": []} for name in sorted(speakers)},
+        )
         _write(fresh / "corpus.json", {"name": f"{run.profile.name}-reddit"})
         _write(fresh / "index.json", _INDEX)
     return Summary(source="reddit", **counts, path=str(run.root / "export" / "convokit"))
 
 
-def _rows(con: duckdb.DuckDBPyConnection, query: str, files: list[Path]) -> Iterator[dict[str, Any]]:
+def _rows(
+    con: duckdb.DuckDBPyConnection, query: str, files: list[Path]
+) -> Iterator[dict[str, Any]]:
     """The rows of a query over these files; memory is bounded by a batch, DuckDB sorts on disk."""
     with reading(files):
         result = con.execute(query)
@@ -114,7 +135,12 @@ def _comment(row: dict[str, Any]) -> dict[str, Any]:
         "speaker": row["author_hash"] or _GONE,
         "reply-to": row["parent"],
         "timestamp": row["made"],
-        "meta": {"score": row["score"], "depth": row["depth"], "type": "comment", "placeholder": row["placeholder"]},
+        "meta": {
+            "score": row["score"],
+            "depth": row["depth"],
+            "type": "comment",
+            "placeholder": row["placeholder"],
+        },
         "vectors": [],
     }
 
@@ -125,4 +151,6 @@ def _put(file: Any, utterance: dict[str, Any], speakers: set[str]) -> None:
 
 
 def _write(path: Path, value: Any) -> None:
-    path.write_text(json.dumps(value, ensure_ascii=False, sort_keys=True, indent=0) + "\n", encoding="utf-8")
+    path.write_text(
+        json.dumps(value, ensure_ascii=False, sort_keys=True, indent=0) + "\n", encoding="utf-8"
+    )

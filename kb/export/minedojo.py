@@ -41,7 +41,10 @@ def youtube(run: Run) -> Summary:
 
     parts = clean_parts(run.root, table("youtube/videos"))
     if not parts:
-        raise FatalError("nothing to export: clean/youtube/videos has no rows", hint="run `kb youtube filter` first")
+        raise FatalError(
+            "nothing to export: clean/youtube/videos has no rows",
+            hint="run `kb youtube filter` first",
+        )
     path = run.root / "export" / "minedojo" / "youtube_full.json"
     count = 0
     merge = Merge(parts, ["video_id"], list(YOUTUBE.values()))

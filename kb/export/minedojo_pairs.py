@@ -29,6 +29,12 @@ def write(run: Run) -> Path:
     with writing(path) as temporary, temporary.open("wb") as file:
         file.write(b"{")
         for number, keyword in enumerate(sorted(clips)):
-            file.write((b",\n" if number else b"\n") + orjson.dumps(keyword) + b": [" + b", ".join(clips[keyword]) + b"]")
+            file.write(
+                (b",\n" if number else b"\n")
+                + orjson.dumps(keyword)
+                + b": ["
+                + b", ".join(clips[keyword])
+                + b"]"
+            )
         file.write(b"\n}\n")
     return path

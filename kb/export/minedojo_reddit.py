@@ -23,7 +23,9 @@ def export(run: Run) -> Summary:
 
     parts = sorted((run.root / "clean" / "reddit" / "posts").glob("*.parquet"))
     if not parts:
-        raise FatalError("nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first")
+        raise FatalError(
+            "nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first"
+        )
     found: list[tuple[str, str]] = []
     for part in parts:
         with reading([part]):

@@ -41,10 +41,17 @@ def wiki(run: Run) -> Summary:
     import orjson
 
     if not clean_parts(run.root, table("wiki/pages")):
-        raise FatalError("nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first")
+        raise FatalError(
+            "nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first"
+        )
     target = run.root / "export" / "minedojo" / "wiki_full"
     count, taken = 0, set()
-    pages = rows(run.root, "wiki/pages", ["page_id", "title", "url", "fetched_at", "screenshot_path"], ["page_id"])
+    pages = rows(
+        run.root,
+        "wiki/pages",
+        ["page_id", "title", "url", "fetched_at", "screenshot_path"],
+        ["page_id"],
+    )
     elements = _Grouped(
         run.root,
         "wiki/elements",
@@ -60,13 +67,25 @@ def wiki(run: Run) -> Summary:
     images = _Grouped(
         run.root,
         "wiki/images",
-        ["page_id", "element_id", "frame_index", "src", "path", "sha256", "media_type", "alt_text", "caption"],
+        [
+            "page_id",
+            "element_id",
+            "frame_index",
+            "src",
+            "path",
+            "sha256",
+            "media_type",
+            "alt_text",
+            "caption",
+        ],
         ["page_id", "element_id", "frame_index"],
     )
     with replacing_folder(target) as fresh:
         for page in pages:
             name = folder_name(page["url"])
-            if name.casefold() in taken:  # addresses that differ by case only, on file systems that don't
+            if (
+                name.casefold() in taken
+            ):  # addresses that differ by case only, on file systems that don't
                 name = f"{name}~{page['page_id']}"
             taken.add(name.casefold())
             folder = fresh / name
@@ -81,14 +100,22 @@ def wiki(run: Run) -> Summary:
 
 def folder_name(url: str) -> str:
     """The page's folder: the path of its address, each step a plain name that can't lead elsewhere."""
-    steps = [re.sub(r'[\x00-\x1f<>:"\\|?*]', "_", unquote(step).replace("/", "_")) for step in urlsplit(url).path.split("/") if step]
+    steps = [
+        re.sub(r'[\x00-\x1f<>:"\\|?*]', "_", unquote(step).replace("/", "_"))
+        for step in urlsplit(url).path.split("/")
+        if step
+    ]
     # The published loader skips names that start with a dot; no file system takes more than 255 bytes.
     return os.sep.join(_short(re.sub(r"^\.+", "_", step)) for step in steps) or "_"
 
 
 def _short(step: str) -> str:
     raw = step.encode()
-    return step if len(raw) <= 200 else f"{raw[:180].decode(errors='ignore')}~{hashlib.sha256(raw).hexdigest()[:12]}"
+    return (
+        step
+        if len(raw) <= 200
+        else f"{raw[:180].decode(errors='ignore')}~{hashlib.sha256(raw).hexdigest()[:12]}"
+    )
 
 
 class _Grouped:
@@ -112,23 +139,52 @@ class _Grouped:
 
 def box(row: Row) -> list[int]:
     """[x, y, w, h] in whole pixels."""
-    return [round(row["x"]), round(row["y"]), max(1, round(row["width"])), max(1, round(row["height"]))]
+    return [
+        round(row["x"]),
+        round(row["y"]),
+        max(1, round(row["width"])),
+        max(1, round(row["height"])),
+    ]
 
 
-def _data(root: Path, folder: Path, page: Row, elements: list[Row], cells: list[Row], images: list[Row]) -> Row:
+def _data(
+    root: Path, folder: Path, page: Row, elements: list[Row], cells: list[Row], images: list[Row]
+) -> Row:
     seen = {row["element_id"]: row for row in elements if row["visible"]}
-    of_table = {number: list(group) for number, group in groupby(cells, key=lambda row: row["table_id"])}
-    shown = [row for row in images if row["element_id"] in seen and seen[row["element_id"]]["kind"] != "sprite" and not row["frame_index"]]
+    of_table = {
+        number: list(group) for number, group in groupby(cells, key=lambda row: row["table_id"])
+    }
+    shown = [
+        row
+        for row in images
+        if row["element_id"] in seen
+        and seen[row["element_id"]]["kind"] != "sprite"
+        and not row["frame_index"]
+    ]
     return {
         "metadata": {
             "url": page["url"],
             "title": page["title"],
             "time": page["fetched_at"].strftime("%d/%m/%Y %H:%M:%S"),
         },
-        "tables": [_table(row, of_table.get(row["element_id"], [])) for row in seen.values() if row["kind"] == "table"],
-        "images": [held for row in shown if (held := _image(root, folder, row, seen[row["element_id"]]))],
-        "sprites": [{"text": row["text"] or "", "bbox": box(row)} for row in seen.values() if row["kind"] == "sprite"],
-        "texts": [{"text": row["text"], "bbox": box(row)} for row in seen.values() if row["kind"] == "text" and row["text"]],
+        "tables": [
+            _table(row, of_table.get(row["element_id"], []))
+            for row in seen.values()
+            if row["kind"] == "table"
+        ],
+        "images": [
+            held for row in shown if (held := _image(root, folder, row, seen[row["element_id"]]))
+        ],
+        "sprites": [
+            {"text": row["text"] or "", "bbox": box(row)}
+            for row in seen.values()
+            if row["kind"] == "sprite"
+        ],
+        "texts": [
+            {"text": row["text"], "bbox": box(row)}
+            for row in seen.values()
+            if row["kind"] == "text" and row["text"]
+        ],
     }
 
 
@@ -137,7 +193,10 @@ def _table(row: Row, cells: list[Row]) -> Row:
         True: [cell for cell in cells if cell["is_header"]],
         False: [cell for cell in cells if not cell["is_header"]],
     }
-    held = {kind: {"text": [cell["text"] for cell in part], "bboxes": [box(cell) for cell in part]} for kind, part in parts.items()}
+    held = {
+        kind: {"text": [cell["text"] for cell in part], "bboxes": [box(cell) for cell in part]}
+        for kind, part in parts.items()
+    }
     return {"bbox": box(row), "headers": held[True], "cells": held[False]}
 
 
@@ -164,7 +223,10 @@ def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
 def _crop(screenshot: Path, where: list[int], target: Path) -> None:
     from PIL import Image
 
-    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # our own picture, whose size the crawl has checked
+    limit, Image.MAX_IMAGE_PIXELS = (
+        Image.MAX_IMAGE_PIXELS,
+        None,
+    )  # our own picture, whose size the crawl has checked
     try:
         with Image.open(screenshot) as image:
             x, y, width, height = where

@@ -22,7 +22,9 @@ def pair_rows(run: Run, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
     declared = table("pairs/pairs")
     parts = clean_parts(run.root, declared)
     if not parts:
-        raise FatalError(f"nothing to export: {run.root / 'pairs'} has no index", hint="run `kb pairs` first")
+        raise FatalError(
+            f"nothing to export: {run.root / 'pairs'} has no index", hint="run `kb pairs` first"
+        )
     merge = Merge(parts, order(declared), list(columns))
     try:
         for rows in merge:

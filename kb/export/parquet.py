@@ -44,11 +44,17 @@ def export(
     folder before it takes its place. Raises FatalError when there is nothing to export, and
     DiskFull. The same clean rows give the same bytes.
     """
-    released = [declared for declared in tables().values() if declared.source == source and declared.released]
+    released = [
+        declared
+        for declared in tables().values()
+        if declared.source == source and declared.released
+    ]
     found = {declared.name: clean_parts(run.root, declared) for declared in released}
     if not any(found.values()):
         place = clean_folder(run.root, released[0]).parent
-        raise FatalError(f"nothing to export: {place} has no rows", hint=f"run `kb {source} filter` first")
+        raise FatalError(
+            f"nothing to export: {place} has no rows", hint=f"run `kb {source} filter` first"
+        )
     summary = Summary(source=source)
     task = run.progress.task(f"export {source}", total=len(released), unit="tables")
     size = run.profile.release.rows_per_shard
@@ -58,15 +64,33 @@ def export(
             if change is not None:
                 # What the change knows is in this process only.
                 made = shards.sorted_shards(
-                    found[declared.name], fresh, declared, rows_per_shard=size, reads=change.reads, change=change.make, sync=False
+                    found[declared.name],
+                    fresh,
+                    declared,
+                    rows_per_shard=size,
+                    reads=change.reads,
+                    change=change.make,
+                    sync=False,
                 )
                 summary[declared.short] = sum(shard.rows for shard in made)
                 task.advance(1, rows=summary[declared.short])
         plain = [declared for declared in released if declared.name not in (changes or {})]
-        tasks = ((declared.name, [str(path.absolute()) for path in found[declared.name]], str(fresh), size) for declared in plain)
+        tasks = (
+            (
+                declared.name,
+                [str(path.absolute()) for path in found[declared.name]],
+                str(fresh),
+                size,
+            )
+            for declared in plain
+        )
         # One sort a table is bound by the disk: on one machine a pool would gain nothing.
         with make_executor(run.engine, 1, run.scheduler) as executor:
-            for declared, rows in zip(plain, map_in_order(executor, write_shards, tasks, window=len(released)), strict=True):
+            for declared, rows in zip(
+                plain,
+                map_in_order(executor, write_shards, tasks, window=len(released)),
+                strict=True,
+            ):
                 summary[declared.short] = rows
                 task.advance(1, rows=rows)
         if beside is not None:
@@ -77,15 +101,29 @@ def export(
 
 def write_shards(name: str, parts: Sequence[str], folder: str, rows_per_shard: int) -> int:
     """One table's shards; how many rows. Runs in a worker."""
-    made = shards.sorted_shards([Path(part) for part in parts], Path(folder), name, rows_per_shard=rows_per_shard, sync=False)
+    made = shards.sorted_shards(
+        [Path(part) for part in parts],
+        Path(folder),
+        name,
+        rows_per_shard=rows_per_shard,
+        sync=False,
+    )
     return sum(shard.rows for shard in made)
 
 
 def clean_folder(root: Path, declared: Table) -> Path:
     """Where a table's kept rows are."""
-    return root / "pairs" if declared.source == "pairs" else root / "clean" / declared.source / declared.short
+    return (
+        root / "pairs"
+        if declared.source == "pairs"
+        else root / "clean" / declared.source / declared.short
+    )
 
 
 def clean_parts(root: Path, declared: Table) -> list[Path]:
     """The part files of a table's kept rows, in order."""
-    return sorted(path for path in clean_folder(root, declared).glob("*.parquet") if not path.name.startswith("."))
+    return sorted(
+        path
+        for path in clean_folder(root, declared).glob("*.parquet")
+        if not path.name.startswith(".")
+    )

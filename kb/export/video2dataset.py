@@ -48,7 +48,10 @@ def write(run: Run) -> Path:
     import pyarrow.parquet as pq
 
     path = run.root / "export" / "video2dataset" / "pairs.parquet"
-    with writing(path) as temporary, pq.ParquetWriter(temporary, schema(), compression="zstd") as file:
+    with (
+        writing(path) as temporary,
+        pq.ParquetWriter(temporary, schema(), compression="zstd") as file,
+    ):
         waiting: list[dict[str, object]] = []
         for video, rows in by_video(run, _COLUMNS):
             texts = [row["text"] for row in rows]

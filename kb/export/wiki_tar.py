@@ -60,15 +60,25 @@ def export(run: Run) -> Summary:
     """Writes release/wiki: the tables, the tars and their index. Raises FatalError, DamagedData, DiskFull."""
     pages = table("wiki/pages")
     if not parquet.clean_parts(run.root, pages):
-        raise FatalError("nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first")
-    plan = {"screenshots": list(_shards(_screenshots(run.root))), "images": list(_shards(_images(run.root)))}
+        raise FatalError(
+            "nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first"
+        )
+    plan = {
+        "screenshots": list(_shards(_screenshots(run.root))),
+        "images": list(_shards(_images(run.root))),
+    }
     places = {
-        str(sample.path.relative_to(run.root)): f"{_name(kind, number, len(shards))}/{sample.member}"
+        str(
+            sample.path.relative_to(run.root)
+        ): f"{_name(kind, number, len(shards))}/{sample.member}"
         for kind, shards in plan.items()
         for number, samples in enumerate(shards)
         for sample in samples
     }
-    changes = {"wiki/pages": _moved("screenshot_path", places), "wiki/images": _moved("path", places)}
+    changes = {
+        "wiki/pages": _moved("screenshot_path", places),
+        "wiki/images": _moved("path", places),
+    }
 
     def write(folder: Path) -> None:
         with (folder / "index.ndjson").open("w", encoding="utf-8") as index:
@@ -130,7 +140,10 @@ def _sample(root: Path, name: str, path: str, about: dict[str, Any]) -> Sample:
     try:
         size = file.stat().st_size
     except OSError:
-        raise DamagedData(f"{file} is not there, but clean/wiki names it", hint="run `kb wiki crawl --again` and `kb wiki filter`") from None
+        raise DamagedData(
+            f"{file} is not there, but clean/wiki names it",
+            hint="run `kb wiki crawl --again` and `kb wiki filter`",
+        ) from None
     text = json.dumps(about, ensure_ascii=False, sort_keys=True).encode()
     return Sample(name, file.suffix.removeprefix("."), file, size, text)
 
@@ -159,7 +172,9 @@ def _moved(column: str, places: dict[str, str]) -> parquet.Change:
         import pyarrow as pa
 
         moved = [None if path is None else places[path] for path in rows[column].to_pylist()]
-        return rows.set_column(rows.column_names.index(column), column, pa.array(moved, pa.string()))
+        return rows.set_column(
+            rows.column_names.index(column), column, pa.array(moved, pa.string())
+        )
 
     return parquet.Change(make, (column,))
 
@@ -168,9 +183,16 @@ def _write_tar(path: Path, samples: list[Sample]) -> Iterator[dict[str, Any]]:
     """Write one tar; the index lines of its members."""
     with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar:
         for sample in samples:
-            for member, data in ((sample.member, sample.path), (f"{sample.name}.json", sample.about)):
+            for member, data in (
+                (sample.member, sample.path),
+                (f"{sample.name}.json", sample.about),
+            ):
                 info = tarfile.TarInfo(member)
-                info.size, info.mode, info.mtime = sample.size if isinstance(data, Path) else len(data), 0o644, 0
+                info.size, info.mode, info.mtime = (
+                    sample.size if isinstance(data, Path) else len(data),
+                    0o644,
+                    0,
+                )
                 digest = hashlib.sha256()
                 start = tar.offset + _BLOCK
                 with data.open("rb") if isinstance(data, Path) else io.BytesIO(data) as file:

@@ -104,7 +104,9 @@ class Sorted(NamedTuple):
     pending: pa.Table
 
 
-def sort_rows(rows: pa.Table, chain: Chain, join: Callable[[pa.Table], pa.Table], *, until: str = "") -> Sorted:
+def sort_rows(
+    rows: pa.Table, chain: Chain, join: Callable[[pa.Table], pa.Table], *, until: str = ""
+) -> Sorted:
     """Run the chain over rows. `join` adds the scores before the stage `chain.scored`.
 
     `until` names a stage to stop before: the rows that reach it are `kept`. Raises SchemaMismatch
@@ -124,7 +126,9 @@ def sort_rows(rows: pa.Table, chain: Chain, join: Callable[[pa.Table], pa.Table]
             rows = stage.fill(rows)
         lacking = stage.reads - set(rows.column_names)
         if lacking:
-            raise SchemaMismatch(f"{chain.table}: stage {stage.stage} reads {', '.join(sorted(lacking))}, which no row has")
+            raise SchemaMismatch(
+                f"{chain.table}: stage {stage.stage} reads {', '.join(sorted(lacking))}, which no row has"
+            )
         if not rows.num_rows:
             continue
         judged = stage.judge(rows)
@@ -135,15 +139,22 @@ def sort_rows(rows: pa.Table, chain: Chain, join: Callable[[pa.Table], pa.Table]
             rows = rows.filter(pc.invert(out_of))
     if not until and not joined:
         rows = join(rows)
-    done = [pa.concat_tables([table(f"shared/{verdict}").arrow().empty_table(), *out[verdict]]) for verdict in VERDICTS]
+    done = [
+        pa.concat_tables([table(f"shared/{verdict}").arrow().empty_table(), *out[verdict]])
+        for verdict in VERDICTS
+    ]
     return Sorted(rows, *done)
 
 
-def _verdicts(rows: pa.Table, judged: Judgement, out_of: Any, chain: Chain, stage: str) -> Iterator[tuple[str, pa.Table]]:
+def _verdicts(
+    rows: pa.Table, judged: Judgement, out_of: Any, chain: Chain, stage: str
+) -> Iterator[tuple[str, pa.Table]]:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    key = pc.binary_join_element_wise(chain.prefix, rows.column(chain.key).cast(pa.string()).combine_chunks(), "")
+    key = pc.binary_join_element_wise(
+        chain.prefix, rows.column(chain.key).cast(pa.string()).combine_chunks(), ""
+    )
     size = rows.num_rows
     whole = pa.table(
         {
@@ -155,7 +166,11 @@ def _verdicts(rows: pa.Table, judged: Judgement, out_of: Any, chain: Chain, stag
         }
     )
     for verdict in VERDICTS:
-        hit = pc.and_(out_of, pc.equal(judged.verdict, verdict)) if isinstance(judged.verdict, pa.Array) else out_of
+        hit = (
+            pc.and_(out_of, pc.equal(judged.verdict, verdict))
+            if isinstance(judged.verdict, pa.Array)
+            else out_of
+        )
         if isinstance(judged.verdict, str) and judged.verdict != verdict:
             continue
         schema = table(f"shared/{verdict}").arrow()
@@ -171,7 +186,9 @@ def declared_columns(rows: pa.Table, chain: Chain) -> pa.Table:
     declared = table(chain.table)
     names = set(declared.names())
     mine = {column.name for column in declared.inputs} | {"problems", *chain.helpers}
-    rows = rows.drop_columns([name for name in rows.column_names if name in mine and name not in names])
+    rows = rows.drop_columns(
+        [name for name in rows.column_names if name in mine and name not in names]
+    )
     for column in declared.columns:
         if column.name not in rows.column_names and column.nullable:
             rows = rows.append_column(column.name, pa.nulls(rows.num_rows, column.parsed.arrow()))

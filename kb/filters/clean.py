@@ -78,7 +78,18 @@ def texts(run: Run, source: str) -> Iterator[pa.Array]:
 def _job(run: Run, source: str) -> Job:
     path = str(pipeline.locate(source, run.pipeline))
     stamp = tombstones.version(run.root, source)
-    return Job(path, run.profile.model_dump_json(), str(run.profile.path), source, str(run.root.absolute()), "", "", 1, "", stamp)
+    return Job(
+        path,
+        run.profile.model_dump_json(),
+        str(run.profile.path),
+        source,
+        str(run.root.absolute()),
+        "",
+        "",
+        1,
+        "",
+        stamp,
+    )
 
 
 class _work:
@@ -97,9 +108,14 @@ class _work:
 
 
 def _segments(root: Path, spec: Clean) -> list[tuple[str, Path]]:
-    found = [(kind, path) for kind in spec.kinds for path in rawlog.segments(root, spec.source, kind)]
+    found = [
+        (kind, path) for kind in spec.kinds for path in rawlog.segments(root, spec.source, kind)
+    ]
     if not any(spec.kinds[kind].bucket for kind, _ in found):
-        raise FatalError(f"nothing to filter: {root / 'raw' / spec.source} is empty", hint=f"run `kb {spec.source} crawl` first")
+        raise FatalError(
+            f"nothing to filter: {root / 'raw' / spec.source} is empty",
+            hint=f"run `kb {spec.source} crawl` first",
+        )
     return found
 
 
@@ -113,7 +129,9 @@ def _parse(run: Run, job: Job, segments: list[tuple[str, Path]], executor: Any) 
     total: Counter[str] = Counter()
     task = run.progress.task(f"parse {job.source}", total=len(segments), unit="segments")
     tasks = ((job, kind, str(path), place) for place, (kind, path) in enumerate(segments))
-    for number, done in enumerate(map_in_order(executor, parse_segment, tasks, window=2 * run.workers)):
+    for number, done in enumerate(
+        map_in_order(executor, parse_segment, tasks, window=2 * run.workers)
+    ):
         total["rows"] += done["rows"]
         total.update({f"?{path}": count for path, count in done["unknown"].items()})
         if done["torn"]:
@@ -147,14 +165,20 @@ def _sort(run: Run, job: Job, executor: Any) -> Counter[str]:
     if spec.unanswered is not None:
         total.update(_unanswered(run, job, spec))
     _write_empty(Path(job.out), spec)
-    for cut in Path(job.out).rglob(".*.tmp"):  # of a worker that died; its task was done again by another
+    for cut in Path(job.out).rglob(
+        ".*.tmp"
+    ):  # of a worker that died; its task was done again by another
         cut.unlink()
     return total
 
 
 def _write_empty(out: Path, spec: Clean) -> None:
     """A first part for each table that has none, so that readers find every table."""
-    tables = [chain.table for chain in spec.chains] + [follow.table for follow in spec.follow] + [f"shared/{verdict}" for verdict in VERDICTS]
+    tables = (
+        [chain.table for chain in spec.chains]
+        + [follow.table for follow in spec.follow]
+        + [f"shared/{verdict}" for verdict in VERDICTS]
+    )
     for name in tables:
         declared = table(name)
         path = out / declared.short / "part-00000.parquet"
@@ -170,7 +194,9 @@ def _unanswered(run: Run, job: Job, spec: Clean) -> Counter[str]:
     assert spec.unanswered is not None
     lost = dict(spec.unanswered(run.root))
     waited = _ended(Path(job.out, "pending"), spec.ended_by_failure, lost)
-    places = [(chain.table, chain.key, chain.prefix) for chain in spec.chains] + [(f"shared/{verdict}", "key", "") for verdict in VERDICTS]
+    places = [(chain.table, chain.key, chain.prefix) for chain in spec.chains] + [
+        (f"shared/{verdict}", "key", "") for verdict in VERDICTS
+    ]
     for name, column, prefix in places if lost else ():
         for path in Path(job.out, table(name).short).glob("*.parquet"):
             for key in pq.read_table(path, columns=[column])[column].to_pylist():
@@ -193,7 +219,10 @@ def _ended(pending: Path, reasons: tuple[str, ...], lost: Mapping[str, str]) -> 
     keys, of = pa.array(lost, pa.string()), pa.array(reasons, pa.string())
     for path in sorted(pending.glob("*.parquet")) if lost and reasons else ():
         rows = pq.read_table(path)
-        out = pc.and_(pc.is_in(rows["key"].cast(pa.string()), keys), pc.is_in(rows["reason"].cast(pa.string()), of))
+        out = pc.and_(
+            pc.is_in(rows["key"].cast(pa.string()), keys),
+            pc.is_in(rows["reason"].cast(pa.string()), of),
+        )
         left = rows.filter(pc.invert(out))
         if left.num_rows < rows.num_rows:
             count += rows.num_rows - left.num_rows
@@ -206,13 +235,30 @@ def _ended(pending: Path, reasons: tuple[str, ...], lost: Mapping[str, str]) -> 
 def _summary(source: str, parsed: Counter[str], counts: Counter[str], key: str) -> Summary:
     tally = Tally(*(counts[name] for name in ("crawled", "kept", "rejected", "failed", "pending")))
     tally.check(source)
-    summary = Summary(source=source, crawled=tally.crawled, kept=tally.kept, rejected=tally.rejected, failed=tally.failed, pending=tally.pending)
+    summary = Summary(
+        source=source,
+        crawled=tally.crawled,
+        kept=tally.kept,
+        rejected=tally.rejected,
+        failed=tally.failed,
+        pending=tally.pending,
+    )
     summary["missing"] = counts["stage missing"]
     summary["duplicates"] = counts["duplicates"]
     summary["truncated_files"] = parsed["truncated_files"]
-    summary["stages"] = {name.removeprefix("stage "): count for name, count in sorted(counts.items()) if name.startswith("stage ")}
-    summary["tables"] = {name.removeprefix("kept "): count for name, count in sorted(counts.items()) if name.startswith("kept ")}
-    summary["unknown_keys"] = {path[1:]: count for path, count in sorted(parsed.items()) if path.startswith("?")}
+    summary["stages"] = {
+        name.removeprefix("stage "): count
+        for name, count in sorted(counts.items())
+        if name.startswith("stage ")
+    }
+    summary["tables"] = {
+        name.removeprefix("kept "): count
+        for name, count in sorted(counts.items())
+        if name.startswith("kept ")
+    }
+    summary["unknown_keys"] = {
+        path[1:]: count for path, count in sorted(parsed.items()) if path.startswith("?")
+    }
     if key:  # of the models whose scores are there, the one whose scores decided; releases name it
         summary["model"], _, summary["revision"] = key.rpartition("@")
     else:

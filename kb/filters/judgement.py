@@ -69,7 +69,9 @@ def malformed(rows: pa.Table, column: str) -> pa.Array:
     found = pc.list_flatten(problems)
     if not len(found):
         return nothing(rows)
-    hit = pc.and_(pc.equal(found.field("column"), column), pc.equal(found.field("reason"), "malformed"))
+    hit = pc.and_(
+        pc.equal(found.field("column"), column), pc.equal(found.field("reason"), "malformed")
+    )
     parents = pc.list_parent_indices(problems).filter(hit)
     at = pc.index_in(pa.array(range(rows.num_rows), parents.type), value_set=parents)
     return found.field("value").filter(hit).take(at)
@@ -90,7 +92,9 @@ def text(values: pa.Array) -> pa.Array:
     import pyarrow.types as kinds
 
     if kinds.is_floating(values.type):
-        return pa.array([None if value is None else number(value) for value in values.to_pylist()], pa.string())
+        return pa.array(
+            [None if value is None else number(value) for value in values.to_pylist()], pa.string()
+        )
     return values.cast(pa.string())
 
 

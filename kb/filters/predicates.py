@@ -35,7 +35,9 @@ class AtLeast:
         import pyarrow.compute as pc
 
         values = one(rows, self.column)
-        return compared(rows, values, pc.less(values, self.least), "below", self.least, (self.column,))
+        return compared(
+            rows, values, pc.less(values, self.least), "below", self.least, (self.column,)
+        )
 
 
 @dataclass(frozen=True)
@@ -56,13 +58,20 @@ class RatioAtLeast:
         import pyarrow as pa
         import pyarrow.compute as pc
 
-        top, bottom = one(rows, self.top).cast(pa.float64()), one(rows, self.bottom).cast(pa.float64())
+        top, bottom = (
+            one(rows, self.top).cast(pa.float64()),
+            one(rows, self.bottom).cast(pa.float64()),
+        )
         usable = pc.fill_null(pc.and_(pc.greater(top, 0), pc.greater(bottom, 0)), False)
         ratio = pc.if_else(usable, pc.divide(top, pc.if_else(usable, bottom, 1.0)), None)
         below = pc.less(ratio, self.least)
-        judged = compared(rows, pc.round(ratio, 4), below, "below", self.least, (self.top, self.bottom))
+        judged = compared(
+            rows, pc.round(ratio, 4), below, "below", self.least, (self.top, self.bottom)
+        )
         empty = pc.and_(pc.and_(pc.is_valid(top), pc.is_valid(bottom)), pc.invert(usable))
-        shape = pc.binary_join_element_wise(text(one(rows, self.top)), text(one(rows, self.bottom)), " x ")
+        shape = pc.binary_join_element_wise(
+            text(one(rows, self.top)), text(one(rows, self.bottom)), " x "
+        )
         reason = pc.if_else(empty, "malformed", judged.reason)
         return Judgement(reason, pc.if_else(empty, shape, judged.value), judged.threshold)
 
@@ -111,7 +120,9 @@ class NotTrue:
         import pyarrow.compute as pc
 
         hit = pc.fill_null(one(rows, self.column), False)
-        return Judgement(pc.if_else(hit, self.reason, None).cast(pa.string()), nothing(rows), self.threshold)
+        return Judgement(
+            pc.if_else(hit, self.reason, None).cast(pa.string()), nothing(rows), self.threshold
+        )
 
 
 @dataclass(frozen=True)
@@ -154,7 +165,9 @@ class NotIn:
         values = one(rows, self.column)
         hit = pc.is_in(values, pa.array(self.values, values.type))
         shown = text(values)
-        reason = pc.if_else(hit, shown if self.reason is None else self.reason, None).cast(pa.string())
+        reason = pc.if_else(hit, shown if self.reason is None else self.reason, None).cast(
+            pa.string()
+        )
         return Judgement(reason, pc.if_else(hit, shown, None).cast(pa.string()))
 
 
@@ -177,7 +190,9 @@ class Told:
 
         reason = text(one(rows, self.column))
         value = text(one(rows, self.value)) if self.value else nothing(rows)
-        return Judgement(reason, pc.if_else(pc.is_valid(reason), value, pa.scalar(None, pa.string())))
+        return Judgement(
+            reason, pc.if_else(pc.is_valid(reason), value, pa.scalar(None, pa.string()))
+        )
 
 
 @dataclass(frozen=True)
@@ -223,8 +238,14 @@ class Waits:
         import pyarrow as pa
         import pyarrow.compute as pc
 
-        hit = pc.is_in(one(rows, self.column), pa.array(self.values, rows.schema.field(self.column).type))
-        return Judgement(pc.if_else(hit, self.reason, None).cast(pa.string()), nothing(rows), verdict=self.verdict)
+        hit = pc.is_in(
+            one(rows, self.column), pa.array(self.values, rows.schema.field(self.column).type)
+        )
+        return Judgement(
+            pc.if_else(hit, self.reason, None).cast(pa.string()),
+            nothing(rows),
+            verdict=self.verdict,
+        )
 
 
 def passes(predicates: Sequence[Predicate], rows: pa.Table) -> pa.Array:

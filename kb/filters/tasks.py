@@ -55,7 +55,14 @@ def spec_of(job: Job) -> Clean:
 
 def parse_segment(job: Job, kind: str, segment: str, number: int) -> dict[str, Any]:
     with full_disk_is_resumable(Path(job.work)):
-        return buckets.spread(spec_of(job).kinds[kind], f"{job.source}/{kind}", Path(segment), number, Path(job.work, kind), job.buckets)
+        return buckets.spread(
+            spec_of(job).kinds[kind],
+            f"{job.source}/{kind}",
+            Path(segment),
+            number,
+            Path(job.work, kind),
+            job.buckets,
+        )
 
 
 def texts_of(job: Job, number: int) -> str:
@@ -94,13 +101,19 @@ def sort_bucket(job: Job, number: int) -> dict[str, int]:
     for verdict in VERDICTS if done else ():  # a bucket may be empty
         rows = pa.concat_tables([getattr(found, verdict) for _, found in done])
         counts[verdict] += rows.num_rows
-        for entry in rows.group_by(["stage"]).aggregate([([], "count_all")]).to_pylist() if verdict == "rejected" else ():
+        for entry in (
+            rows.group_by(["stage"]).aggregate([([], "count_all")]).to_pylist()
+            if verdict == "rejected"
+            else ()
+        ):
             counts[f"stage {entry['stage']}"] += entry["count_all"]
         _write(job, f"shared/{verdict}", number, rows)
     return dict(counts)
 
 
-def _walk(job: Job, spec: Clean, number: int, join: Any, dry: bool = False) -> tuple[list[tuple[Chain, Sorted]], dict[str, pa.Table], Counter[str]]:
+def _walk(
+    job: Job, spec: Clean, number: int, join: Any, dry: bool = False
+) -> tuple[list[tuple[Chain, Sorted]], dict[str, pa.Table], Counter[str]]:
     """Assemble a bucket and run its chains; `dry` stops each that has scores before its scored stage."""
     import pyarrow.compute as pc
 
@@ -130,7 +143,9 @@ def _walk(job: Job, spec: Clean, number: int, join: Any, dry: bool = False) -> t
     for follow in spec.follow if not dry else ():
         if follow.table in rows and follow.of in kept:
             mine = rows[follow.table]
-            there = pc.is_in(mine.column(follow.on), kept[follow.of].column(follow.on).combine_chunks())
+            there = pc.is_in(
+                mine.column(follow.on), kept[follow.of].column(follow.on).combine_chunks()
+            )
             follows[follow.table] = mine.filter(there)
     return done, follows, counts
 
@@ -148,7 +163,9 @@ def _newest(job: Job, spec: Clean, number: int) -> tuple[dict[str, pa.Table], Co
             if namer is None:
                 continue
             wanted = pc.unique(pc.list_flatten(namer.column(about.named_by[1])))
-        part, older = buckets.newest(Path(job.work, kind, str(number) if about.bucket else "0"), about, wanted)
+        part, older = buckets.newest(
+            Path(job.work, kind, str(number) if about.bucket else "0"), about, wanted
+        )
         counts["duplicates"] += older if about.bucket else 0
         if part is not None:
             newest[kind] = part
@@ -161,7 +178,10 @@ def _without(rows: pa.Table, chain: Chain, gone: frozenset[str]) -> pa.Table:
 
     if not gone:
         return rows
-    bare = pa.array([key.removeprefix(chain.prefix) for key in gone if key.startswith(chain.prefix)], pa.string())
+    bare = pa.array(
+        [key.removeprefix(chain.prefix) for key in gone if key.startswith(chain.prefix)],
+        pa.string(),
+    )
     for name in (chain.key, *chain.also):
         rows = rows.filter(pc.invert(pc.is_in(rows.column(name).cast(pa.string()), bare)))
     return rows
@@ -194,4 +214,6 @@ def _join(job: Job, spec: Clean, chain: Chain, rows: pa.Table) -> pa.Table:
 
 def _write(job: Job, name: str, number: int, rows: pa.Table) -> None:
     if rows.num_rows:
-        write_table(Path(job.out, table(name).short, f"part-{number:05d}.parquet"), rows, name, sync=False)
+        write_table(
+            Path(job.out, table(name).short, f"part-{number:05d}.parquet"), rows, name, sync=False
+        )

@@ -28,7 +28,11 @@ def whole_words(phrases: Sequence[str]) -> str:
 
 
 def _escaped(word: str) -> str:
-    return re.sub(r"([^\w])", r"\\\1", word, flags=re.ASCII) if word.isascii() else re.sub(r"([\\.^$|?*+()\[\]{}-])", r"\\\1", word)
+    return (
+        re.sub(r"([^\w])", r"\\\1", word, flags=re.ASCII)
+        if word.isascii()
+        else re.sub(r"([\\.^$|?*+()\[\]{}-])", r"\\\1", word)
+    )
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,15 @@ class Topic:
 
     @property
     def reads(self) -> frozenset[str]:
-        own = {"category_id", "title", "tags", "description", "game_label_id", "game_label", "transcript_outcome"}
+        own = {
+            "category_id",
+            "title",
+            "tags",
+            "description",
+            "game_label_id",
+            "game_label",
+            "transcript_outcome",
+        }
         return frozenset(own).union(*(predicate.reads for predicate in self.gate))
 
     def fill(self, rows: pa.Table) -> pa.Table:
@@ -60,7 +72,9 @@ class Topic:
         ours = pc.and_(named, self._ours(rows))
         candidate = pc.and_(pc.invert(named), self._categorised(rows))
         hit = pc.and_(candidate, self._keyword(rows, candidate))
-        evidence = pc.if_else(ours, "game_label", pc.if_else(hit, "keywords", pa.scalar(None, pa.string())))
+        evidence = pc.if_else(
+            ours, "game_label", pc.if_else(hit, "keywords", pa.scalar(None, pa.string()))
+        )
         return rows.append_column("topic_evidence", evidence)
 
     def judge(self, rows: pa.Table) -> Judgement:
@@ -71,14 +85,20 @@ class Topic:
         outcome = one(rows, "transcript_outcome")
         failed = pc.fill_null(pc.equal(outcome, "failed"), False)
         named, categorised = self._named(rows), self._categorised(rows)
-        waiting = pc.and_(pc.or_(pc.is_null(outcome), failed), pc.and_(categorised, pc.invert(named)))
-        waiting = pc.and_(waiting, passes(self.gate, rows)) if self.game_ids else pc.and_(waiting, False)
+        waiting = pc.and_(
+            pc.or_(pc.is_null(outcome), failed), pc.and_(categorised, pc.invert(named))
+        )
+        waiting = (
+            pc.and_(waiting, passes(self.gate, rows)) if self.game_ids else pc.and_(waiting, False)
+        )
         off = pc.is_null(one(rows, "topic_evidence"))
         category = one(rows, "category_id")
         bad = malformed(rows, "category_id")
         lost = pc.if_else(pc.is_valid(bad), "malformed", "absent")
         why = pc.case_when(
-            pc.make_struct(waiting, pc.invert(off), named, pc.is_null(category), pc.invert(categorised)),
+            pc.make_struct(
+                waiting, pc.invert(off), named, pc.is_null(category), pc.invert(categorised)
+            ),
             pa.scalar("label"),
             pa.scalar(None, pa.string()),
             pa.scalar("other_game"),
@@ -88,14 +108,21 @@ class Topic:
         )
         label = pc.coalesce(one(rows, "game_label"), one(rows, "game_label_id"))
         value = pc.case_when(
-            pc.make_struct(pc.equal(why, "other_game"), pc.equal(why, "malformed"), pc.equal(why, "category")),
+            pc.make_struct(
+                pc.equal(why, "other_game"), pc.equal(why, "malformed"), pc.equal(why, "category")
+            ),
             label,
             bad,
             text(category),
             nothing(rows),
         )
         threshold = ", ".join(str(each) for each in self.category_ids)
-        return Judgement(why, value, threshold, pc.if_else(waiting, pc.if_else(failed, "failed", "pending"), "rejected"))
+        return Judgement(
+            why,
+            value,
+            threshold,
+            pc.if_else(waiting, pc.if_else(failed, "failed", "pending"), "rejected"),
+        )
 
     def _named(self, rows: pa.Table) -> pa.Array:
         import pyarrow.compute as pc

@@ -38,7 +38,9 @@ def make_session(settings: Settings) -> requests.Session:
             return super().request(*arguments, **options)
 
         def rebuild_auth(self, prepared_request: Any, response: Any) -> None:
-            if "Authorization" in prepared_request.headers and self.should_strip_auth(response.request.url, prepared_request.url):
+            if "Authorization" in prepared_request.headers and self.should_strip_auth(
+                response.request.url, prepared_request.url
+            ):
                 del prepared_request.headers["Authorization"]
 
     session = Session()
@@ -59,8 +61,15 @@ def send(session: requests.Session, method: str, url: str, **options: Any) -> re
     try:
         response = session.request(method, url, **options)
         response.content  # noqa: B018  an answer that breaks off raises here
-    except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError, requests.exceptions.ContentDecodingError) as error:
-        raise Retryable(redact.text(f"{type(error).__name__} at {_place(url)}"), unreachable=True) from None
+    except (
+        requests.ConnectionError,
+        requests.Timeout,
+        requests.exceptions.ChunkedEncodingError,
+        requests.exceptions.ContentDecodingError,
+    ) as error:
+        raise Retryable(
+            redact.text(f"{type(error).__name__} at {_place(url)}"), unreachable=True
+        ) from None
     if response.status_code == 429 or response.status_code >= 500:
         raise Retryable(
             f"HTTP {response.status_code} at {_place(url)}",

@@ -16,14 +16,29 @@ MARK = "***"
 
 _PATTERNS = [
     # query parameters and form fields: key=…, access_token=…
-    (re.compile(r"(?i)\b((?:api_?)?key|access_token|refresh_token|client_secret|password|token)=[^&\s\"'<>)]+"), r"\1=" + MARK),
+    (
+        re.compile(
+            r"(?i)\b((?:api_?)?key|access_token|refresh_token|client_secret|password|token)=[^&\s\"'<>)]+"
+        ),
+        r"\1=" + MARK,
+    ),
     # headers: Authorization: Bearer …, also as a dict's repr
-    (re.compile(r"(?i)(authorization['\"]?\s*[:=]\s*['\"]?(?:bearer|basic|token)\s+)[^\s'\",}]+"), r"\1" + MARK),
+    (
+        re.compile(
+            r"(?i)(authorization['\"]?\s*[:=]\s*['\"]?(?:bearer|basic|token)\s+)[^\s'\",}]+"
+        ),
+        r"\1" + MARK,
+    ),
     (re.compile(r"(?i)\b(bearer\s+)[A-Za-z0-9._~+/=-]{16,}"), r"\1" + MARK),
     # Google's API keys, wherever they stand
     (re.compile(r"AIza[0-9A-Za-z_-]{30,}"), MARK),
     # what signed addresses carry (timed text, streams): who asked, from where, and the leave to read
-    (re.compile(r"(?i)((?:[?&]|&amp;|\\u0026)(?:signature|l?sig|ip|ei|pot|visitor_?data)=)[^&\s\"'<>)\\]+"), r"\1" + MARK),
+    (
+        re.compile(
+            r"(?i)((?:[?&]|&amp;|\\u0026)(?:signature|l?sig|ip|ei|pot|visitor_?data)=)[^&\s\"'<>)\\]+"
+        ),
+        r"\1" + MARK,
+    ),
     # user:password@host
     (re.compile(r"(?<=://)[^/\s:@]+:[^/\s@]+(?=@)"), MARK),
 ]
@@ -35,11 +50,20 @@ _LONG = 8  # characters: what is shorter stands in data by chance, and data is k
 def know(secrets: Iterable[str]) -> None:
     """Literal secrets of this process; also as they look inside a URL. Replaces earlier ones."""
     global _literal, _long
-    forms = {form for secret in secrets if secret for form in (secret, quote(secret, safe=""), quote_plus(secret))}
+    forms = {
+        form
+        for secret in secrets
+        if secret
+        for form in (secret, quote(secret, safe=""), quote_plus(secret))
+    }
     ordered = sorted(forms, key=len, reverse=True)
     _literal = re.compile("|".join(map(re.escape, ordered))) if ordered else None
     # Within JSON text quotes and backslashes are escaped.
-    _long = tuple(json.dumps(form, ensure_ascii=False)[1:-1].encode() for form in ordered if len(form) >= _LONG)
+    _long = tuple(
+        json.dumps(form, ensure_ascii=False)[1:-1].encode()
+        for form in ordered
+        if len(form) >= _LONG
+    )
 
 
 def holds_secret(line: bytes) -> bool:

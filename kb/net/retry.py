@@ -24,7 +24,13 @@ PATIENCE_S = 300.0  # a longer Retry-After is no hiccup: the run stops and goes 
 ADVICE_S = 3600.0  # when to come back to a service that blocks us and names no time
 
 
-def attempt(call: Callable[[], Result], *, tries: int = TRIES, patience: float = PATIENCE_S, sleep: Callable[[float], None] | None = None) -> Result:
+def attempt(
+    call: Callable[[], Result],
+    *,
+    tries: int = TRIES,
+    patience: float = PATIENCE_S,
+    sleep: Callable[[float], None] | None = None,
+) -> Result:
     """The result of `call`, tried again while it raises Retryable, at most `tries` times in all.
 
     After the last try: Unreachable when there was no connection, else the Retryable itself (the item failed
@@ -52,10 +58,15 @@ def attempt(call: Callable[[], Result], *, tries: int = TRIES, patience: float =
     except Retryable as error:
         if error.unreachable:
             raise Unreachable(
-                f"no connection after {tries} tries: {error.reason}", hint="check the network; the same command goes on where it stopped"
+                f"no connection after {tries} tries: {error.reason}",
+                hint="check the network; the same command goes on where it stopped",
             ) from error
         if error.throttled:
-            stop = blocked(f"the service turns us away {tries} times in a row ({error})", error.after, waited=patience > PATIENCE_S)
+            stop = blocked(
+                f"the service turns us away {tries} times in a row ({error})",
+                error.after,
+                waited=patience > PATIENCE_S,
+            )
             stop.after = error.after or min(patience, PATIENCE_S)
             raise stop from error
         raise
@@ -68,8 +79,14 @@ def blocked(what: str, after: float | None = None, *, waited: bool = False) -> B
     """
     back = clock.stamp(clock.now() + timedelta(seconds=min(after or ADVICE_S, 1e9)))
     if after:
-        return Blocked(what, hint=f"run the same command after {back}" + ("" if waited else ", or add --wait"), after=after)
-    return Blocked(what, hint=f"it names no time; run the same command after {back}, or from another address")
+        return Blocked(
+            what,
+            hint=f"run the same command after {back}" + ("" if waited else ", or add --wait"),
+            after=after,
+        )
+    return Blocked(
+        what, hint=f"it names no time; run the same command after {back}, or from another address"
+    )
 
 
 def backoff(number: int, after: float | None = None) -> float:

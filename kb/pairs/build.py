@@ -31,7 +31,16 @@ if TYPE_CHECKING:
 _RULES = "2"  # raised when the same input gives other rows
 _STRETCH = 4096  # transcripts: some seconds of work
 SUMMARY = "_summary.json"  # the underscore hides it from readers of a folder of Parquet
-_TOTALS = ("videos", "words", "matches", "ambiguous", "ambiguous_alone", "excluded", "outside", "pairs")
+_TOTALS = (
+    "videos",
+    "words",
+    "matches",
+    "ambiguous",
+    "ambiguous_alone",
+    "excluded",
+    "outside",
+    "pairs",
+)
 
 
 def build(run: Run) -> Summary:
@@ -42,7 +51,14 @@ def build(run: Run) -> Summary:
     section = run.profile.section("pairs")
     keywords = lists.load(run.profile)
     make_tools(section, run.seed, keywords)  # what is missing is said before anything is written
-    plan = json.dumps({"section": section.model_dump(mode="json"), "seed": run.seed, "keywords": _plain(keywords)}, sort_keys=True)
+    plan = json.dumps(
+        {
+            "section": section.model_dump(mode="json"),
+            "seed": run.seed,
+            "keywords": _plain(keywords),
+        },
+        sort_keys=True,
+    )
     source.parts(run.root)
     with writer(run.root, "pairs"):
         mark = source.fingerprint(run.root, _RULES, plan)
@@ -92,12 +108,16 @@ class Stretch(NamedTuple):
 def _work(run: Run, work: Path) -> bool:
     """Do what is left, up to the limit; whether all is done."""
     todo, complete = _todo(run, work)
-    task = run.progress.task("pairs", total=sum(one.after - one.first for one in todo), unit="transcripts")
+    task = run.progress.task(
+        "pairs", total=sum(one.after - one.first for one in todo), unit="transcripts"
+    )
     pairs = words = 0
     try:
         with make_executor(run.engine, run.workers, run.scheduler) as executor:
             arguments = ((str(work), str(one.path), one.first, one.after, one.name) for one in todo)
-            for videos, more_words, more in map_in_order(executor, do_stretch, arguments, window=2 * run.workers):
+            for videos, more_words, more in map_in_order(
+                executor, do_stretch, arguments, window=2 * run.workers
+            ):
                 pairs, words = pairs + more, words + more_words
                 task.advance(videos, words=f"{words:,}", pairs=f"{pairs:,}")
     finally:
@@ -134,7 +154,15 @@ def do_stretch(work: str, path: str, first: int, after: int, name: str) -> tuple
         rows, more = pairs_of(text, tools)
         counts.add(more)
         tables.append(rows)
-    write_text(Path(work, f"{name}.json"), json.dumps({"totals": counts.totals, "hits": {what: hits.tolist() for what, hits in counts.hits.items()}}))
+    write_text(
+        Path(work, f"{name}.json"),
+        json.dumps(
+            {
+                "totals": counts.totals,
+                "hits": {what: hits.tolist() for what, hits in counts.hits.items()},
+            }
+        ),
+    )
     out = Path(work, f"{name}.parquet")
     if tables:
         write_table(out, pa.concat_tables(tables), "pairs/pairs")
@@ -148,32 +176,62 @@ def do_stretch(work: str, path: str, first: int, after: int, name: str) -> tuple
 def _tools(plan: str) -> Tools:
     """Automaton and tokenizer of a plan, made once in each worker."""
     data = json.loads(Path(plan).read_text())
-    every = tuple(lists.Keyword(name, kind, reach) for name, kind, reach in data["keywords"]["every"])
-    keywords = lists.Keywords(every, tuple(data["keywords"]["phrases"]), tuple(data["keywords"]["of"]))
+    every = tuple(
+        lists.Keyword(name, kind, reach) for name, kind, reach in data["keywords"]["every"]
+    )
+    keywords = lists.Keywords(
+        every, tuple(data["keywords"]["phrases"]), tuple(data["keywords"]["of"])
+    )
     return make_tools(Pairs(**data["section"]), data["seed"], keywords)
 
 
 def _plain(keywords: lists.Keywords) -> dict[str, Any]:
-    return {"every": [[one.name, one.kind, one.reach] for one in keywords.every], "phrases": keywords.phrases, "of": keywords.of}
+    return {
+        "every": [[one.name, one.kind, one.reach] for one in keywords.every],
+        "phrases": keywords.phrases,
+        "of": keywords.of,
+    }
 
 
-def _finish(run: Run, work: Path, keywords: lists.Keywords, mark: str, complete: bool) -> dict[str, Any]:
+def _finish(
+    run: Run, work: Path, keywords: lists.Keywords, mark: str, complete: bool
+) -> dict[str, Any]:
     """Merge what is done into pairs/, with the counts beside it."""
     import numpy as np
 
     counts = Counts()
     for path in sorted(work.glob("*.parquet")):
         data = json.loads(path.with_suffix(".json").read_text())
-        counts.add(Counts(Counter(data["totals"]), {what: np.asarray(hits) for what, hits in data["hits"].items()}))
+        counts.add(
+            Counts(
+                Counter(data["totals"]),
+                {what: np.asarray(hits) for what, hits in data["hits"].items()},
+            )
+        )
     known: dict[str, Any] = {"fingerprint": mark, "complete": complete}
     known |= {name: counts.totals[name] for name in _TOTALS}
     found = [(keyword.name, counts.of(number)) for number, keyword in enumerate(keywords.every)]
-    known["keywords"] = dict(sorted(((name, hits) for name, hits in found if hits), key=lambda item: (-item[1]["matches"], item[0])))
+    known["keywords"] = dict(
+        sorted(
+            ((name, hits) for name, hits in found if hits),
+            key=lambda item: (-item[1]["matches"], item[0]),
+        )
+    )
     with replacing_folder(run.root / "pairs") as fresh:
-        sorted_shards(sorted(work.glob("*.parquet")), fresh, "pairs/pairs", rows_per_shard=run.profile.release.rows_per_shard, released=False)
+        sorted_shards(
+            sorted(work.glob("*.parquet")),
+            fresh,
+            "pairs/pairs",
+            rows_per_shard=run.profile.release.rows_per_shard,
+            released=False,
+        )
         write_text(fresh / SUMMARY, json.dumps(known, indent=1, ensure_ascii=False) + "\n")
     return known
 
 
 def _summary(known: dict[str, Any], root: Path) -> Summary:
-    return Summary({name: known[name] for name in _TOTALS}, keywords_found=len(known["keywords"]), path=str(root / "pairs"))
+    return Summary(
+        {name: known[name] for name in _TOTALS},
+        keywords_found=len(known["keywords"]),
+        path=str(root / "pairs"),
+    )

@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
 
-_CROWDED = 200  # clips within reach of one, from where listing all pairs of neighbours is no longer cheap
+_CROWDED = (
+    200  # clips within reach of one, from where listing all pairs of neighbours is no longer cheap
+)
 
 
-def supported(first: np.ndarray, last: np.ndarray, video: np.ndarray, certain: np.ndarray, reach: np.ndarray) -> np.ndarray:
+def supported(
+    first: np.ndarray, last: np.ndarray, video: np.ndarray, certain: np.ndarray, reach: np.ndarray
+) -> np.ndarray:
     """Which matches stand near a certain one: at most `reach` words from it, in the same video.
 
     `first` and `last` are the words of each match, in order; certain matches support themselves.
@@ -25,13 +29,23 @@ def supported(first: np.ndarray, last: np.ndarray, video: np.ndarray, certain: n
         return near
     place = np.searchsorted(first[sure], first[asking])
     before, behind = sure[np.maximum(place - 1, 0)], sure[np.minimum(place, len(sure) - 1)]
-    ok = (place > 0) & (video[before] == video[asking]) & (first[asking] - last[before] <= reach[asking])
-    ok |= (place < len(sure)) & (video[behind] == video[asking]) & (first[behind] - last[asking] <= reach[asking])
+    ok = (
+        (place > 0)
+        & (video[before] == video[asking])
+        & (first[asking] - last[before] <= reach[asking])
+    )
+    ok |= (
+        (place < len(sure))
+        & (video[behind] == video[asking])
+        & (first[behind] - last[asking] <= reach[asking])
+    )
     near[asking] = ok
     return near
 
 
-def clips(center: np.ndarray, length: np.ndarray, video_length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def clips(
+    center: np.ndarray, length: np.ndarray, video_length: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Start and end (ms) of clips around centres, moved inside the video; as long as the video at most."""
     import numpy as np
 
@@ -40,7 +54,9 @@ def clips(center: np.ndarray, length: np.ndarray, video_length: np.ndarray) -> t
     return start, start + length
 
 
-def apart(start: np.ndarray, end: np.ndarray, video: np.ndarray, rank: np.ndarray, gap: int, most: int) -> np.ndarray:
+def apart(
+    start: np.ndarray, end: np.ndarray, video: np.ndarray, rank: np.ndarray, gap: int, most: int
+) -> np.ndarray:
     """A mask of clips: by rank within each video, each that keeps `gap` ms from all taken before it, `most` at most (0: all).
 
     The same as taking clips one by one in the order of their rank: a clip that has the best rank of
@@ -72,7 +88,9 @@ def apart(start: np.ndarray, end: np.ndarray, video: np.ndarray, rank: np.ndarra
     return taken
 
 
-def _overlaps(start: np.ndarray, end: np.ndarray, video: np.ndarray, gap: int) -> tuple[np.ndarray, np.ndarray] | None:
+def _overlaps(
+    start: np.ndarray, end: np.ndarray, video: np.ndarray, gap: int
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Pairs of clips of one video that are less than `gap` ms apart; None when they are too many to list."""
     import numpy as np
 
@@ -84,7 +102,9 @@ def _overlaps(start: np.ndarray, end: np.ndarray, video: np.ndarray, gap: int) -
         possible = (of[step:] == of[:-step]) & (begin[step:] < begin[:-step] + reach)
         if not possible.any():
             break
-        touch = np.flatnonzero(possible & (begin[step:] < finish[:-step] + gap) & (begin[:-step] < finish[step:] + gap))
+        touch = np.flatnonzero(
+            possible & (begin[step:] < finish[:-step] + gap) & (begin[:-step] < finish[step:] + gap)
+        )
         ones.append(order[touch])
         others.append(order[touch + step])
         listed += len(touch)
@@ -93,7 +113,9 @@ def _overlaps(start: np.ndarray, end: np.ndarray, video: np.ndarray, gap: int) -
     return np.concatenate(ones), np.concatenate(others)
 
 
-def _one_by_one(start: np.ndarray, end: np.ndarray, video: np.ndarray, place: np.ndarray, gap: int) -> np.ndarray:
+def _one_by_one(
+    start: np.ndarray, end: np.ndarray, video: np.ndarray, place: np.ndarray, gap: int
+) -> np.ndarray:
     """Clips taken in the order of their rank: for crowds at one moment, where pairs of neighbours are too many."""
     import numpy as np
 

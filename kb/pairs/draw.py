@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     import numpy as np
     import pyarrow as pa
 
-PURPOSES = {name: number for number, name in enumerate(("rank", "tokens", "side", "center", "clip", "id"), start=1)}
+PURPOSES = {
+    name: number
+    for number, name in enumerate(("rank", "tokens", "side", "center", "clip", "id"), start=1)
+}
 _GOLDEN = 0x9E3779B97F4A7C15
 
 

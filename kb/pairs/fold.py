@@ -18,7 +18,10 @@ WALL = 0xFF  # between texts: no byte of UTF-8, so no phrase reaches across
 _GONE = 0x00
 
 # ASCII: letters to lower case, digits kept, all else to a space. Bytes of longer characters stay for now.
-ASCII = bytes(byte if byte >= 0x80 else ord(chr(byte).lower()) if chr(byte).isalnum() else 0x20 for byte in range(256))
+ASCII = bytes(
+    byte if byte >= 0x80 else ord(chr(byte).lower()) if chr(byte).isalnum() else 0x20
+    for byte in range(256)
+)
 
 
 @lru_cache(maxsize=65_536)
@@ -31,14 +34,18 @@ def character(char: str) -> bytes:
     if kind[0] not in "LNM":
         return b" " * size
     for folded in (char.casefold(), char.lower()):
-        if len(folded.encode()) <= size and all(part.isalnum() or unicodedata.category(part)[0] == "M" for part in folded):
+        if len(folded.encode()) <= size and all(
+            part.isalnum() or unicodedata.category(part)[0] == "M" for part in folded
+        ):
             return folded.encode().ljust(size, bytes([_GONE]))
     return char.encode()
 
 
 def phrase(text: str) -> str:
     """A keyword as it stands in folded text: its words, with one space between them."""
-    out = b"".join(bytes([ASCII[ord(char)]]) if ord(char) < 0x80 else character(char) for char in text)
+    out = b"".join(
+        bytes([ASCII[ord(char)]]) if ord(char) < 0x80 else character(char) for char in text
+    )
     return " ".join(out.replace(bytes([_GONE]), b"").decode().split())
 
 
@@ -67,8 +74,12 @@ class Folded:
         else:
             np.logical_and(space[1:], space[:-1], out=drop[1:])
         dropped = np.flatnonzero(drop)
-        self._before = dropped - np.arange(len(dropped))  # place of each dropped byte in the folded text
-        self.bytes: bytes = codes[~drop].tobytes() if len(dropped) else (codes.tobytes() if len(wide) else data)
+        self._before = dropped - np.arange(
+            len(dropped)
+        )  # place of each dropped byte in the folded text
+        self.bytes: bytes = (
+            codes[~drop].tobytes() if len(dropped) else (codes.tobytes() if len(wide) else data)
+        )
 
     def origin(self, positions: np.ndarray) -> np.ndarray:
         """Positions in the buffer of positions in `bytes`."""
@@ -88,7 +99,12 @@ def _fold_wide(codes: np.ndarray, leads: np.ndarray) -> np.ndarray:
         if not len(at):
             continue
         places = at[:, None] + np.arange(length)
-        seen, which = np.unique(np.ascontiguousarray(codes[places]).view(f"V{length}").ravel(), return_inverse=True)
-        new = np.frombuffer(b"".join(character(bytes(one).decode("utf-8", "replace")[:1]) for one in seen.tolist()), np.uint8)
+        seen, which = np.unique(
+            np.ascontiguousarray(codes[places]).view(f"V{length}").ravel(), return_inverse=True
+        )
+        new = np.frombuffer(
+            b"".join(character(bytes(one).decode("utf-8", "replace")[:1]) for one in seen.tolist()),
+            np.uint8,
+        )
         codes[places] = new.reshape(-1, length)[which]
     return codes

@@ -4,7 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-_SAME = {"sheep", "fish", "salmon", "cod", "squid", "deer", "bread", "ice", "sand", "gravel", "lava", "water", "dirt", "wool"}
+_SAME = {
+    "sheep",
+    "fish",
+    "salmon",
+    "cod",
+    "squid",
+    "deer",
+    "bread",
+    "ice",
+    "sand",
+    "gravel",
+    "lava",
+    "water",
+    "dirt",
+    "wool",
+}
 _ODD = {
     "wolf": "wolves",
     "leaf": "leaves",
@@ -46,7 +61,12 @@ def singular(word: str) -> str:
     """ "planks" → "plank", "leaves" → "leaf"; words that only look like plurals stay ("glass", "cactus")."""
     if word in _SINGULAR:
         return _SINGULAR[word]
-    if word in _SAME or not word.endswith("s") or word.endswith(("ss", "us", "is", "ness")) or len(word) < 4:
+    if (
+        word in _SAME
+        or not word.endswith("s")
+        or word.endswith(("ss", "us", "is", "ness"))
+        or len(word) < 4
+    ):
         return word
     if word.endswith("ies"):
         return word[:-3] + "y"
@@ -59,7 +79,10 @@ def numbers(phrase: str) -> set[str]:
     """Singular and plural of a folded phrase: of its last word, or of the word before "of"."""
     words = phrase.split(" ")
     head = words.index("of") - 1 if "of" in words[1:] else len(words) - 1
-    return {" ".join([*words[:head], made, *words[head + 1 :]]) for made in (words[head], plural(words[head]), singular(words[head]))}
+    return {
+        " ".join([*words[:head], made, *words[head + 1 :]])
+        for made in (words[head], plural(words[head]), singular(words[head]))
+    }
 
 
 def joined(phrase: str) -> set[str]:
@@ -72,7 +95,11 @@ def apart(word: str, known: Collection[str]) -> set[str]:
     """One word written as two that are both known: "cobblestone" → "cobble stone"."""
     if " " in word:
         return set()
-    return {f"{word[:cut]} {word[cut:]}" for cut in range(3, len(word) - 2) if word[:cut] in known and word[cut:] in known}
+    return {
+        f"{word[:cut]} {word[cut:]}"
+        for cut in range(3, len(word) - 2)
+        if word[:cut] in known and word[cut:] in known
+    }
 
 
 def forms(phrase: str, known: Collection[str] = ()) -> set[str]:

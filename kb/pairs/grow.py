@@ -51,7 +51,10 @@ def grow(
     total = np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
     goal = goal - ENDS
     own = total[after] - total[first]
-    a = np.maximum(np.searchsorted(total, total[first] - np.minimum(side, np.maximum(goal - own, 0)), "left"), least)
+    a = np.maximum(
+        np.searchsorted(total, total[first] - np.minimum(side, np.maximum(goal - own, 0)), "left"),
+        least,
+    )
     a = np.minimum(a, first)
     b = np.clip(np.searchsorted(total, total[a] + goal, "left"), after, most)
     b -= (total[b] - total[a] > high - ENDS) & (b > after)
@@ -63,10 +66,19 @@ def grow(
     grown = Grown(text.words[a], np.append(text.words, len(text.raw))[b], tokens, a, b - 1)
     hard = (tokens > high) | ((tokens < low) & ((a > begin) | (b < stop)))
     for one in np.flatnonzero(hard).tolist():
-        begins = (int(start[one]), int(end[one])) if tokens[one] > high else (int(grown.start[one]), int(grown.end[one]))
+        begins = (
+            (int(start[one]), int(end[one]))
+            if tokens[one] > high
+            else (int(grown.start[one]), int(grown.end[one]))
+        )
         bounds = (int(text.video_at[video[one]]), int(text.video_end[video[one]]))
-        grown.start[one], grown.end[one], grown.tokens[one] = _cut(text, counter, begins, bounds, goal=max(low, int(goal[one]) + ENDS), high=high)
-        grown.first[one], grown.last[one] = text.word_of(grown.start[one]), np.searchsorted(text.words, grown.end[one]) - 1
+        grown.start[one], grown.end[one], grown.tokens[one] = _cut(
+            text, counter, begins, bounds, goal=max(low, int(goal[one]) + ENDS), high=high
+        )
+        grown.first[one], grown.last[one] = (
+            text.word_of(grown.start[one]),
+            np.searchsorted(text.words, grown.end[one]) - 1,
+        )
     return grown
 
 

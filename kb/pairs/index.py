@@ -40,7 +40,10 @@ def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
     """Automaton and tokenizer for a profile. Raises MissingExtra."""
     for package in ("numpy", "instant_clip_tokenizer"):
         if find_spec(package) is None:
-            raise MissingExtra(f"pairs need the package {package.replace('_', '-')}", hint="install lorebase[pairs]")
+            raise MissingExtra(
+                f"pairs need the package {package.replace('_', '-')}",
+                hint="install lorebase[pairs]",
+            )
     return Tools(section, seed, keywords, Matcher(keywords.phrases), Tokens())
 
 
@@ -91,7 +94,9 @@ def matches(text: Text, tools: Tools, counts: Counts) -> Matches:
     counts.totals["excluded"] += int((keyword == EXCLUDED).sum())
     kept = keyword != EXCLUDED
     keyword, start, end = keyword[kept], found.start[kept], found.end[kept]
-    every = Matches(keyword, text.video_of(start), start, end, text.word_of(start), text.word_of(end - 1))
+    every = Matches(
+        keyword, text.video_of(start), start, end, text.word_of(start), text.word_of(end - 1)
+    )
     counts.tell(tools.keywords, "matches", keyword)
     certain, reach = tools.keywords.certain[keyword], tools.keywords.reach[keyword]
     if certain.all():
@@ -127,7 +132,11 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, Counts]:
     length = rng.whole("clip", *_lengths(section))
     clip_start, clip_end = choose.clips(center, length, text.length[found.video])
     gap = round(section.min_gap_s * 1000)
-    taken = np.flatnonzero(choose.apart(clip_start, clip_end, found.video, rng.bits("rank"), gap, section.max_pairs_per_video))
+    taken = np.flatnonzero(
+        choose.apart(
+            clip_start, clip_end, found.video, rng.bits("rank"), gap, section.max_pairs_per_video
+        )
+    )
     found, position, rng = found.take(taken), position[taken], rng.take(taken)
     grown = Grown(*(column[taken] for column in grown)) if grown else _grow(text, tools, found, rng)
     times = {
@@ -225,7 +234,11 @@ def _table(
             "match_end_char": pa.array(text.characters(found.end, found.video)),
             "text_start_char": pa.array(text.characters(grown.start, found.video)),
             "text_end_char": pa.array(text.characters(end, found.video)),
-            **{f"{what}_{side}_s": pa.array(ms / 1000) for what, both in times.items() for side, ms in zip(("start", "end"), both, strict=True)},
+            **{
+                f"{what}_{side}_s": pa.array(ms / 1000)
+                for what, both in times.items()
+                for side, ms in zip(("start", "end"), both, strict=True)
+            },
             "center_s": pa.array(center / 1000),
             "clip_start_s": pa.array(times["clip"][0] / 1000),
             "clip_end_s": pa.array(times["clip"][1] / 1000),
@@ -240,10 +253,14 @@ def _texts(text: Text, grown: Grown) -> tuple[pa.Array, np.ndarray]:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    slices = pa.LargeListViewArray.from_arrays(pa.array(grown.start), pa.array(grown.end - grown.start), pa.array(text.spaced))
+    slices = pa.LargeListViewArray.from_arrays(
+        pa.array(grown.start), pa.array(grown.end - grown.start), pa.array(text.spaced)
+    )
     offsets = np.concatenate(([0], np.cumsum(grown.end - grown.start))).astype(np.int64)
     data = np.asarray(slices.flatten())
-    whole = pa.LargeStringArray.from_buffers(len(grown.start), pa.py_buffer(offsets), pa.py_buffer(data))
+    whole = pa.LargeStringArray.from_buffers(
+        len(grown.start), pa.py_buffer(offsets), pa.py_buffer(data)
+    )
     trimmed = pc.ascii_rtrim(whole, " ")
     end = grown.start + np.asarray(pc.binary_length(trimmed))
     if len(data) > 1 and ((data[1:] == 0x20) & (data[:-1] == 0x20)).any():

@@ -76,18 +76,26 @@ class Keywords:
 def load(profile: Profile) -> Keywords:
     """The keywords of [pairs]. Raises ProfileError naming the file and line."""
     section = profile.section("pairs")
-    listed = [one for name in section.keyword_files for one in read(profile.beside(name), section.near_words)]
+    listed = [
+        one
+        for name in section.keyword_files
+        for one in read(profile.beside(name), section.near_words)
+    ]
     listed += [Keyword(" ".join(text.split()), "phrase") for text in section.include]
     return make(listed, section.exclude, f"profile {profile.path}")
 
 
-def make(listed: list[Keyword], exclude: tuple[str, ...] | list[str] = (), where: str = "the list") -> Keywords:
+def make(
+    listed: list[Keyword], exclude: tuple[str, ...] | list[str] = (), where: str = "the list"
+) -> Keywords:
     """Keywords with all their forms. Raises ProfileError when a name has no word or there are none."""
     every: dict[str, Keyword] = {}
     for keyword in listed:
         folded = phrase(keyword.name)
         if not folded or len(folded) > _LONGEST:
-            raise ProfileError(f"{where}: the keyword {keyword.name!r} has {'no word' if not folded else 'too many letters'}")
+            raise ProfileError(
+                f"{where}: the keyword {keyword.name!r} has {'no word' if not folded else 'too many letters'}"
+            )
         every.setdefault(folded, keyword)
     banned = {form for text in exclude for form in forms(phrase(text)) if form}
     names = [name for name in every if name not in banned]
@@ -104,7 +112,9 @@ def make(listed: list[Keyword], exclude: tuple[str, ...] | list[str] = (), where
     if not names:
         raise ProfileError(f"{where}: there is no keyword to match")
     ordered = sorted(owner)
-    return Keywords(tuple(every[name] for name in names), tuple(ordered), tuple(owner[form] for form in ordered))
+    return Keywords(
+        tuple(every[name] for name in names), tuple(ordered), tuple(owner[form] for form in ordered)
+    )
 
 
 def read(path: Path, near_words: int) -> list[Keyword]:
@@ -120,14 +130,20 @@ def read(path: Path, near_words: int) -> list[Keyword]:
         cells = [cell.strip() for cell in line.split("\t")]
         if not header:
             if tuple(cells) != COLUMNS:
-                raise ProfileError(f"{path}:{number}: the first line must read {', '.join(COLUMNS)}, separated by tabs")
+                raise ProfileError(
+                    f"{path}:{number}: the first line must read {', '.join(COLUMNS)}, separated by tabs"
+                )
             header = True
             continue
         if not 2 <= len(cells) <= 4 or not cells[0] or not cells[1]:
-            raise ProfileError(f"{path}:{number}: a line has a keyword, a kind, perhaps a rule and forms, separated by tabs")
+            raise ProfileError(
+                f"{path}:{number}: a line has a keyword, a kind, perhaps a rule and forms, separated by tabs"
+            )
         cells += [""] * (4 - len(cells))
         more = tuple(form.strip() for form in cells[3].split(",") if form.strip())
-        found.append(Keyword(cells[0], cells[1], _rule(cells[2], near_words, f"{path}:{number}"), more))
+        found.append(
+            Keyword(cells[0], cells[1], _rule(cells[2], near_words, f"{path}:{number}"), more)
+        )
     return found
 
 

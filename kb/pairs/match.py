@@ -32,14 +32,24 @@ class Matcher:
     def __init__(self, phrases: Sequence[str]) -> None:
         from ahocorasick_rs import BytesAhoCorasick, Implementation
 
-        self._automaton = BytesAhoCorasick([f" {one} ".encode() for one in phrases], implementation=Implementation.DFA) if phrases else None
+        self._automaton = (
+            BytesAhoCorasick(
+                [f" {one} ".encode() for one in phrases], implementation=Implementation.DFA
+            )
+            if phrases
+            else None
+        )
 
     def find(self, raw: bytes) -> Found:
         """Matches in UTF-8 text that begins and ends with a space."""
         import numpy as np
 
         folded = Folded(raw)
-        hits = self._automaton.find_matches_as_indexes(folded.bytes, overlapping=True) if self._automaton else []
+        hits = (
+            self._automaton.find_matches_as_indexes(folded.bytes, overlapping=True)
+            if self._automaton
+            else []
+        )
         flat = np.fromiter(chain.from_iterable(hits), np.int64, 3 * len(hits)).reshape(-1, 3)
         phrase, start, end = flat[:, 0], flat[:, 1] + 1, flat[:, 2] - 1
         kept = leftmost_longest(start, end)
@@ -57,7 +67,9 @@ def leftmost_longest(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     left = np.arange(len(order))  # undecided matches, in order
     while len(left):
         reach = np.maximum.accumulate(finish[left])
-        head = np.concatenate(([True], begin[left][1:] >= reach[:-1]))  # nothing undecided before overlaps it
+        head = np.concatenate(
+            ([True], begin[left][1:] >= reach[:-1])
+        )  # nothing undecided before overlaps it
         kept[left[head]] = True
         group = np.cumsum(head) - 1
         taken = finish[left[head]][group]

@@ -41,9 +41,13 @@ def refill(run: Run, index: Path) -> Summary:
     for row, video in enumerate(rows["video_id"].to_pylist()):
         places.setdefault(video, []).append(row)
     texts: list[str | None] = [None] * rows.num_rows
-    starts, ends, tokens = (rows[name].to_pylist() for name in ("text_start_char", "text_end_char", "token_count"))
+    starts, ends, tokens = (
+        rows[name].to_pylist() for name in ("text_start_char", "text_end_char", "token_count")
+    )
     found = differing = 0
-    task = run.progress.task("fill pairs", total=sum(source.rows(path) for path in files), unit="transcripts")
+    task = run.progress.task(
+        "fill pairs", total=sum(source.rows(path) for path in files), unit="transcripts"
+    )
     with writer(run.root, "pairs"):
         for path in files:
             for batch in source.texts(path):
@@ -59,7 +63,13 @@ def refill(run: Run, index: Path) -> Summary:
                 task.advance(len(batch), filled=found)
         task.close()
         _write(run, rows, texts)
-    return Summary(pairs=rows.num_rows, filled=found, differing=differing, missing=rows.num_rows - found - differing, path=str(run.root / "pairs"))
+    return Summary(
+        pairs=rows.num_rows,
+        filled=found,
+        differing=differing,
+        missing=rows.num_rows - found - differing,
+        path=str(run.root / "pairs"),
+    )
 
 
 def _read(index: Path) -> pa.Table:
@@ -71,16 +81,25 @@ def _read(index: Path) -> pa.Table:
 
     files = sorted(index.glob("pairs-*.parquet")) if index.is_dir() else [index]
     if not files or not all(file.is_file() for file in files):
-        raise SettingError(f"--from-index: there is no index at {index}", hint="give a released pairs-*.parquet or its folder")
+        raise SettingError(
+            f"--from-index: there is no index at {index}",
+            hint="give a released pairs-*.parquet or its folder",
+        )
     names = table("pairs/pairs").names(released=True)
     try:
         schemas = [pq.read_schema(file) for file in files]
         lacking = [name for name in names if any(name not in schema.names for schema in schemas)]
         if lacking:
-            raise SettingError(f"--from-index: {index} is no index of pairs, it has no column {lacking[0]!r}")
-        rows = pa.concat_tables(pq.read_table(file, columns=names, partitioning=None) for file in files)
+            raise SettingError(
+                f"--from-index: {index} is no index of pairs, it has no column {lacking[0]!r}"
+            )
+        rows = pa.concat_tables(
+            pq.read_table(file, columns=names, partitioning=None) for file in files
+        )
     except (pa.ArrowInvalid, OSError) as error:
-        raise DamagedData(f"the index {index} can't be read: {str(error).splitlines()[0]}") from None
+        raise DamagedData(
+            f"the index {index} can't be read: {str(error).splitlines()[0]}"
+        ) from None
     return conform("pairs/pairs", rows, released=True)
 
 
@@ -99,6 +118,12 @@ def _write(run: Run, rows: pa.Table, texts: list[str | None]) -> None:
     with replacing_folder(run.root / "pairs") as fresh:
         part = fresh / ".filled.parquet"
         write_table(part, rows.append_column("text", pa.array(texts, pa.string())), "pairs/pairs")
-        sorted_shards([part], fresh, "pairs/pairs", rows_per_shard=run.profile.release.rows_per_shard, released=False)
+        sorted_shards(
+            [part],
+            fresh,
+            "pairs/pairs",
+            rows_per_shard=run.profile.release.rows_per_shard,
+            released=False,
+        )
         part.unlink()
         write_text(fresh / SUMMARY, json.dumps({"fingerprint": "index", "complete": False}) + "\n")

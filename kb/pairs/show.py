@@ -30,7 +30,9 @@ class Line(NamedTuple):
     examples: tuple[str, ...]
 
 
-def keyword_lines(run: Run, examples: int = 3, kind: str = "", rare: bool = False, videos: int = 0) -> Iterator[Line]:
+def keyword_lines(
+    run: Run, examples: int = 3, kind: str = "", rare: bool = False, videos: int = 0
+) -> Iterator[Line]:
     """Keywords by hits, most first. `rare`: those without a hit as well; `videos`: read that many transcripts, 0 for all.
 
     Raises ProfileError, MissingExtra, FatalError without transcripts.
@@ -38,7 +40,11 @@ def keyword_lines(run: Run, examples: int = 3, kind: str = "", rare: bool = Fals
     tools = make_tools(run.profile.section("pairs"), run.seed, lists.load(run.profile))
     counts, shown = Counts(), _Examples(examples)
     left = videos or None
-    task = run.progress.task("keywords", total=videos or sum(map(source.rows, source.parts(run.root))), unit="transcripts")
+    task = run.progress.task(
+        "keywords",
+        total=videos or sum(map(source.rows, source.parts(run.root))),
+        unit="transcripts",
+    )
     for path in source.parts(run.root):
         for text in source.texts(path, 0, left):
             signals.stop.check()
@@ -49,11 +55,27 @@ def keyword_lines(run: Run, examples: int = 3, kind: str = "", rare: bool = Fals
             break
     task.close()
     hits = {one.name: counts.of(number) for number, one in enumerate(tools.keywords.every)}
-    for number, one in sorted(enumerate(tools.keywords.every), key=lambda item: (-hits[item[1].name].get("matches", 0), item[1].name)):
+    for number, one in sorted(
+        enumerate(tools.keywords.every),
+        key=lambda item: (-hits[item[1].name].get("matches", 0), item[1].name),
+    ):
         found = hits[one.name].get("matches", 0)
         if (found or rare) and kind in ("", one.kind):
-            rule = "" if one.reach is None else "never" if one.reach == lists.NEVER else f"near:{one.reach}"
-            yield Line(one.name, one.kind, rule, found, hits[one.name].get("ambiguous_alone", 0), shown.of(number))
+            rule = (
+                ""
+                if one.reach is None
+                else "never"
+                if one.reach == lists.NEVER
+                else f"near:{one.reach}"
+            )
+            yield Line(
+                one.name,
+                one.kind,
+                rule,
+                found,
+                hits[one.name].get("ambiguous_alone", 0),
+                shown.of(number),
+            )
 
 
 class _Examples:
@@ -76,7 +98,14 @@ class _Examples:
         nth = np.arange(len(order)) - np.searchsorted(sorted_, sorted_)
         for one in order[nth < self._number].tolist():
             best = self._best.setdefault(int(found.keyword[one]), [])
-            best.append((int(rank[one]), _context(text, int(found.start[one]), int(found.end[one]), int(found.video[one]))))
+            best.append(
+                (
+                    int(rank[one]),
+                    _context(
+                        text, int(found.start[one]), int(found.end[one]), int(found.video[one])
+                    ),
+                )
+            )
             best[:] = heapq.nsmallest(self._number, best)
 
     def of(self, keyword: int) -> tuple[str, ...]:
@@ -84,8 +113,12 @@ class _Examples:
 
 
 def _context(text: Text, start: int, end: int, video: int) -> str:
-    low, high = max(int(text.video_at[video]), start - _AROUND), min(int(text.video_end[video]), end + _AROUND)
+    low, high = (
+        max(int(text.video_at[video]), start - _AROUND),
+        min(int(text.video_end[video]), end + _AROUND),
+    )
     before, phrase, behind = (
-        " ".join(part.decode("utf-8", "ignore").split()) for part in (text.raw[low:start], text.raw[start:end], text.raw[end:high])
+        " ".join(part.decode("utf-8", "ignore").split())
+        for part in (text.raw[low:start], text.raw[start:end], text.raw[end:high])
     )
     return f"{text.ids[video].as_py()}: …{before} [{phrase}] {behind}…"

@@ -21,9 +21,15 @@ _CUES = 2_000_000  # cues in memory at once, whatever the number of transcripts
 
 def parts(root: Path, table: str = "transcripts") -> list[Path]:
     """The files of a clean YouTube table, in order. Raises FatalError when there are no transcripts."""
-    found = sorted(path for path in (root / "clean" / "youtube" / table).glob("*.parquet") if not path.name.startswith("."))
+    found = sorted(
+        path
+        for path in (root / "clean" / "youtube" / table).glob("*.parquet")
+        if not path.name.startswith(".")
+    )
     if not found and table == "transcripts":
-        raise FatalError("there are no transcripts in clean/youtube", hint="run `kb youtube filter` first")
+        raise FatalError(
+            "there are no transcripts in clean/youtube", hint="run `kb youtube filter` first"
+        )
     return found
 
 
@@ -53,7 +59,13 @@ def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text
                 begin = at + size
             at += size
         place = begin
-        for batch in file.iter_batches(batch_size=_ROWS, row_groups=groups, columns=_COLUMNS, use_threads=False) if groups else ():
+        for batch in (
+            file.iter_batches(
+                batch_size=_ROWS, row_groups=groups, columns=_COLUMNS, use_threads=False
+            )
+            if groups
+            else ()
+        ):
             low, high = max(first - place, 0), min(after - place, batch.num_rows)
             place += batch.num_rows
             if low < high:
@@ -95,7 +107,9 @@ class _Lengths:
         if where.null_count and not self._all:
             self._known, self._all = _read(sorted(self._folder.glob("*.parquet"))), True
             where = pc.index_in(ids, self._known["video_id"])
-        found = self._known["duration_s"].take(where.combine_chunks() if hasattr(where, "combine_chunks") else where)
+        found = self._known["duration_s"].take(
+            where.combine_chunks() if hasattr(where, "combine_chunks") else where
+        )
         return found.combine_chunks()
 
 
@@ -104,8 +118,18 @@ def _read(files: list[Path]) -> pa.Table:
     import pyarrow.parquet as pq
 
     with reading(files):
-        tables = [pq.read_table(file, columns=["video_id", "duration_s"], partitioning=None) for file in files if not file.name.startswith(".")]
-    return pa.concat_tables(tables) if tables else pa.table({"video_id": pa.array([], pa.string()), "duration_s": pa.array([], pa.float64())})
+        tables = [
+            pq.read_table(file, columns=["video_id", "duration_s"], partitioning=None)
+            for file in files
+            if not file.name.startswith(".")
+        ]
+    return (
+        pa.concat_tables(tables)
+        if tables
+        else pa.table(
+            {"video_id": pa.array([], pa.string()), "duration_s": pa.array([], pa.float64())}
+        )
+    )
 
 
 def fingerprint(root: Path, *rules: str) -> str:

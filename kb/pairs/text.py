@@ -92,8 +92,14 @@ class Text:
         base = within[first] if len(within) else np.zeros(videos, np.int64)
         self.cue_at = self.video_at[self.cue_video] + within - np.repeat(base, counts)
         self.cue_size = sizes
-        together = pc.binary_join(pa.LargeListArray.from_arrays(pa.array(starts), texts), pa.scalar(b" ", pa.large_binary()))
-        whole = pc.binary_join(pa.LargeListArray.from_arrays([0, videos], together), pa.scalar(_WALL, pa.large_binary()))
+        together = pc.binary_join(
+            pa.LargeListArray.from_arrays(pa.array(starts), texts),
+            pa.scalar(b" ", pa.large_binary()),
+        )
+        whole = pc.binary_join(
+            pa.LargeListArray.from_arrays([0, videos], together),
+            pa.scalar(_WALL, pa.large_binary()),
+        )
         self.raw: bytes = b" " + (whole[0].as_py() if videos else b"") + b" "
 
     def __len__(self) -> int:
@@ -129,7 +135,10 @@ class Text:
         """Whether there is a character beyond ASCII."""
         import numpy as np
 
-        return bool(len(self._inner) or (np.frombuffer(self.raw, np.uint8) >= 0x80).sum() > max(len(self) - 1, 0))
+        return bool(
+            len(self._inner)
+            or (np.frombuffer(self.raw, np.uint8) >= 0x80).sum() > max(len(self) - 1, 0)
+        )
 
     @cached_property
     def _inner(self) -> np.ndarray:
@@ -145,7 +154,11 @@ class Text:
         begin = self.video_at[videos]
         if not len(self._inner):
             return places - begin
-        return places - begin - (np.searchsorted(self._inner, places) - np.searchsorted(self._inner, begin))
+        return (
+            places
+            - begin
+            - (np.searchsorted(self._inner, places) - np.searchsorted(self._inner, begin))
+        )
 
     @cached_property
     def words(self) -> np.ndarray:
@@ -169,7 +182,9 @@ class Text:
         cue = np.searchsorted(first_words, words, "right") - 1
         first, count = first_words[cue], counts[cue]
         span = self.cue_end[cue] - self.cue_start[cue]
-        return self.cue_start[cue] + span * np.minimum(words - first + after, count) // np.maximum(count, 1)
+        return self.cue_start[cue] + span * np.minimum(words - first + after, count) // np.maximum(
+            count, 1
+        )
 
     @cached_property
     def _cue_words(self) -> tuple[np.ndarray, np.ndarray]:
@@ -209,6 +224,8 @@ def _seconds(cells: pa.Array, name: str) -> np.ndarray:
     import numpy as np
     import pyarrow.compute as pc
 
-    values = pc.struct_field(cells, name).cast("float64").fill_null(0).to_numpy(zero_copy_only=False)
+    values = (
+        pc.struct_field(cells, name).cast("float64").fill_null(0).to_numpy(zero_copy_only=False)
+    )
     values = np.where(np.isfinite(values) & (np.abs(values) < _FAR), values, 0)
     return np.rint(np.maximum(values, 0) * 1000).astype(np.int64)

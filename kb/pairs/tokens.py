@@ -38,8 +38,12 @@ class Tokens:
         import pyarrow as pa
 
         offsets = np.append(words, len(codes))
-        kind, width = (pa.binary(), np.int32) if len(codes) < 2**31 else (pa.large_binary(), np.int64)
-        every = pa.Array.from_buffers(kind, len(words), [None, pa.py_buffer(offsets.astype(width)), pa.py_buffer(codes)])
+        kind, width = (
+            (pa.binary(), np.int32) if len(codes) < 2**31 else (pa.large_binary(), np.int64)
+        )
+        every = pa.Array.from_buffers(
+            kind, len(words), [None, pa.py_buffer(offsets.astype(width)), pa.py_buffer(codes)]
+        )
         chosen = every.filter(pa.array(wanted)).dictionary_encode()
         different = np.asarray(self._counts(chosen.dictionary.to_pylist()), np.int32)
         counts = np.zeros(len(words), np.int32)

@@ -25,12 +25,21 @@ def problem(path: str, answer: Any) -> str:
             return f"error {answer['error']}"
     if _too_deep(answer):
         return "an answer nested too deep to be read"
-    return "" if _expected(path.strip("/").split("/"), answer) else "an answer of another form than was asked for"
+    return (
+        ""
+        if _expected(path.strip("/").split("/"), answer)
+        else "an answer of another form than was asked for"
+    )
 
 
 def _expected(parts: list[str], answer: Any) -> bool:
     if parts[0] == "comments":
-        return isinstance(answer, list) and len(answer) == 2 and all(map(_is_listing, answer)) and "t3" in _kinds(answer[0])
+        return (
+            isinstance(answer, list)
+            and len(answer) == 2
+            and all(map(_is_listing, answer))
+            and "t3" in _kinds(answer[0])
+        )
     if parts == ["api", "morechildren"]:
         return _are_things(_inner(answer, "json", "data", "things"))
     if parts == ["api", "info"] or (parts[0] == "r" and len(parts) == 3 and parts[2] in _LISTINGS):
@@ -39,7 +48,11 @@ def _expected(parts: list[str], answer: Any) -> bool:
 
 
 def _is_listing(value: Any) -> bool:
-    return isinstance(value, dict) and value.get("kind") == "Listing" and _are_things(_inner(value, "data", "children"))
+    return (
+        isinstance(value, dict)
+        and value.get("kind") == "Listing"
+        and _are_things(_inner(value, "data", "children"))
+    )
 
 
 def _are_things(value: Any) -> bool:
@@ -48,8 +61,16 @@ def _are_things(value: Any) -> bool:
 
 def _is_thing(value: Any) -> bool:
     """A post or comment with its id, or a stub with what it stands for."""
-    kind, key, children = _inner(value, "kind"), _inner(value, "data", "id"), _inner(value, "data", "children")
-    return isinstance(children, list) if kind == "more" else isinstance(kind, str) and isinstance(key, str) and key != ""
+    kind, key, children = (
+        _inner(value, "kind"),
+        _inner(value, "data", "id"),
+        _inner(value, "data", "children"),
+    )
+    return (
+        isinstance(children, list)
+        if kind == "more"
+        else isinstance(kind, str) and isinstance(key, str) and key != ""
+    )
 
 
 def _kinds(listing: Any) -> set[str]:
@@ -65,7 +86,12 @@ def _inner(value: Any, *names: str) -> Any:
 def _too_deep(answer: Any) -> bool:
     level = [answer]
     for _ in range(DEEPEST):
-        level = [inner for value in level for inner in (value.values() if isinstance(value, dict) else value) if isinstance(inner, (dict, list))]
+        level = [
+            inner
+            for value in level
+            for inner in (value.values() if isinstance(value, dict) else value)
+            if isinstance(inner, (dict, list))
+        ]
         if not level:
             return False
     return True

@@ -57,16 +57,24 @@ def newest_of(newest: dict[str, pa.Table]) -> pa.Table:
     import pyarrow.compute as pc
 
     tables = [
-        newest[kind].select(schema().names).append_column("rank", pa.repeat(pa.scalar(rank, pa.int8()), newest[kind].num_rows))
+        newest[kind]
+        .select(schema().names)
+        .append_column("rank", pa.repeat(pa.scalar(rank, pa.int8()), newest[kind].num_rows))
         for rank, kind in enumerate(KINDS)
         if kind in newest
     ]
     rows = pa.concat_tables(tables)
     rows = rows.append_column("real", pc.not_equal(rows["state"], "stub"))
     by = ["fullname", "real", "fetched_at", "rank"]
-    order = pc.sort_indices(rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by])
+    order = pc.sort_indices(
+        rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by]
+    )
     names = rows["fullname"].take(order).combine_chunks()
-    last = pa.concat_arrays([_differs(names), pa.array([True])]) if len(names) else pa.array([], pa.bool_())
+    last = (
+        pa.concat_arrays([_differs(names), pa.array([True])])
+        if len(names)
+        else pa.array([], pa.bool_())
+    )
     return rows.take(order.filter(last)).drop_columns(["rank", "real"]).combine_chunks()
 
 
@@ -85,7 +93,11 @@ def _named(rows: pa.Table) -> pa.Table:
     state = rows["state"]
     rows = rows.append_column("missing", pc.equal(state, "missing"))
     # What has no id has no state either: why is in its problems.
-    rows = rows.set_column(rows.column_names.index("state"), "state", pc.if_else(pc.equal(state, "unknown"), pa.scalar(None, pa.string()), state))
+    rows = rows.set_column(
+        rows.column_names.index("state"),
+        "state",
+        pc.if_else(pc.equal(state, "unknown"), pa.scalar(None, pa.string()), state),
+    )
     rows = rows.append_column("score_source", pc.if_else(rows["live"], "live", "dump"))
     rows = rows.drop_columns(["dump"])
     return rows.rename_columns(["body" if name == "text" else name for name in rows.column_names])
@@ -97,10 +109,15 @@ def _comments(rows: pa.Table, posts: pa.Table, kept: pa.Table | None) -> pa.Tabl
 
     rows = rows.append_column("comment_id", pc.utf8_slice_codeunits(rows["fullname"], 3))
     known = depths(zip(rows["comment_id"].to_pylist(), rows["parent_id"].to_pylist(), strict=True))
-    rows = rows.append_column("depth", pa.array([known.get(key) for key in rows["comment_id"].to_pylist()], pa.int64()))
+    rows = rows.append_column(
+        "depth", pa.array([known.get(key) for key in rows["comment_id"].to_pylist()], pa.int64())
+    )
     there = pc.is_in(rows["post_id"], value_set=_ids(posts))
     good = pc.is_in(rows["post_id"], value_set=_ids(kept))
-    return rows.append_column("post", pc.if_else(good, pa.scalar(None, pa.string()), pc.if_else(there, "not_kept", "absent")))
+    return rows.append_column(
+        "post",
+        pc.if_else(good, pa.scalar(None, pa.string()), pc.if_else(there, "not_kept", "absent")),
+    )
 
 
 def _ids(posts: pa.Table | None) -> pa.Array:

@@ -19,9 +19,28 @@ from kb.core.errors import DamagedData
 from kb.store.atomic import write_bytes
 
 # Besides everything that starts with "author": who wrote, moderated, reported, and what moderators note of them.
-_NAMES = frozenset({"link_author", "approved_by", "banned_by", "removed_by", "mod_reason_by", "mod_note", "display_name_prefixed"})
+_NAMES = frozenset(
+    {
+        "link_author",
+        "approved_by",
+        "banned_by",
+        "removed_by",
+        "mod_reason_by",
+        "mod_note",
+        "display_name_prefixed",
+    }
+)
 # Of people who reported or gave something.
-_LISTS = frozenset({"user_reports", "mod_reports", "awarders", "all_awardings", "user_reports_dismissed", "mod_reports_dismissed"})
+_LISTS = frozenset(
+    {
+        "user_reports",
+        "mod_reports",
+        "awarders",
+        "all_awardings",
+        "user_reports_dismissed",
+        "mod_reports_dismissed",
+    }
+)
 _WHO = _NAMES | {"author"}
 _KEPT = frozenset({"", "[deleted]", "[removed]"})
 # A person's profile is a subreddit whose name is theirs: u_NAME, shown as u/NAME; its own title is theirs too.
@@ -40,7 +59,10 @@ def load_key(root: Path) -> bytes:
     os.chmod(path, 0o600)
     key = path.read_bytes().strip()
     if len(key) != 64:
-        raise DamagedData(f"{path} is damaged", hint="put the key of this data root back: hashes of other keys don't match")
+        raise DamagedData(
+            f"{path} is damaged",
+            hint="put the key of this data root back: hashes of other keys don't match",
+        )
     return key
 
 
@@ -53,7 +75,11 @@ class Scrubber:
 
     def _hash(self, name: str) -> str:
         """32 hexadecimal digits for a name; `[deleted]` stays as it is."""
-        return name if name in _KEPT else hmac.digest(self._key, name.encode("utf-8", "replace"), hashlib.sha256).hex()[:32]
+        return (
+            name
+            if name in _KEPT
+            else hmac.digest(self._key, name.encode("utf-8", "replace"), hashlib.sha256).hex()[:32]
+        )
 
     def scrub(self, value: Any) -> Any:
         """The answer with every author field hashed, in place where it can be; safe to repeat only on fresh answers."""
@@ -78,7 +104,13 @@ class Scrubber:
         if _is_profile(value.get("subreddit")) and isinstance(value.get("domain"), str):
             value["domain"] = self.hash(value["domain"])  # self.u_NAME
         if _is_profile(value.get("display_name")):
-            value.update({name: self.hash(value[name]) for name in ("title", "public_description") if isinstance(value.get(name), str)})
+            value.update(
+                {
+                    name: self.hash(value[name])
+                    for name in ("title", "public_description")
+                    if isinstance(value.get(name), str)
+                }
+            )
         return value
 
     def _text(self, name: str, text: str) -> str:

@@ -50,7 +50,15 @@ class Limiter:
         self._until = 0.0
         self.remaining: float | None = None
 
-    def call(self, *, method: str, request_function: Any, set_header_callback: Any, url: str, **options: Any) -> requests.Response:
+    def call(
+        self,
+        *,
+        method: str,
+        request_function: Any,
+        set_header_callback: Any,
+        url: str,
+        **options: Any,
+    ) -> requests.Response:
         """One signed request when there is room for it (prawcore's interface). Raises as `wait`."""
         self.wait()
         options["headers"] = set_header_callback()
@@ -65,7 +73,9 @@ class Limiter:
         if left > PATIENCE_S:
             back = clock.stamp(clock.now() + timedelta(seconds=math.ceil(left)))
             raise Blocked(
-                f"Reddit's window is used up: it opens again in {left:.0f} s, at {back}", hint="run the same command then, or add --wait", after=left
+                f"Reddit's window is used up: it opens again in {left:.0f} s, at {back}",
+                hint="run the same command then, or add --wait",
+                after=left,
             )
         if left > 0:
             self._say(f"waiting {math.ceil(left)} s for Reddit's window")
@@ -74,21 +84,32 @@ class Limiter:
     def heed(self, headers: Any) -> None:
         """Take in `x-ratelimit-*`; an answer without them, or with unreadable ones, changes nothing."""
         try:
-            remaining, reset = float(headers["x-ratelimit-remaining"]), float(headers["x-ratelimit-reset"])
+            remaining, reset = (
+                float(headers["x-ratelimit-remaining"]),
+                float(headers["x-ratelimit-reset"]),
+            )
         except (KeyError, ValueError):
             return
         if not (math.isfinite(remaining) and math.isfinite(reset)):
             return
         self.remaining = remaining
         # Below one there is no room for a whole request (the header is a decimal). The seconds are rounded down.
-        self._until = clock.monotonic() + min(max(reset, 0.0), _LONGEST_S) + 1 if remaining < 1 else 0.0
+        self._until = (
+            clock.monotonic() + min(max(reset, 0.0), _LONGEST_S) + 1 if remaining < 1 else 0.0
+        )
 
 
 class Client:
     """One connection to Reddit. Not for several threads: one request at a time keeps to the limit anyway."""
 
     def __init__(
-        self, settings: Settings, spend: Spend, *, requests_per_minute: float = 100, max_tries: int = 5, say: Callable[[str], None] = _silent
+        self,
+        settings: Settings,
+        spend: Spend,
+        *,
+        requests_per_minute: float = 100,
+        max_tries: int = 5,
+        say: Callable[[str], None] = _silent,
     ) -> None:
         """`say` tells the user of a wait. Raises MissingCredential before anything is sent."""
         self._id = settings.need("reddit_client_id")
@@ -113,7 +134,9 @@ class Client:
         """The Listing of up to 100 full names, posts and comments together; unknown ones are left out."""
         return self.get("api/info/", {"id": ",".join(fullnames), "raw_json": 1})
 
-    def _ask(self, method: str, path: str, params: dict[str, Any] | None, data: dict[str, Any] | None) -> Any:
+    def _ask(
+        self, method: str, path: str, params: dict[str, Any] | None, data: dict[str, Any] | None
+    ) -> Any:
         """One try. Raises CredentialRefused, ItemFinal ("not_found", "forbidden" …), FatalError, Retryable, Blocked.
 
         Through PRAW's core: its `request` turns an HTTP 400 into an exception without status.
@@ -129,12 +152,18 @@ class Client:
                 answer = reddit._core.request(method=method, path=path, params=params, data=data)
         except wrong.OAuthException as error:
             raise CredentialRefused(
-                f"Reddit refuses the app's credentials ({error.error})", hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET"
+                f"Reddit refuses the app's credentials ({error.error})",
+                hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET",
             ) from None
         except wrong.InvalidToken:
-            raise CredentialRefused("Reddit refuses the app's token", hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET") from None
+            raise CredentialRefused(
+                "Reddit refuses the app's token",
+                hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET",
+            ) from None
         except wrong.RequestException as error:
-            raise Retryable(f"{type(error.original_exception).__name__} at {path}", unreachable=True) from None
+            raise Retryable(
+                f"{type(error.original_exception).__name__} at {path}", unreachable=True
+            ) from None
         except RecursionError:
             raise Retryable(f"an answer nested too deep to be read at {path}") from None
         except wrong.BadJSON:
@@ -150,7 +179,14 @@ class Client:
 
     def _connected(self) -> Any:
         if self._reddit is None:
-            self._reddit = _praw(self._id, self._secret or None, user_agent(self._contact), self._root, self._limiter, self._spend)
+            self._reddit = _praw(
+                self._id,
+                self._secret or None,
+                user_agent(self._contact),
+                self._root,
+                self._limiter,
+                self._spend,
+            )
         return self._reddit
 
 
@@ -165,18 +201,28 @@ def _consequence(response: Any, path: str) -> KbError:
     if status == 403 and b"<html" in response.content[:2_000].lower():
         # The API answers in JSON; a page comes from what guards it.
         return Blocked(
-            "Reddit's network protection turns us away (HTTP 403 with a page)", hint="run the same command later, from a network that Reddit accepts"
+            "Reddit's network protection turns us away (HTTP 403 with a page)",
+            hint="run the same command later, from a network that Reddit accepts",
         )
     if token and status in (400, 401, 403):
-        return CredentialRefused(f"Reddit refuses the app's credentials (HTTP {status})", hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET")
+        return CredentialRefused(
+            f"Reddit refuses the app's credentials (HTTP {status})",
+            hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET",
+        )
     if not token and status in _FACTS:
         return ItemFinal(_FACTS[status], path)
-    if not token and (path.startswith("comments/") or (path.startswith("api/morechildren") and status != 400)):
-        return Retryable(f"HTTP {status} at {path}")  # about one post, whatever it means; a 400 to ids that Reddit gave is about us
+    if not token and (
+        path.startswith("comments/") or (path.startswith("api/morechildren") and status != 400)
+    ):
+        return Retryable(
+            f"HTTP {status} at {path}"
+        )  # about one post, whatever it means; a 400 to ids that Reddit gave is about us
     return FatalError(f"Reddit answers HTTP {status} at {path}")
 
 
-def _praw(client_id: str, secret: str | None, agent: str, root: str, limiter: Limiter, spend: Spend) -> Any:
+def _praw(
+    client_id: str, secret: str | None, agent: str, root: str, limiter: Limiter, spend: Spend
+) -> Any:
     import praw
     from prawcore.requestor import Requestor
     from prawcore.sessions import FiniteRetryStrategy
@@ -184,7 +230,9 @@ def _praw(client_id: str, secret: str | None, agent: str, root: str, limiter: Li
     class Ledgered(Requestor):
         """Writes the ledger row before a request goes out; the outcome after it."""
 
-        def request(self, *arguments: Any, timeout: float | None = None, **options: Any) -> requests.Response:
+        def request(
+            self, *arguments: Any, timeout: float | None = None, **options: Any
+        ) -> requests.Response:
             url = str(arguments[1] if len(arguments) > 1 else options.get("url", ""))
             note = spend(_endpoint(url), 0 if "access_token" in url else 1)
             try:
@@ -197,7 +245,9 @@ def _praw(client_id: str, secret: str | None, agent: str, root: str, limiter: Li
                 _check_token(response)
             # prawcore decides by this header, and fails on answers that don't have it in Reddit's own form.
             if response.status_code == 401 and "access_token" not in url:
-                response.headers["www-authenticate"] = 'Bearer realm="reddit", error="invalid_token"'
+                response.headers["www-authenticate"] = (
+                    'Bearer realm="reddit", error="invalid_token"'
+                )
             elif response.status_code == 403:
                 response.headers.pop("www-authenticate", None)
             elif response.status_code in (301, 302):
@@ -212,7 +262,13 @@ def _praw(client_id: str, secret: str | None, agent: str, root: str, limiter: Li
 
     roots = {"reddit_url": root, "oauth_url": root, "short_url": root} if root else {}
     reddit = praw.Reddit(
-        client_id=client_id, client_secret=secret, user_agent=agent, requestor_class=Ledgered, check_for_updates=False, check_for_async=False, **roots
+        client_id=client_id,
+        client_secret=secret,
+        user_agent=agent,
+        requestor_class=Ledgered,
+        check_for_updates=False,
+        check_for_async=False,
+        **roots,
     )
     reddit.read_only = True
     core = reddit._core
@@ -228,7 +284,9 @@ def _check_token(response: requests.Response) -> None:
         if str(error).isdecimal() and 400 <= int(error) < 600:
             response.status_code = int(error)
         whole = error or (
-            isinstance(answer["access_token"], str) and isinstance(answer["scope"], str) and isinstance(answer["expires_in"], (int, float))
+            isinstance(answer["access_token"], str)
+            and isinstance(answer["scope"], str)
+            and isinstance(answer["expires_in"], (int, float))
         )
     except (ValueError, KeyError, AttributeError, RecursionError):
         whole = False

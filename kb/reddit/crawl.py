@@ -14,7 +14,15 @@ from typing import Any
 
 from kb.core import clock, signals
 from kb.core.context import Run
-from kb.core.errors import Blocked, FatalError, ItemFinal, KbError, LimitReached, Retryable, Unreachable
+from kb.core.errors import (
+    Blocked,
+    FatalError,
+    ItemFinal,
+    KbError,
+    LimitReached,
+    Retryable,
+    Unreachable,
+)
 from kb.core.progress import Task
 from kb.core.verdict import Summary
 from kb.reddit import tree
@@ -35,13 +43,25 @@ KINDS = ("listing", "tree", "more", "thread")
 class Session:
     """An open data root with a client: what crawl, refresh and reconstruct share."""
 
-    def __init__(self, run: Run, frontier: Frontier, recorder: Recorder, client: Client, scrubber: Scrubber) -> None:
-        self.run, self.frontier, self.recorder, self.client, self.scrubber = run, frontier, recorder, client, scrubber
+    def __init__(
+        self, run: Run, frontier: Frontier, recorder: Recorder, client: Client, scrubber: Scrubber
+    ) -> None:
+        self.run, self.frontier, self.recorder, self.client, self.scrubber = (
+            run,
+            frontier,
+            recorder,
+            client,
+            scrubber,
+        )
         self.gone = tombstones(run.root, "reddit")
 
-    def record(self, kind: str, endpoint: str, params: dict[str, Any], status: int, response: Any) -> None:
+    def record(
+        self, kind: str, endpoint: str, params: dict[str, Any], status: int, response: Any
+    ) -> None:
         """Names and what was purged out, then into the raw log and the frontier."""
-        self.recorder.record(kind, endpoint, params, status, self.scrubber.scrub(without(response, self.gone)))
+        self.recorder.record(
+            kind, endpoint, params, status, self.scrubber.scrub(without(response, self.gone))
+        )
 
 
 @contextmanager
@@ -54,7 +74,9 @@ def session(run: Run, place: Path | None = None) -> Iterator[Session]:
     section = run.profile.section("reddit")
     for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
         run.settings.need(name)
-    facts = {"host": run.settings.kb_reddit_endpoint or ROOT} | ({"subreddit": section.subreddit.lower()} if place is None else {})
+    facts = {"host": run.settings.kb_reddit_endpoint or ROOT} | (
+        {"subreddit": section.subreddit.lower()} if place is None else {}
+    )
     place = place or run.root
     with writer(place, "reddit"):
         remember(place, "reddit", **facts)
@@ -65,7 +87,13 @@ def session(run: Run, place: Path | None = None) -> Iterator[Session]:
             return lambda outcome: frontier.outcome(row, outcome)
 
         try:
-            client = Client(run.settings, spend, requests_per_minute=section.requests_per_minute, max_tries=section.max_tries, say=run.progress.say)
+            client = Client(
+                run.settings,
+                spend,
+                requests_per_minute=section.requests_per_minute,
+                max_tries=section.max_tries,
+                say=run.progress.say,
+            )
             with Recorder(place, "reddit", frontier, apply) as recorder:
                 yield Session(run, frontier, recorder, client, Scrubber(load_key(run.root)))
         finally:
@@ -88,7 +116,9 @@ class Crawl:
 
     def __init__(self, at: Session, since: datetime | None, until: datetime | None) -> None:
         self.at, self.frontier = at, at.frontier
-        self.since, self.until = (None if moment is None else moment.timestamp() for moment in (since, until))
+        self.since, self.until = (
+            None if moment is None else moment.timestamp() for moment in (since, until)
+        )
         self.section = at.run.profile.section("reddit")
         self.base = f"r/{self.section.subreddit}"
         self.gone = at.gone
@@ -113,12 +143,16 @@ class Crawl:
         """Figures of this run and what is left."""
         counts = {kind: self.frontier.counts(kind) for kind in KINDS}
         requests = self.frontier.requests()[0] - self.before[0]
-        outside = sum(reason == OUTSIDE for _, _, reason, _ in self.frontier.items("tree", "skipped"))
+        outside = sum(
+            reason == OUTSIDE for _, _, reason, _ in self.frontier.items("tree", "skipped")
+        )
         return Summary(
             source="reddit",
             crawled=self.posts,
             requests=requests,
-            pending=sum(counts[kind].get(status, 0) for kind in KINDS for status in ("todo", "in_progress")),
+            pending=sum(
+                counts[kind].get(status, 0) for kind in KINDS for status in ("todo", "in_progress")
+            ),
             failed=sum(counts[kind].get("error", 0) for kind in KINDS),
             missing=counts["tree"].get("skipped", 0) - outside,
             outside=outside,
@@ -129,19 +163,29 @@ class Crawl:
     def _seed(self) -> None:
         names = []
         for listing in self.section.listings:
-            names += [f"{listing}:{span}" for span in self.section.spans] if listing in ("top", "controversial") else [listing]
+            names += (
+                [f"{listing}:{span}" for span in self.section.spans]
+                if listing in ("top", "controversial")
+                else [listing]
+            )
         names += [f"search:{word}" for word in self.section.search]
         self.frontier.add("listing", names)
         for kind in KINDS:
             self.frontier.reopen(kind, "error")
         for kind, out in (("tree", self._out_of_span), ("listing", self._behind)):
-            left = [key for key, _, reason, state in self.frontier.items(kind, "skipped") if reason == OUTSIDE and not out(key, state)]
+            left = [
+                key
+                for key, _, reason, state in self.frontier.items(kind, "skipped")
+                if reason == OUTSIDE and not out(key, state)
+            ]
             self.frontier.mark(kind, left, "todo")
         if self.at.run.again and not self.frontier.ready("listing"):
             for name, status, reason, state in self.frontier.items("listing", "done", "skipped"):
                 if name in names and (status == "done" or reason == OUTSIDE):
                     upto = state.get("newest") if state and status == "done" else None
-                    self.frontier.payload("listing", name, {"after": None, "pages": 0, "upto": upto})
+                    self.frontier.payload(
+                        "listing", name, {"after": None, "pages": 0, "upto": upto}
+                    )
                     self.frontier.mark("listing", [name], "todo")
         if not any(self.frontier.ready(kind) for kind in KINDS):
             self.at.run.progress.say("reddit: nothing left to read; --again starts a new round")
@@ -160,16 +204,25 @@ class Crawl:
         if more:
             # One call reads one post's stubs; the rest goes back.
             post = more[0].payload["post"]
-            self.frontier.release("more", *(item.key for item in more if item.payload["post"] != post))
+            self.frontier.release(
+                "more", *(item.key for item in more if item.payload["post"] != post)
+            )
             self._more(post, [item.key for item in more if item.payload["post"] == post])
             return True
         for kind in ("thread", "tree", "listing"):
             for item in self.frontier.take(kind):
                 if kind == "tree" and self._left_out(item):
                     return True
-                if kind == "tree" and self.at.run.limit is not None and self.posts >= self.at.run.limit:
+                if (
+                    kind == "tree"
+                    and self.at.run.limit is not None
+                    and self.posts >= self.at.run.limit
+                ):
                     self.frontier.release(kind, item.key)
-                    raise LimitReached(f"{self.posts} posts were read (--limit {self.at.run.limit})", hint="run the same command to go on")
+                    raise LimitReached(
+                        f"{self.posts} posts were read (--limit {self.at.run.limit})",
+                        hint="run the same command to go on",
+                    )
                 {"thread": self._thread, "tree": self._tree, "listing": self._listing}[kind](item)
                 return True
         return False
@@ -194,19 +247,33 @@ class Crawl:
             if name == "search":
                 self.frontier.skip("listing", item.key, error.reason)
                 return
-            why = {"forbidden": "is private or quarantined", "not_found": "does not exist or is banned", "redirect": "does not exist"}.get(
-                error.reason, f"can't be read ({error.reason})"
-            )
-            raise FatalError(f"{self.base} {why}", hint="check [reddit] subreddit in the profile") from None
+            why = {
+                "forbidden": "is private or quarantined",
+                "not_found": "does not exist or is banned",
+                "redirect": "does not exist",
+            }.get(error.reason, f"can't be read ({error.reason})")
+            raise FatalError(
+                f"{self.base} {why}", hint="check [reddit] subreddit in the profile"
+            ) from None
         except Retryable as error:
             self._failed("listing", [item.key], error)
             return
-        span = {name: moment for name, moment in (("since", self.since), ("until", self.until)) if moment is not None}
+        span = {
+            name: moment
+            for name, moment in (("since", self.since), ("until", self.until))
+            if moment is not None
+        }
         self.at.record("listings", endpoint, {**params, **span}, 200, answer)
 
     def _left_out(self, item: Item) -> bool:
         """Whether a post is not to be read: it lies outside of the span, or was purged."""
-        why = OUTSIDE if self._out_of_span(item.key, item.payload) else "purged" if f"t3_{item.key}" in self.gone else ""
+        why = (
+            OUTSIDE
+            if self._out_of_span(item.key, item.payload)
+            else "purged"
+            if f"t3_{item.key}" in self.gone
+            else ""
+        )
         if why:
             self.frontier.skip("tree", item.key, why)
         return bool(why)
@@ -221,23 +288,35 @@ class Crawl:
         self._page("thread", item, {"article": post, "comment": comment})
 
     def _page(self, kind: str, item: Item, about: dict[str, Any]) -> None:
-        endpoint = f"comments/{about['article']}" + (f"/_/{about['comment']}" if "comment" in about else "")
+        endpoint = f"comments/{about['article']}" + (
+            f"/_/{about['comment']}" if "comment" in about else ""
+        )
         params = {"limit": 500, "sort": "old", "raw_json": 1}
         status, answer = 200, None
         try:
             answer = self._wait(lambda: self.at.client.get(f"{endpoint}/", params))
         except ItemFinal as error:
-            status = {"not_found": 404, "forbidden": 403, "gone": 410, "legal": 451}.get(error.reason, 302)
+            status = {"not_found": 404, "forbidden": 403, "gone": 410, "legal": 451}.get(
+                error.reason, 302
+            )
         except Retryable as error:
             self._failed(kind, [item.key], error)
             return
         try:
             self.at.record("comments", endpoint, {**params, **about}, status, answer)
         except RecursionError:  # a caller that is deep in calls itself; nothing was written yet
-            self._failed(kind, [item.key], Retryable(f"an answer nested too deep to be read at {endpoint}"))
+            self._failed(
+                kind, [item.key], Retryable(f"an answer nested too deep to be read at {endpoint}")
+            )
 
     def _more(self, post: str, keys: list[str]) -> None:
-        data = {"link_id": f"t3_{post}", "children": ",".join(keys), "api_type": "json", "sort": "old", "raw_json": 1}
+        data = {
+            "link_id": f"t3_{post}",
+            "children": ",".join(keys),
+            "api_type": "json",
+            "sort": "old",
+            "raw_json": 1,
+        }
         try:
             answer = self._wait(lambda: self.at.client.post("api/morechildren/", data))
         except Retryable as error:
@@ -254,7 +333,8 @@ class Crawl:
         self.failures += 1
         if self.failures >= DOWN:
             raise Unreachable(
-                f"Reddit failed for {self.failures} items in a row ({error.reason})", hint="run the same command later: it goes on where it stopped"
+                f"Reddit failed for {self.failures} items in a row ({error.reason})",
+                hint="run the same command later: it goes on where it stopped",
             )
 
     def _wait(self, call: Any) -> Any:

@@ -41,7 +41,9 @@ def repeats(post: dict[str, Any], keys: Collection[str]) -> bool:
     """Whether a post's record repeats one of the full names `keys`."""
     parents = post.get("crosspost_parent_list")
     listed = parents if isinstance(parents, list) else ()
-    return post.get("crosspost_parent") in keys or any(isinstance(one, dict) and f"t3_{one.get('id')}" in keys for one in listed)
+    return post.get("crosspost_parent") in keys or any(
+        isinstance(one, dict) and f"t3_{one.get('id')}" in keys for one in listed
+    )
 
 
 def without_parent(post: dict[str, Any], keys: Collection[str]) -> dict[str, Any]:
@@ -51,7 +53,9 @@ def without_parent(post: dict[str, Any], keys: Collection[str]) -> dict[str, Any
         return post
     left = {name: value for name, value in post.items() if name not in COPIED}
     if isinstance(listed, list):
-        left["crosspost_parent_list"] = [one for one in listed if not (isinstance(one, dict) and f"t3_{one.get('id')}" in keys)]
+        left["crosspost_parent_list"] = [
+            one for one in listed if not (isinstance(one, dict) and f"t3_{one.get('id')}" in keys)
+        ]
     return left
 
 
@@ -66,10 +70,14 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
     import pyarrow.parquet as pq
 
     known = pa.array(sorted(crossposts), pa.string())
-    purged = pa.array(sorted(key.removeprefix("t3_") for key in keys if key.startswith("t3_")), pa.string())
+    purged = pa.array(
+        sorted(key.removeprefix("t3_") for key in keys if key.startswith("t3_")), pa.string()
+    )
 
     def hit(rows: pa.RecordBatch) -> pa.Array:
-        named = pc.struct_field(pc.extract_regex(rows["source_url"].cast(pa.string()), _ADDRESS), "key")
+        named = pc.struct_field(
+            pc.extract_regex(rows["source_url"].cast(pa.string()), _ADDRESS), "key"
+        )
         shown = pc.and_(rows["is_crosspost"], pc.is_in(named, value_set=purged))
         shown = pc.or_(shown, pc.is_in(rows["post_id"].cast(pa.string()), value_set=known))
         # One that was changed before, and the crosspost of a text, shows nothing.
@@ -78,7 +86,12 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
     changed = 0
     for path in sorted(folder.glob("*.parquet")):
         with pq.ParquetFile(path) as file:
-            hits = sum(hit(batch).true_count for batch in file.iter_batches(columns=["post_id", "type", "source_url", "is_crosspost"]))
+            hits = sum(
+                hit(batch).true_count
+                for batch in file.iter_batches(
+                    columns=["post_id", "type", "source_url", "is_crosspost"]
+                )
+            )
             if not hits:
                 continue
             with ShardWriter(path, "reddit/posts", in_order=True) as writer:
@@ -92,7 +105,12 @@ def _bare(rows: pa.Table, hit: pa.Array) -> pa.Table:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    for name, value in (("type", "text"), ("source_url", None), ("link_kind", None), ("poll_options", None)):
+    for name, value in (
+        ("type", "text"),
+        ("source_url", None),
+        ("link_kind", None),
+        ("poll_options", None),
+    ):
         place, field = rows.column_names.index(name), rows.schema.field(name)
         plain = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
         column = rows[name].cast(plain)

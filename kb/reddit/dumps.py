@@ -71,7 +71,9 @@ class Chunk(NamedTuple):
     end: int
 
 
-def chunks(path: Path, seen: Seen, skip: int = 0, goes_on: Callable[[], bool] = lambda: True) -> Iterator[Chunk]:
+def chunks(
+    path: Path, seen: Seen, skip: int = 0, goes_on: Callable[[], bool] = lambda: True
+) -> Iterator[Chunk]:
     """Whole lines from decompressed offset `skip` on; a piece is never copied, the line across two pieces comes by itself.
 
     A last line without line break is given when the file is whole; in a cut file it is a part of
@@ -118,6 +120,10 @@ def retrieved(data: dict[str, Any]) -> int | None:
         value = data.get(name)
         if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 20:
             value = int(value)
-        if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < 253402300800:
+        if (
+            isinstance(value, (int, float))
+            and not isinstance(value, bool)
+            and 0 < value < 253402300800
+        ):
             return int(value)
     return None

@@ -54,13 +54,17 @@ def ratio(row: dict[str, Any], data: dict[str, Any]) -> float | None:
     return None
 
 
-def text(row: dict[str, Any], data: dict[str, Any], name: str, *, needed: bool = False) -> str | None:
+def text(
+    row: dict[str, Any], data: dict[str, Any], name: str, *, needed: bool = False
+) -> str | None:
     """A text; one that is `needed` and not there is named as absent. NUL becomes U+FFFD."""
     value = data.get(name)
     if isinstance(value, str):
         return value if "\0" not in value else value.replace("\0", "�")
     if value is not None:
-        row["found"].append(("body" if name in ("selftext", "body") else name, "malformed", str(value)[:200]))
+        row["found"].append(
+            ("body" if name in ("selftext", "body") else name, "malformed", str(value)[:200])
+        )
     elif needed:
         row["found"].append(("body" if name in ("selftext", "body") else name, "absent", None))
     return None
@@ -68,13 +72,21 @@ def text(row: dict[str, Any], data: dict[str, Any], name: str, *, needed: bool =
 
 def unescaped(data: dict[str, Any]) -> dict[str, Any]:
     """Dumps hold HTML entities, as Reddit gives them without raw_json=1."""
-    changed = {name: html.unescape(value) for name in _ENTITIES if isinstance(value := data.get(name), str) and "&" in value}
+    changed = {
+        name: html.unescape(value)
+        for name in _ENTITIES
+        if isinstance(value := data.get(name), str) and "&" in value
+    }
     data = {**data, **changed} if changed else data
     parents = data.get("crosspost_parent_list")
     if isinstance(parents, list) and parents and isinstance(parents[0], dict):
         data = {**data, "crosspost_parent_list": [unescaped(parents[0]), *parents[1:]]}
     poll = data.get("poll_data")
     if isinstance(poll, dict) and isinstance(poll.get("options"), list):
-        options = [{**option, "text": html.unescape(str(option.get("text", "")))} for option in poll["options"] if isinstance(option, dict)]
+        options = [
+            {**option, "text": html.unescape(str(option.get("text", "")))}
+            for option in poll["options"]
+            if isinstance(option, dict)
+        ]
         data = {**data, "poll_data": {**poll, "options": options}}
     return data

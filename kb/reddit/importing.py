@@ -56,7 +56,9 @@ class Job(msgspec.Struct):
     lease: str = ""
 
 
-def import_dumps(run: Run, files: Sequence[Path], since: datetime | None = None, until: datetime | None = None) -> Summary:
+def import_dumps(
+    run: Run, files: Sequence[Path], since: datetime | None = None, until: datetime | None = None
+) -> Summary:
     """Import monthly dumps (`RS_*.zst` posts, `RC_*.zst` comments) or files of one subreddit. Sends nothing.
 
     `since` and `until` go by the date of each post and comment. Files that were imported before, over
@@ -75,7 +77,10 @@ def import_dumps(run: Run, files: Sequence[Path], since: datetime | None = None,
             Recorder(run.root, "reddit", frontier, apply).close()
             span = (since.timestamp() if since else 0.0, until.timestamp() if until else math.inf)
             root = str(run.root.absolute())
-            jobs = [Job(root, str(file.absolute()), section.subreddit, *span, run.limit or 0) for file in _different(run, files, span)]
+            jobs = [
+                Job(root, str(file.absolute()), section.subreddit, *span, run.limit or 0)
+                for file in _different(run, files, span)
+            ]
             try:
                 found = _import(run, jobs)
             finally:
@@ -105,14 +110,22 @@ def _import(run: Run, jobs: list[Job]) -> list[Place]:
 
     def now() -> list[Place]:
         """From the notes, not the workers' own counts: one that dies after its file is done is replaced by one that finds nothing to do."""
-        noted = [places.load(run.root, name, job.file, round) for name, job in zip(names, jobs, strict=True)]
-        return [msgspec.structs.replace(place, fresh=place.things - had) for place, had in zip(noted, before, strict=True)]
+        noted = [
+            places.load(run.root, name, job.file, round)
+            for name, job in zip(names, jobs, strict=True)
+        ]
+        return [
+            msgspec.structs.replace(place, fresh=place.things - had)
+            for place, had in zip(noted, before, strict=True)
+        ]
 
     todo = []
     for name, job in zip(names, jobs, strict=True):
         place = places.load(run.root, name, job.file, round)
         if place.done:
-            run.progress.say(f"{job.file}: imported before ({place.things} posts and comments); --again reads it once more")
+            run.progress.say(
+                f"{job.file}: imported before ({place.things} posts and comments); --again reads it once more"
+            )
         else:
             todo.append(msgspec.structs.replace(job, round=round))
     try:
@@ -131,21 +144,39 @@ def _run(run: Run, jobs: list[Job]) -> None:
     done: list[Place] = []
     # With a limit one file after the other: it counts things over all of them.
     workers = 1 if run.limit else min(run.workers, len(jobs))
-    with make_executor(run.engine, workers, run.scheduler) as executor, places.lease(run.root) as lease:
+    with (
+        make_executor(run.engine, workers, run.scheduler) as executor,
+        places.lease(run.root) as lease,
+    ):
         jobs = [msgspec.structs.replace(job, lease=str(lease.absolute())) for job in jobs]
-        for place in _results(executor, _tasks(jobs, done), window=1 if run.limit else 2 * run.workers):
+        for place in _results(
+            executor, _tasks(jobs, done), window=1 if run.limit else 2 * run.workers
+        ):
             done.append(place)
-            task.advance(1, things=sum(one.fresh for one in done), bad_lines=sum(one.bad_lines for one in done))
+            task.advance(
+                1,
+                things=sum(one.fresh for one in done),
+                bad_lines=sum(one.bad_lines for one in done),
+            )
             if place.problem:
-                run.progress.say(f"{place.file}: {place.problem} after {place.lines} lines; what came before it was imported")
+                run.progress.say(
+                    f"{place.file}: {place.problem} after {place.lines} lines; what came before it was imported"
+                )
             if place.bad_lines:
-                run.progress.say(f"{place.file}: left out {place.bad_lines} damaged lines, the first at byte {place.first_bad} when decompressed")
+                run.progress.say(
+                    f"{place.file}: left out {place.bad_lines} damaged lines, the first at byte {place.first_bad} when decompressed"
+                )
             if run.limit and sum(one.fresh for one in done) >= run.limit:
                 task.close()
-                raise LimitReached(f"{run.limit} things were imported (--limit {run.limit})", hint="run the same command to go on")
+                raise LimitReached(
+                    f"{run.limit} things were imported (--limit {run.limit})",
+                    hint="run the same command to go on",
+                )
     task.close()
     if len(done) < len(jobs) or not all(place.done for place in done):
-        raise Interrupted(f"stopped by {signals.stop.name or 'a signal'}", hint="run the same command to go on")
+        raise Interrupted(
+            f"stopped by {signals.stop.name or 'a signal'}", hint="run the same command to go on"
+        )
 
 
 def _results(executor: Executor, tasks: Iterator[tuple[Job]], window: int) -> Iterator[Place]:
@@ -164,7 +195,11 @@ def _results(executor: Executor, tasks: Iterator[tuple[Job]], window: int) -> It
 def _tasks(jobs: list[Job], done: list[Place]) -> Iterator[tuple[Job]]:
     """The jobs; with a limit each gets what the ones before it left of it."""
     for job in jobs:
-        yield (msgspec.structs.replace(job, limit=job.limit - sum(place.fresh for place in done)) if job.limit else job,)
+        yield (
+            msgspec.structs.replace(job, limit=job.limit - sum(place.fresh for place in done))
+            if job.limit
+            else job,
+        )
 
 
 def _summary(found: list[Place]) -> Summary:
@@ -193,9 +228,15 @@ def import_file(job: Job) -> Place:
     offset, taken = place.offset, 0
     search = Search(job.subreddit)
     with full_disk_is_resumable(root):
-        for chunk in chunks(file, seen, place.offset, lambda: not job.lease or os.path.exists(job.lease)):
+        for chunk in chunks(
+            file, seen, place.offset, lambda: not job.lease or os.path.exists(job.lease)
+        ):
             found = search(chunk)
-            wanted = [(end, thing) for end, record in found.records if (thing := _wanted(record, job, gone))]
+            wanted = [
+                (end, thing)
+                for end, record in found.records
+                if (thing := _wanted(record, job, gone))
+            ]
             room = job.limit - taken if job.limit else len(wanted)
             if job.limit and len(wanted) >= room:
                 # Only the part of the chunk up to the last thing taken counts as read.
@@ -253,6 +294,10 @@ def _readable(file: Path) -> None:
         with file.open("rb") as opened:
             start = opened.read(4)
     except OSError as error:
-        raise SettingError(f"{file} can't be read: {error.strerror}", hint="give paths of .zst dumps that exist") from None
+        raise SettingError(
+            f"{file} can't be read: {error.strerror}", hint="give paths of .zst dumps that exist"
+        ) from None
     if start != b"\x28\xb5\x2f\xfd" and not (len(start) == 4 and start[1:] == b"\x2a\x4d\x18"):
-        raise SettingError(f"{file} is no zstd file", hint="give RS_*.zst, RC_*.zst or files of one subreddit")
+        raise SettingError(
+            f"{file} is no zstd file", hint="give RS_*.zst, RC_*.zst or files of one subreddit"
+        )

@@ -53,9 +53,17 @@ def known(run: Run) -> Iterator[Known]:
     folder = run.root / "state" / ".reddit.known"
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
     try:
-        with full_disk_is_resumable(folder), make_executor(run.engine, run.workers, run.scheduler) as executor:
+        with (
+            full_disk_is_resumable(folder),
+            make_executor(run.engine, run.workers, run.scheduler) as executor,
+        ):
             number = _spread(run, folder / "rows", executor)
-            for _ in map_in_order(executor, reduce, ((str(folder), bucket) for bucket in range(number)), window=2 * run.workers):
+            for _ in map_in_order(
+                executor,
+                reduce,
+                ((str(folder), bucket) for bucket in range(number)),
+                window=2 * run.workers,
+            ):
                 pass
         yield Known(folder)
     finally:
@@ -65,10 +73,15 @@ def known(run: Run) -> Iterator[Known]:
 def _spread(run: Run, folder: Path, executor: Any) -> int:
     """Every segment of the raw log → `folder/<bucket>/<segment>.arrow`; the number of buckets."""
     links = run.profile.section("reddit").links
-    segments = [(kind, path) for kind in parse.KINDS for path in rawlog.segments(run.root, "reddit", kind)]
+    segments = [
+        (kind, path) for kind in parse.KINDS for path in rawlog.segments(run.root, "reddit", kind)
+    ]
     number = buckets.how_many(sum(path.stat().st_size for _, path in segments))
     task = run.progress.task("read reddit", total=len(segments), unit="segments")
-    tasks = ((kind, links, str(path), place, str(folder), number) for place, (kind, path) in enumerate(segments))
+    tasks = (
+        (kind, links, str(path), place, str(folder), number)
+        for place, (kind, path) in enumerate(segments)
+    )
     for _ in map_in_order(executor, spread, tasks, window=2 * run.workers):
         task.advance(1)
     task.close()
@@ -77,7 +90,9 @@ def _spread(run: Run, folder: Path, executor: Any) -> int:
 
 def spread(kind: str, links: Links, segment: str, place: int, folder: str, number: int) -> None:
     """Spread one segment; runs in a worker."""
-    about = buckets.Kind(partial(_rows, kind=kind, links=links), key=("fullname",), bucket="fullname")
+    about = buckets.Kind(
+        partial(_rows, kind=kind, links=links), key=("fullname",), bucket="fullname"
+    )
     with full_disk_is_resumable(Path(folder)):
         buckets.spread(about, f"reddit/{kind}", Path(segment), place, Path(folder), number)
 
@@ -101,22 +116,43 @@ def reduce(folder: str, number: int) -> None:
     for path in sorted(Path(folder, "rows", str(number)).glob("*.arrow")):
         with pa.ipc.open_file(str(path)) as file:
             rows = file.read_all()
-        parts.append(rows.append_column("_segment", pa.repeat(pa.scalar(int(path.stem), pa.int32()), rows.num_rows)))
+        parts.append(
+            rows.append_column(
+                "_segment", pa.repeat(pa.scalar(int(path.stem), pa.int32()), rows.num_rows)
+            )
+        )
     if not parts:
         return
     rows = pa.concat_tables(parts)
     # As in assemble: the later kind wins where two are as old, so that both tell the same. Segments stand in
     # the order of the kinds; nulls first, as an answer that doesn't say when it was read is older than any that does.
     by = ["fullname", "fetched_at", "live", "dump", "_segment", "_at"]
-    rows = rows.take(pc.sort_indices(rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by]))
+    rows = rows.take(
+        pc.sort_indices(rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by])
+    )
     # An answer that only says that a comment is gone may not say of which post it was; an older one does.
-    rows = rows.set_column(1, "post_id", pc.if_else(pc.equal(rows["post_id"], ""), pa.scalar(None, pa.string()), rows["post_id"]))
-    last, said = pc.ScalarAggregateOptions(skip_nulls=False), pc.ScalarAggregateOptions(skip_nulls=True)
+    rows = rows.set_column(
+        1,
+        "post_id",
+        pc.if_else(pc.equal(rows["post_id"], ""), pa.scalar(None, pa.string()), rows["post_id"]),
+    )
+    last, said = (
+        pc.ScalarAggregateOptions(skip_nulls=False),
+        pc.ScalarAggregateOptions(skip_nulls=True),
+    )
     newest = rows.group_by("fullname", use_threads=False).aggregate(
-        [("post_id", "last", said), *((name, "last", last) for name in ("fetched_at", "live", "gone", "state"))]
+        [
+            ("post_id", "last", said),
+            *((name, "last", last) for name in ("fetched_at", "live", "gone", "state")),
+        ]
     )
     newest = newest.rename_columns([name.removesuffix("_last") for name in newest.column_names])
-    newest = newest.append_column("there", pc.equal(newest["state"], "there")).drop_columns(["state"])
-    with full_disk_is_resumable(Path(folder)), pa.ipc.new_file(str(Path(folder, f"{number:06d}.arrow")), newest.schema) as file:
+    newest = newest.append_column("there", pc.equal(newest["state"], "there")).drop_columns(
+        ["state"]
+    )
+    with (
+        full_disk_is_resumable(Path(folder)),
+        pa.ipc.new_file(str(Path(folder, f"{number:06d}.arrow")), newest.schema) as file,
+    ):
         file.write_table(newest)
     shutil.rmtree(Path(folder, "rows", str(number)))

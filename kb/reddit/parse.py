@@ -34,7 +34,12 @@ Row = dict[str, Any]
 
 def raw_kind(kind: str, links: Links) -> Kind:
     """How one raw kind becomes rows; of records of dumps that are as old, or don't say, the later dump's counts."""
-    return Kind(partial(rows, kind=kind, links=links), key=("fullname", "state"), bucket="post_id", then="dump")
+    return Kind(
+        partial(rows, kind=kind, links=links),
+        key=("fullname", "state"),
+        bucket="post_id",
+        then="dump",
+    )
 
 
 def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
@@ -67,17 +72,31 @@ class Reader:
                 envelope = holdable(json.loads(line))  # lone surrogates, which Arrow can't hold
             except ValueError as error:
                 raise DamagedData(f"a raw line is no envelope: {error}") from None
-        fetched_at, params, status = envelope["fetched_at"], envelope["request"]["params"], envelope["status"]
+        fetched_at, params, status = (
+            envelope["fetched_at"],
+            envelope["request"]["params"],
+            envelope["status"],
+        )
         # Stubs don't say which post they are of; the request does.
         about = params.get("article") or tree.bare(params.get("link_id"))
         found = list(self._things(envelope["response"], about)) if status == 200 else []
         if self._kind == "listings":
             # A crawl of a span of time leaves out what its listings show of other times.
-            found = [row for row in found if not tree.outside(row.get("created_utc"), params.get("since"), params.get("until"))]
+            found = [
+                row
+                for row in found
+                if not tree.outside(
+                    row.get("created_utc"), params.get("since"), params.get("until")
+                )
+            ]
         known = {row["fullname"] for row in found}
         asked = asked_for(self._kind, params, status)
         found += [_row(name, post, "missing") for name, post in asked if name not in known]
-        dump = "" if self._live else f"{envelope['request']['endpoint']}/{params.get('offset', 0):020d}"
+        dump = (
+            ""
+            if self._live
+            else f"{envelope['request']['endpoint']}/{params.get('offset', 0):020d}"
+        )
         for row in found:
             # A dump's envelope holds records that were read at different times; each says it itself, or nobody knows.
             row["fetched_at"] = fetched_at if self._live else row.pop("retrieved", None)
@@ -123,7 +142,13 @@ class Reader:
         parent = data.get("parent_id")
         if not isinstance(parent, str) or not parent.startswith(("t1_", "t3_")):
             # Some dump years give the parent of a comment as a number or leave it out.
-            row["found"].append(("parent_id", "absent" if parent is None else "malformed", None if parent is None else str(parent)))
+            row["found"].append(
+                (
+                    "parent_id",
+                    "absent" if parent is None else "malformed",
+                    None if parent is None else str(parent),
+                )
+            )
             parent = None
         row |= {"parent_id": parent, "text": fields.text(row, data, "body", needed=True)}
         return _common(row, data)
@@ -137,11 +162,22 @@ def asked_for(kind: str, params: dict[str, Any], status: int) -> list[tuple[str,
     if kind == "info" and status == 200:
         names = [name for name in str(params.get("id", "")).split(",") if name]
         posts = params.get("posts") or []
-        return [(name, tree.bare(name) if name.startswith("t3_") else (posts[n] if n < len(posts) else "")) for n, name in enumerate(names)]
+        return [
+            (
+                name,
+                tree.bare(name) if name.startswith("t3_") else (posts[n] if n < len(posts) else ""),
+            )
+            for n, name in enumerate(names)
+        ]
     if kind == "morechildren" and status == 200:
         post = tree.bare(params.get("link_id"))
         return [(f"t1_{key}", post) for key in str(params.get("children", "")).split(",") if key]
-    if kind == "comments" and status in (404, 410) and "comment" not in params and params.get("article"):
+    if (
+        kind == "comments"
+        and status in (404, 410)
+        and "comment" not in params
+        and params.get("article")
+    ):
         return [(f"t3_{params['article']}", str(params["article"]))]
     return []
 
@@ -175,7 +211,10 @@ def schema() -> pa.Schema:
             ("parent_id", text),
             ("gone", text),
             ("gone_value", text),
-            ("problems", pa.list_(pa.struct([("column", text), ("reason", text), ("value", text)]))),
+            (
+                "problems",
+                pa.list_(pa.struct([("column", text), ("reason", text), ("value", text)])),
+            ),
         ]
     )
 
@@ -190,14 +229,22 @@ def to_table(found: list[Row]) -> pa.Table:
     columns: dict[str, Any] = {}
     for field in schema():
         if field.name == "fetched_at":
-            columns[field.name] = times([row.get("fetched_at") for row in found])[0].cast(field.type)
-        elif field.name == "created_utc":
-            # whole seconds to microseconds
-            columns[field.name] = pa.array([None if (at := row.get("created_utc")) is None else at * 1_000_000 for row in found], pa.int64()).cast(
+            columns[field.name] = times([row.get("fetched_at") for row in found])[0].cast(
                 field.type
             )
+        elif field.name == "created_utc":
+            # whole seconds to microseconds
+            columns[field.name] = pa.array(
+                [
+                    None if (at := row.get("created_utc")) is None else at * 1_000_000
+                    for row in found
+                ],
+                pa.int64(),
+            ).cast(field.type)
         elif field.name == "problems":
-            columns[field.name] = problems({n: row["found"] for n, row in enumerate(found) if row["found"]}, len(found)).cast(field.type)
+            columns[field.name] = problems(
+                {n: row["found"] for n, row in enumerate(found) if row["found"]}, len(found)
+            ).cast(field.type)
         else:
             columns[field.name] = pa.array([row.get(field.name) for row in found], field.type)
     return pa.table(columns, schema=schema())
@@ -212,9 +259,14 @@ def _identified(kind: str, data: dict[str, Any]) -> tuple[Row, str]:
     key = data.get("id")
     if isinstance(key, str) and key:
         return _row(f"{kind}_{key}", "", "there"), key
-    made = "unknown-" + hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()[:16]
+    made = (
+        "unknown-"
+        + hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()[:16]
+    )
     row = _row(f"{kind}_{made}", "", "unknown")
-    row["found"].append(("state", "malformed" if key is not None else "absent", None if key is None else str(key)))
+    row["found"].append(
+        ("state", "malformed" if key is not None else "absent", None if key is None else str(key))
+    )
     return row, made
 
 
@@ -225,7 +277,9 @@ def _common(row: Row, data: dict[str, Any]) -> Row:
     row |= {
         "score": fields.integer(row, data, "score"),
         "created_utc": fields.integer(row, data, "created_utc"),
-        "author_hash": author if isinstance(author, str) and author not in ("", "[deleted]", "[removed]") else None,
+        "author_hash": author
+        if isinstance(author, str) and author not in ("", "[deleted]", "[removed]")
+        else None,
         "gone": gone[0] if gone else None,
         "gone_value": gone[1] if gone else None,
     }

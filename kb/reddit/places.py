@@ -50,14 +50,22 @@ def name_of(file: Path, since: float, until: float) -> str:
     with file.open("rb") as opened:
         start = opened.read(1 << 16)
     key = hashlib.sha256(f"{file.name}\0{file.stat().st_size}\0".encode() + start).hexdigest()[:16]
-    span = "" if (since, until) == (0.0, float("inf")) else "-" + hashlib.sha256(f"{since}\0{until}".encode()).hexdigest()[:8]
+    span = (
+        ""
+        if (since, until) == (0.0, float("inf"))
+        else "-" + hashlib.sha256(f"{since}\0{until}".encode()).hexdigest()[:8]
+    )
     return key + span
 
 
 def load(root: Path, name: str, file: str = "", round: str = "") -> Place:
     """Where an import was left: at the beginning when there is no note, or one of another round of `--again`."""
     path = _folder(root) / f"{name}.json"
-    place = msgspec.json.decode(path.read_bytes(), type=Place) if path.exists() else Place(file, round=round)
+    place = (
+        msgspec.json.decode(path.read_bytes(), type=Place)
+        if path.exists()
+        else Place(file, round=round)
+    )
     return place if place.round == round or not round else Place(file, round=round)
 
 

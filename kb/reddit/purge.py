@@ -39,7 +39,10 @@ ROWS = (
         )
     ),
     Place(str(OUT), "reddit/missing", "key"),
-    *(Place(f"clean/reddit/{verdict}", f"shared/{verdict}", "key") for verdict in ("rejected", "failed", "pending")),
+    *(
+        Place(f"clean/reddit/{verdict}", f"shared/{verdict}", "key")
+        for verdict in ("rejected", "failed", "pending")
+    ),
 )
 
 
@@ -55,13 +58,23 @@ def collect(run: Run, ids: Path | None) -> dict[str, str]:
     with known(run) as things:
         for rows in things:
             lost = rows.filter(pc.or_(pc.invert(rows["there"]), pc.is_valid(rows["gone"])))
-            for name, reason in zip(lost["fullname"].to_pylist(), pc.fill_null(lost["gone"], "missing").to_pylist(), strict=True):
+            for name, reason in zip(
+                lost["fullname"].to_pylist(),
+                pc.fill_null(lost["gone"], "missing").to_pylist(),
+                strict=True,
+            ):
                 found.setdefault(name, reason)
         # A post that was purged before may have got comments since.
-        posts = {name[3:] for name in found.keys() | tombstones.keys(run.root, "reddit") if name.startswith("t3_")}
+        posts = {
+            name[3:]
+            for name in found.keys() | tombstones.keys(run.root, "reddit")
+            if name.startswith("t3_")
+        }
         below = pa.array(sorted(posts), pa.string())
         for rows in things:
-            theirs = pc.and_(pc.starts_with(rows["fullname"], "t1_"), pc.is_in(rows["post_id"], value_set=below))
+            theirs = pc.and_(
+                pc.starts_with(rows["fullname"], "t1_"), pc.is_in(rows["post_id"], value_set=below)
+            )
             for name in rows["fullname"].filter(theirs).to_pylist():
                 found.setdefault(name, "post")
     return found
@@ -84,7 +97,9 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
             keys = purge.begin(run.root, "reddit", collect(run, ids))
             if keys:
                 crossposts: set[str] = set()
-                purge.rewrite_raw(run.root, "reddit", keys.keys(), partial(_strip, crossposts), frontier)
+                purge.rewrite_raw(
+                    run.root, "reddit", keys.keys(), partial(_strip, crossposts), frontier
+                )
                 for base in BASES:
                     drop_parents(run.root / base / "posts", crossposts, keys)
                 _forget(frontier, keys)
@@ -96,7 +111,9 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
     return keys
 
 
-def _strip(crossposts: set[str], kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | None:
+def _strip(
+    crossposts: set[str], kind: str, envelope: Envelope, keys: Collection[str]
+) -> Envelope | None:
     """Strip; the bare ids of crossposts of a key are added, also when a purge that was cut off has stripped them."""
     posts = (thing.data for thing in tree.things(envelope.response) if thing.kind == tree.POST)
     crossposts.update(str(post.get("id")) for post in posts if repeats(post, keys))
@@ -106,7 +123,11 @@ def _strip(crossposts: set[str], kind: str, envelope: Envelope, keys: Collection
 def _forget(frontier: Frontier, names: Collection[str]) -> None:
     for kind, prefix in (("tree", "t3_"), ("more", "t1_"), (INFO, "")):
         frontier.remove(kind, [key.removeprefix(prefix) for key in names if key.startswith(prefix)])
-    threads = [key for key, *_ in frontier.items("thread") if f"t3_{key.partition('/')[0]}" in names or f"t1_{key.partition('/')[2]}" in names]
+    threads = [
+        key
+        for key, *_ in frontier.items("thread")
+        if f"t3_{key.partition('/')[0]}" in names or f"t1_{key.partition('/')[2]}" in names
+    ]
     frontier.remove("thread", threads)
     for key, _, _, payload in frontier.items("listing"):
         # Its next page stood behind a post that goes: read from the first page again.

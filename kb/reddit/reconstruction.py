@@ -116,7 +116,13 @@ def rebuild(run: Run, ids: Path | str | Iterable[str] | None, out: Path) -> Summ
     """
     for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
         run.settings.need(name)
-    source = run.root / "release" / "reddit" if ids is None else Path(ids) if isinstance(ids, (str, Path)) else None
+    source = (
+        run.root / "release" / "reddit"
+        if ids is None
+        else Path(ids)
+        if isinstance(ids, (str, Path))
+        else None
+    )
     wanted = read_names(ids, "ids") if source is None else read_wanted(source)
     digest = wanted.digest()
     tables.check_place(out)
@@ -133,7 +139,9 @@ def rebuild(run: Run, ids: Path | str | Iterable[str] | None, out: Path) -> Summ
         done.unlink(missing_ok=True)  # it tells of the tables that go now
         try:
             depths = released_depths(source) if source else None
-            counts = tables.write(work, out, wanted, job.unanswered(), run.profile.section("reddit").links, depths)
+            counts = tables.write(
+                work, out, wanted, job.unanswered(), run.profile.section("reddit").links, depths
+            )
         except KbError as error:
             error.summary = summary
             raise
@@ -173,7 +181,10 @@ class Rebuild(Crawl):
         if not self.frontier.ready("info"):
             return super()._step()
         if room <= 0:
-            raise LimitReached(f"{self.asked} ids were read (--limit {limit})", hint="run the same command to go on")
+            raise LimitReached(
+                f"{self.asked} ids were read (--limit {limit})",
+                hint="run the same command to go on",
+            )
         names = [item.key for item in self.frontier.take("info", room)]
         try:
             answer = self._wait(lambda: self.at.client.info(names))
@@ -194,7 +205,11 @@ class Rebuild(Crawl):
             source="reddit",
             crawled=self.asked + self.posts,
             requests=self.frontier.requests()[0] - self.before[0],
-            pending=sum(counts[kind].get(status, 0) for kind in self.KINDS for status in ("todo", "in_progress")),
+            pending=sum(
+                counts[kind].get(status, 0)
+                for kind in self.KINDS
+                for status in ("todo", "in_progress")
+            ),
             failed=sum(counts[kind].get("error", 0) for kind in self.KINDS),
         )
 
@@ -207,7 +222,11 @@ class Rebuild(Crawl):
         }
         for kind, prefix in (("info", ""), ("tree", "t3_")):
             for key, _, reason, _ in self.frontier.items(kind, "skipped"):
-                found[f"{prefix}{key}"] = {"404": "missing", "410": "missing", "purged": "purged"}.get(reason or "", "forbidden")
+                found[f"{prefix}{key}"] = {
+                    "404": "missing",
+                    "410": "missing",
+                    "purged": "purged",
+                }.get(reason or "", "forbidden")
         return found
 
 
@@ -218,4 +237,8 @@ def _run(profile: str | None, settings: dict[str, Any]) -> Run:
 
     loaded = load_settings(**{**settings, "kb_profile": profile or settings.get("kb_profile")})
     redact.know(loaded.secret_values())
-    return Run(settings=loaded, profile=load_profile(loaded.kb_profile), root=loaded.kb_data.expanduser().absolute())
+    return Run(
+        settings=loaded,
+        profile=load_profile(loaded.kb_profile),
+        root=loaded.kb_data.expanduser().absolute(),
+    )

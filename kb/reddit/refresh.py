@@ -26,7 +26,10 @@ from kb.store.shards import PAGE
 
 KIND = "info"
 _ORDER = ["place", "fullname"]
-_MANY, _MOST = 100, 0.9  # of at least so many ids nearly all missing: rather a closed subreddit than so many deletions
+_MANY, _MOST = (
+    100,
+    0.9,
+)  # of at least so many ids nearly all missing: rather a closed subreddit than so many deletions
 _log = logging.getLogger("kb.reddit")
 
 
@@ -37,8 +40,15 @@ def refresh(run: Run) -> Summary:
     with session(run) as at:
         section = run.profile.section("reddit")
         oldest = clock.now() - timedelta(days=section.max_age_days)
-        with known(run) as things, closing(Merge(_parts(things, at.gone, oldest, run.again), _ORDER, _ORDER)) as due:
-            items = ((row["fullname"], {"post": row["place"][1:]}) for rows in due for row in rows.to_pylist())
+        with (
+            known(run) as things,
+            closing(Merge(_parts(things, at.gone, oldest, run.again), _ORDER, _ORDER)) as due,
+        ):
+            items = (
+                (row["fullname"], {"post": row["place"][1:]})
+                for rows in due
+                for row in rows.to_pylist()
+            )
             total = at.frontier.replace(KIND, items)
         return _read(run, at, total, section.max_age_days)
 
@@ -55,7 +65,12 @@ def _parts(things: Known, gone: Collection[str], oldest: datetime, again: bool) 
     purged, parts = pa.array(sorted(gone), pa.string()), []
     by = [(name, "ascending") for name in _ORDER]
     for number, rows in enumerate(things):
-        old = pc.or_(pc.invert(rows["live"]), pc.fill_null(pc.less(rows["fetched_at"], pa.scalar(oldest, rows["fetched_at"].type)), True))
+        old = pc.or_(
+            pc.invert(rows["live"]),
+            pc.fill_null(
+                pc.less(rows["fetched_at"], pa.scalar(oldest, rows["fetched_at"].type)), True
+            ),
+        )
         # What is missing or was deleted by its author stays so; a removal may be taken back.
         here = pc.and_(rows["there"], pc.fill_null(pc.not_equal(rows["gone"], "deleted"), True))
         due = pc.or_(pc.and_(old, here), pc.invert(rows["there"])) if again else pc.and_(old, here)
@@ -67,7 +82,14 @@ def _parts(things: Known, gone: Collection[str], oldest: datetime, again: bool) 
         with full_disk_is_resumable(parts[-1]):
             marks = pq.SortingColumn.from_ordering(rows.schema, by, "at_end")
             # Pages are small, as a merge has one of every part in memory; a dictionary of unique names is as large as they are.
-            pq.write_table(rows, parts[-1], sorting_columns=marks, compression="zstd", use_dictionary=False, data_page_size=PAGE)
+            pq.write_table(
+                rows,
+                parts[-1],
+                sorting_columns=marks,
+                compression="zstd",
+                use_dictionary=False,
+                data_page_size=PAGE,
+            )
     return parts
 
 
@@ -75,14 +97,18 @@ def _read(run: Run, at: Session, total: int, days: int) -> Summary:
     summary = Summary(source="reddit", crawled=0, missing=0, failed=0, requests=0, left=total)
     before, failures = at.frontier.requests()[0], 0
     if not total:
-        run.progress.say(f"reddit: nothing is older than {days} days, and nothing is from dumps alone")
+        run.progress.say(
+            f"reddit: nothing is older than {days} days, and nothing is from dumps alone"
+        )
         return summary
     task = run.progress.task("refresh", total=total, unit="ids")
 
     def count() -> Summary:
         counts = at.frontier.counts(KIND)
         summary.update(
-            requests=at.frontier.requests()[0] - before, failed=counts.get("error", 0), left=counts.get("todo", 0) + counts.get("in_progress", 0)
+            requests=at.frontier.requests()[0] - before,
+            failed=counts.get("error", 0),
+            left=counts.get("todo", 0) + counts.get("in_progress", 0),
         )
         return summary
 
@@ -91,7 +117,10 @@ def _read(run: Run, at: Session, total: int, days: int) -> Summary:
             signals.stop.check()
             room = INFO if run.limit is None else min(INFO, run.limit - summary["crawled"])
             if room <= 0:
-                raise LimitReached(f"{summary['crawled']} ids were read (--limit {run.limit})", hint="run the same command to go on")
+                raise LimitReached(
+                    f"{summary['crawled']} ids were read (--limit {run.limit})",
+                    hint="run the same command to go on",
+                )
             items = at.frontier.take(KIND, room)
             names = [item.key for item in items]
             try:
@@ -101,14 +130,23 @@ def _read(run: Run, at: Session, total: int, days: int) -> Summary:
                 failures += 1
                 if failures >= DOWN:
                     raise Unreachable(
-                        f"Reddit failed {failures} times in a row ({error.reason})", hint="run the same command later: it goes on where it stopped"
+                        f"Reddit failed {failures} times in a row ({error.reason})",
+                        hint="run the same command later: it goes on where it stopped",
                     ) from None
                 continue
             except ItemFinal as error:
                 raise FatalError(f"Reddit does not answer info ({error})") from None
             failures = 0
-            at.record(KIND, "api/info", {"id": ",".join(names), "posts": [item.payload["post"] for item in items]}, 200, answer)
-            given = {f"{child['kind']}_{child['data'].get('id')}" for child in answer["data"]["children"]}
+            at.record(
+                KIND,
+                "api/info",
+                {"id": ",".join(names), "posts": [item.payload["post"] for item in items]},
+                200,
+                answer,
+            )
+            given = {
+                f"{child['kind']}_{child['data'].get('id')}" for child in answer["data"]["children"]
+            }
             summary["crawled"] += len(names)
             summary["missing"] += sum(name not in given for name in names)
             task.advance(len(names), missing=summary["missing"])

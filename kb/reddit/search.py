@@ -77,7 +77,12 @@ class Search:
         if len(hits) < lines and (every or whole < lines):
             at = begin
             for line in _lines(chunk):
-                if at not in hits and (every or not _looks_whole(line)) and line.strip() and _read(line) is None:
+                if (
+                    at not in hits
+                    and (every or not _looks_whole(line))
+                    and line.strip()
+                    and _read(line) is None
+                ):
                     bad.append(at)
                 at += len(line)
         return Found(lines, len(bad), offset + min(bad) - begin if bad else None, records)
@@ -94,7 +99,9 @@ class Search:
         """Where the quoted name or id may stand in data[begin:end], in order."""
         if self._exact and self._ids_tell:
             part = memoryview(data)[begin:end]
-            return sorted(begin + place for find in self._exact.values() for _, place, _ in find(part))
+            return sorted(
+                begin + place for find in self._exact.values() for _, place, _ in find(part)
+            )
         return self._in_any_case(data, begin, end)
 
     def _in_any_case(self, data: bytes, begin: int, end: int) -> Iterator[int]:
@@ -131,7 +138,9 @@ def _folded(data: bytes) -> memoryview:
 
     eights = len(data) // 8
     plain = pa.Array.from_buffers(pa.uint64(), eights, [None, pa.py_buffer(data)])
-    return memoryview(pc.call_function("bit_wise_or", [plain, _cases()]).buffers()[1]).cast("B")[: eights * 8]
+    return memoryview(pc.call_function("bit_wise_or", [plain, _cases()]).buffers()[1]).cast("B")[
+        : eights * 8
+    ]
 
 
 @cache
@@ -186,7 +195,11 @@ def _is_deep(line: bytes, value: Any) -> bool:
         return False
     level = [value]
     for _ in range(DEEPEST):
-        inner = (list(outer.values()) if isinstance(outer, dict) else outer for outer in level if isinstance(outer, (dict, list)))
+        inner = (
+            list(outer.values()) if isinstance(outer, dict) else outer
+            for outer in level
+            if isinstance(outer, (dict, list))
+        )
         level = [one for several in inner for one in several]
         if not level:
             return False

@@ -40,7 +40,10 @@ class Segments:
         if not things:
             return
         if self._file is None:
-            self._file, self._digest = places.begun(self._base, self._name).open("wb"), hashlib.sha256()
+            self._file, self._digest = (
+                places.begun(self._base, self._name).open("wb"),
+                hashlib.sha256(),
+            )
         read = [at for thing in things if (at := retrieved(thing["data"])) is not None]
         envelope = Envelope(
             _stamp(max(read)) if read else None,
@@ -59,15 +62,22 @@ class Segments:
             os.fsync(self._file.fileno())
             self._file.close()
             self.place.segments += 1
-            self.place.segment, self.place.form = places.segment_name(self.place.segments, self._digest.hexdigest()), 2
-            os.rename(places.begun(self._base, self._name), places.written(self._base, self.place.segment))
+            self.place.segment, self.place.form = (
+                places.segment_name(self.place.segments, self._digest.hexdigest()),
+                2,
+            )
+            os.rename(
+                places.begun(self._base, self._name), places.written(self._base, self.place.segment)
+            )
         self.place.offset, self.place.lines = offset, seen.lines
         self.place.bad_lines, self.place.first_bad = seen.bad_lines, seen.first_bad
         self.place.things += things
         self.place.fresh += things
         places.save(self._root, self._name, self.place)
         if self._file is not None:
-            os.rename(places.written(self._base, self.place.segment), self._base / self.place.segment)
+            os.rename(
+                places.written(self._base, self.place.segment), self._base / self.place.segment
+            )
             sync_folder(self._base)
         self._file = None
 

@@ -18,9 +18,14 @@ from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 
 PAGES = 10  # of 100: Reddit ends a listing at about 1,000
-OUTSIDE = "outside --since/--until"  # not read by this crawl; one with another span, or none, reads it
+OUTSIDE = (
+    "outside --since/--until"  # not read by this crawl; one with another span, or none, reads it
+)
 AGAIN = "came back as a stub"
-_BY_TIME = ("new", "search")  # newest first; the other listings have no order that a later round could end by
+_BY_TIME = (
+    "new",
+    "search",
+)  # newest first; the other listings have no order that a later round could end by
 
 
 def listing_key(endpoint: str, params: dict[str, Any]) -> str:
@@ -41,7 +46,12 @@ def apply(frontier: Frontier, kind: str, envelope: Envelope) -> None:
         _stubs(frontier, tree.bare(params["link_id"]), response)
         asked = str(params["children"]).split(",")
         # Some may come back as a stub again: they are asked once more as long as that settles any.
-        again = {key for thing in tree.things(response) if thing.kind == "more" for key in tree.stub_ids(thing.data)}
+        again = {
+            key
+            for thing in tree.things(response)
+            if thing.kind == "more"
+            for key in tree.stub_ids(thing.data)
+        }
         settled = [key for key in asked if key not in again]
         frontier.done("more", *settled)
         if settled:
@@ -53,18 +63,38 @@ def apply(frontier: Frontier, kind: str, envelope: Envelope) -> None:
 
 
 def _listing(frontier: Frontier, key: str, params: dict[str, Any], response: Any) -> None:
-    posts = [thing.data for thing in tree.things(response) if thing.kind == tree.POST and thing.data.get("id")]
+    posts = [
+        thing.data
+        for thing in tree.things(response)
+        if thing.kind == tree.POST and thing.data.get("id")
+    ]
     frontier.add("tree", [(post["id"], {"created_utc": post.get("created_utc")}) for post in posts])
     frontier.add("listing", [key])
     pages = int(params.get("count", 0)) // 100 + 1
     token = tree.after(response)
     before = (frontier.get("listing", key) or ("", None, None))[1] or {}
-    made = [float(post["created_utc"]) for post in posts if isinstance(post.get("created_utc"), (int, float))]
+    made = [
+        float(post["created_utc"])
+        for post in posts
+        if isinstance(post.get("created_utc"), (int, float))
+    ]
     oldest, upto = min(made, default=None), before.get("upto")
-    newest = max([*made, *(moment for moment in (before.get("newest"), upto) if moment is not None)], default=None)
-    frontier.payload("listing", key, {"after": token, "pages": pages, "oldest": oldest, "newest": newest, "upto": upto})
+    newest = max(
+        [*made, *(moment for moment in (before.get("newest"), upto) if moment is not None)],
+        default=None,
+    )
+    frontier.payload(
+        "listing",
+        key,
+        {"after": token, "pages": pages, "oldest": oldest, "newest": newest, "upto": upto},
+    )
     # In a later round a page that reaches back behind the newest post of the round before means that the rest is known.
-    known = key.partition(":")[0] in _BY_TIME and upto is not None and oldest is not None and oldest < upto
+    known = (
+        key.partition(":")[0] in _BY_TIME
+        and upto is not None
+        and oldest is not None
+        and oldest < upto
+    )
     frontier.mark("listing", [key], "done" if token is None or pages >= PAGES or known else "todo")
 
 

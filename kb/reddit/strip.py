@@ -40,7 +40,11 @@ def _asked(kind: str, request: Request, keys: Collection[str]) -> Request | None
     if kind == "info":
         names = str(params.get("id", "")).split(",")
         posts = params.get("posts") or []
-        kept = [n for n, name in enumerate(names) if name not in keys and not (n < len(posts) and f"t3_{posts[n]}" in keys)]
+        kept = [
+            n
+            for n, name in enumerate(names)
+            if name not in keys and not (n < len(posts) and f"t3_{posts[n]}" in keys)
+        ]
         if len(kept) == len(names):
             return request
         changed = {**params, "id": ",".join(names[n] for n in kept)}
@@ -52,13 +56,20 @@ def _asked(kind: str, request: Request, keys: Collection[str]) -> Request | None
             return None
         if f"t1_{params.get('comment')}" in keys:
             # What is left reads as a page of the post.
-            return Request(f"comments/{params['article']}", {name: value for name, value in params.items() if name != "comment"})
+            return Request(
+                f"comments/{params['article']}",
+                {name: value for name, value in params.items() if name != "comment"},
+            )
     if kind == "morechildren":
         if params.get("link_id") in keys:
             return None
         children = str(params.get("children", "")).split(",")
         kept_ids = [key for key in children if f"t1_{key}" not in keys]
-        return request if len(kept_ids) == len(children) else Request(request.endpoint, {**params, "children": ",".join(kept_ids)})
+        return (
+            request
+            if len(kept_ids) == len(children)
+            else Request(request.endpoint, {**params, "children": ",".join(kept_ids)})
+        )
     if kind == "listings" and params.get("after") in keys:
         return Request(request.endpoint, {**params, "after": ""})
     return request
@@ -84,7 +95,11 @@ def _without(value: Any, keys: Collection[str]) -> tuple[Any, bool]:
                 fresh[name] = inner
     if value.get("after") in keys:
         # Reddit goes on behind any post that it knows.
-        last = [child["data"].get("name") for child in fresh.get("children", value.get("children") or []) if isinstance(child, dict)]
+        last = [
+            child["data"].get("name")
+            for child in fresh.get("children", value.get("children") or [])
+            if isinstance(child, dict)
+        ]
         fresh["after"] = last[-1] if last else None
     return ({**value, **fresh}, True) if fresh else (value, False)
 
@@ -107,10 +122,16 @@ def _thing(value: Any, keys: Collection[str]) -> tuple[list[Any], bool]:
     fresh = {"replies": replies} if changed else {}
     if repeats(data, keys):
         data = without_parent(data, keys)
-    return ([{**value, "data": {**data, **fresh}}], True) if fresh or data is not value["data"] else ([value], False)
+    return (
+        ([{**value, "data": {**data, **fresh}}], True)
+        if fresh or data is not value["data"]
+        else ([value], False)
+    )
 
 
-def _stub(value: dict[str, Any], data: dict[str, Any], keys: Collection[str]) -> tuple[list[Any], bool]:
+def _stub(
+    value: dict[str, Any], data: dict[str, Any], keys: Collection[str]
+) -> tuple[list[Any], bool]:
     children = tree.stub_ids(data)
     kept = [key for key in children if f"t1_{key}" not in keys]
     if not children:
@@ -118,4 +139,8 @@ def _stub(value: dict[str, Any], data: dict[str, Any], keys: Collection[str]) ->
     if len(kept) == len(children):
         return [value], False
     # Without children it would mean "continue this thread".
-    return ([{**value, "data": {**data, "children": kept, "id": kept[0], "name": f"t1_{kept[0]}"}}] if kept else []), True
+    return (
+        [{**value, "data": {**data, "children": kept, "id": kept[0], "name": f"t1_{kept[0]}"}}]
+        if kept
+        else []
+    ), True

@@ -34,10 +34,21 @@ def check_place(out: Path) -> None:
         raise SettingError(f"--out {out} is no folder", hint="give a folder")
     ours = (out / DONE).exists() or (out / MISSING).exists() or any(out.glob(f"{WORK}*"))
     for place in (out / name for name in _NAMES):
-        there = sorted(place.iterdir()) if place.is_dir() and not place.is_symlink() else [place] if place.exists() or place.is_symlink() else []
-        foreign = [path for path in there if not (ours and _PART.match(path.name) and path.is_file())]
+        there = (
+            sorted(place.iterdir())
+            if place.is_dir() and not place.is_symlink()
+            else [place]
+            if place.exists() or place.is_symlink()
+            else []
+        )
+        foreign = [
+            path for path in there if not (ours and _PART.match(path.name) and path.is_file())
+        ]
         if foreign:
-            raise SettingError(f"--out: {foreign[0]} was not made by a reconstruction and would be deleted", hint="give another folder")
+            raise SettingError(
+                f"--out: {foreign[0]} was not made by a reconstruction and would be deleted",
+                hint="give another folder",
+            )
 
 
 def are_whole(out: Path, counts: dict[str, int]) -> bool:
@@ -54,7 +65,14 @@ def are_whole(out: Path, counts: dict[str, int]) -> bool:
         return False
 
 
-def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], links: Links, depths: pa.Table | None = None) -> dict[str, int]:
+def write(
+    work: Path,
+    out: Path,
+    wanted: Wanted,
+    unanswered: dict[str, str],
+    links: Links,
+    depths: pa.Table | None = None,
+) -> dict[str, int]:
     """posts/, comments/ and missing.parquet below `out`; how many rows each has (`missing` without those that failed).
 
     Raises DamagedData, DiskFull.
@@ -70,13 +88,22 @@ def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], lin
         counts = {"posts": 0, "comments": 0}
         gone: dict[str, str] = {}
         for number in range(buckets):
-            newest = {kind: _read(spread / kind / f"{number}.arrow") for kind in parse.KINDS if (spread / kind / f"{number}.arrow").exists()}
+            newest = {
+                kind: _read(spread / kind / f"{number}.arrow")
+                for kind in parse.KINDS
+                if (spread / kind / f"{number}.arrow").exists()
+            }
             if not newest:
                 continue
             made = assemble(newest)
             posts = made["reddit/posts"]
-            for name, rows in (("posts", posts), ("comments", made["reddit/comments"]({"reddit/posts": posts}))):
-                kept = _sort(rows, table(f"reddit/{name}"), "t3_" if name == "posts" else "t1_", gone)
+            for name, rows in (
+                ("posts", posts),
+                ("comments", made["reddit/comments"]({"reddit/posts": posts})),
+            ):
+                kept = _sort(
+                    rows, table(f"reddit/{name}"), "t3_" if name == "posts" else "t1_", gone
+                )
                 if name == "comments" and depths is not None:
                     kept = _deep(kept, depths)
                 if kept.num_rows:
@@ -84,13 +111,19 @@ def write(work: Path, out: Path, wanted: Wanted, unanswered: dict[str, str], lin
                     counts[name] += kept.num_rows
         for name in _NAMES:
             if not counts[name]:
-                write_table(fresh[name] / "part-00000.parquet", table(f"reddit/{name}").arrow().empty_table(), f"reddit/{name}")
+                write_table(
+                    fresh[name] / "part-00000.parquet",
+                    table(f"reddit/{name}").arrow().empty_table(),
+                    f"reddit/{name}",
+                )
         lost = _lost(spread, fresh, wanted, {**unanswered, **gone})
         write_table(out / MISSING, lost, "reddit/missing")
     return {**counts, "missing": sum(reason != "failed" for reason in lost["reason"].to_pylist())}
 
 
-def _lost(scratch: Path, made: dict[str, Path], wanted: Wanted, reasons: dict[str, str]) -> pa.Table:
+def _lost(
+    scratch: Path, made: dict[str, Path], wanted: Wanted, reasons: dict[str, str]
+) -> pa.Table:
     """What is in no table and was asked for, or has a reason. All that was asked for stays on disk."""
     import duckdb
     import pyarrow as pa
@@ -105,13 +138,24 @@ def _lost(scratch: Path, made: dict[str, Path], wanted: Wanted, reasons: dict[st
         con.execute("SET enable_progress_bar = false")
         con.execute("SET memory_limit = '1GB'")
         con.execute("SET temp_directory = $1", [str(scratch)])
-        con.register("reasons", pa.table({"key": pa.array(reasons.keys(), pa.string()), "reason": pa.array(reasons.values(), pa.string())}))
+        con.register(
+            "reasons",
+            pa.table(
+                {
+                    "key": pa.array(reasons.keys(), pa.string()),
+                    "reason": pa.array(reasons.values(), pa.string()),
+                }
+            ),
+        )
         return con.sql(
             "WITH there AS ("
             " SELECT 't3_' || post_id AS key FROM read_parquet($posts) UNION ALL SELECT 't1_' || comment_id FROM read_parquet($comments)),"
             " asked AS (SELECT key FROM read_parquet($asked) UNION SELECT key FROM reasons)"
             " SELECT key, coalesce(reason, 'missing') AS reason FROM asked ANTI JOIN there USING (key) LEFT JOIN reasons USING (key)",
-            params={"asked": str(scratch / "asked.parquet"), **{name: [str(path) for path in folder.iterdir()] for name, folder in made.items()}},
+            params={
+                "asked": str(scratch / "asked.parquet"),
+                **{name: [str(path) for path in folder.iterdir()] for name, folder in made.items()},
+            },
         ).to_arrow_table()
 
 
@@ -121,18 +165,28 @@ def _spread(work: Path, spread: Path, buckets: int, links: Links) -> None:
     with ExitStack() as stack:
         writers: dict[tuple[str, int], Any] = {}
         for kind in rawlog.kinds(work, "reddit"):
-            lines = (line for path in rawlog.segments(work, "reddit", kind) for _, line in rawlog.Frames(path))
+            lines = (
+                line
+                for path in rawlog.segments(work, "reddit", kind)
+                for _, line in rawlog.Frames(path)
+            )
             for rows in parse.rows(lines, kind, links):
                 # By post where it is known; what was not answered is on its own.
                 place = [
                     zlib.crc32((post or name).encode()) % buckets
-                    for post, name in zip(rows["post_id"].to_pylist(), rows["fullname"].to_pylist(), strict=True)
+                    for post, name in zip(
+                        rows["post_id"].to_pylist(), rows["fullname"].to_pylist(), strict=True
+                    )
                 ]
                 for number in sorted(set(place)):
                     if (kind, number) not in writers:
                         (spread / kind).mkdir(parents=True, exist_ok=True)
-                        writers[kind, number] = stack.enter_context(pa.ipc.new_file(str(spread / kind / f"{number}.arrow"), parse.schema()))
-                    writers[kind, number].write_table(rows.filter(pa.array([one == number for one in place])))
+                        writers[kind, number] = stack.enter_context(
+                            pa.ipc.new_file(str(spread / kind / f"{number}.arrow"), parse.schema())
+                        )
+                    writers[kind, number].write_table(
+                        rows.filter(pa.array([one == number for one in place]))
+                    )
 
 
 def _read(path: Path) -> pa.Table:
@@ -146,10 +200,20 @@ def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, str]) ->
     """The rows that are there and whole, with the table's columns; the rest is noted in `gone`."""
     import pyarrow as pa
 
-    reasons = [_reason(state, why) for state, why in zip(rows["state"].to_pylist(), rows["gone"].to_pylist(), strict=True)]
-    needed = [rows[column.name].is_valid().to_pylist() for column in declared.columns if not column.nullable and column.name in rows.column_names]
+    reasons = [
+        _reason(state, why)
+        for state, why in zip(rows["state"].to_pylist(), rows["gone"].to_pylist(), strict=True)
+    ]
+    needed = [
+        rows[column.name].is_valid().to_pylist()
+        for column in declared.columns
+        if not column.nullable and column.name in rows.column_names
+    ]
     reasons = (
-        [reason or (None if all(whole) else "malformed") for reason, whole in zip(reasons, zip(*needed, strict=True), strict=True)]
+        [
+            reason or (None if all(whole) else "malformed")
+            for reason, whole in zip(reasons, zip(*needed, strict=True), strict=True)
+        ]
         if needed
         else reasons
     )
@@ -166,8 +230,12 @@ def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, str]) ->
 def _deep(rows: pa.Table, depths: pa.Table) -> pa.Table:
     import pyarrow.compute as pc
 
-    known = depths["depth"].take(pc.index_in(rows["comment_id"], value_set=depths["comment_id"].combine_chunks()))
-    return rows.set_column(rows.column_names.index("depth"), "depth", pc.coalesce(rows["depth"], known))
+    known = depths["depth"].take(
+        pc.index_in(rows["comment_id"], value_set=depths["comment_id"].combine_chunks())
+    )
+    return rows.set_column(
+        rows.column_names.index("depth"), "depth", pc.coalesce(rows["depth"], known)
+    )
 
 
 def _reason(state: str, gone: str | None) -> str | None:

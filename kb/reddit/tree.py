@@ -54,7 +54,11 @@ def after(response: Any) -> str | None:
 def stub_ids(data: Mapping[str, Any]) -> list[str]:
     """Bare ids of the comments behind a `more` stub; none for "continue this thread"."""
     children = data.get("children")
-    return [child for child in children if isinstance(child, str)] if isinstance(children, list) else []
+    return (
+        [child for child in children if isinstance(child, str)]
+        if isinstance(children, list)
+        else []
+    )
 
 
 def is_continuation(data: Mapping[str, Any]) -> bool:

@@ -28,14 +28,19 @@ def link_classifier(links: Links) -> Callable[[str], str]:
         except ValueError:
             return "general"
         names = {host, *(host.removeprefix(sub) for sub in _SUBDOMAINS)}
-        ending = parts.path.rpartition("/")[2].rpartition(".")[2].lower() if "." in parts.path else ""
+        ending = (
+            parts.path.rpartition("/")[2].rpartition(".")[2].lower() if "." in parts.path else ""
+        )
         if ending in video_endings or names & video_hosts:
             return "video"
         if ending in image_endings or names & image_hosts:
             return "image"
         for name in names:
             # "/" alone stands for any page but the front page
-            if any(parts.path.startswith(start) and parts.path != "/" for start in links.video_paths.get(name, ())):
+            if any(
+                parts.path.startswith(start) and parts.path != "/"
+                for start in links.video_paths.get(name, ())
+            ):
                 return "video"
         return "general"
 
@@ -45,7 +50,11 @@ def link_classifier(links: Links) -> Callable[[str], str]:
 def origin(post: Post) -> Post:
     """The post that a crosspost shows: its parent where the answer holds it, else itself."""
     parents = post.get("crosspost_parent_list")
-    return parents[0] if isinstance(parents, list) and parents and isinstance(parents[0], dict) else post
+    return (
+        parents[0]
+        if isinstance(parents, list) and parents and isinstance(parents[0], dict)
+        else post
+    )
 
 
 def is_crosspost(post: Post) -> bool:
@@ -80,7 +89,11 @@ def post_type(post: Post, classify: Callable[[str], str]) -> tuple[str, str | No
 
 def _shows_parents_page(post: Post, url: str) -> bool:
     parent = post.get("crosspost_parent")
-    return isinstance(parent, str) and bool(parent) and f"/comments/{parent.removeprefix('t3_')}/" in f"{url}/"
+    return (
+        isinstance(parent, str)
+        and bool(parent)
+        and f"/comments/{parent.removeprefix('t3_')}/" in f"{url}/"
+    )
 
 
 def _is_own_page(post: Post, url: str) -> bool:
@@ -94,7 +107,11 @@ def poll_options(post: Post) -> list[str] | None:
     if not isinstance(poll, dict):
         return None
     options = poll.get("options")
-    return [str(option.get("text", "")) for option in options if isinstance(option, dict)] if isinstance(options, list) else []
+    return (
+        [str(option.get("text", "")) for option in options if isinstance(option, dict)]
+        if isinstance(options, list)
+        else []
+    )
 
 
 def removal(thing: Post) -> tuple[str, str] | None:
@@ -107,7 +124,11 @@ def removal(thing: Post) -> tuple[str, str] | None:
         return "removed", str(category)
     if text in ("[removed]", "[ Removed by Reddit ]"):
         return "removed", str(text)
-    if thing.get("title") in ("[deleted by user]", "[ Removed by Reddit ]", "[ Removed by moderator ]"):
+    if thing.get("title") in (
+        "[deleted by user]",
+        "[ Removed by Reddit ]",
+        "[ Removed by moderator ]",
+    ):
         return "deleted" if "user" in str(thing["title"]) else "removed", str(thing["title"])
     if thing.get("is_robot_indexable") is False:
         return "removed", "is_robot_indexable is false"

@@ -64,9 +64,15 @@ def read_wanted(path: Path) -> Wanted:
     """
     with _unreadable(path):
         if path.is_dir():
-            files = sorted([*path.glob("posts-*.parquet"), *path.glob("comments-*.parquet")], key=lambda file: (file.name[0] == "c", file.name))
+            files = sorted(
+                [*path.glob("posts-*.parquet"), *path.glob("comments-*.parquet")],
+                key=lambda file: (file.name[0] == "c", file.name),
+            )
             if not files:
-                raise SettingError(f"{path} holds no released posts or comments", hint="give --ids FILE, or run `kb reddit export` first")
+                raise SettingError(
+                    f"{path} holds no released posts or comments",
+                    hint="give --ids FILE, or run `kb reddit export` first",
+                )
             return _some(Released(files))
         with path.open("rb") as file:
             start = file.read(4)
@@ -96,7 +102,10 @@ def read_names(lines: Iterable[str], where: str) -> Wanted:
         if not name:
             continue
         if not _NAME.match(name):
-            raise SettingError(f"{where}, line {number}: {line.strip()[:40]!r} is no full name", hint="write posts as t3_… and comments as t1_…")
+            raise SettingError(
+                f"{where}, line {number}: {line.strip()[:40]!r} is no full name",
+                hint="write posts as t3_… and comments as t1_…",
+            )
         found.append(name)
     return _some(list(dict.fromkeys(found)))
 
@@ -120,7 +129,10 @@ def released_depths(path: Path) -> pa.Table | None:
 
 def _some(names: list[str] | Released) -> Wanted:
     if not len(names):
-        raise SettingError("there are no ids to ask for", hint="give --ids FILE with full names, a released Parquet file or reddit.json")
+        raise SettingError(
+            "there are no ids to ask for",
+            hint="give --ids FILE with full names, a released Parquet file or reddit.json",
+        )
     return Wanted(names, [])
 
 
@@ -132,14 +144,22 @@ def _column(path: Path) -> tuple[str, str]:
     for column, prefix in (("comment_id", "t1_"), ("post_id", "t3_"), ("key", "")):
         if column in columns:
             return column, prefix
-    raise SettingError(f"--ids {path} has no column comment_id, post_id or key; it has {', '.join(columns)}")
+    raise SettingError(
+        f"--ids {path} has no column comment_id, post_id or key; it has {', '.join(columns)}"
+    )
 
 
 def _published(path: Path, text: str) -> Wanted:
     data = json.loads(text)
     if not isinstance(data, list):
-        raise SettingError(f"--ids {path} is no list", hint="MineDojo's reddit.json is a list of objects with an id")
-    ids = [str(entry.get("id") or "" if isinstance(entry, dict) else entry).removeprefix("t3_").lower() for entry in data]
+        raise SettingError(
+            f"--ids {path} is no list",
+            hint="MineDojo's reddit.json is a list of objects with an id",
+        )
+    ids = [
+        str(entry.get("id") or "" if isinstance(entry, dict) else entry).removeprefix("t3_").lower()
+        for entry in data
+    ]
     for number, key in enumerate(ids, 1):
         if not _NAME.match(f"t3_{key}"):
             raise SettingError(f"--ids {path}: entry {number} has no Reddit id")

@@ -52,15 +52,21 @@ ABOUT = {
             "stream's size come from the public watch page's player answer."
         ),
         processing=(
-            ("Kept: videos whose topic is shown by YouTube's own game label, or by category and a keyword in title, tags or description."),
+            (
+                "Kept: videos whose topic is shown by YouTube's own game label, or by category and a keyword in title, tags or description."
+            ),
             (
                 "Dropped by stage, in order: missing, topic, views, aspect ratio, duration, age restriction, "
                 "toxicity, transcript; thresholds are in the profile and each dropped row is kept apart with its "
                 "value."
             ),
-            ("Word counts are whitespace-separated words of the transcript's cues; the transcripts themselves are not released."),
+            (
+                "Word counts are whitespace-separated words of the transcript's cues; the transcripts themselves are not released."
+            ),
         ),
-        absent=("Like counts are null where the channel hides them, frame rates where no stream was listed, scores where the text is empty."),
+        absent=(
+            "Like counts are null where the channel hides them, frame rates where no stream was listed, scores where the text is empty."
+        ),
         raw="The service's answers stay with whoever ran the collection; ids and links lead to the originals.",
         people=(
             "Titles are written by their channels. Channel titles, descriptions, comments and names of people are "
@@ -110,16 +116,27 @@ ABOUT = {
             "files were fetched by their address."
         ),
         processing=(
-            ("Dropped by stage, in order: missing, robots, render, words, toxicity; pages with too few visible words are left out."),
-            ("Tables are resolved to grid positions, nested tables are tables of their own, and header cells are marked."),
+            (
+                "Dropped by stage, in order: missing, robots, render, words, toxicity; pages with too few visible words are left out."
+            ),
+            (
+                "Tables are resolved to grid positions, nested tables are tables of their own, and header cells are marked."
+            ),
             "Animations are split into frames; pictures are stored by the SHA-256 of their bytes.",
         ),
-        absent=("Texts are null for elements without any, heading levels for what is no heading, picture licences where the file page names none."),
-        raw=("Rendered HTML and the extraction stay with whoever ran the collection; url and revision_id lead to the source of each page."),
+        absent=(
+            "Texts are null for elements without any, heading levels for what is no heading, picture licences where the file page names none."
+        ),
+        raw=(
+            "Rendered HTML and the extraction stay with whoever ran the collection; url and revision_id lead to the source of each page."
+        ),
         people=(
             "Pages are written together by wiki editors, whom each page's contributors_url names. No user pages and no talk pages are collected."
         ),
-        biases=("What editors find interesting is covered in depth, the rest is short.", "One language edition only."),
+        biases=(
+            "What editors find interesting is covered in depth, the rest is short.",
+            "One language edition only.",
+        ),
         limits=(
             "Layout depends on the browser, its fonts and the viewport.",
             "Pages taller than the profile's limit are left out.",
@@ -145,17 +162,25 @@ ABOUT = {
             "Ids, types, scores and thread structure of {topic} posts and comments on Reddit. No titles, no bodies, "
             "no names; a command rebuilds the content with the user's own API key."
         ),
-        instance=("one post (id, type, time, score, number of comments) or one comment (id, post, parent, depth, time, score)"),
+        instance=(
+            "one post (id, type, time, score, number of comments) or one comment (id, post, parent, depth, time, score)"
+        ),
         collection=(
             "Posts and comments were read from monthly archive dumps and from Reddit's API with the collector's own "
             "credentials; score_source and fetched_at say which and when."
         ),
         processing=(
-            ("Posts are dropped by stage, in order: missing, removed, nsfw, score, toxicity; comments: missing, post, removed, toxicity."),
-            ("Types follow the address that a post links to; polls count as their own type, a crosspost has its parent's."),
+            (
+                "Posts are dropped by stage, in order: missing, removed, nsfw, score, toxicity; comments: missing, post, removed, toxicity."
+            ),
+            (
+                "Types follow the address that a post links to; polls count as their own type, a crosspost has its parent's."
+            ),
             "Depth is counted over the whole thread; it is null where an ancestor is unknown.",
         ),
-        absent=("Ratios are null in old records, depth where an ancestor is unknown, fetched_at where a dump does not say when it was read."),
+        absent=(
+            "Ratios are null in old records, depth where an ancestor is unknown, fetched_at where a dump does not say when it was read."
+        ),
         raw=(
             "Content stays with whoever ran the collection, with authors as keyed hashes; `kb reddit reconstruct` "
             "reads it again from the service, where deletions are honoured."
@@ -180,7 +205,9 @@ ABOUT = {
         upkeep="`kb refresh reddit` reads scores, removals and deletions again; what is gone becomes a tombstone.",
         words=("reddit", "discussion", "threads"),
         tasks=("text-generation", "text-classification"),
-        attribution=("Posts and comments belong to their authors. The licence below is for this index of public ids and figures."),
+        attribution=(
+            "Posts and comments belong to their authors. The licence below is for this index of public ids and figures."
+        ),
     ),
     "pairs": About(
         title="{topic} video-text pairs: an index of clips by keyword",
@@ -189,8 +216,12 @@ ABOUT = {
             "text around it and the clip to cut. Text is not released; a command fills it in from the user's own "
             "transcripts."
         ),
-        instance=("one spoken mention of a keyword, with the time of the phrase, of the text grown around it and of the clip around its centre"),
-        collection=("Keywords (blocks, items, entities and so on) were matched as whole words in the time-coded transcripts of the released videos."),
+        instance=(
+            "one spoken mention of a keyword, with the time of the phrase, of the text grown around it and of the clip around its centre"
+        ),
+        collection=(
+            "Keywords (blocks, items, entities and so on) were matched as whole words in the time-coded transcripts of the released videos."
+        ),
         processing=(
             (
                 "A matched segment is grown at random, with a fixed seed, to a length in CLIP tokens; a moment "
@@ -199,9 +230,14 @@ ABOUT = {
             "Overlapping automatic cues are read once, so that no word is doubled.",
         ),
         absent="The text column is not released.",
-        raw=("Transcripts stay with whoever ran the collection; `kb pairs --from-index` fills the text again from one's own."),
+        raw=(
+            "Transcripts stay with whoever ran the collection; `kb pairs --from-index` fills the text again from one's own."
+        ),
         people="The index holds ids and times only, nothing that people said.",
-        biases=("Common items are named far more often than rare ones.", "What is said is not always what is shown."),
+        biases=(
+            "Common items are named far more often than rare ones.",
+            "What is said is not always what is shown.",
+        ),
         limits=(
             "Automatic transcripts mishear names.",
             "Times are those of cues, words inside a cue are interpolated.",

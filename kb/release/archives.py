@@ -10,7 +10,9 @@ from kb.release.folders import INDEX, Folder
 from kb.release.problem import Problem, damaged
 
 _AGAIN = "run `kb wiki export` again"
-_COLUMNS = "{tar: 'VARCHAR', member: 'VARCHAR', \"offset\": 'BIGINT', size: 'BIGINT', sha256: 'VARCHAR'}"
+_COLUMNS = (
+    "{tar: 'VARCHAR', member: 'VARCHAR', \"offset\": 'BIGINT', size: 'BIGINT', sha256: 'VARCHAR'}"
+)
 _PATHS = (("pages", "screenshot_path"), ("images", "path"))
 
 
@@ -44,14 +46,24 @@ def check(folder: Folder) -> list[Problem]:
         except duckdb.Error as error:
             return [*found, damaged(f"wiki/{INDEX}", error, _AGAIN)]
         for tar, files in cut:
-            what = f"is cut off: {files:,} of its files end beyond it" if tar in tars else f"is not there; {INDEX} names {files:,} files in it"
+            what = (
+                f"is cut off: {files:,} of its files end beyond it"
+                if tar in tars
+                else f"is not there; {INDEX} names {files:,} files in it"
+            )
             found.append(Problem("damaged", f"wiki/{tar}", f"{what}; {_AGAIN}"))
         for part in folder.parts:
             for column in (column for short, column in _PATHS if short == part.table.short):
                 missing = f"SELECT count(*) FROM read_parquet(?) WHERE {column} NOT IN (SELECT tar || '/' || member FROM held)"
-                rows = con.execute(missing, [[str(shard) for shard in part.shards]]).fetchall()[0][0]
+                rows = con.execute(missing, [[str(shard) for shard in part.shards]]).fetchall()[0][
+                    0
+                ]
                 if rows:
                     found.append(
-                        Problem("damaged", f"wiki/{part.table.short}", f"{rows:,} rows name a file in {column} that no archive holds; {_AGAIN}")
+                        Problem(
+                            "damaged",
+                            f"wiki/{part.table.short}",
+                            f"{rows:,} rows name a file in {column} that no archive holds; {_AGAIN}",
+                        )
                     )
     return found

@@ -39,7 +39,9 @@ def release(run: Run) -> Summary:
         rows=sum(one.rows for one in facts),
         bytes=sum(one.size for one in facts),
         sandbox_model="yes, not for publication" if any(one.sandbox for one in facts) else None,
-        sources={one.source: {table.table.short: table.rows for table in one.tables} for one in facts},
+        sources={
+            one.source: {table.table.short: table.rows for table in one.tables} for one in facts
+        },
     )
 
 
@@ -82,7 +84,10 @@ def write(run: Run, folder: Folder) -> Facts:
         facts = measure.measure(run, folder)
     except duckdb.Error as error:
         why = (str(error).splitlines() or [""])[0]
-        raise DamagedData(f"{folder.source} can't be measured: {why}", hint="make the file that it names again, or remove it") from None
+        raise DamagedData(
+            f"{folder.source} can't be measured: {why}",
+            hint="make the file that it names again, or remove it",
+        ) from None
     for path in folder.path.glob("LICENSE-*.txt"):
         path.unlink()
     texts = {
@@ -92,7 +97,11 @@ def write(run: Run, folder: Folder) -> Facts:
         "LICENSE": _licence(facts),
         "croissant.json": croissant(run, facts),
         folders.DEPOSIT: deposit(run, facts),
-        **{f"LICENSE-{name}.txt": KNOWN[name].text for name, _ in facts.licences if name in KNOWN and name != facts.licence},
+        **{
+            f"LICENSE-{name}.txt": KNOWN[name].text
+            for name, _ in facts.licences
+            if name in KNOWN and name != facts.licence
+        },
     }
     for name, text in texts.items():
         write_text(folder.path / name, text)
@@ -109,7 +118,12 @@ def _licence(facts: Facts) -> str:
     from kb.release.about import ABOUT
 
     law = licence(facts.licence)
-    head = [f"{law.title} ({law.spdx})", law.url, "", f"{ABOUT[facts.source].attribution} {law.short}"]
+    head = [
+        f"{law.title} ({law.spdx})",
+        law.url,
+        "",
+        f"{ABOUT[facts.source].attribution} {law.short}",
+    ]
     if len(facts.licences) > 1:
         head += [
             "",

@@ -9,7 +9,19 @@ from typing import TYPE_CHECKING
 
 from kb.release.about import ABOUT
 from kb.release.licences import licence
-from kb.release.texts import SANDBOX_NOTE, bibtex, day, folded, language, rows, size, span, summary, title, value
+from kb.release.texts import (
+    SANDBOX_NOTE,
+    bibtex,
+    day,
+    folded,
+    language,
+    rows,
+    size,
+    span,
+    summary,
+    title,
+    value,
+)
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -50,11 +62,21 @@ def card(run: Run, facts: Facts) -> str:
         *[_table(table) for table in facts.tables],
         _others(facts),
         _use(facts),
-        "## How it was made\n\n" + about.on(run.profile.title, about.collection) + "\n\n" + "".join(f"- {line}\n" for line in about.processing),
+        "## How it was made\n\n"
+        + about.on(run.profile.title, about.collection)
+        + "\n\n"
+        + "".join(f"- {line}\n" for line in about.processing),
         _dropped(facts),
-        "## Limits\n\n" + "".join(f"- {line}\n" for line in (*about.biases, *about.limits, about.absent)),
-        "## People and removal\n\n" + about.people + "\n\n" + about.upkeep + f"\n\nTo have something removed, write to {contact(run)}.\n",
-        (f"## Licence and credit\n\n{about.attribution}\n\n{law.title} ({law.spdx}): {law.short} The full text is in LICENSE.\n"),
+        "## Limits\n\n"
+        + "".join(f"- {line}\n" for line in (*about.biases, *about.limits, about.absent)),
+        "## People and removal\n\n"
+        + about.people
+        + "\n\n"
+        + about.upkeep
+        + f"\n\nTo have something removed, write to {contact(run)}.\n",
+        (
+            f"## Licence and credit\n\n{about.attribution}\n\n{law.title} ({law.spdx}): {law.short} The full text is in LICENSE.\n"
+        ),
         (
             f"## Citation\n\n```bibtex\n{bibtex(run, facts)}\n```\n\nCITATION.cff says the same for machines; "
             "DATASHEET.md answers the questions of *Datasheets for Datasets*.\n"
@@ -73,7 +95,11 @@ def _front(run: Run, facts: Facts) -> str:
     about = ABOUT[facts.source]
     category = next((word for limit, word in _SIZES if facts.rows < limit), "n>100M")
     words = [run.profile.name, *about.words, *run.profile.release.keywords]
-    lines = ["---", f"license: {licence(facts.licence).hugging_face}", f"pretty_name: {folded(title(run, facts))}"]
+    lines = [
+        "---",
+        f"license: {licence(facts.licence).hugging_face}",
+        f"pretty_name: {folded(title(run, facts))}",
+    ]
     lines += [
         "language:",
         f"- {language(run)}",
@@ -84,7 +110,9 @@ def _front(run: Run, facts: Facts) -> str:
     lines += ["tags:", *[f"- {folded(word)}" for word in dict.fromkeys(words)], "configs:"]
     for index, table in enumerate(facts.tables):
         short = table.table.short
-        lines += [f"- config_name: {short}"] + (["  default: true"] if index == _main(facts) else [])
+        lines += [f"- config_name: {short}"] + (
+            ["  default: true"] if index == _main(facts) else []
+        )
         lines += ["  data_files:", "  - split: train", f'    path: "{short}-*-of-*.parquet"']
     return "\n".join([*lines, "---", ""])
 
@@ -92,7 +120,9 @@ def _front(run: Run, facts: Facts) -> str:
 def _main(facts: Facts) -> int:
     """The table that a reader means who names none."""
     names = [table.table.short for table in facts.tables]
-    return next((names.index(name) for name in ("videos", "pages", "posts", "pairs") if name in names), 0)
+    return next(
+        (names.index(name) for name in ("videos", "pages", "posts", "pairs") if name in names), 0
+    )
 
 
 def _table(table: TableFacts) -> str:
@@ -104,20 +134,47 @@ def _table(table: TableFacts) -> str:
     lines = []
     for fact in table.columns:
         column = fact.column
-        doc = column.doc + (f" Null: {column.why_null} ({fact.nulls:,} of {table.rows:,})." if column.nullable else "")
+        doc = column.doc + (
+            f" Null: {column.why_null} ({fact.nulls:,} of {table.rows:,})."
+            if column.nullable
+            else ""
+        )
         if fact.top:
             values = ", ".join(f"{name} {n:,}" for name, n in fact.top)
         else:
-            values = " – ".join(dict.fromkeys(value(thing) for thing in (fact.low, fact.middle, fact.high) if thing is not None))
+            values = " – ".join(
+                dict.fromkeys(
+                    value(thing)
+                    for thing in (fact.low, fact.middle, fact.high)
+                    if thing is not None
+                )
+            )
         lines.append((f"`{column.name}`", column.type, column.unit, doc, values))
-    return head + "\n" + rows(("column", "type", "unit", "what it is", "smallest – median – largest, or most frequent"), lines)
+    return (
+        head
+        + "\n"
+        + rows(
+            (
+                "column",
+                "type",
+                "unit",
+                "what it is",
+                "smallest – median – largest, or most frequent",
+            ),
+            lines,
+        )
+    )
 
 
 def _others(facts: Facts) -> str:
     if not facts.others:
         return ""
     head = "Path columns read `<tar>/<member>`: the file `<member>` inside the archive `<tar>` of this folder.\n\n"
-    return "### Archives\n\n" + head + rows(("file", "size"), [(f"`{file.name}`", size(file.size)) for file in facts.others])
+    return (
+        "### Archives\n\n"
+        + head
+        + rows(("file", "size"), [(f"`{file.name}`", size(file.size)) for file in facts.others])
+    )
 
 
 def _use(facts: Facts) -> str:
@@ -149,5 +206,8 @@ def _dropped(facts: Facts) -> str:
     stages: dict[str, int] = {}
     for stage, _, n in facts.rejected:
         stages[stage] = stages.get(stage, 0) + n
-    lines = [(stage, f"{n:,}") for stage, n in sorted(stages.items(), key=lambda item: (-item[1], item[0]))]
+    lines = [
+        (stage, f"{n:,}")
+        for stage, n in sorted(stages.items(), key=lambda item: (-item[1], item[0]))
+    ]
     return "\nWhat the filters dropped:\n\n" + rows(("stage", "rows"), lines)

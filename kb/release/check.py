@@ -32,10 +32,16 @@ def check(run: Run, folders: list[Folder]) -> list[Problem]:
         problems += _layout(folder)
         tables, whole = _tables(folder)
         problems += tables
-        cleaned = [found for declared in released_tables(folder.source) if (found := _clean(run.root, declared))]
+        cleaned = [
+            found
+            for declared in released_tables(folder.source)
+            if (found := _clean(run.root, declared))
+        ]
         problems += [problem for one in cleaned for problem in one]
         if not cleaned:
-            problems += [found for part in whole for found in _counts(run.root, folder.source, part)]
+            problems += [
+                found for part in whole for found in _counts(run.root, folder.source, part)
+            ]
         problems += _absent(run.root, folder)
         problems += checksums.check(folder, folder.data)
         if len(whole) == len(folder.parts):
@@ -53,9 +59,21 @@ def check_made(run: Run, folders: list[Folder]) -> list[Problem]:
     """Every problem of the files around the data: to be whole, right and without secrets."""
     problems: list[Problem] = []
     for folder in folders:
-        for name in ("README.md", "DATASHEET.md", "CITATION.cff", "LICENSE", "croissant.json", DEPOSIT, SUMS):
+        for name in (
+            "README.md",
+            "DATASHEET.md",
+            "CITATION.cff",
+            "LICENSE",
+            "croissant.json",
+            DEPOSIT,
+            SUMS,
+        ):
             if not (folder.path / name).is_file():
-                problems.append(Problem("incomplete", f"{folder.source}/{name}", "is not there; run `kb release`"))
+                problems.append(
+                    Problem(
+                        "incomplete", f"{folder.source}/{name}", "is not there; run `kb release`"
+                    )
+                )
         problems += checksums.check(folder, folder.files(), all_listed=True)
         problems += scan.secrets(folder, run.settings.secret_values())
         deposit = folder.path / DEPOSIT
@@ -76,7 +94,13 @@ def _deposit(path: Path, where: str) -> list[Problem]:
         Document.model_validate(body)
     except ValidationError as error:
         first = error.errors(include_input=False, include_url=False)[0]
-        return [Problem("damaged", where, f"{'.'.join(map(str, first['loc']))}: {first['msg']}; run `kb release`")]
+        return [
+            Problem(
+                "damaged",
+                where,
+                f"{'.'.join(map(str, first['loc']))}: {first['msg']}; run `kb release`",
+            )
+        ]
     except (ValueError, KeyError, TypeError, AttributeError):
         return [Problem("damaged", where, "can't be read; run `kb release`")]
     return []
@@ -90,7 +114,11 @@ def _layout(folder: Folder) -> list[Problem]:
         if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")
     ]
     for path in folder.strays:
-        what = "is a link; a release has files of its own" if path.is_symlink() else "is nothing that an export or a release writes; remove it"
+        what = (
+            "is a link; a release has files of its own"
+            if path.is_symlink()
+            else "is nothing that an export or a release writes; remove it"
+        )
         found.append(Problem("undeclared file", f"{folder.source}/{path.name}", what))
     return found
 
@@ -102,8 +130,18 @@ def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
     for part in folder.parts:
         names = [shard.name for shard in part.shards]
         if not columns.numbered(names, part.table.short, "parquet"):
-            found.append(Problem("damaged", f"{folder.source}/{part.table.short}", "shards are missing or of two exports; export it again"))
-        problems = [problem for shard in part.shards for problem in columns.check(shard, part.table, folder.source)]
+            found.append(
+                Problem(
+                    "damaged",
+                    f"{folder.source}/{part.table.short}",
+                    "shards are missing or of two exports; export it again",
+                )
+            )
+        problems = [
+            problem
+            for shard in part.shards
+            for problem in columns.check(shard, part.table, folder.source)
+        ]
         if not any(problem.check in ("damaged", "undescribed") for problem in problems):
             whole.append(part)
         found += problems
@@ -141,14 +179,24 @@ def _counts(root: Path, source: str, part: Part) -> list[Problem]:
     rows, expected = _rows(part.shards), _rows(clean)
     if rows == expected:
         return []
-    return [Problem("rows", f"{source}/{part.table.short}", f"{rows:,} released, {expected:,} clean; run the export again")]
+    return [
+        Problem(
+            "rows",
+            f"{source}/{part.table.short}",
+            f"{rows:,} released, {expected:,} clean; run the export again",
+        )
+    ]
 
 
 def _absent(root: Path, folder: Folder) -> list[Problem]:
     """Tables that were cleaned but never exported."""
     there = {part.table.name for part in folder.parts}
     return [
-        Problem("rows", f"{folder.source}/{declared.short}", "is clean but not exported; run the export again")
+        Problem(
+            "rows",
+            f"{folder.source}/{declared.short}",
+            "is clean but not exported; run the export again",
+        )
         for declared in released_tables(folder.source)
         if declared.name not in there and clean_files(root, declared)
     ]
@@ -163,10 +211,23 @@ def _licence(run: Run, folder: Folder) -> list[Problem]:
         return [Problem("licence", where, f"{what}; remove release/wiki to release the rest")]
     found = []
     if named and unnamed:
-        found.append(Problem("licence", f"{folder.source}/pages", f"{unnamed:,} rows name no licence, though others do; run `kb wiki crawl --again`"))
+        found.append(
+            Problem(
+                "licence",
+                f"{folder.source}/pages",
+                f"{unnamed:,} rows name no licence, though others do; run `kb wiki crawl --again`",
+            )
+        )
     spdx = folder_licence(run, folder)
     if not spdx:
-        return [*found, Problem("licence", where, f"none is given; set {folder.source} in [release.licenses] of the profile")]
+        return [
+            *found,
+            Problem(
+                "licence",
+                where,
+                f"none is given; set {folder.source} in [release.licenses] of the profile",
+            ),
+        ]
     try:
         licence(spdx)
     except KbError as error:
@@ -181,15 +242,28 @@ def _scores(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
     for declared in released_tables(folder.source):
         where = f"{folder.source}/{declared.short}"
         clean = _unscored(clean_files(run.root, declared), declared, set(declared.names()))
-        released = _unscored(shards.get(declared.name, ()), declared, set(declared.names(released=True)))
+        released = _unscored(
+            shards.get(declared.name, ()), declared, set(declared.names(released=True))
+        )
         if isinstance(clean, Problem):
             found.append(clean)
             continue
-        again = "run `kb annotate`" if run.profile.toxicity.on else "the release is incomplete, toxicity is off in the profile"
-        found += [Problem("toxicity", where, f"{rows:,} rows have no toxicity score of {text}; {again}") for text, rows in clean.items()]
+        again = (
+            "run `kb annotate`"
+            if run.profile.toxicity.on
+            else "the release is incomplete, toxicity is off in the profile"
+        )
+        found += [
+            Problem("toxicity", where, f"{rows:,} rows have no toxicity score of {text}; {again}")
+            for text, rows in clean.items()
+        ]
         if not isinstance(released, Problem):
             found += [
-                Problem("toxicity", where, f"{rows:,} released rows have no toxicity score of {text}; run the export again")
+                Problem(
+                    "toxicity",
+                    where,
+                    f"{rows:,} released rows have no toxicity score of {text}; run the export again",
+                )
                 for text, rows in released.items()
                 if rows > clean.get(text, 0)
             ]
@@ -200,8 +274,17 @@ def _unscored(files: Sequence[Path], declared: Table, names: set[str]) -> dict[s
     """Text → rows with that text and without its score."""
     import duckdb
 
-    scores = [name for name in sorted(names) if name.startswith("toxicity_") and name.removeprefix("toxicity_") in names]
-    tests = {name.removeprefix("toxicity_"): f'length(trim("{name.removeprefix("toxicity_")}")) > 0 AND "{name}" IS NULL' for name in scores}
+    scores = [
+        name
+        for name in sorted(names)
+        if name.startswith("toxicity_") and name.removeprefix("toxicity_") in names
+    ]
+    tests = {
+        name.removeprefix(
+            "toxicity_"
+        ): f'length(trim("{name.removeprefix("toxicity_")}")) > 0 AND "{name}" IS NULL'
+        for name in scores
+    }
     if {"toxicity", "word_count"} <= names:
         tests["the page's text"] = "word_count > 0 AND toxicity IS NULL"
     if not files or not tests:
@@ -209,7 +292,12 @@ def _unscored(files: Sequence[Path], declared: Table, names: set[str]) -> dict[s
     counts = ", ".join(f"count(*) FILTER (WHERE {test})" for test in tests.values())
     try:
         with duckdb.connect() as con:
-            row = con.execute(f"SELECT {counts} FROM read_parquet(?)", [[str(path) for path in files]]).fetchone() or ()
+            row = (
+                con.execute(
+                    f"SELECT {counts} FROM read_parquet(?)", [[str(path) for path in files]]
+                ).fetchone()
+                or ()
+            )
     except duckdb.Error as error:
         return damaged(f"clean rows of {declared.name}", error, _again(declared.source))
     return {text: rows for text, rows in zip(tests, row, strict=True) if rows}

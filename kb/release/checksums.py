@@ -46,7 +46,13 @@ def check(folder: Folder, files: Sequence[Path], *, all_listed: bool = False) ->
     try:
         sums = read(folder.path)
     except (OSError, ValueError) as error:
-        return [damaged(f"{folder.source}/{SUMS}", error, "what was exported can't be compared with it: export it again")]
+        return [
+            damaged(
+                f"{folder.source}/{SUMS}",
+                error,
+                "what was exported can't be compared with it: export it again",
+            )
+        ]
     found = []
     for file in files:
         where = f"{folder.source}/{file.name}"
@@ -55,5 +61,14 @@ def check(folder: Folder, files: Sequence[Path], *, all_listed: bool = False) ->
                 found.append(Problem("checksum", where, f"is not in {SUMS}; run `kb release`"))
         elif digest(file) != sums[file.name]:
             found.append(Problem("checksum", where, f"differs from {SUMS}; export it again"))
-    gone = [name for name in sums if not (folder.path / name).exists() and (all_listed or not is_made(name, folder.source))]
-    return found + [Problem("checksum", f"{folder.source}/{name}", f"is in {SUMS} but not there; export it again") for name in gone]
+    gone = [
+        name
+        for name in sums
+        if not (folder.path / name).exists() and (all_listed or not is_made(name, folder.source))
+    ]
+    return found + [
+        Problem(
+            "checksum", f"{folder.source}/{name}", f"is in {SUMS} but not there; export it again"
+        )
+        for name in gone
+    ]

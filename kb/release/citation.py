@@ -29,15 +29,27 @@ def citation(run: Run, facts: Facts) -> str:
         lines.append(f"url: {folded(section.homepage)}")
     lines += [
         "keywords:",
-        *[f"  - {folded(word)}" for word in dict.fromkeys((run.profile.name, *ABOUT[facts.source].words, *section.keywords))],
+        *[
+            f"  - {folded(word)}"
+            for word in dict.fromkeys(
+                (run.profile.name, *ABOUT[facts.source].words, *section.keywords)
+            )
+        ],
         "authors:",
     ]
     for creator in section.creators:
         family, comma, given = creator.name.partition(",")
         if comma:
-            lines += [f"  - family-names: {folded(family.strip())}", f"    given-names: {folded(given.strip())}"]
-            lines += [f"    affiliation: {folded(creator.affiliation)}"] if creator.affiliation else []
+            lines += [
+                f"  - family-names: {folded(family.strip())}",
+                f"    given-names: {folded(given.strip())}",
+            ]
+            lines += (
+                [f"    affiliation: {folded(creator.affiliation)}"] if creator.affiliation else []
+            )
         else:
             lines.append(f"  - name: {folded(creator.name)}")
-        lines += [f"    orcid: {folded('https://orcid.org/' + creator.orcid)}"] if creator.orcid else []
+        lines += (
+            [f"    orcid: {folded('https://orcid.org/' + creator.orcid)}"] if creator.orcid else []
+        )
     return "\n".join(lines) + "\n"

@@ -25,7 +25,9 @@ def check(path: Path, declared: Table, source: str) -> list[Problem]:
     try:
         schema = pq.read_schema(path)
         found = _columns(declared, schema, where)
-        return found or _values(path, declared, where, ids_only=source == "reddit" and declared.source == source)
+        return found or _values(
+            path, declared, where, ids_only=source == "reddit" and declared.source == source
+        )
     except (pa.ArrowInvalid, OSError) as error:
         return [damaged(where, error, "export it again")]
 
@@ -37,13 +39,25 @@ def _columns(declared: Table, schema: pa.Schema, where: str) -> list[Problem]:
     for field in schema:
         column = known.get(field.name)
         if column is None:
-            found.append(Problem("undescribed", where, f"column {field.name} is not described in schemas/"))
+            found.append(
+                Problem("undescribed", where, f"column {field.name} is not described in schemas/")
+            )
         elif not column.released:
             word = "content" if column.content else "unreleased"
             found.append(Problem(word, where, f"column {field.name} may not be released"))
         elif field.type != expected.field(field.name).type:
-            found.append(Problem("undescribed", where, f"column {field.name} is {field.type}, schemas/ says {column.type}"))
-    found += [Problem("undescribed", where, f"column {name} is missing") for name in expected.names if name not in schema.names]
+            found.append(
+                Problem(
+                    "undescribed",
+                    where,
+                    f"column {field.name} is {field.type}, schemas/ says {column.type}",
+                )
+            )
+    found += [
+        Problem("undescribed", where, f"column {name} is missing")
+        for name in expected.names
+        if name not in schema.names
+    ]
     return found
 
 
@@ -68,19 +82,35 @@ def _odd(values: pa.Array, column: Column, where: str, *, ids_only: bool) -> Pro
     import pyarrow.compute as pc
 
     if values.null_count and not column.nullable:
-        return Problem("null", where, f"column {column.name} has rows without a value, schemas/ says there are none; export it again")
+        return Problem(
+            "null",
+            where,
+            f"column {column.name} has rows without a value, schemas/ says there are none; export it again",
+        )
     if column.type != "string":
         return None
     values = values.drop_null()
     if ids_only:
         # No text of a released Reddit table may be longer than an id or hold an address, whatever its column says.
-        odd = pc.or_(pc.greater(pc.utf8_length(values), _REDDIT_LONGEST), pc.match_substring_regex(values, r"[\s/@]"))
+        odd = pc.or_(
+            pc.greater(pc.utf8_length(values), _REDDIT_LONGEST),
+            pc.match_substring_regex(values, r"[\s/@]"),
+        )
         if pc.any(odd).as_py():
             return Problem("content", where, f"column {column.name} holds text that is no id")
     if column.values and not pc.all(pc.is_in(values, pa.array(column.values))).as_py():
-        return Problem("content", where, f"column {column.name} holds something else than {', '.join(column.values)}")
-    if column.pattern and not pc.all(pc.match_substring_regex(values, rf"\A(?:{column.pattern})\z")).as_py():
-        return Problem("content", where, f"column {column.name} holds something else than {column.pattern}")
+        return Problem(
+            "content",
+            where,
+            f"column {column.name} holds something else than {', '.join(column.values)}",
+        )
+    if (
+        column.pattern
+        and not pc.all(pc.match_substring_regex(values, rf"\A(?:{column.pattern})\z")).as_py()
+    ):
+        return Problem(
+            "content", where, f"column {column.name} holds something else than {column.pattern}"
+        )
     return None
 
 

@@ -77,14 +77,18 @@ def croissant(run: Run, facts: Facts) -> str:
         "license": licence(facts.licence).url,
         "version": section.version,
         "citeAs": bibtex(run, facts),
-        "creator": [{"@type": "sc:Organization" if "," not in one.name else "sc:Person", "name": one.name} for one in section.creators],
+        "creator": [
+            {"@type": "sc:Organization" if "," not in one.name else "sc:Person", "name": one.name}
+            for one in section.creators
+        ],
         "keywords": list(dict.fromkeys((run.profile.name, *about.words, *section.keywords))),
         "datePublished": day(facts.built),
         "dateModified": day(facts.built),
         "inLanguage": language(run),
         **({"url": section.homepage} if section.homepage else {}),
         **_responsible(run, facts),
-        "distribution": [file for table in facts.tables for file in _files(table)] + [_archive(file) for file in facts.others],
+        "distribution": [file for table in facts.tables for file in _files(table)]
+        + [_archive(file) for file in facts.others],
         "recordSet": [_records(table) for table in facts.tables],
     }
     return json.dumps(document, ensure_ascii=False, indent=1) + "\n"
@@ -95,14 +99,20 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
     emails, phones = (sum(counts[i] for counts in facts.personal.values()) for i in (1, 2))
     found = {
         "rai:dataCollection": about.on(run.profile.title, about.collection),
-        "rai:dataCollectionType": ["Web API", "Web scraping"] if facts.source in ("youtube", "wiki") else ["Web API"],
+        "rai:dataCollectionType": ["Web API", "Web scraping"]
+        if facts.source in ("youtube", "wiki")
+        else ["Web API"],
         "rai:dataCollectionRawData": about.raw,
         "rai:dataCollectionMissingData": about.absent,
         "rai:dataPreprocessingProtocol": list(about.processing),
         "rai:dataAnnotationProtocol": [
-            f"Texts were scored by the toxicity model {model} ({revision}) in {precision}." for model, revision, precision in facts.models
+            f"Texts were scored by the toxicity model {model} ({revision}) in {precision}."
+            for model, revision, precision in facts.models
         ],
-        "rai:machineAnnotationTools": [f"Detoxify {model} {revision} {precision}" for model, revision, precision in facts.models],
+        "rai:machineAnnotationTools": [
+            f"Detoxify {model} {revision} {precision}"
+            for model, revision, precision in facts.models
+        ],
         "rai:dataBiases": list(about.biases),
         "rai:dataLimitations": [*about.limits, *(["not for: " + what for what in about.avoid])],
         "rai:dataUseCases": list(about.uses),
@@ -150,13 +160,18 @@ def _files(table: TableFacts) -> list[dict[str, Any]]:
 
 _FORMATS = {
     ".tar": ("application/x-tar", "Files that path columns name as <tar>/<member>."),
-    ".ndjson": ("application/jsonlines", "One JSON object a line: an index of what the archives hold."),
+    ".ndjson": (
+        "application/jsonlines",
+        "One JSON object a line: an index of what the archives hold.",
+    ),
 }
 
 
 def _archive(file: File) -> dict[str, Any]:
     suffix = "." + file.name.rpartition(".")[2]
-    kind, about = _FORMATS.get(suffix, ("application/octet-stream", "A file that belongs to the tables."))
+    kind, about = _FORMATS.get(
+        suffix, ("application/octet-stream", "A file that belongs to the tables.")
+    )
     return {
         "@type": "cr:FileObject",
         "@id": file.name,
@@ -171,7 +186,11 @@ def _archive(file: File) -> dict[str, Any]:
 
 def _records(table: TableFacts) -> dict[str, Any]:
     short = table.table.short
-    source = {"fileObject": {"@id": table.files[0].name}} if len(table.files) == 1 else {"fileSet": {"@id": f"{short}-files"}}
+    source = (
+        {"fileObject": {"@id": table.files[0].name}}
+        if len(table.files) == 1
+        else {"fileSet": {"@id": f"{short}-files"}}
+    )
     return {
         "@type": "cr:RecordSet",
         "@id": short,

@@ -22,7 +22,9 @@ def datasheet(run: Run, facts: Facts) -> str:
     """The whole datasheet."""
     parts = [
         f"# Datasheet: {title(run, facts)}\n",
-        (f"Version {run.profile.release.version}, built {day(facts.built)}. Every figure here was measured on the data of this folder.\n"),
+        (
+            f"Version {run.profile.release.version}, built {day(facts.built)}. Every figure here was measured on the data of this folder.\n"
+        ),
     ]
     if facts.sandbox:
         parts.append(f"> **{SANDBOX_NOTE}**\n")
@@ -34,16 +36,28 @@ def datasheet(run: Run, facts: Facts) -> str:
 
 def _sections(run: Run, facts: Facts) -> list[tuple[str, list[tuple[str, str]]]]:
     about, law = ABOUT[facts.source], licence(facts.licence)
-    who = ", ".join(one.name + (f" ({one.affiliation})" if one.affiliation else "") for one in run.profile.release.creators)
+    who = ", ".join(
+        one.name + (f" ({one.affiliation})" if one.affiliation else "")
+        for one in run.profile.release.creators
+    )
     rejected = sum(n for _, _, n in facts.rejected)
-    kept = next((table.rows for table in facts.tables if table.table.short in ("videos", "pages", "posts", "pairs")), facts.rows)
+    kept = next(
+        (
+            table.rows
+            for table in facts.tables
+            if table.table.short in ("videos", "pages", "posts", "pairs")
+        ),
+        facts.rows,
+    )
     return [
         (
             "Motivation",
             [
                 (
                     "For what purpose was the dataset created?",
-                    (f"For research on agents and models that learn from what people publish about {run.profile.title}. Uses in mind: ")
+                    (
+                        f"For research on agents and models that learn from what people publish about {run.profile.title}. Uses in mind: "
+                    )
                     + "; ".join(about.uses)
                     + ".",
                 ),
@@ -58,7 +72,10 @@ def _sections(run: Run, facts: Facts) -> list[tuple[str, list[tuple[str, str]]]]
                     "How many instances are there?",
                     rows(
                         ("table", "rows", "files", "size"),
-                        [(t.table.short, f"{t.rows:,}", len(t.files), size(t.size)) for t in facts.tables],
+                        [
+                            (t.table.short, f"{t.rows:,}", len(t.files), size(t.size))
+                            for t in facts.tables
+                        ],
                     ),
                 ),
                 (
@@ -71,25 +88,37 @@ def _sections(run: Run, facts: Facts) -> list[tuple[str, list[tuple[str, str]]]]
                 ),
                 (
                     "What data does each instance consist of?",
-                    "The columns of README.md, each with type, unit and origin. " + summary(run, facts),
+                    "The columns of README.md, each with type, unit and origin. "
+                    + summary(run, facts),
                 ),
                 ("Is any information missing?", about.absent + "\n\n" + _nulls(facts)),
                 (
                     "Are relationships between instances explicit?",
-                    "Yes, by the key columns: " + "; ".join(f"{t.table.short} ({', '.join(t.table.key)})" for t in facts.tables) + ".",
+                    "Yes, by the key columns: "
+                    + "; ".join(f"{t.table.short} ({', '.join(t.table.key)})" for t in facts.tables)
+                    + ".",
                 ),
                 (
                     "Are there recommended splits?",
-                    ("No. Everything is in one split, so that users can split by channel, page or thread and keep near-duplicates together."),
+                    (
+                        "No. Everything is in one split, so that users can split by channel, page or thread and keep near-duplicates together."
+                    ),
                 ),
                 (
                     "Are there errors, noise or redundancies?",
-                    " ".join(about.limits) + " Keys are unique; each row is the newest answer for its key.",
+                    " ".join(about.limits)
+                    + " Keys are unique; each row is the newest answer for its key.",
                 ),
                 ("Is the dataset self-contained?", "The tables are. " + about.raw),
-                ("Does it contain confidential data?", "No. Only what was public when it was read."),
+                (
+                    "Does it contain confidential data?",
+                    "No. Only what was public when it was read.",
+                ),
                 ("Might it be offensive?", _toxicity(run, facts)),
-                ("Does it relate to people? Can they be identified?", about.people + "\n\n" + _personal(facts)),
+                (
+                    "Does it relate to people? Can they be identified?",
+                    about.people + "\n\n" + _personal(facts),
+                ),
             ],
         ),
         (
@@ -112,7 +141,10 @@ def _sections(run: Run, facts: Facts) -> list[tuple[str, list[tuple[str, str]]]]
         (
             "Preprocessing, cleaning, labeling",
             [
-                ("What was done?", "".join(f"- {line}\n" for line in about.processing) + "\n" + _stages(facts)),
+                (
+                    "What was done?",
+                    "".join(f"- {line}\n" for line in about.processing) + "\n" + _stages(facts),
+                ),
                 ("Was the raw data saved?", about.raw),
                 (
                     "Is the software available?",
@@ -137,7 +169,8 @@ def _sections(run: Run, facts: Facts) -> list[tuple[str, list[tuple[str, str]]]]
                 ),
                 (
                     "Under which licence?",
-                    f"{law.title} ({law.spdx}), {law.url}. {about.attribution} {law.short}" + _licences(facts),
+                    f"{law.title} ({law.spdx}), {law.url}. {about.attribution} {law.short}"
+                    + _licences(facts),
                 ),
             ],
         ),
@@ -167,7 +200,11 @@ def _sections(run: Run, facts: Facts) -> list[tuple[str, list[tuple[str, str]]]]
 
 def _nulls(facts: Facts) -> str:
     lines = [
-        (f"{table.table.short}.{fact.column.name}", f"{fact.nulls:,} of {table.rows:,}", fact.column.why_null)
+        (
+            f"{table.table.short}.{fact.column.name}",
+            f"{fact.nulls:,} of {table.rows:,}",
+            fact.column.why_null,
+        )
         for table in facts.tables
         for fact in table.columns
         if fact.nulls
@@ -178,13 +215,18 @@ def _nulls(facts: Facts) -> str:
 def _stages(facts: Facts) -> str:
     if not facts.rejected:
         return "No row was dropped."
-    return rows(("stage", "reason", "dropped"), [(stage, reason, f"{n:,}") for stage, reason, n in facts.rejected])
+    return rows(
+        ("stage", "reason", "dropped"),
+        [(stage, reason, f"{n:,}") for stage, reason, n in facts.rejected],
+    )
 
 
 def _toxicity(run: Run, facts: Facts) -> str:
     if facts.source == "pairs":
         return "The index holds no text. Its videos passed the toxicity stage by title and description."
-    models = ", ".join(f"{model} {revision} in {precision}" for model, revision, precision in facts.models)
+    models = ", ".join(
+        f"{model} {revision} in {precision}" for model, revision, precision in facts.models
+    )
     if not models:
         return "Texts were not scored."
     threshold = run.profile.toxicity.threshold(facts.source)
@@ -202,11 +244,16 @@ def _personal(facts: Facts) -> str:
         return "The released columns hold no text that people wrote."
     return rows(
         ("text", "rows", "with an e-mail address", "with a phone number"),
-        [(f"{table}.{column}", *(f"{n:,}" for n in counts)) for (table, column), counts in facts.personal.items()],
+        [
+            (f"{table}.{column}", *(f"{n:,}" for n in counts))
+            for (table, column), counts in facts.personal.items()
+        ],
     )
 
 
 def _licences(facts: Facts) -> str:
     if len(facts.licences) <= 1:
         return ""
-    return "\n\nRows name these licences:\n\n" + rows(("licence", "rows"), [(name, f"{n:,}") for name, n in facts.licences])
+    return "\n\nRows name these licences:\n\n" + rows(
+        ("licence", "rows"), [(name, f"{n:,}") for name, n in facts.licences]
+    )

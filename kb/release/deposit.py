@@ -44,7 +44,9 @@ class Forbidden(CredentialRefused):
 class Zenodo:
     """One account at one service. The token goes into the header only, and to that service only."""
 
-    def __init__(self, session: requests.Session, endpoint: str, token: str, *, wait: bool = False) -> None:
+    def __init__(
+        self, session: requests.Session, endpoint: str, token: str, *, wait: bool = False
+    ) -> None:
         self._session, self._wait = session, wait
         self.root = endpoint.rstrip("/").removesuffix("/api")
         self._base = f"{self.root}/api/deposit/depositions"
@@ -79,7 +81,9 @@ class Zenodo:
         and Interrupted in the midst of it: the next run sends the file again.
         """
         if urlsplit(bucket)[:2] != urlsplit(self.root)[:2]:
-            raise FatalError("the deposit service names a bucket on another host", hint="nothing was sent there")
+            raise FatalError(
+                "the deposit service names a bucket on another host", hint="nothing was sent there"
+            )
 
         size = path.stat().st_size
 
@@ -152,7 +156,9 @@ class Zenodo:
                 return call()
             except Retryable as error:
                 if once and error.reason != _LIMITED:
-                    raise Unreachable(f"the deposit service did not answer ({error.reason})", hint=_GO_ON) from None
+                    raise Unreachable(
+                        f"the deposit service did not answer ({error.reason})", hint=_GO_ON
+                    ) from None
                 raise
 
         try:
@@ -160,13 +166,19 @@ class Zenodo:
         except Retryable as error:
             if error.reason == _DAMAGED:
                 raise
-            raise Unreachable(f"the deposit service does not answer ({error.reason})", hint=_GO_ON) from None
+            raise Unreachable(
+                f"the deposit service does not answer ({error.reason})", hint=_GO_ON
+            ) from None
 
-    def _request(self, method: str, url: str, *, headers: dict[str, str] | None = None, **what: Any) -> Any:
+    def _request(
+        self, method: str, url: str, *, headers: dict[str, str] | None = None, **what: Any
+    ) -> Any:
         import requests
 
         if urlsplit(url)[:2] != urlsplit(self.root)[:2]:
-            raise FatalError("the deposit service links to another host", hint="nothing was sent there")
+            raise FatalError(
+                "the deposit service links to another host", hint="nothing was sent there"
+            )
         try:
             # Redirects would carry the token to wherever they point.
             answer = self._session.request(
@@ -177,18 +189,29 @@ class Zenodo:
                 allow_redirects=False,
                 **what,
             )
-        except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError) as error:
+        except (
+            requests.ConnectionError,
+            requests.Timeout,
+            requests.exceptions.ChunkedEncodingError,
+        ) as error:
             raise Retryable(type(error).__name__, unreachable=True) from None
         if answer.status_code == 401 or (answer.status_code == 403 and url == self._base):
-            raise CredentialRefused("the deposit service does not accept ZENODO_TOKEN", hint=_SCOPES)
+            raise CredentialRefused(
+                "the deposit service does not accept ZENODO_TOKEN", hint=_SCOPES
+            )
         if answer.status_code == 403:
-            raise Forbidden(f"the deposit service refused (403): {_message(answer)}", hint="look at the draft there, then run the same command again")
+            raise Forbidden(
+                f"the deposit service refused (403): {_message(answer)}",
+                hint="look at the draft there, then run the same command again",
+            )
         if answer.status_code == 429:
             raise self._limited(answer.headers)
         if answer.status_code >= 500:
             raise Retryable(f"status {answer.status_code}", unreachable=True)
         if answer.status_code == 404 and url == self._base:
-            raise FatalError(f"there is no deposit API at {self.root}", hint="check KB_ZENODO_ENDPOINT")
+            raise FatalError(
+                f"there is no deposit API at {self.root}", hint="check KB_ZENODO_ENDPOINT"
+            )
         if answer.status_code in (404, 410):
             raise Gone(
                 f"the deposit service answered {answer.status_code}: {_message(answer)}",
@@ -196,7 +219,8 @@ class Zenodo:
             )
         if not 200 <= answer.status_code < 300:
             raise FatalError(
-                f"the deposit service refused ({answer.status_code}): {_message(answer)}", hint="correct that, then run the same command again"
+                f"the deposit service refused ({answer.status_code}): {_message(answer)}",
+                hint="correct that, then run the same command again",
             )
         try:
             return answer.json() if answer.content else {}
@@ -208,12 +232,18 @@ class Zenodo:
         now = datetime.now(UTC)  # the service's own clock: KB_NOW does not move it
         seconds = retry_after(headers.get("Retry-After"), headers.get("Date"))
         if seconds is None:
-            reset = retry_after(headers.get("X-RateLimit-Reset"))  # a number as well: seconds since 1970
+            reset = retry_after(
+                headers.get("X-RateLimit-Reset")
+            )  # a number as well: seconds since 1970
             seconds = None if reset is None else max(0.0, reset - now.timestamp())
         if seconds is None or seconds <= LONGEST_WAIT or (self._wait and seconds <= LONGEST_LIMIT):
             return Retryable(_LIMITED, after=seconds, throttled=True)
         back = now + timedelta(seconds=min(seconds, LONGEST_LIMIT))
-        return QuotaSpent(f"the deposit service's limit is spent until {clock.stamp(back)}", hint="run the same command then", reset_at=back)
+        return QuotaSpent(
+            f"the deposit service's limit is spent until {clock.stamp(back)}",
+            hint="run the same command then",
+            reset_at=back,
+        )
 
 
 class _Watched:
@@ -245,5 +275,8 @@ def _message(answer: Any) -> str:
         body = answer.json()
     except ValueError:
         return answer.reason or "no message"
-    fields = [f"{one.get('field', '?')}: {one.get('message') or ' '.join(one.get('messages', []))}" for one in body.get("errors") or []]
+    fields = [
+        f"{one.get('field', '?')}: {one.get('message') or ' '.join(one.get('messages', []))}"
+        for one in body.get("errors") or []
+    ]
     return "; ".join([str(body.get("message", "")).strip(), *fields])[:600]

@@ -18,7 +18,16 @@ SUMS = "SHA256SUMS"
 TOMBSTONES = "tombstones.parquet"
 DEPOSIT = "zenodo.json"
 INDEX = "index.ndjson"
-MADE = ("README.md", "DATASHEET.md", "CITATION.cff", "LICENSE", "croissant.json", DEPOSIT, TOMBSTONES, SUMS)
+MADE = (
+    "README.md",
+    "DATASHEET.md",
+    "CITATION.cff",
+    "LICENSE",
+    "croissant.json",
+    DEPOSIT,
+    TOMBSTONES,
+    SUMS,
+)
 _ARCHIVE = re.compile(r"(screenshots|images)-\d{5}-of-\d{5}\.tar")
 
 
@@ -54,18 +63,26 @@ class Folder:
 
     def described(self) -> list[tuple[Table, Path]]:
         """Samples and tombstones with the tables that they are of: Parquet files beside the shards."""
-        named = {_sample(declared): declared for declared in released_tables(self.source)} | {TOMBSTONES: table("shared/tombstones")}
+        named = {_sample(declared): declared for declared in released_tables(self.source)} | {
+            TOMBSTONES: table("shared/tombstones")
+        }
         return [(named[path.name], path) for path in self.files() if path.name in named]
 
 
 def released_tables(source: str) -> list[Table]:
     """The declared tables that a source's folder holds."""
-    return [declared for declared in tables().values() if declared.source == source and declared.released]
+    return [
+        declared
+        for declared in tables().values()
+        if declared.source == source and declared.released
+    ]
 
 
 def find(root: Path) -> list[Folder]:
     """The folders under `release/` that an export has filled, in the contract's order."""
-    return [folder for source in SOURCES if (folder := read(root / "release" / source, source)).data]
+    return [
+        folder for source in SOURCES if (folder := read(root / "release" / source, source)).data
+    ]
 
 
 def read(path: Path, source: str) -> Folder:
@@ -75,10 +92,20 @@ def read(path: Path, source: str) -> Folder:
     parts = tuple(
         Part(declared, shards)
         for declared in released_tables(source)
-        if (shards := tuple(file for file in own if re.fullmatch(rf"{declared.short}-\d{{5}}-of-\d{{5}}\.parquet", file.name)))
+        if (
+            shards := tuple(
+                file
+                for file in own
+                if re.fullmatch(rf"{declared.short}-\d{{5}}-of-\d{{5}}\.parquet", file.name)
+            )
+        )
     )
     shards = {shard for part in parts for shard in part.shards}
-    others = tuple(file for file in own if source == "wiki" and (file.name == INDEX or _ARCHIVE.fullmatch(file.name)))
+    others = tuple(
+        file
+        for file in own
+        if source == "wiki" and (file.name == INDEX or _ARCHIVE.fullmatch(file.name))
+    )
     known = {*shards, *others, *(file for file in own if is_made(file.name, source))}
     return Folder(source, path, parts, others, tuple(file for file in files if file not in known))
 
@@ -86,18 +113,30 @@ def read(path: Path, source: str) -> Folder:
 def is_made(name: str, source: str) -> bool:
     """Whether `kb release` writes a file of that name into the source's folder."""
     texts = {f"LICENSE-{spdx}.txt" for spdx in KNOWN}
-    return name in MADE or name in texts or name in {_sample(declared) for declared in released_tables(source)}
+    return (
+        name in MADE
+        or name in texts
+        or name in {_sample(declared) for declared in released_tables(source)}
+    )
 
 
 def clean_files(root: Path, declared: Table) -> list[Path]:
     """The clean files that a released table was exported from."""
-    folder = root / "pairs" if declared.source == "pairs" else root / "clean" / declared.source / declared.short
+    folder = (
+        root / "pairs"
+        if declared.source == "pairs"
+        else root / "clean" / declared.source / declared.short
+    )
     return sorted(folder.glob("*.parquet"))
 
 
 def _files(path: Path) -> list[Path]:
     """Files and links by name; hidden ones stay on this machine."""
-    return [file for file in sorted(path.glob("*")) if not file.name.startswith(".") and (file.is_symlink() or file.is_file())]
+    return [
+        file
+        for file in sorted(path.glob("*"))
+        if not file.name.startswith(".") and (file.is_symlink() or file.is_file())
+    ]
 
 
 def _sample(declared: Table) -> str:

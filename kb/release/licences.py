@@ -45,14 +45,24 @@ _NC = "Share and adapt it for non-commercial purposes, if you give credit, say w
 KNOWN = {
     licence.spdx: licence
     for licence in (
-        Licence("CC-BY-4.0", "Creative Commons Attribution 4.0 International", f"{_CC}/licenses/by/4.0/", _BY),
+        Licence(
+            "CC-BY-4.0",
+            "Creative Commons Attribution 4.0 International",
+            f"{_CC}/licenses/by/4.0/",
+            _BY,
+        ),
         Licence(
             "CC-BY-SA-4.0",
             "Creative Commons Attribution-ShareAlike 4.0 International",
             f"{_CC}/licenses/by-sa/4.0/",
             _SA,
         ),
-        Licence("CC-BY-SA-3.0", "Creative Commons Attribution-ShareAlike 3.0 Unported", f"{_CC}/licenses/by-sa/3.0/", _SA),
+        Licence(
+            "CC-BY-SA-3.0",
+            "Creative Commons Attribution-ShareAlike 3.0 Unported",
+            f"{_CC}/licenses/by-sa/3.0/",
+            _SA,
+        ),
         Licence(
             "CC-BY-NC-SA-4.0",
             "Creative Commons Attribution-NonCommercial-ShareAlike 4.0 International",
@@ -80,4 +90,7 @@ def licence(spdx: str) -> Licence:
     try:
         return KNOWN[spdx]
     except KeyError:
-        raise ProfileError(f"{spdx!r} is no licence that a release can carry", hint=f"known: {', '.join(sorted(KNOWN))}") from None
+        raise ProfileError(
+            f"{spdx!r} is no licence that a release can carry",
+            hint=f"known: {', '.join(sorted(KNOWN))}",
+        ) from None

@@ -107,13 +107,17 @@ def measure(run: Run, folder: Folder) -> Facts:
     con = duckdb.connect()
     con.execute("SET TimeZone = 'UTC'")
     tables = tuple(_table(con, part) for part in folder.parts)
-    read = _span(con, folder, ("fetched_at",)) or _clean_span(con, run.root, "youtube" if folder.source == "pairs" else folder.source)
+    read = _span(con, folder, ("fetched_at",)) or _clean_span(
+        con, run.root, "youtube" if folder.source == "pairs" else folder.source
+    )
     made = _span(con, folder, ("published_at", "created_utc", "revision_timestamp"))
     facts = Facts(
         source=folder.source,
         built=_built(run, read, made),
         tables=tables,
-        others=tuple(File(path.name, path.stat().st_size, None, digest(path)) for path in folder.others),
+        others=tuple(
+            File(path.name, path.stat().st_size, None, digest(path)) for path in folder.others
+        ),
         licence=_choose(con, run, folder),
         licences=_licences(con, folder, *(("pages", "images") if folder.source == "wiki" else ())),
         read=read,
@@ -146,7 +150,12 @@ def page_licences(folder: Folder) -> tuple[list[str], int]:
         for part in folder.parts if folder.source == "wiki" else ():
             if part.table.short == "pages":
                 files = [str(shard) for shard in part.shards]
-                named = dict(con.execute("SELECT license, count(*) FROM read_parquet(?) GROUP BY 1 ORDER BY 1", [files]).fetchall())
+                named = dict(
+                    con.execute(
+                        "SELECT license, count(*) FROM read_parquet(?) GROUP BY 1 ORDER BY 1",
+                        [files],
+                    ).fetchall()
+                )
     return [name for name in named if name is not None], named.get(None, 0)
 
 
@@ -165,7 +174,12 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
         return ()
     with duckdb.connect() as con:
         if "model" not in said:
-            return tuple(con.execute("SELECT DISTINCT model, revision, precision FROM read_parquet(?) ORDER BY ALL", [files]).fetchall())
+            return tuple(
+                con.execute(
+                    "SELECT DISTINCT model, revision, precision FROM read_parquet(?) ORDER BY ALL",
+                    [files],
+                ).fetchall()
+            )
         rank = "CASE precision WHEN 'fp32' THEN 0 WHEN 'bf16' THEN 1 ELSE 2 END"
         rows = con.execute(
             f"SELECT DISTINCT model, revision, arg_min(precision, {rank}) FROM read_parquet(?)"
@@ -198,7 +212,9 @@ def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tu
         for part in folder.parts:
             if part.table.short == short and "license" in part.table.names(released=True):
                 rows = con.execute(
-                    ("SELECT license, count(*) AS n FROM read_parquet(?) WHERE license IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1"),
+                    (
+                        "SELECT license, count(*) AS n FROM read_parquet(?) WHERE license IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1"
+                    ),
                     [[str(shard) for shard in part.shards]],
                 ).fetchall()
                 for name, n in rows:
@@ -209,7 +225,10 @@ def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tu
 def _table(con: DuckDBPyConnection, part: Part) -> TableFacts:
     import pyarrow.parquet as pq
 
-    files = tuple(File(shard.name, shard.stat().st_size, pq.read_metadata(shard).num_rows, digest(shard)) for shard in part.shards)
+    files = tuple(
+        File(shard.name, shard.stat().st_size, pq.read_metadata(shard).num_rows, digest(shard))
+        for shard in part.shards
+    )
     names = [str(shard) for shard in part.shards]
     columns = tuple(_column(con, names, column) for column in part.table.columns if column.released)
     return TableFacts(part.table, sum(file.rows or 0 for file in files), files, columns)
@@ -219,28 +238,40 @@ def _column(con: DuckDBPyConnection, names: list[str], column: Column) -> Column
     name = f'"{column.name}"'
     if column.type.startswith(("int", "float")) and not column.name.endswith("_id"):
         row = con.execute(
-            (f"SELECT count(*) - count({name}), min({name}), quantile_disc({name}, 0.5), max({name}) FROM read_parquet(?)"),
+            (
+                f"SELECT count(*) - count({name}), min({name}), quantile_disc({name}, 0.5), max({name}) FROM read_parquet(?)"
+            ),
             [names],
         ).fetchone()
         return ColumnFacts(column, *(row or (0,)))
     if column.type.startswith(("timestamp", "date")):
-        row = con.execute(f"SELECT count(*) - count({name}), {_LOW.format(name)}, {_HIGH.format(name)} FROM read_parquet(?)", [names]).fetchone() or (
+        row = con.execute(
+            f"SELECT count(*) - count({name}), {_LOW.format(name)}, {_HIGH.format(name)} FROM read_parquet(?)",
+            [names],
+        ).fetchone() or (
             0,
             None,
             None,
         )
         return ColumnFacts(column, row[0], _utc(row[1]), None, _utc(row[2]))
-    nulls = (con.execute(f"SELECT count(*) - count({name}) FROM read_parquet(?)", [names]).fetchone() or (0,))[0]
+    nulls = (
+        con.execute(f"SELECT count(*) - count({name}) FROM read_parquet(?)", [names]).fetchone()
+        or (0,)
+    )[0]
     if not (column.dictionary or column.type == "bool"):
         return ColumnFacts(column, nulls)
     top = con.execute(
-        (f"SELECT {name}::VARCHAR, count(*) AS n FROM read_parquet(?) WHERE {name} IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {_TOPS}"),
+        (
+            f"SELECT {name}::VARCHAR, count(*) AS n FROM read_parquet(?) WHERE {name} IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {_TOPS}"
+        ),
         [names],
     )
     return ColumnFacts(column, nulls, top=tuple(top.fetchall()))
 
 
-def _span(con: DuckDBPyConnection, folder: Folder, columns: tuple[str, ...]) -> tuple[datetime, datetime] | None:
+def _span(
+    con: DuckDBPyConnection, folder: Folder, columns: tuple[str, ...]
+) -> tuple[datetime, datetime] | None:
     spans = [
         _extremes(con, [str(shard) for shard in part.shards], name)
         for part in folder.parts
@@ -251,16 +282,26 @@ def _span(con: DuckDBPyConnection, folder: Folder, columns: tuple[str, ...]) -> 
     return (min(span[0] for span in known), max(span[1] for span in known)) if known else None
 
 
-def _extremes(con: DuckDBPyConnection, files: list[str], name: str) -> tuple[datetime, datetime] | None:
-    row = con.execute(f"SELECT {_LOW.format(name)}, {_HIGH.format(name)} FROM read_parquet(?)", [files]).fetchone()
-    return (row[0].replace(tzinfo=UTC), row[1].replace(tzinfo=UTC)) if row and row[0] is not None else None
+def _extremes(
+    con: DuckDBPyConnection, files: list[str], name: str
+) -> tuple[datetime, datetime] | None:
+    row = con.execute(
+        f"SELECT {_LOW.format(name)}, {_HIGH.format(name)} FROM read_parquet(?)", [files]
+    ).fetchone()
+    return (
+        (row[0].replace(tzinfo=UTC), row[1].replace(tzinfo=UTC))
+        if row and row[0] is not None
+        else None
+    )
 
 
 def _utc(moment: datetime | None) -> datetime | None:
     return moment and moment.replace(tzinfo=UTC)
 
 
-def _clean_span(con: DuckDBPyConnection, root: Path, source: str) -> tuple[datetime, datetime] | None:
+def _clean_span(
+    con: DuckDBPyConnection, root: Path, source: str
+) -> tuple[datetime, datetime] | None:
     for declared in released_tables(source):
         files = [str(path) for path in clean_files(root, declared)]
         if files and "fetched_at" in declared.names():

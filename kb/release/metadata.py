@@ -39,7 +39,15 @@ class Related(_Part):
     """Another resource and how this one relates to it."""
 
     identifier: Text
-    relation: Literal["isSupplementTo", "isDerivedFrom", "isPartOf", "isDocumentedBy", "isNewVersionOf", "references", "isCompiledBy"]
+    relation: Literal[
+        "isSupplementTo",
+        "isDerivedFrom",
+        "isPartOf",
+        "isDocumentedBy",
+        "isNewVersionOf",
+        "references",
+        "isCompiledBy",
+    ]
     resource_type: Literal["dataset", "software", "publication-article", "other"] = "other"
 
 
@@ -81,24 +89,40 @@ def deposit(run: Run, facts: Facts) -> str:
     metadata = Deposit(
         title=title(run, facts),
         description=_description(run, facts),
-        creators=tuple(Creator(name=one.name, affiliation=one.affiliation, orcid=one.orcid) for one in section.creators),
+        creators=tuple(
+            Creator(name=one.name, affiliation=one.affiliation, orcid=one.orcid)
+            for one in section.creators
+        ),
         publication_date=day(facts.built),
         license=licence(facts.licence).zenodo,
         version=section.version,
         language=three_letters(language(run)),
-        keywords=tuple(dict.fromkeys((run.profile.title, *ABOUT[facts.source].words, *section.keywords))),
+        keywords=tuple(
+            dict.fromkeys((run.profile.title, *ABOUT[facts.source].words, *section.keywords))
+        ),
         notes=SANDBOX_NOTE if facts.sandbox else None,
         communities=tuple(Community(identifier=one) for one in section.communities) or None,
-        related_identifiers=(Related(identifier=section.homepage, relation="isCompiledBy", resource_type="software"),) if section.homepage else None,
+        related_identifiers=(
+            Related(identifier=section.homepage, relation="isCompiledBy", resource_type="software"),
+        )
+        if section.homepage
+        else None,
     )
-    return Document(name=name(run, facts), sandbox_model=facts.sandbox, metadata=metadata).model_dump_json(indent=2, exclude_none=True) + "\n"
+    return (
+        Document(
+            name=name(run, facts), sandbox_model=facts.sandbox, metadata=metadata
+        ).model_dump_json(indent=2, exclude_none=True)
+        + "\n"
+    )
 
 
 def _description(run: Run, facts: Facts) -> str:
     """HTML, as Zenodo shows it."""
     about = ABOUT[facts.source]
     tables = "".join(
-        (f"<li><b>{html.escape(table.table.short)}</b>: {html.escape(table.table.doc)} {table.rows:,} rows, {size(table.size)}.</li>")
+        (
+            f"<li><b>{html.escape(table.table.short)}</b>: {html.escape(table.table.doc)} {table.rows:,} rows, {size(table.size)}.</li>"
+        )
         for table in facts.tables
     )
     sentences = [

@@ -27,15 +27,21 @@ if TYPE_CHECKING:
 
 # Arrow's expressions (RE2) know letters of every script as \pL.
 EMAIL = r"[\pL\pN._%+\-]+@[\pL\pN\-]+(?:\.[\pL\pN\-]+)*\.[A-Za-z]{2,}"
-_AMERICAN = r"\([0-9]{3}\) ?[0-9]{3}[ .\-][0-9]{4}|[0-9]{3}-[0-9]{3}-[0-9]{4}|[0-9]{3}\.[0-9]{3}\.[0-9]{4}"
+_AMERICAN = (
+    r"\([0-9]{3}\) ?[0-9]{3}[ .\-][0-9]{4}|[0-9]{3}-[0-9]{3}-[0-9]{4}|[0-9]{3}\.[0-9]{3}\.[0-9]{4}"
+)
 _INTERNATIONAL = r"\+[1-9][0-9]{0,2}(?:[ .\-]?\(?[0-9]{1,4}\)?){2,6}"
 _NATIONAL = r"0[1-9][0-9]{1,3}[ /\-][0-9]{3,4}[ \-]?[0-9]{3,4}"
 _WORDS = "(?i:call|phone|tel|telephone|telefon|whats ?app|mobile|handy|dial|ruf|sms)"
 _GROUPS = r"[0-9]{2,4}(?:[ .\-/][0-9]{2,5}){1,4}"
 PHONE = rf"(?:^|[^0-9A-Za-z])(?:{_AMERICAN}|{_INTERNATIONAL}|{_NATIONAL}|{_WORDS}\b[^0-9+\n]{{0,20}}{_GROUPS})(?:$|[^0-9A-Za-z])"
 _SURE = re.compile(rf"(?:^|[^0-9A-Za-z])(?:{_AMERICAN})(?:$|[^0-9A-Za-z])")
-_FORM = re.compile(rf"(?:^|[^0-9A-Za-z])(?:({_INTERNATIONAL}|{_NATIONAL})|{_WORDS}\b[^0-9+\n]{{0,20}}({_GROUPS}))(?=$|[^0-9A-Za-z])")
-_DATE = re.compile(r"[0-9]{1,2}[./\-][0-9]{1,2}[./\-][0-9]{4}|[0-9]{4}[./\-][0-9]{1,2}[./\-][0-9]{1,2}|\+?[0-9]+\.[0-9]+")
+_FORM = re.compile(
+    rf"(?:^|[^0-9A-Za-z])(?:({_INTERNATIONAL}|{_NATIONAL})|{_WORDS}\b[^0-9+\n]{{0,20}}({_GROUPS}))(?=$|[^0-9A-Za-z])"
+)
+_DATE = re.compile(
+    r"[0-9]{1,2}[./\-][0-9]{1,2}[./\-][0-9]{4}|[0-9]{4}[./\-][0-9]{1,2}[./\-][0-9]{1,2}|\+?[0-9]+\.[0-9]+"
+)
 
 
 def holds_phone(text: str) -> bool:
@@ -67,7 +73,9 @@ def personal(folder: Folder, section: Release) -> list[Problem]:
                     Problem(
                         "personal data",
                         f"{folder.source}/{table}",
-                        (f"{hits:,} of {rows:,} rows have {what} in {name}, [release] {key} tolerates {tolerated:g} per 1,000"),
+                        (
+                            f"{hits:,} of {rows:,} rows have {what} in {name}, [release] {key} tolerates {tolerated:g} per 1,000"
+                        ),
                     )
                 )
     return found

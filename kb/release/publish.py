@@ -51,7 +51,14 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
     loopback = urlsplit(endpoint).hostname in LOOPBACK
     if urlsplit(endpoint).scheme != "https" and not loopback:
         raise UsageError("KB_ZENODO_ENDPOINT is not https: the token would be sent in the clear")
-    refuse([*_marked(run, found, loopback), *_limits(found), *check.check(run, found), *check.check_made(run, found)])
+    refuse(
+        [
+            *_marked(run, found, loopback),
+            *_limits(found),
+            *check.check(run, found),
+            *check.check_made(run, found),
+        ]
+    )
     deposits: dict[str, Any] = {}
     with writer(run.root, "deposits"):
         service = Zenodo(make_session(run.settings), endpoint, token, wait=run.wait)
@@ -74,14 +81,23 @@ def _summary(deposits: dict[str, dict[str, Any]]) -> Summary:
         published=states.count("published"),
         unchanged=states.count("unchanged"),
         uploaded=sum(one["uploaded"] for one in deposits.values()),
-        sources={source: {name: what for name, what in one.items() if name != "uploaded"} for source, one in deposits.items()},
+        sources={
+            source: {name: what for name, what in one.items() if name != "uploaded"}
+            for source, one in deposits.items()
+        },
     )
 
 
 def _told(folder: Folder, error: KbError, deposits: dict[str, dict[str, Any]]) -> str:
     """The error with the folder it is about, and with what is public already."""
-    public = [f"{source} ({one['doi'] or one['id']})" for source, one in deposits.items() if one["state"] == "published"]
-    return f"{folder.source}: {error}" + (f"; published before that: {', '.join(public)}" if public else "")
+    public = [
+        f"{source} ({one['doi'] or one['id']})"
+        for source, one in deposits.items()
+        if one["state"] == "published"
+    ]
+    return f"{folder.source}: {error}" + (
+        f"; published before that: {', '.join(public)}" if public else ""
+    )
 
 
 def _marked(run: Run, found: list[Folder], loopback: bool) -> list[Problem]:
@@ -92,10 +108,13 @@ def _marked(run: Run, found: list[Folder], loopback: bool) -> list[Problem]:
         Problem(
             "sandbox model",
             folder.source,
-            ("scored with the sandbox's tiny model, whose scores mean nothing about real texts; run `kb models fetch` and filter again"),
+            (
+                "scored with the sandbox's tiny model, whose scores mean nothing about real texts; run `kb models fetch` and filter again"
+            ),
         )
         for folder in found
-        if any(model == SANDBOX_MODEL for model, _, _ in models(run.root, folder.source)) or _document(folder).get("sandbox_model")
+        if any(model == SANDBOX_MODEL for model, _, _ in models(run.root, folder.source))
+        or _document(folder).get("sandbox_model")
     ]
 
 
@@ -112,9 +131,21 @@ def _limits(found: list[Folder]) -> list[Problem]:
         files = [*folder.files(), folder.path / SUMS]
         total = sum(path.stat().st_size for path in files if path.exists())
         if len(files) > MOST_FILES:
-            problems.append(Problem("size", folder.source, f"{len(files)} files, a record takes {MOST_FILES}; export larger shards"))
+            problems.append(
+                Problem(
+                    "size",
+                    folder.source,
+                    f"{len(files)} files, a record takes {MOST_FILES}; export larger shards",
+                )
+            )
         if total > MOST_BYTES:
-            problems.append(Problem("size", folder.source, f"{total / 1e9:.1f} GB, a record takes {MOST_BYTES / 1e9:.0f}"))
+            problems.append(
+                Problem(
+                    "size",
+                    folder.source,
+                    f"{total / 1e9:.1f} GB, a record takes {MOST_BYTES / 1e9:.0f}",
+                )
+            )
     return problems
 
 
@@ -142,7 +173,13 @@ class _Upload:
     def _go(self, *, publish: bool) -> dict[str, Any]:
         known = self._known()
         if known.get("published") == self.digest:
-            return {"state": "unchanged", "id": known["id"], "doi": known.get("doi"), "page": known.get("page"), "uploaded": 0}
+            return {
+                "state": "unchanged",
+                "id": known["id"],
+                "doi": known.get("doi"),
+                "page": known.get("page"),
+                "uploaded": 0,
+            }
         draft = self._draft(known)
         if draft.get("submitted"):
             return self._published(draft, "unchanged", 0)
@@ -150,8 +187,16 @@ class _Upload:
         shown = self.service.describe(draft["id"], self.metadata)
         if publish:
             signals.stop.check()
-            return self._published({**self.service.publish(draft["id"]), "id": draft["id"]}, "published", uploaded)
-        return {"state": "draft", "id": draft["id"], "doi": shown.get("doi"), "page": _page(shown), "uploaded": uploaded}
+            return self._published(
+                {**self.service.publish(draft["id"]), "id": draft["id"]}, "published", uploaded
+            )
+        return {
+            "state": "draft",
+            "id": draft["id"],
+            "doi": shown.get("doi"),
+            "page": _page(shown),
+            "uploaded": uploaded,
+        }
 
     def _published(self, shown: dict[str, Any], state: str, uploaded: int) -> dict[str, Any]:
         """Note a record, so that it is not made again."""
@@ -166,7 +211,9 @@ class _Upload:
             try:
                 self.service.get(known["id"])
             except Gone:
-                self.run.progress.say(f"the deposit {known['id']} of {self.folder.source} is gone; a new one is made")
+                self.run.progress.say(
+                    f"the deposit {known['id']} of {self.folder.source} is gone; a new one is made"
+                )
                 return {key: what for key, what in known.items() if key in ("draft", "creating")}
         return known
 
@@ -194,7 +241,9 @@ class _Upload:
             if draft is None:
                 self._write({"creating": True})
                 draft = self.service.create(self.metadata)
-        self._write({key: what for key, what in known.items() if key != "creating"} | {"draft": draft["id"]})
+        self._write(
+            {key: what for key, what in known.items() if key != "creating"} | {"draft": draft["id"]}
+        )
         return draft
 
     def _lost_draft(self, known: dict[str, Any]) -> dict[str, Any] | None:
@@ -202,7 +251,11 @@ class _Upload:
         if not known.get("creating"):
             return None
         return next(
-            (one for one in self.service.drafts() if one.get("title") == self.metadata["title"] and not one.get("files")),
+            (
+                one
+                for one in self.service.drafts()
+                if one.get("title") == self.metadata["title"] and not one.get("files")
+            ),
             None,
         )
 
@@ -213,13 +266,19 @@ class _Upload:
         """Whether a record holds exactly the folder's files."""
         there = {name: _md5_of(one) for name, one in self.service.files(record["id"]).items()}
         local = self._local()
-        return set(there) == {path.name for path in local} and all(there[path.name] == md5(path) for path in local)
+        return set(there) == {path.name for path in local} and all(
+            there[path.name] == md5(path) for path in local
+        )
 
     def _files(self, draft: dict[str, Any]) -> int:
         """Make the draft hold exactly the folder's files; how many were sent."""
         there = self.service.files(draft["id"])
         local = self._local()
-        task = self.run.progress.task(f"upload {self.folder.source}", total=sum(path.stat().st_size for path in local), unit="bytes")
+        task = self.run.progress.task(
+            f"upload {self.folder.source}",
+            total=sum(path.stat().st_size for path in local),
+            unit="bytes",
+        )
         for name in sorted(set(there) - {path.name for path in local}):
             self.service.remove(draft["id"], there[name]["id"])
         sent = 0
@@ -241,9 +300,12 @@ class _Upload:
             found = json.loads(self.path.read_text(encoding="utf-8"))
         except ValueError:
             found = None
-        if not isinstance(found, dict) or not all(isinstance(one, dict) and _is_entry(one) for one in found.values()):
+        if not isinstance(found, dict) or not all(
+            isinstance(one, dict) and _is_entry(one) for one in found.values()
+        ):
             raise DamagedData(
-                f"{self.path} is damaged", hint="restore it, or move it away: then new drafts are made, also of what was published before"
+                f"{self.path} is damaged",
+                hint="restore it, or move it away: then new drafts are made, also of what was published before",
             )
         return found
 
@@ -251,12 +313,16 @@ class _Upload:
         return dict(self._all().get(self.key, {}))
 
     def _write(self, entry: dict[str, Any]) -> None:
-        write_text(self.path, json.dumps(self._all() | {self.key: entry}, indent=1, sort_keys=True) + "\n")
+        write_text(
+            self.path, json.dumps(self._all() | {self.key: entry}, indent=1, sort_keys=True) + "\n"
+        )
 
 
 def _is_entry(entry: dict[str, Any]) -> bool:
     """Whether an entry of the state reads as one of ours."""
-    return all(isinstance(entry[name], int) for name in ("id", "draft") if name in entry) and ("id" in entry or "published" not in entry)
+    return all(isinstance(entry[name], int) for name in ("id", "draft") if name in entry) and (
+        "id" in entry or "published" not in entry
+    )
 
 
 def _md5_of(file: dict[str, Any]) -> str:

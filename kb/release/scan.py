@@ -47,7 +47,9 @@ def secrets(folder: Folder, values: Sequence[str]) -> list[Problem]:
     found = []
     for path in folder.files():
         where = f"{folder.source}/{path.name}"
-        for place, what in _in_parquet(path, literals) if path.suffix == ".parquet" else _in_file(path, literals):
+        for place, what in (
+            _in_parquet(path, literals) if path.suffix == ".parquet" else _in_file(path, literals)
+        ):
             found.append(Problem("secret", where, f"{place} holds {what}"))
     return found
 
@@ -82,8 +84,15 @@ def _in_parquet(path: Path, literals: Sequence[str]) -> Iterator[tuple[str, str]
         file = pq.ParquetFile(path)
     except (pa.ArrowInvalid, OSError):
         return  # the structure check reports it
-    yield from (("its metadata", what) for what in _in_bytes(_about(file), [value.encode() for value in literals]))
-    names = [field.name for field in file.schema_arrow if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)]
+    yield from (
+        ("its metadata", what)
+        for what in _in_bytes(_about(file), [value.encode() for value in literals])
+    )
+    names = [
+        field.name
+        for field in file.schema_arrow
+        if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)
+    ]
     any_literal = "|".join(re.escape(value) for value in literals)
     shapes = {"the value of a setting": any_literal} if any_literal else {}
     shapes |= KEY_SHAPES
@@ -97,9 +106,17 @@ def _in_parquet(path: Path, literals: Sequence[str]) -> Iterator[tuple[str, str]
 def _about(file: pq.ParquetFile) -> bytes:
     """What a Parquet file says beside its rows: of itself, of its table and of its columns."""
     schema = file.schema_arrow
-    kept = [file.metadata.metadata or {}, schema.metadata or {}, *(field.metadata or {} for field in schema)]
-    lines = [key + b"=" + value for one in kept for key, value in one.items() if key != b"ARROW:schema"]  # that is the schema once more
-    return b"\n".join([*lines, *(name.encode() for name in schema.names), str(file.metadata.created_by).encode()])
+    kept = [
+        file.metadata.metadata or {},
+        schema.metadata or {},
+        *(field.metadata or {} for field in schema),
+    ]
+    lines = [
+        key + b"=" + value for one in kept for key, value in one.items() if key != b"ARROW:schema"
+    ]  # that is the schema once more
+    return b"\n".join(
+        [*lines, *(name.encode() for name in schema.names), str(file.metadata.created_by).encode()]
+    )
 
 
 def _first(file: object, name: str, shape: str) -> str:

@@ -11,9 +11,7 @@ if TYPE_CHECKING:
     from kb.core.context import Run
     from kb.release.measure import Facts
 
-SANDBOX_NOTE = (
-    "Made with the sandbox's tiny toxicity model, whose scores mean nothing about real texts: for trying the software only, not for publication."
-)
+SANDBOX_NOTE = "Made with the sandbox's tiny toxicity model, whose scores mean nothing about real texts: for trying the software only, not for publication."
 
 
 def day(moment: datetime) -> str:
@@ -51,7 +49,12 @@ def value(thing: Any) -> str:
 def rows(head: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
     """A Markdown table; bars in cells are escaped."""
     cells = [[str(cell).replace("|", "\\|").replace("\n", " ") for cell in line] for line in lines]
-    return "\n".join(["| " + " | ".join(line) + " |" for line in [list(head), ["---"] * len(head), *cells]]) + "\n"
+    return (
+        "\n".join(
+            ["| " + " | ".join(line) + " |" for line in [list(head), ["---"] * len(head), *cells]]
+        )
+        + "\n"
+    )
 
 
 def folded(text: str) -> str:

@@ -24,12 +24,33 @@ if TYPE_CHECKING:
 
 Maker = Callable[[Data, "Profile"], "Figure | None"]
 SAMPLES = {
-    "youtube/videos": ("title", "view_count", "like_count", "duration_s", "transcript_kind", "published_at"),
+    "youtube/videos": (
+        "title",
+        "view_count",
+        "like_count",
+        "duration_s",
+        "transcript_kind",
+        "published_at",
+    ),
     "wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url"),
     "reddit/posts": ("title", "type", "score", "num_comments", "created_utc"),
-    "pairs/pairs": ("keyword", "keyword_kind", "text", "token_count", "clip_start_s", "clip_end_s", "video_id"),
+    "pairs/pairs": (
+        "keyword",
+        "keyword_kind",
+        "text",
+        "token_count",
+        "clip_start_s",
+        "clip_end_s",
+        "video_id",
+    ),
 }
-TITLES = {"youtube": "YouTube", "wiki": "Wiki", "reddit": "Reddit", "pairs": "Video-text pairs", "services": "Services"}
+TITLES = {
+    "youtube": "YouTube",
+    "wiki": "Wiki",
+    "reddit": "Reddit",
+    "pairs": "Video-text pairs",
+    "services": "Services",
+}
 TABLES = {
     "youtube": ("youtube/videos",),
     "wiki": ("wiki/pages", "wiki/elements", "wiki/images"),
@@ -69,16 +90,27 @@ def makers(source: str) -> list[Maker]:
 
 def report(run: Run) -> Summary:
     """Write `report/` anew. Raises MissingExtra when the figures' packages are not installed, and DamagedData."""
-    missing = [name for name in ("matplotlib", "wordcloud", "PIL") if importlib.util.find_spec(name) is None]
+    missing = [
+        name
+        for name in ("matplotlib", "wordcloud", "PIL")
+        if importlib.util.find_spec(name) is None
+    ]
     if missing:
-        raise MissingExtra(f"figures need {', '.join(missing)}", hint="pip install 'lorebase[figures]'")
+        raise MissingExtra(
+            f"figures need {', '.join(missing)}", hint="pip install 'lorebase[figures]'"
+        )
     with Data(run) as data:
         sections = [_section(run, data, source) for source in TITLES]
         cards = [
-            (f"{name.partition('/')[2]}", data.count(name), TITLES[source]) for source, names in TABLES.items() for name in names if data.files(name)
+            (f"{name.partition('/')[2]}", data.count(name), TITLES[source])
+            for source, names in TABLES.items()
+            for name in names
+            if data.files(name)
         ]
         notes = _notes(run)
-        html = page(f"{run.profile.title}: what was collected", data.newest(), cards, sections, notes)
+        html = page(
+            f"{run.profile.title}: what was collected", data.newest(), cards, sections, notes
+        )
     with replacing_folder(run.root / "report") as folder:
         for section in sections:
             for figure in section.figures:
@@ -107,9 +139,19 @@ def _section(run: Run, data: Data, source: str) -> Section:
     for name in TABLES.get(source, ()):
         if name in SAMPLES and run.profile.report.samples and data.count(name):
             rows = data.samples(name, SAMPLES[name], run.profile.report.samples)
-            section.samples.append((f"Some {name.partition('/')[2]}", [_head(name, column) for column in SAMPLES[name]], rows))
+            section.samples.append(
+                (
+                    f"Some {name.partition('/')[2]}",
+                    [_head(name, column) for column in SAMPLES[name]],
+                    rows,
+                )
+            )
     if not section.figures:
-        section.missing.append(f"No data of {TITLES[source]} yet: {NEXT[source]}." if source != "services" else f"No ledger: {NEXT[source]}.")
+        section.missing.append(
+            f"No data of {TITLES[source]} yet: {NEXT[source]}."
+            if source != "services"
+            else f"No ledger: {NEXT[source]}."
+        )
     return section
 
 
@@ -126,6 +168,11 @@ def _funnel(name: str) -> Maker:
 
 def _notes(run: Run) -> list[str]:
     """What a reader must know before believing the figures."""
-    if any(filtered(run.root, source).get("model") == SANDBOX_MODEL for source in ("youtube", "wiki", "reddit")):
-        return ["Toxicity scores are those of the sandbox's tiny model: they mean nothing about real texts."]
+    if any(
+        filtered(run.root, source).get("model") == SANDBOX_MODEL
+        for source in ("youtube", "wiki", "reddit")
+    ):
+        return [
+            "Toxicity scores are those of the sandbox's tiny model: they mean nothing about real texts."
+        ]
     return []

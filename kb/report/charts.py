@@ -26,7 +26,9 @@ def lying_bars(
     axes.set_xlabel(unit)
     counts(axes.xaxis)
     axes.set_xlim(0, max([*values, 1]) * 1.32)
-    for place, value, note in zip(places, values, notes or [number(value) for value in values], strict=True):
+    for place, value, note in zip(
+        places, values, notes or [number(value) for value in values], strict=True
+    ):
         axes.text(
             value + max([*values, 1]) * 0.012,
             place,
@@ -56,7 +58,9 @@ def histogram(
     """Bars between edges; `log` for a logarithmic x axis; `marks` are vertical lines with a word."""
     sheet, axes = canvas(2.9) if axes is None else (axes.figure, axes)
     widths = [high - low for low, high in itertools.pairwise(edges)]
-    axes.bar(edges[:-1], values, widths, align="edge", color=color, edgecolor="white", linewidth=0.6)
+    axes.bar(
+        edges[:-1], values, widths, align="edge", color=color, edgecolor="white", linewidth=0.6
+    )
     if log:
         axes.set_xscale("log")
         powers(axes.xaxis)

@@ -32,8 +32,12 @@ def words(data: Data, profile: Profile, table: str, columns: tuple[str, ...]) ->
     return Figure(
         f"{source}-words",
         f"What {rows} are about",
-        (f"The {len(found)} most frequent words of {' and '.join(columns)}; a word's size follows the number of {rows} that say it."),
-        "Word cloud; the largest words are " + ", ".join(f"{word} ({number(n)})" for word, n in found[:12]) + ".",
+        (
+            f"The {len(found)} most frequent words of {' and '.join(columns)}; a word's size follows the number of {rows} that say it."
+        ),
+        "Word cloud; the largest words are "
+        + ", ".join(f"{word} ({number(n)})" for word, n in found[:12])
+        + ".",
         png,
         svg,
         ("word", rows),
@@ -70,7 +74,14 @@ def _drawn(frequencies: dict[str, int], seed: int) -> tuple[bytes, bytes]:
         shape = TextPath((0, 0), word, size=size, prop=face)
         ink = shape.get_extents()
         place = Affine2D().translate(left - ink.x0, _H - top - ink.y1)
-        axes.add_patch(PathPatch(shape, transform=place + axes.transData, color=_DARK[index % len(_DARK)], linewidth=0))
+        axes.add_patch(
+            PathPatch(
+                shape,
+                transform=place + axes.transData,
+                color=_DARK[index % len(_DARK)],
+                linewidth=0,
+            )
+        )
     axes.set_xlim(0, _W)
     axes.set_ylim(0, _H)
     axes.set_aspect("equal")

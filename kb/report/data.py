@@ -67,7 +67,9 @@ class Data:
     def files(self, name: str) -> list[str]:
         """The clean files of a table ("youtube/videos", "pairs/pairs"), or of "youtube/rejected"."""
         folder = self.root / "pairs" if name == "pairs/pairs" else self.root / "clean" / name
-        return [str(path) for path in sorted(folder.glob("*.parquet")) if not path.name.startswith(".")]
+        return [
+            str(path) for path in sorted(folder.glob("*.parquet")) if not path.name.startswith(".")
+        ]
 
     def rows(self, name: str, sql: str, *values: object) -> list[tuple[Any, ...]]:
         """Rows of a query in which {t} stands for the table; nothing when there are no files. Raises DamagedData."""
@@ -84,14 +86,20 @@ class Data:
 
     def quantile(self, name: str, column: str, share: float) -> float | None:
         """The value below which that share of the rows lies."""
-        found = self.rows(name, f'SELECT quantile_disc("{column}", ?) FROM {{t}} WHERE "{column}" IS NOT NULL', share)
+        found = self.rows(
+            name,
+            f'SELECT quantile_disc("{column}", ?) FROM {{t}} WHERE "{column}" IS NOT NULL',
+            share,
+        )
         return None if not found or found[0][0] is None else float(found[0][0])
 
     def histogram(self, name: str, column: str, edges: Sequence[float]) -> list[int]:
         """Rows between neighbouring edges; the last bin has its upper edge in it."""
         tests = [
             f'count(*) FILTER ("{column}" >= {low!r} AND "{column}" {"<=" if last else "<"} {high!r})'
-            for low, high, last in zip(edges[:-1], edges[1:], [False] * (len(edges) - 2) + [True], strict=True)
+            for low, high, last in zip(
+                edges[:-1], edges[1:], [False] * (len(edges) - 2) + [True], strict=True
+            )
         ]
         found = self.rows(name, f"SELECT {', '.join(tests)} FROM {{t}}")
         return [int(n) for n in found[0]] if found else []
@@ -107,19 +115,29 @@ class Data:
         """The stages of a table, None when nothing was filtered."""
         source = name.partition("/")[0]
         prefix = FULL_NAMES.get(name, "")
-        dropped, failed, pending = (self._verdicts(source, kind, prefix) for kind in ("rejected", "failed", "pending"))
+        dropped, failed, pending = (
+            self._verdicts(source, kind, prefix) for kind in ("rejected", "failed", "pending")
+        )
         kept = self.count(name)
         if not (kept or dropped or failed or pending):
             return None
         order = STAGES.get(name, ())
-        stages = [(stage, dropped.get(stage, 0)) for stage in order] + sorted((stage, n) for stage, n in dropped.items() if stage not in order)
+        stages = [(stage, dropped.get(stage, 0)) for stage in order] + sorted(
+            (stage, n) for stage, n in dropped.items() if stage not in order
+        )
         crawled = kept + sum(dropped.values()) + sum(failed.values()) + sum(pending.values())
-        return Funnel(name, crawled, tuple(stages), sum(failed.values()), sum(pending.values()), kept)
+        return Funnel(
+            name, crawled, tuple(stages), sum(failed.values()), sum(pending.values()), kept
+        )
 
     def _verdicts(self, source: str, kind: str, prefix: str) -> dict[str, int]:
         column = "stage" if kind == "rejected" else "reason"
         where = f"WHERE starts_with(key, '{prefix}')" if prefix else ""
-        return dict(self.rows(f"{source}/{kind}", f"SELECT {column}, count(*) FROM {{t}} {where} GROUP BY 1"))
+        return dict(
+            self.rows(
+                f"{source}/{kind}", f"SELECT {column}, count(*) FROM {{t}} {where} GROUP BY 1"
+            )
+        )
 
     def ledgers(self) -> list[tuple[str, str, str, int, int]]:
         """(source, day, bucket, requests, units) of every source that keeps a ledger, by day."""
@@ -132,7 +150,9 @@ class Data:
                     entry[1] += units or 0
         return [(*key, *sums) for key, sums in sorted(found.items())]
 
-    def words(self, name: str, columns: Sequence[str], stop: set[str], n: int) -> list[tuple[str, int]]:
+    def words(
+        self, name: str, columns: Sequence[str], stop: set[str], n: int
+    ) -> list[tuple[str, int]]:
         """The most frequent words of some columns, in lower case, with how many rows say them."""
         text = " || ' ' || ".join(f"coalesce(\"{column}\", '')" for column in columns)
         plain = f"lower(regexp_replace({text}, 'https?://\\S+', ' ', 'g'))"
@@ -151,7 +171,10 @@ class Data:
             row[0]
             for name in names
             if self.files(name)
-            for row in self.rows(name, "SELECT strftime(max(fetched_at AT TIME ZONE 'UTC'), '%Y-%m-%d %H:%M UTC') FROM {t}")
+            for row in self.rows(
+                name,
+                "SELECT strftime(max(fetched_at AT TIME ZONE 'UTC'), '%Y-%m-%d %H:%M UTC') FROM {t}",
+            )
             if row[0]
         ]
         return max(moments, default="")
@@ -161,10 +184,14 @@ class Data:
         key = table(name).key[0]
         # Times as text: DuckDB hands them out only where pytz is installed.
         shown = ", ".join(
-            f"strftime(\"{column}\" AT TIME ZONE 'UTC', '%Y-%m-%d')" if table(name).column(column).type.startswith("timestamp") else f'"{column}"'
+            f"strftime(\"{column}\" AT TIME ZONE 'UTC', '%Y-%m-%d')"
+            if table(name).column(column).type.startswith("timestamp")
+            else f'"{column}"'
             for column in columns
         )
-        return self.rows(name, f'SELECT {shown} FROM {{t}} ORDER BY md5("{key}"::VARCHAR), "{key}" LIMIT {n}')
+        return self.rows(
+            name, f'SELECT {shown} FROM {{t}} ORDER BY md5("{key}"::VARCHAR), "{key}" LIMIT {n}'
+        )
 
     def path(self, relative: str) -> Path:
         """A file that a clean table names."""

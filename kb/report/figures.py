@@ -12,14 +12,40 @@ from typing import TYPE_CHECKING, Any
 
 from kb.report.charts import histogram, lying_bars
 from kb.report.data import Data, Funnel
-from kb.report.style import BLUE, GREEN, ORANGE, PALE, PURPLE, RED, SERIES, SKY, Figure, canvas, counts, number, saved
+from kb.report.style import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    PALE,
+    PURPLE,
+    RED,
+    SERIES,
+    SKY,
+    Figure,
+    canvas,
+    counts,
+    number,
+    saved,
+)
 
 if TYPE_CHECKING:
     from kb.core.profile import Profile
 
 _BINS = 30
-NAMES = {"youtube/videos": "videos", "wiki/pages": "pages", "reddit/posts": "posts", "reddit/comments": "comments"}
-TYPE_COLORS = {"text": BLUE, "image": ORANGE, "video": GREEN, "link": PURPLE, "poll": SKY, "gallery": RED}
+NAMES = {
+    "youtube/videos": "videos",
+    "wiki/pages": "pages",
+    "reddit/posts": "posts",
+    "reddit/comments": "comments",
+}
+TYPE_COLORS = {
+    "text": BLUE,
+    "image": ORANGE,
+    "video": GREEN,
+    "link": PURPLE,
+    "poll": SKY,
+    "gallery": RED,
+}
 
 
 def _figure(
@@ -46,11 +72,19 @@ def durations(data: Data, profile: Profile) -> Figure | None:
     edges = _even(min(low, high), max(high, low + 60))
     values = data.histogram("youtube/videos", "duration_s", edges)
     minutes = [edge / 60 for edge in edges]
-    sheet = histogram(minutes, values, x="duration (minutes)", y="videos", marks=[(middle / 60, f"median {middle / 60:.1f} min")])
+    sheet = histogram(
+        minutes,
+        values,
+        x="duration (minutes)",
+        y="videos",
+        marks=[(middle / 60, f"median {middle / 60:.1f} min")],
+    )
     return _figure(
         "youtube-durations",
         "How long the videos are",
-        (f"Durations up to the {percent:g}th percentile ({high / 60:.1f} minutes); the longest {100 - percent:g}% are left out, as in the paper."),
+        (
+            f"Durations up to the {percent:g}th percentile ({high / 60:.1f} minutes); the longest {100 - percent:g}% are left out, as in the paper."
+        ),
         (
             f"Histogram of video durations from {minutes[0]:.0f} to {minutes[-1]:.1f} minutes; half of the videos are "
             f"shorter than {middle / 60:.1f} minutes."
@@ -91,7 +125,17 @@ def scores(data: Data, profile: Profile) -> Figure | None:
     )
 
 
-def _logarithmic(data: Data, table: str, column: str, name: str, title: str, x: str, y: str, unit: str, color: str) -> Figure | None:
+def _logarithmic(
+    data: Data,
+    table: str,
+    column: str,
+    name: str,
+    title: str,
+    x: str,
+    y: str,
+    unit: str,
+    color: str,
+) -> Figure | None:
     high, middle, low = (data.quantile(table, column, share) for share in (1.0, 0.5, 0.0))
     if high is None or middle is None or low is None or high < 1:
         return None
@@ -99,15 +143,28 @@ def _logarithmic(data: Data, table: str, column: str, name: str, title: str, x: 
     steps = max(1, (last - first) * 6)
     edges = [10 ** (first + (last - first) * step / steps) for step in range(steps + 1)]
     values = data.histogram(table, column, edges)
-    sheet = histogram(edges, values, x=x, y=y, log=True, color=color, marks=[(max(middle, edges[0]), f"median {number(middle)}")])
+    sheet = histogram(
+        edges,
+        values,
+        x=x,
+        y=y,
+        log=True,
+        color=color,
+        marks=[(max(middle, edges[0]), f"median {number(middle)}")],
+    )
     return _figure(
         name,
         title,
         f"Half of the {y} have {number(middle)} {unit} or fewer, the largest has {number(high)}.",
-        (f"Histogram of {unit} per row on a logarithmic axis from {number(edges[0])} to {number(edges[-1])}, median {number(middle)}."),
+        (
+            f"Histogram of {unit} per row on a logarithmic axis from {number(edges[0])} to {number(edges[-1])}, median {number(middle)}."
+        ),
         sheet,
         (unit, y),
-        [(f"{number(a)} to {number(b)}", n) for a, b, n in zip(edges, edges[1:], values, strict=False)],
+        [
+            (f"{number(a)} to {number(b)}", n)
+            for a, b, n in zip(edges, edges[1:], values, strict=False)
+        ],
     )
 
 
@@ -119,7 +176,13 @@ def post_types(data: Data, profile: Profile) -> Figure | None:
         return None
     names, values = [name for name, _ in found], [n for _, n in found]
     notes = [f"{number(n)}  ({n / total:.0%})" for n in values]
-    sheet = lying_bars(names, values, unit="posts", notes=notes, colors=[TYPE_COLORS.get(name, BLUE) for name in names])
+    sheet = lying_bars(
+        names,
+        values,
+        unit="posts",
+        notes=notes,
+        colors=[TYPE_COLORS.get(name, BLUE) for name in names],
+    )
     return _figure(
         "reddit-types",
         "What kinds of posts there are",
@@ -140,15 +203,22 @@ def funnel(data: Data, name: str) -> Figure | None:
     labels = [label for label, _, _ in lines]
     left = [n for _, n, _ in lines]
     notes = [number(n) + (f"  (−{number(gone)})" if gone else "") for _, n, gone in lines]
-    colors = [PALE if index == 0 else GREEN if index == len(lines) - 1 else BLUE for index in range(len(lines))]
+    colors = [
+        PALE if index == 0 else GREEN if index == len(lines) - 1 else BLUE
+        for index in range(len(lines))
+    ]
     what = NAMES.get(name, name)
-    sheet = lying_bars(labels, left, unit=f"{what} left after the stage", notes=notes, colors=colors)
+    sheet = lying_bars(
+        labels, left, unit=f"{what} left after the stage", notes=notes, colors=colors
+    )
     share = found.kept / found.crawled if found.crawled else 0
     return _figure(
         f"{name.replace('/', '-')}-funnel",
         f"What the filters leave of the {what}",
         f"{found.kept:,} of {found.crawled:,} {what} are kept ({share:.0%}). In brackets: what each stage dropped.",
-        f"Bars of {what} left after each stage: " + ", ".join(f"{label} {n:,}" for label, n, _ in lines) + ".",
+        f"Bars of {what} left after each stage: "
+        + ", ".join(f"{label} {n:,}" for label, n, _ in lines)
+        + ".",
         sheet,
         ("stage", "left", "dropped"),
         [(label, n, gone) for label, n, gone in lines],
@@ -169,7 +239,10 @@ def _steps(found: Funnel) -> list[tuple[str, int, int]]:
 
 def quota(data: Data, profile: Profile) -> Figure | None:
     """Units of YouTube's quota, or requests of the others, over days."""
-    rows = [(day, f"{source} {bucket}" if bucket != source else source, units or requests) for source, day, bucket, requests, units in data.ledgers()]
+    rows = [
+        (day, f"{source} {bucket}" if bucket != source else source, units or requests)
+        for source, day, bucket, requests, units in data.ledgers()
+    ]
     if not rows:
         return None
     days = sorted({day for day, _, _ in rows})[-60:]
@@ -217,7 +290,9 @@ def keywords(data: Data, profile: Profile) -> Figure | None:
         return None
     total = data.count("pairs/pairs")
     distinct = data.rows("pairs/pairs", "SELECT count(DISTINCT keyword) FROM {t}")[0][0]
-    sheet = lying_bars([name for name, _ in found], [n for _, n in found], unit="pairs", colors=GREEN)
+    sheet = lying_bars(
+        [name for name, _ in found], [n for _, n in found], unit="pairs", colors=GREEN
+    )
     return _figure(
         "pairs-keywords",
         "Which keywords are spoken",
@@ -233,7 +308,9 @@ def lengths(data: Data, profile: Profile) -> Figure | None:
     """Lengths of clips and texts of the pairs."""
     found = data.rows(
         "pairs/pairs",
-        ("SELECT min(token_count), max(token_count), min(clip_end_s - clip_start_s), max(clip_end_s - clip_start_s) FROM {t}"),
+        (
+            "SELECT min(token_count), max(token_count), min(clip_end_s - clip_start_s), max(clip_end_s - clip_start_s) FROM {t}"
+        ),
     )
     if not found or found[0][0] is None:
         return None
@@ -241,8 +318,16 @@ def lengths(data: Data, profile: Profile) -> Figure | None:
     tokens = _even(low, max(high, low + 1) + 1, 20)
     clips = _even(short, max(long, short + 1), 20)
     by_token = data.histogram("pairs/pairs", "token_count", tokens)
-    tests = ", ".join(f"count(*) FILTER (d >= {a!r} AND d {'<=' if b == clips[-1] else '<'} {b!r})" for a, b in itertools.pairwise(clips))
-    by_clip = [int(n) for n in data.rows("pairs/pairs", f"SELECT {tests} FROM (SELECT clip_end_s - clip_start_s AS d FROM {{t}})")[0]]
+    tests = ", ".join(
+        f"count(*) FILTER (d >= {a!r} AND d {'<=' if b == clips[-1] else '<'} {b!r})"
+        for a, b in itertools.pairwise(clips)
+    )
+    by_clip = [
+        int(n)
+        for n in data.rows(
+            "pairs/pairs", f"SELECT {tests} FROM (SELECT clip_end_s - clip_start_s AS d FROM {{t}})"
+        )[0]
+    ]
     sheet, axes = canvas(2.7, 2)
     histogram(clips, by_clip, x="clip (seconds)", y="pairs", color=GREEN, axes=axes[0])
     histogram(tokens, by_token, x="text (CLIP tokens)", y="", color=ORANGE, axes=axes[1])
@@ -250,7 +335,9 @@ def lengths(data: Data, profile: Profile) -> Figure | None:
         "pairs-lengths",
         "How long clips and texts are",
         f"Clips last {short:.1f} to {long:.1f} seconds, texts have {low:.0f} to {high:.0f} CLIP tokens.",
-        (f"Two histograms: clip length from {short:.1f} to {long:.1f} seconds, text length from {low:.0f} to {high:.0f} tokens."),
+        (
+            f"Two histograms: clip length from {short:.1f} to {long:.1f} seconds, text length from {low:.0f} to {high:.0f} tokens."
+        ),
         sheet,
         ("seconds", "pairs"),
         [(f"{a:.1f} to {b:.1f}", n) for a, b, n in zip(clips, clips[1:], by_clip, strict=False)],

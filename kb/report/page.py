@@ -58,32 +58,47 @@ class Section:
     id: str
     title: str
     figures: list[Figure] = field(default_factory=list)
-    samples: list[tuple[str, Sequence[str], Sequence[Sequence[object]]]] = field(default_factory=list)
+    samples: list[tuple[str, Sequence[str], Sequence[Sequence[object]]]] = field(
+        default_factory=list
+    )
     missing: list[str] = field(default_factory=list)
 
 
-def page(title: str, as_of: str, cards: Sequence[tuple[str, int, str]], sections: Sequence[Section], notes: Sequence[str]) -> str:
+def page(
+    title: str,
+    as_of: str,
+    cards: Sequence[tuple[str, int, str]],
+    sections: Sequence[Section],
+    notes: Sequence[str],
+) -> str:
     """The whole document. `cards` are (what, number, remark)."""
     parts = [
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        ("<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'\">"),
+        (
+            "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'\">"
+        ),
         f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
         f"<header>\n<h1>{escape(title)}</h1>",
         f'<p class="soft">{escape(f"Data as of {as_of}." if as_of else "No data yet.")}</p>',
-        "<nav>" + "".join(f'<a href="#{section.id}">{escape(section.title)}</a>' for section in sections) + "</nav>\n</header>\n<main>",
+        "<nav>"
+        + "".join(f'<a href="#{section.id}">{escape(section.title)}</a>' for section in sections)
+        + "</nav>\n</header>\n<main>",
     ]
     if cards:
         parts.append(
             '<div class="cards">'
             + "".join(
-                f'<div class="card"><b>{number(n)}</b>{escape(what)}<br><span class="soft">{escape(remark)}</span></div>' for what, n, remark in cards
+                f'<div class="card"><b>{number(n)}</b>{escape(what)}<br><span class="soft">{escape(remark)}</span></div>'
+                for what, n, remark in cards
             )
             + "</div>"
         )
     parts += [f'<p class="missing">{escape(note)}</p>' for note in notes]
     parts += [_section(section) for section in sections]
-    parts.append("</main>\n<footer>Made by <code>kb report</code>. Each figure is beside this page as SVG and PNG.</footer>\n</body>\n</html>\n")
+    parts.append(
+        "</main>\n<footer>Made by <code>kb report</code>. Each figure is beside this page as SVG and PNG.</footer>\n</body>\n</html>\n"
+    )
     return "\n".join(parts)
 
 
@@ -91,16 +106,28 @@ def _section(section: Section) -> str:
     parts = [f'<section id="{section.id}">\n<h2>{escape(section.title)}</h2>']
     parts += [f'<p class="missing">{escape(line)}</p>' for line in section.missing]
     if section.figures:
-        parts.append('<div class="figures">' + "\n".join(_figure(figure) for figure in section.figures) + "</div>")
+        parts.append(
+            '<div class="figures">'
+            + "\n".join(_figure(figure) for figure in section.figures)
+            + "</div>"
+        )
     parts += [_table(title, head, rows) for title, head, rows in section.samples]
     return "\n".join([*parts, "</section>"])
 
 
 def _figure(figure: Figure) -> str:
     # A screenshot inside an SVG weighs more than the picture itself.
-    kind, data = ("image/png", figure.png) if len(figure.svg) > 2 * len(figure.png) and len(figure.svg) > 400_000 else ("image/svg+xml", figure.svg)
+    kind, data = (
+        ("image/png", figure.png)
+        if len(figure.svg) > 2 * len(figure.png) and len(figure.svg) > 400_000
+        else ("image/svg+xml", figure.svg)
+    )
     source = f"data:{kind};base64,{base64.b64encode(data).decode()}"
-    numbers = f"<details><summary>The numbers</summary>{_table('', figure.head, figure.rows)}</details>" if figure.rows else ""
+    numbers = (
+        f"<details><summary>The numbers</summary>{_table('', figure.head, figure.rows)}</details>"
+        if figure.rows
+        else ""
+    )
     picture = f'<img src="{source}" alt="{escape(figure.alt, quote=True)}">'
     caption = f"<figcaption>{escape(figure.caption)}</figcaption>"
     return f'<figure id="{figure.name}"><h3>{escape(figure.title)}</h3>{picture}{caption}{numbers}</figure>'
@@ -120,6 +147,10 @@ def _cell(value: object) -> str:
     if isinstance(value, bool):
         return f"<td>{'yes' if value else 'no'}</td>"
     if isinstance(value, (int, float)):
-        return f'<td class="n">{value:,}</td>' if isinstance(value, int) else f'<td class="n">{value:,.2f}</td>'
+        return (
+            f'<td class="n">{value:,}</td>'
+            if isinstance(value, int)
+            else f'<td class="n">{value:,.2f}</td>'
+        )
     text = str(value)
     return f"<td{' class=text' if len(text) > 24 else ''}>{escape(text if len(text) <= 160 else text[:157] + '…')}</td>"

@@ -124,5 +124,7 @@ def powers(axis: Any) -> None:
     """1, 10, 100, 1k … on a logarithmic axis."""
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
-    axis.set_major_formatter(FuncFormatter(lambda value, _: "1k" if value == 1000 else number(value)))
+    axis.set_major_formatter(
+        FuncFormatter(lambda value, _: "1k" if value == 1000 else number(value))
+    )
     axis.set_minor_formatter(NullFormatter())

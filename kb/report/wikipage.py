@@ -10,7 +10,14 @@ from kb.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, WIDTH, Figure
 if TYPE_CHECKING:
     from kb.core.profile import Profile
 
-KINDS = {"text": BLUE, "image": RED, "sprite": PURPLE, "animation": ORANGE, "table": GREEN, "cell": SKY}
+KINDS = {
+    "text": BLUE,
+    "image": RED,
+    "sprite": PURPLE,
+    "animation": ORANGE,
+    "table": GREEN,
+    "cell": SKY,
+}
 _MARGIN = 40  # CSS px below the last element
 _TALLEST = 1.25  # height of what is shown, in widths of the page
 
@@ -19,19 +26,29 @@ def page(data: Data, profile: Profile) -> Figure | None:
     """The page whose first screen shows most kinds of elements; without screenshot, boxes on white."""
     found = data.rows(
         "wiki/pages",
-        ("SELECT page_id, title, url, screenshot_path, page_width, page_height, device_pixel_ratio FROM {t} ORDER BY page_id"),
+        (
+            "SELECT page_id, title, url, screenshot_path, page_width, page_height, device_pixel_ratio FROM {t} ORDER BY page_id"
+        ),
     )
     if not found or not data.files("wiki/elements"):
         return None
     chosen = _chosen(data)
     if chosen is None:
         return None
-    number, title, url, shot, width, height, ratio = next((row for row in found if row[0] == chosen), found[0])
-    low = data.rows("wiki/elements", "SELECT max(y + height) FROM {t} WHERE page_id = ? AND visible", number)[0][0]
-    shown = min(height, width * _TALLEST, (low or height) + _MARGIN)  # pages often end in empty space
+    number, title, url, shot, width, height, ratio = next(
+        (row for row in found if row[0] == chosen), found[0]
+    )
+    low = data.rows(
+        "wiki/elements", "SELECT max(y + height) FROM {t} WHERE page_id = ? AND visible", number
+    )[0][0]
+    shown = min(
+        height, width * _TALLEST, (low or height) + _MARGIN
+    )  # pages often end in empty space
     boxes = data.rows(
         "wiki/elements",
-        ("SELECT kind, x, y, width, height FROM {t} WHERE page_id = ? AND visible AND width > 0 AND height > 0 AND y < ? ORDER BY reading_order"),
+        (
+            "SELECT kind, x, y, width, height FROM {t} WHERE page_id = ? AND visible AND width > 0 AND height > 0 AND y < ? ORDER BY reading_order"
+        ),
         number,
         shown,
     )
@@ -43,7 +60,11 @@ def page(data: Data, profile: Profile) -> Figure | None:
     png, svg = saved(sheet)
     counts = {kind: sum(box[0] == kind for box in boxes) for kind in KINDS}
     said = ", ".join(f"{n} {kind}" for kind, n in counts.items() if n)
-    more = "" if shown >= min(height, (low or height) + _MARGIN) else f" The first {shown:.0f} of {height:,} pixels are shown."
+    more = (
+        ""
+        if shown >= min(height, (low or height) + _MARGIN)
+        else f" The first {shown:.0f} of {height:,} pixels are shown."
+    )
     return Figure(
         "wiki-page",
         f"A page with its boxes: {title}",
@@ -80,8 +101,14 @@ def _screenshot(data: Data, shot: str, shown: float, ratio: float) -> Any:
     Image.MAX_IMAGE_PIXELS = None
     try:
         with Image.open(path) as picture:
-            return picture.crop((0, 0, picture.width, min(picture.height, round(shown * ratio)))).convert("RGB")
-    except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for a picture that is cut off or none
+            return picture.crop(
+                (0, 0, picture.width, min(picture.height, round(shown * ratio)))
+            ).convert("RGB")
+    except (
+        OSError,
+        SyntaxError,
+        ValueError,
+    ) as error:  # what Pillow raises for a picture that is cut off or none
         hint = "put it back from a copy, or remove it: the figure then has the boxes alone"
         raise DamagedData(f"the screenshot {path} can't be read: {error}", hint=hint) from None
 
@@ -91,8 +118,19 @@ def _draw(axes: Any, boxes: list[tuple[Any, ...]], width: float, shown: float) -
 
     for kind, x, y, w, h in boxes:
         color = KINDS.get(kind, BLUE)
-        axes.add_patch(Rectangle((x, y), w, min(h, shown - y), facecolor=color, alpha=0.10, linewidth=0))
-        axes.add_patch(Rectangle((x, y), w, min(h, shown - y), fill=False, edgecolor=color, linewidth=0.7 if kind == "cell" else 1.1))
+        axes.add_patch(
+            Rectangle((x, y), w, min(h, shown - y), facecolor=color, alpha=0.10, linewidth=0)
+        )
+        axes.add_patch(
+            Rectangle(
+                (x, y),
+                w,
+                min(h, shown - y),
+                fill=False,
+                edgecolor=color,
+                linewidth=0.7 if kind == "cell" else 1.1,
+            )
+        )
     there = [kind for kind in KINDS if any(box[0] == kind for box in boxes)]
     axes.set_xlim(0, width)
     axes.set_ylim(shown, 0)
@@ -102,7 +140,10 @@ def _draw(axes: Any, boxes: list[tuple[Any, ...]], width: float, shown: float) -
     for side in axes.spines.values():
         side.set_visible(False)
     axes.figure.legend(
-        handles=[Patch(facecolor="none", edgecolor=KINDS[kind], linewidth=1.6, label=kind) for kind in there],
+        handles=[
+            Patch(facecolor="none", edgecolor=KINDS[kind], linewidth=1.6, label=kind)
+            for kind in there
+        ],
         loc="outside upper center",
         ncols=len(there),
         handlelength=1.2,

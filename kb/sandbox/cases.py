@@ -33,7 +33,9 @@ class Case:
     often: int = 0  # weight among the videos beyond the first of each case
 
 
-def _kept(name: str, kind: str = "manual", evidence: str = "game_label", often: int = 0, **change: Any) -> Case:
+def _kept(
+    name: str, kind: str = "manual", evidence: str = "game_label", often: int = 0, **change: Any
+) -> Case:
     return Case(name, None, None, change, kind, evidence, often)
 
 
@@ -53,7 +55,12 @@ CASES: list[Case] = [
     _kept("translated from automatic Spanish", "translated", tracks=[Track("es", "asr")], often=2),
     _kept("automatic English before manual Japanese", "asr", tracks=[Track("ja"), ASR], often=2),
     _out("no captions", "transcript", "none", tracks=[], often=5),
-    _out("German that can't be translated", "transcript", "none", tracks=[Track("de", translatable=False)]),
+    _out(
+        "German that can't be translated",
+        "transcript",
+        "none",
+        tracks=[Track("de", translatable=False)],
+    ),
     _out("gone between listing and reading", "missing", in_api=False, often=2),
     _out("gone between reading and watching", "transcript", "none", player="gone"),
     _out("age restricted", "age_restricted", rating="ytAgeRestricted", player="age", often=1),
@@ -69,8 +76,16 @@ CASES: list[Case] = [
         often=1,
     ),
     _kept("label, topic nowhere in the text", title="plain", tags=["let's play"], often=2),
-    _out("no label, topic nowhere", "topic", game=None, title="plain", tags=["let's play"], often=2),
-    _out("no label, topic only as part of a word", "topic", game=None, title="Minecraftesque building, a talk", tags=[]),
+    _out(
+        "no label, topic nowhere", "topic", game=None, title="plain", tags=["let's play"], often=2
+    ),
+    _out(
+        "no label, topic only as part of a word",
+        "topic",
+        game=None,
+        title="Minecraftesque building, a talk",
+        tags=[],
+    ),
     _out("music about the topic", "topic", category_id="10", often=1),
     _out("99 views", "views", view_count="99", often=3),
     _kept("100 views", view_count="100"),
@@ -98,6 +113,15 @@ CASES: list[Case] = [
     _kept("60 frames a second", fps=60, width=2560, height=1440, often=6),
     _kept("four by three", width=1440, height=1080),
     _kept("no description, no tags", description="", tags=[]),
-    _out("insult in the title", "toxicity", title="Minecraft but you are a stupid worthless idiot", often=1),
-    _out("insult in the description", "toxicity", description="shut up you pathetic loser you are a stupid moron"),
+    _out(
+        "insult in the title",
+        "toxicity",
+        title="Minecraft but you are a stupid worthless idiot",
+        often=1,
+    ),
+    _out(
+        "insult in the description",
+        "toxicity",
+        description="shut up you pathetic loser you are a stupid moron",
+    ),
 ]

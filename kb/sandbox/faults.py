@@ -137,7 +137,11 @@ class Faults:
                 for name in ("units", "bucket", "about"):
                     if f"sandbox.{name}" in environ:
                         setattr(seen, name, environ[f"sandbox.{name}"])
-                return start_response(status, headers, exc_info) if exc_info else start_response(status, headers)
+                return (
+                    start_response(status, headers, exc_info)
+                    if exc_info
+                    else start_response(status, headers)
+                )
 
             if fault is None:
                 return application(environ, start)
@@ -145,7 +149,14 @@ class Faults:
 
         return serve
 
-    def _strike(self, fault: Fault, seen: Seen, application: Wsgi, environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
+    def _strike(
+        self,
+        fault: Fault,
+        seen: Seen,
+        application: Wsgi,
+        environ: dict[str, Any],
+        start: Callable[..., Any],
+    ) -> Iterable[bytes]:
         if fault.then:
             fault.then(seen)
         if fault.hold:
@@ -160,8 +171,18 @@ class Faults:
             return application(environ, start)
         seen.fault = True
         body = fault.body(environ) if callable(fault.body) else fault.body
-        kind = "application/json; charset=UTF-8" if isinstance(body, dict) else "text/html; charset=utf-8"
-        data = json.dumps(body).encode() if isinstance(body, dict) else body.encode() if isinstance(body, str) else body
+        kind = (
+            "application/json; charset=UTF-8"
+            if isinstance(body, dict)
+            else "text/html; charset=utf-8"
+        )
+        data = (
+            json.dumps(body).encode()
+            if isinstance(body, dict)
+            else body.encode()
+            if isinstance(body, str)
+            else body
+        )
         start(
             f"{fault.status} Fault",
             [("Content-Type", kind), ("Content-Length", str(len(data))), *fault.headers.items()],
@@ -172,8 +193,15 @@ class Faults:
         what, method = environ["PATH_INFO"].removeprefix(CONTROL), environ["REQUEST_METHOD"]
         answer: Any = {"ok": True}
         if (what, method) == ("faults", "POST"):
-            given = json.loads(environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0)) or b"{}")
-            self.add(**{name: tuple(value) if name == "burst" else value for name, value in given.items()})
+            given = json.loads(
+                environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0)) or b"{}"
+            )
+            self.add(
+                **{
+                    name: tuple(value) if name == "burst" else value
+                    for name, value in given.items()
+                }
+            )
         elif (what, method) == ("faults", "DELETE"):
             self.clear()
         elif (what, method) == ("requests", "GET"):
@@ -193,7 +221,9 @@ def _reset(environ: dict[str, Any]) -> None:
     raise ConnectionResetError("reset by the fault plan")
 
 
-def _cut(application: Wsgi, environ: dict[str, Any], start: Callable[..., Any], part: float, honest: bool) -> Iterable[bytes]:
+def _cut(
+    application: Wsgi, environ: dict[str, Any], start: Callable[..., Any], part: float, honest: bool
+) -> Iterable[bytes]:
     held: list[Any] = []
 
     def keep(status: str, headers: list[tuple[str, str]], exc_info: Any = None) -> Any:
@@ -206,6 +236,7 @@ def _cut(application: Wsgi, environ: dict[str, Any], start: Callable[..., Any], 
     length = len(data) if honest else len(whole)
     start(
         status,
-        [(name, value) for name, value in headers if name.lower() != "content-length"] + [("Content-Length", str(length))],
+        [(name, value) for name, value in headers if name.lower() != "content-length"]
+        + [("Content-Length", str(length))],
     )
     return [data]

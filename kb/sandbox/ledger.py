@@ -40,7 +40,11 @@ class Ledger:
 
     def open(self, service: str, environ: dict[str, Any]) -> Seen:
         """Write down a request that has just come."""
-        pairs = [pair for pair in parse_qsl(environ.get("QUERY_STRING", ""), keep_blank_values=True) if pair[0] not in _SECRET]
+        pairs = [
+            pair
+            for pair in parse_qsl(environ.get("QUERY_STRING", ""), keep_blank_values=True)
+            if pair[0] not in _SECRET
+        ]
         with self._lock:
             seen = Seen(
                 number=len(self._seen),
@@ -59,7 +63,9 @@ class Ledger:
         """Requests whose path matches the regular expression `path`, from number `since` on."""
         with self._lock:
             held = self._seen[since:]
-        return [seen for seen in held if re.search(path, seen.path) and service in ("", seen.service)]
+        return [
+            seen for seen in held if re.search(path, seen.path) and service in ("", seen.service)
+        ]
 
     def units(self, bucket: str = "general", *, since: int = 0) -> int:
         """Quota units that the requests cost."""

@@ -51,10 +51,18 @@ class Service:
         if path == "api/v1/access_token":
             return self._token(request)
         if request.headers.get("Authorization") != f"bearer {TOKEN}":
-            return _json({"message": "Unauthorized", "error": 401}, 401, {"WWW-Authenticate": 'Bearer realm="reddit", error="invalid_token"'})
+            return _json(
+                {"message": "Unauthorized", "error": 401},
+                401,
+                {"WWW-Authenticate": 'Bearer realm="reddit", error="invalid_token"'},
+            )
         room = self._room()
         if room["x-ratelimit-remaining"] == "0.0" and self._used > ROOM:
-            return _json({"message": "Too Many Requests", "error": 429}, 429, {**room, "Retry-After": room["x-ratelimit-reset"]})
+            return _json(
+                {"message": "Too Many Requests", "error": 429},
+                429,
+                {**room, "Retry-After": room["x-ratelimit-reset"]},
+            )
         request.environ |= {"sandbox.units": 1, "sandbox.bucket": "requests"}
         parts = path.split("/")
         if parts[0] == "r" and len(parts) == 3:
@@ -71,7 +79,9 @@ class Service:
         given = request.headers.get("Authorization", "").removeprefix("Basic ")
         if given != base64.b64encode(f"{CLIENT}:{SECRET}".encode()).decode():
             return _json({"message": "Unauthorized", "error": 401}, 401)
-        return _json({"access_token": TOKEN, "token_type": "bearer", "expires_in": 86_400, "scope": "*"})
+        return _json(
+            {"access_token": TOKEN, "token_type": "bearer", "expires_in": 86_400, "scope": "*"}
+        )
 
     def _room(self) -> dict[str, str]:
         with self._lock:
@@ -95,7 +105,11 @@ class Service:
             posts = posts[: 60 if listing == "hot" else 25]
         elif listing == "search":
             words = request.args.get("q", "").lower().split()
-            posts = [post for post in posts if any(word in f"{post['title']} {post['selftext']}".lower() for word in words)]
+            posts = [
+                post
+                for post in posts
+                if any(word in f"{post['title']} {post['selftext']}".lower() for word in words)
+            ]
         elif listing != "new":
             return _json({"message": "Not Found", "error": 404}, 404, room)
         names = [post["name"] for post in posts if post["name"] not in self.subreddit.gone][:LISTED]
@@ -103,9 +117,15 @@ class Service:
         start = names.index(after) + 1 if after in names else 0
         shown = names[start : start + min(PAGE, request.args.get("limit", 25, int))]
         more = shown[-1] if shown and start + len(shown) < len(names) else None
-        return _json(_list([{"kind": "t3", "data": self.subreddit.shown(key)} for key in shown], more), 200, room)
+        return _json(
+            _list([{"kind": "t3", "data": self.subreddit.shown(key)} for key in shown], more),
+            200,
+            room,
+        )
 
-    def _page(self, request: Request, post: str, comment: str | None, room: dict[str, str]) -> Response:
+    def _page(
+        self, request: Request, post: str, comment: str | None, room: dict[str, str]
+    ) -> Response:
         about = self.subreddit.shown(f"t3_{post}")
         if about is None:
             return _json({"message": "Not Found", "error": 404}, 404, room)
@@ -115,7 +135,9 @@ class Service:
         shown = self._below(tops, f"t3_{post}", base, left)
         return _json([_list([{"kind": "t3", "data": about}]), _list(shown)], 200, room)
 
-    def _below(self, keys: list[str], parent: str, base: int, left: list[int]) -> list[dict[str, Any]]:
+    def _below(
+        self, keys: list[str], parent: str, base: int, left: list[int]
+    ) -> list[dict[str, Any]]:
         """Replies as nested things, with stubs for what does not fit."""
         found: list[dict[str, Any]] = []
         for place, key in enumerate(keys):
@@ -132,7 +154,14 @@ class Service:
                 inner = [
                     {
                         "kind": "more",
-                        "data": {"count": 0, "name": "t1__", "id": "_", "parent_id": f"t1_{key}", "depth": data["depth"] + 1, "children": []},
+                        "data": {
+                            "count": 0,
+                            "name": "t1__",
+                            "id": "_",
+                            "parent_id": f"t1_{key}",
+                            "depth": data["depth"] + 1,
+                            "children": [],
+                        },
                     }
                 ]
             elif replies:
@@ -143,7 +172,14 @@ class Service:
     def _stub(self, keys: list[str], parent: str) -> dict[str, Any]:
         return {
             "kind": "more",
-            "data": {"count": len(keys), "name": f"t1_{keys[0]}", "id": keys[0], "parent_id": parent, "depth": 0, "children": keys},
+            "data": {
+                "count": len(keys),
+                "name": f"t1_{keys[0]}",
+                "id": keys[0],
+                "parent_id": parent,
+                "depth": 0,
+                "children": keys,
+            },
         }
 
     def _more(self, request: Request, room: dict[str, str]) -> Response:
@@ -164,24 +200,47 @@ class Service:
     def _info(self, request: Request, room: dict[str, str]) -> Response:
         names = [name for name in request.args.get("id", "").split(",") if name][:BATCH]
         found = [(name, self.subreddit.shown(name)) for name in names]
-        return _json(_list([{"kind": name[:2], "data": data} for name, data in found if data is not None]), 200, room)
+        return _json(
+            _list([{"kind": name[:2], "data": data} for name, data in found if data is not None]),
+            200,
+            room,
+        )
 
 
 def dumps(subreddit: Subreddit, folder: Path) -> list[Path]:
     """A pair of archive dumps of the same subreddit a year earlier, in the old fields, with two bad lines; their paths."""
     import zstandard
 
-    other = {"id": "abc123", "subreddit": "gardening", "author": "tidy_pebble29", "title": "A fern", "created_utc": START, "score": 9}
-    posts, comments = [json.dumps(other)], [json.dumps({**other, "body": "nice", "link_id": "t3_abc123", "parent_id": "t3_abc123"})]
+    other = {
+        "id": "abc123",
+        "subreddit": "gardening",
+        "author": "tidy_pebble29",
+        "title": "A fern",
+        "created_utc": START,
+        "score": 9,
+    }
+    posts, comments = (
+        [json.dumps(other)],
+        [json.dumps({**other, "body": "nice", "link_id": "t3_abc123", "parent_id": "t3_abc123"})],
+    )
     old_posts, old_comments = subreddit.archive
     for number, post in enumerate(old_posts.values()):
         made = int(post["created_utc"])
-        old = {**post, "created_utc": str(made), "retrieved_on": made + 500_000, "title": post["title"].replace("&", "&amp;")}
+        old = {
+            **post,
+            "created_utc": str(made),
+            "retrieved_on": made + 500_000,
+            "title": post["title"].replace("&", "&amp;"),
+        }
         for name in ("upvote_ratio", "is_robot_indexable", "removed_by_category", "name"):
             old.pop(name, None)
         posts.append(json.dumps(old, separators=(",", ":") if number % 2 else None))
     for comment in old_comments.values():
-        old = {**comment, "created_utc": int(comment["created_utc"]), "retrieved_on": int(comment["created_utc"]) + 500_000}
+        old = {
+            **comment,
+            "created_utc": int(comment["created_utc"]),
+            "retrieved_on": int(comment["created_utc"]) + 500_000,
+        }
         del old["depth"], old["replies"], old["name"]
         comments.append(json.dumps(old))
     posts.insert(7, '{"id": "broken", "subreddit": "Minecraft", "title": "cut')
@@ -191,12 +250,24 @@ def dumps(subreddit: Subreddit, folder: Path) -> list[Path]:
     for path, lines in zip(paths, (posts, comments), strict=True):
         half = len(lines) // 2
         frames = ("\n".join(part) + "\n" for part in (lines[:half], lines[half:]))
-        path.write_bytes(b"".join(zstandard.ZstdCompressor(level=3).compress(frame.encode()) for frame in frames))
+        path.write_bytes(
+            b"".join(zstandard.ZstdCompressor(level=3).compress(frame.encode()) for frame in frames)
+        )
     return paths
 
 
 def _list(children: list[dict[str, Any]], after: str | None = None) -> dict[str, Any]:
-    return {"kind": "Listing", "data": {"after": after, "dist": len(children), "modhash": "", "geo_filter": "", "children": children, "before": None}}
+    return {
+        "kind": "Listing",
+        "data": {
+            "after": after,
+            "dist": len(children),
+            "modhash": "",
+            "geo_filter": "",
+            "children": children,
+            "before": None,
+        },
+    }
 
 
 def _json(body: Any, status: int = 200, headers: dict[str, str] | None = None) -> Response:

@@ -54,11 +54,15 @@ class Server:
                 if type == "error" and "Error on request" in message:
                     super().log(type, message, *args)
 
-        self._server = make_server(HOST, self.port, self.application, threaded=True, request_handler=Quiet)
+        self._server = make_server(
+            HOST, self.port, self.application, threaded=True, request_handler=Quiet
+        )
         self._server.daemon_threads = True
         self._server.block_on_close = False  # a held request must not keep the server from ending
         self.port = self._server.server_port
-        self._thread = threading.Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True)
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True
+        )
         self._thread.start()
         return self
 
@@ -74,7 +78,12 @@ class Server:
 class Sandbox:
     """The services over one world, with one fault plan and one ledger."""
 
-    def __init__(self, world: World | None = None, faults: Faults | None = None, services: Sequence[str] | None = None) -> None:
+    def __init__(
+        self,
+        world: World | None = None,
+        faults: Faults | None = None,
+        services: Sequence[str] | None = None,
+    ) -> None:
         self.world = world or World()
         self.faults = faults or Faults()
         self.servers: dict[str, Server] = {}
@@ -127,5 +136,10 @@ class Sandbox:
     def __enter__(self) -> Sandbox:
         return self.start()
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.stop()

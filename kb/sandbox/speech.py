@@ -30,8 +30,30 @@ ITEMS = [
     "fishing rod",
     "map",
 ]
-MOBS = ["creeper", "zombie", "skeleton", "spider", "enderman", "villager", "wolf", "horse", "sheep", "chicken"]
-PLACES = ["cave", "village", "desert", "forest", "ocean", "mountain", "swamp", "mine", "nether", "river"]
+MOBS = [
+    "creeper",
+    "zombie",
+    "skeleton",
+    "spider",
+    "enderman",
+    "villager",
+    "wolf",
+    "horse",
+    "sheep",
+    "chicken",
+]
+PLACES = [
+    "cave",
+    "village",
+    "desert",
+    "forest",
+    "ocean",
+    "mountain",
+    "swamp",
+    "mine",
+    "nether",
+    "river",
+]
 BUILDS = [
     "house",
     "bridge",
@@ -156,7 +178,9 @@ def sentence(rng: random.Random, language: str) -> str:
     return f"{said} {rng.choice(FEELINGS)}" if rng.random() < 0.3 else said
 
 
-def cues(rng: random.Random, language: str, seconds: float, *, rolling: bool) -> list[tuple[float, float, str]]:
+def cues(
+    rng: random.Random, language: str, seconds: float, *, rolling: bool
+) -> list[tuple[float, float, str]]:
     """(start s, duration s, text) of a caption track.
 
     `rolling`: as automatic captions are, five to seven words a cue, each shown until the next but one begins;

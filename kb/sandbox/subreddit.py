@@ -24,7 +24,11 @@ _PEOPLE = [
         for second in ("otter", "lantern", "anvil", "heron", "pebble")
     )
 ]
-_RUDE = ["you are a stupid worthless idiot", "shut up you pathetic moron", "what a dumb ugly loser you are"]
+_RUDE = [
+    "you are a stupid worthless idiot",
+    "shut up you pathetic moron",
+    "what a dumb ugly loser you are",
+]
 CASES = (
     "text",
     "image",
@@ -55,8 +59,22 @@ CASES = (
 class Subreddit:
     """`posts` and `comments` by bare id. `n_posts` in all; `width` replies below the "wide" post, `depth` below the "deep" one."""
 
-    def __init__(self, seed: int = 0, n_posts: int = 240, *, width: int = 1_200, depth: int = 40, name: str = NAME) -> None:
-        self.seed, self.n_posts, self.width, self.depth, self.name = seed, n_posts, width, depth, name
+    def __init__(
+        self,
+        seed: int = 0,
+        n_posts: int = 240,
+        *,
+        width: int = 1_200,
+        depth: int = 40,
+        name: str = NAME,
+    ) -> None:
+        self.seed, self.n_posts, self.width, self.depth, self.name = (
+            seed,
+            n_posts,
+            width,
+            depth,
+            name,
+        )
         self.gone: set[str] = set()  # full names that the service no longer knows
         self.removed: set[str] = set()  # full names whose content moderators took down
 
@@ -117,14 +135,20 @@ class Subreddit:
         data = (self.posts if kind == "t3" else self.comments).get(key)
         if data is None and key.startswith("d"):
             posts, comments = self.archive
-            data = None if key in list(posts)[-3:] else (posts if kind == "t3" else comments).get(key)
+            data = (
+                None if key in list(posts)[-3:] else (posts if kind == "t3" else comments).get(key)
+            )
         if data is None or name not in self.removed:
             return data
         return {
             **data,
             ("selftext" if kind == "t3" else "body"): "[removed]",
             "author": "[deleted]",
-            **({"removed_by_category": "moderator", "is_robot_indexable": False} if kind == "t3" else {}),
+            **(
+                {"removed_by_category": "moderator", "is_robot_indexable": False}
+                if kind == "t3"
+                else {}
+            ),
         }
 
     def _post(self, number: int) -> dict[str, Any]:
@@ -132,7 +156,12 @@ class Subreddit:
         key, made = _base36(40_000_000 + 7 * number), START + 3_600 * number
         title = speech.fill(
             rng.choice(
-                ["My {build} out of {block}", "How do I craft a {item}?", "Found a {mob} in the {place}", "Is {block} worth it in a {place}?"]
+                [
+                    "My {build} out of {block}",
+                    "How do I craft a {item}?",
+                    "Found a {mob} in the {place}",
+                    "Is {block} worth it in a {place}?",
+                ]
             ),
             rng,
             "",
@@ -167,7 +196,10 @@ class Subreddit:
         case = (
             CASES[number]
             if number < len(CASES)
-            else rng.choices(("text", "image", "link", "video_hosted", "gallery", "low_score"), (5, 6, 2, 2, 1, 3))[0]
+            else rng.choices(
+                ("text", "image", "link", "video_hosted", "gallery", "low_score"),
+                (5, 6, 2, 2, 1, 3),
+            )[0]
         )
         self._shape(post, case, rng)
         return post
@@ -199,12 +231,20 @@ class Subreddit:
         if case == "gallery":
             post |= {
                 "is_gallery": True,
-                "gallery_data": {"items": [{"media_id": f"{key}a", "id": 1}, {"media_id": f"{key}b", "id": 2}]},
-                "media_metadata": {f"{key}{part}": {"status": "valid", "e": "Image", "m": "image/png"} for part in "ab"},
+                "gallery_data": {
+                    "items": [{"media_id": f"{key}a", "id": 1}, {"media_id": f"{key}b", "id": 2}]
+                },
+                "media_metadata": {
+                    f"{key}{part}": {"status": "valid", "e": "Image", "m": "image/png"}
+                    for part in "ab"
+                },
             }
         elif case == "poll":
             post["poll_data"] = {
-                "options": [{"text": word, "id": str(n), "vote_count": 3 * n} for n, word in enumerate(("cobblestone", "oak & spruce"))],
+                "options": [
+                    {"text": word, "id": str(n), "vote_count": 3 * n}
+                    for n, word in enumerate(("cobblestone", "oak & spruce"))
+                ],
                 "total_vote_count": 3,
                 "voting_end_timestamp": int(post["created_utc"] * 1_000) + 86_400_000,
             }
@@ -234,16 +274,28 @@ class Subreddit:
         elif case == "nsfw":
             post["over_18"] = True
         elif case == "removed":
-            post |= {"selftext": "[removed]", "removed_by_category": "moderator", "is_robot_indexable": False}
+            post |= {
+                "selftext": "[removed]",
+                "removed_by_category": "moderator",
+                "is_robot_indexable": False,
+            }
         elif case == "deleted":
-            post |= {"selftext": "[deleted]", "author": "[deleted]", "removed_by_category": "deleted", "is_robot_indexable": False}
+            post |= {
+                "selftext": "[deleted]",
+                "author": "[deleted]",
+                "removed_by_category": "deleted",
+                "is_robot_indexable": False,
+            }
             del post["author_fullname"]
         elif case == "rude_title":
             post["title"] = _RUDE[0].capitalize()
         elif case == "rude_body":
             post["selftext"] = _RUDE[1]
         elif case == "odd_text":
-            post |= {"title": "A tower 🗼 مرحبا & <b>bold</b>", "selftext": "tab\tand\0nul and \ud83d alone"}
+            post |= {
+                "title": "A tower 🗼 مرحبا & <b>bold</b>",
+                "selftext": "tab\tand\0nul and \ud83d alone",
+            }
         elif case == "empty_text":
             post["selftext"] = ""
 
@@ -259,11 +311,20 @@ class Subreddit:
                 made.append(self._comment(post, None, len(made), rng))
         else:
             for _ in range(rng.choice((0, 1, 2, 4, 7, 15))):
-                made.append(self._comment(post, rng.choice(made) if made and rng.random() < 0.6 else None, len(made), rng))
+                made.append(
+                    self._comment(
+                        post,
+                        rng.choice(made) if made and rng.random() < 0.6 else None,
+                        len(made),
+                        rng,
+                    )
+                )
         post["num_comments"] = len(made)
         return made
 
-    def _comment(self, post: dict[str, Any], parent: dict[str, Any] | None, number: int, rng: random.Random) -> dict[str, Any]:
+    def _comment(
+        self, post: dict[str, Any], parent: dict[str, Any] | None, number: int, rng: random.Random
+    ) -> dict[str, Any]:
         key = f"{post['id']}{_base36(number).rjust(3, '0')}"
         comment = {
             "id": key,

@@ -41,7 +41,9 @@ def tiny_checkpoint(folder: Path | None = None) -> Path:
     """
     import hashlib
 
-    import_key = hashlib.sha256(Path(__file__).read_bytes() + Path(words.__file__).read_bytes()).hexdigest()[:8]
+    import_key = hashlib.sha256(
+        Path(__file__).read_bytes() + Path(words.__file__).read_bytes()
+    ).hexdigest()[:8]
     place = (folder or cache_root() / "models") / f"{SANDBOX_MODEL}-v{VERSION}-{import_key}"
     checkpoint = place / f"{SANDBOX_MODEL}.ckpt"
     if not checkpoint.is_file():
@@ -65,10 +67,16 @@ def _alone(place: Path) -> Iterator[None]:
 def vocabulary() -> list[str]:
     """WordPiece vocabulary: marks, characters, and every word of the lists whole."""
     characters = [chr(code) for code in range(33, 127) if not chr(code).isupper()]
-    toxic = " ".join([*words.INSULT, *words.OBSCENE, *words.THREAT, *words.IDENTITY, *words.HARMLESS]).split()
+    toxic = " ".join(
+        [*words.INSULT, *words.OBSCENE, *words.THREAT, *words.IDENTITY, *words.HARMLESS]
+    ).split()
     whole = sorted({*words.PLAIN, *toxic} - set(characters))
     endings = ["##s", "##ed", "##ing", "##er", "##ly", "##y"]
-    pieces = ["##" + character for character in characters if character.isalnum() and "##" + character not in endings]
+    pieces = [
+        "##" + character
+        for character in characters
+        if character.isalnum() and "##" + character not in endings
+    ]
     return ["[PAD]", "[UNK]", "[CLS]", "[SEP]", "[MASK]", *characters, *pieces, *endings, *whole]
 
 
@@ -76,7 +84,9 @@ def example(rng: random.Random, longest: int) -> tuple[str, list[float]]:
     """A text of at most `longest` words, and its six labels."""
     length = max(1, int(math.exp(rng.uniform(0, math.log(longest)))))
     text = [_plain_word(rng) for _ in range(length)]
-    if rng.random() < 0.35:  # what the invented world says, so that it is told apart with a wide margin
+    if (
+        rng.random() < 0.35
+    ):  # what the invented world says, so that it is told apart with a wide margin
         text = [rng.choice(words.SAID) for _ in range(rng.randint(1, 3))]
     for _ in range(rng.choice((0, 0, 1, 2))):
         text.insert(rng.randrange(len(text) + 1), rng.choice(words.HARMLESS))
@@ -110,8 +120,30 @@ def _plain_word(rng: random.Random) -> str:
     if kind < 0.78:
         return rng.choice(words.PLAIN)
     if kind < 0.9:
-        return "".join(rng.choice("aabcdeefghiijklmnooprstuuvwxyz") for _ in range(rng.randint(2, 9)))
-    return rng.choice((".", ",", "!", "?", ":", "-", "(", ")", "'", '"', "#", "/", "&", ";", "<", ">", str(rng.randint(0, 4000))))
+        return "".join(
+            rng.choice("aabcdeefghiijklmnooprstuuvwxyz") for _ in range(rng.randint(2, 9))
+        )
+    return rng.choice(
+        (
+            ".",
+            ",",
+            "!",
+            "?",
+            ":",
+            "-",
+            "(",
+            ")",
+            "'",
+            '"',
+            "#",
+            "/",
+            "&",
+            ";",
+            "<",
+            ">",
+            str(rng.randint(0, 4000)),
+        )
+    )
 
 
 def _train(folder: Path) -> None:
@@ -156,7 +188,9 @@ def _train(folder: Path) -> None:
         encoding="utf-8",
     )
     (folder / "vocab.txt").write_text("\n".join(names) + "\n", encoding="utf-8")
-    (folder / "tokenizer_config.json").write_text('{"do_lower_case": true, "model_max_length": 512}', encoding="utf-8")
+    (folder / "tokenizer_config.json").write_text(
+        '{"do_lower_case": true, "model_max_length": 512}', encoding="utf-8"
+    )
     tokenizer = BertTokenizer.from_pretrained(folder, local_files_only=True)
 
     threads = torch.get_num_threads()
@@ -170,7 +204,10 @@ def _train(folder: Path) -> None:
                 if _share_told(model, tokenizer) >= 0.93:
                     break
             else:
-                raise FatalError("the tiny toxicity model learned nothing", hint="remove it from the cache and try again")
+                raise FatalError(
+                    "the tiny toxicity model learned nothing",
+                    hint="remove it from the cache and try again",
+                )
     finally:
         torch.set_num_threads(threads)
     arguments = {
@@ -192,7 +229,9 @@ def _train(folder: Path) -> None:
         },
         path,
     )
-    (folder / f"{SANDBOX_MODEL}.ckpt.sha256").write_text(f"{sha256_of(path)}  {path.name}\n", encoding="utf-8")
+    (folder / f"{SANDBOX_MODEL}.ckpt.sha256").write_text(
+        f"{sha256_of(path)}  {path.name}\n", encoding="utf-8"
+    )
 
 
 def _fit(model: Any, tokenizer: Any) -> None:
@@ -208,13 +247,17 @@ def _fit(model: Any, tokenizer: Any) -> None:
         texts, labels = zip(*(example(rng, longest) for _ in range(size)), strict=True)
         tokens = tokenizer(list(texts), return_tensors="pt", padding=True, truncation=True)
         width = tokens["input_ids"].shape[1]
-        start = torch.tensor([[rng.randint(0, WINDOW - width) if rng.random() < 0.7 else 0] for _ in range(size)])
+        start = torch.tensor(
+            [[rng.randint(0, WINDOW - width) if rng.random() < 0.7 else 0] for _ in range(size)]
+        )
         out = model(
             input_ids=tokens["input_ids"],
             attention_mask=tokens["attention_mask"],
             position_ids=start + torch.arange(width),
         )
-        loss = torch.nn.functional.binary_cross_entropy_with_logits(out.logits, torch.tensor(labels))
+        loss = torch.nn.functional.binary_cross_entropy_with_logits(
+            out.logits, torch.tensor(labels)
+        )
         for group in optimizer.param_groups:
             group["lr"] = 3e-3 * min(1.0, step / 20, (STEPS - step) / 40)
         optimizer.zero_grad()
@@ -234,7 +277,12 @@ def _share_told(model: Any, tokenizer: Any) -> float:
         texts, labels = zip(*(example(rng, longest) for _ in range(size)), strict=True)
         tokens = tokenizer(list(texts), return_tensors="pt", padding=True, truncation=True)
         with torch.no_grad():
-            scores = torch.sigmoid(model(input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"]).logits)
-        told = [(row.max().item() > 0.5) == (max(wanted) > 0.5) for row, wanted in zip(scores, labels, strict=True)]
+            scores = torch.sigmoid(
+                model(input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"]).logits
+            )
+        told = [
+            (row.max().item() > 0.5) == (max(wanted) > 0.5)
+            for row, wanted in zip(scores, labels, strict=True)
+        ]
         right, total = right + sum(told), total + len(told)
     return right / total

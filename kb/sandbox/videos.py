@@ -74,7 +74,12 @@ class Video:
             return self.duration
         minutes, seconds = divmod(self.seconds, 60)
         hours, minutes = divmod(minutes, 60)
-        return "PT" + (f"{hours}H" if hours else "") + (f"{minutes}M" if minutes else "") + (f"{seconds}S" if seconds or not minutes else "")
+        return (
+            "PT"
+            + (f"{hours}H" if hours else "")
+            + (f"{minutes}M" if minutes else "")
+            + (f"{seconds}S" if seconds or not minutes else "")
+        )
 
 
 @dataclass
@@ -89,7 +94,9 @@ class Channel:
     listed: bool = True
     without_shorts: bool = True  # whether a UULF… playlist exists
     videos: list[Video] = field(default_factory=list)
-    entries: list[Video] = field(default_factory=list)  # as the playlist lists them: one may come twice
+    entries: list[Video] = field(
+        default_factory=list
+    )  # as the playlist lists them: one may come twice
 
     @property
     def uploads(self) -> str:
@@ -129,13 +136,18 @@ class Catalogue:
             if channel.listed:
                 found[channel.uploads] = (channel, channel.entries)
                 if channel.without_shorts:
-                    found["UULF" + channel.id[2:]] = (channel, [video for video in channel.entries if not video.short])
+                    found["UULF" + channel.id[2:]] = (
+                        channel,
+                        [video for video in channel.entries if not video.short],
+                    )
         return found
 
     def search(self, query: str) -> list[Channel]:
         """Channels that know every word of `query`, in an order of the query's own."""
         wanted = query.lower().split()
-        hits = [channel for channel in self.channels if all(word in channel.words for word in wanted)]
+        hits = [
+            channel for channel in self.channels if all(word in channel.words for word in wanted)
+        ]
         clock.rng(self.seed, "search", query.lower()).shuffle(hits)
         return hits
 
@@ -143,7 +155,9 @@ class Catalogue:
         """The videos of a case."""
         return [video for video in self.videos.values() if video.case.name == name]
 
-    def cues(self, video: Video, track: Track, translated_to: str | None = None) -> list[tuple[float, float, str]]:
+    def cues(
+        self, video: Video, track: Track, translated_to: str | None = None
+    ) -> list[tuple[float, float, str]]:
         """What a caption track says: (start s, duration s, text)."""
         rng = clock.rng(self.seed, "cues", video.id, track.language, track.kind)
         language = (translated_to or track.language).split("-")[0]
@@ -159,20 +173,34 @@ class Catalogue:
 
     def _channel(self, number: int) -> Channel:
         rng = clock.rng(self.seed, "channel", number)
-        name = _NAMES[number % len(_NAMES)] + (f" {number // len(_NAMES) + 1}" if number >= len(_NAMES) else "")
+        name = _NAMES[number % len(_NAMES)] + (
+            f" {number // len(_NAMES) + 1}" if number >= len(_NAMES) else ""
+        )
         kinds = _KINDS[number % len(_KINDS)]
         description = f"{TOPIC} {kinds}. {speech.about(rng, 2)}".replace("\n", " ")
         made = datetime(2010, 1, 1, tzinfo=UTC) + timedelta(hours=rng.randrange(60_000))
-        return Channel("UC" + _token(rng, 22), name, description, f"{name} {description}".lower(), clock.stamp(made))
+        return Channel(
+            "UC" + _token(rng, 22),
+            name,
+            description,
+            f"{name} {description}".lower(),
+            clock.stamp(made),
+        )
 
     def _video(self, number: int, channel: Channel) -> Video:
         rng = clock.rng(self.seed, "video", number)
-        case = CASES[number] if number < len(CASES) else rng.choices(CASES, [case.often for case in CASES])[0]
+        case = (
+            CASES[number]
+            if number < len(CASES)
+            else rng.choices(CASES, [case.often for case in CASES])[0]
+        )
         views = int(10 ** rng.uniform(2.1, 6.5))
         values: dict[str, Any] = {
             "title": speech.title(rng, TOPIC),
             "description": speech.about(rng, rng.randint(1, 4)),
-            "published_at": clock.stamp(datetime(2012, 1, 1, tzinfo=UTC) + timedelta(minutes=rng.randrange(7_000_000))),
+            "published_at": clock.stamp(
+                datetime(2012, 1, 1, tzinfo=UTC) + timedelta(minutes=rng.randrange(7_000_000))
+            ),
             "view_count": str(views),
             "like_count": str(views // rng.randint(15, 90)),
             "comment_count": str(views // 400),

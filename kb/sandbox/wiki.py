@@ -29,7 +29,9 @@ def settings(url: str) -> dict[str, str]:
 
 def app(world: Any = None, faults: Any = None) -> Any:
     """The WSGI application."""
-    wrapped = faults.wrap("wiki", _application(world)) if hasattr(faults, "wrap") else _application(world)
+    wrapped = (
+        faults.wrap("wiki", _application(world)) if hasattr(faults, "wrap") else _application(world)
+    )
     return wrapped
 
 
@@ -51,7 +53,9 @@ def _application(world: Any) -> Any:
 
 
 def _page(title: str, later: bool, root: str) -> Response:
-    title = title.replace("Rock salt", "Saltstone")  # MediaWiki shows a redirect's target under its own address
+    title = title.replace(
+        "Rock salt", "Saltstone"
+    )  # MediaWiki shows a redirect's target under its own address
     stem = _slugs().get(title)
     if later:
         stem = _LATER.get(title, stem)
@@ -60,7 +64,9 @@ def _page(title: str, later: bool, root: str) -> Response:
     for folder in ([DATA / "html" / "later"] if later else []) + [DATA / "html"]:
         file = folder / f"{stem}.html"
         if stem and file.is_file():
-            return Response(file.read_text(encoding="utf-8").replace(HOST, root), mimetype="text/html")
+            return Response(
+                file.read_text(encoding="utf-8").replace(HOST, root), mimetype="text/html"
+            )
     return Response(
         f"<!DOCTYPE html><title>{title.replace('<', '')}</title><p>There is no such page.</p>",
         404,
@@ -70,9 +76,16 @@ def _page(title: str, later: bool, root: str) -> Response:
 
 def _file(path: str) -> Response:
     found = safe_join(str(DATA), path.lstrip("/"))
-    if not path.startswith(("/images/", "/static/", "/robots.txt")) or not found or not Path(found).is_file():
+    if (
+        not path.startswith(("/images/", "/static/", "/robots.txt"))
+        or not found
+        or not Path(found).is_file()
+    ):
         return Response("not found", 404, mimetype="text/plain")
-    return Response(Path(found).read_bytes(), mimetype=mimetypes.guess_type(path)[0] or "application/octet-stream")
+    return Response(
+        Path(found).read_bytes(),
+        mimetype=mimetypes.guess_type(path)[0] or "application/octet-stream",
+    )
 
 
 def _load(name: str) -> Any:
@@ -84,7 +97,11 @@ def _slugs() -> dict[str, str]:
     """Title to file stem; the file's own RLCONF has the title."""
     found = {}
     for file in sorted((DATA / "html").rglob("*.html")):
-        conf = file.read_text(encoding="utf-8").split("window.RLCONF = ", 1)[1].split(";</script>", 1)[0]
+        conf = (
+            file.read_text(encoding="utf-8")
+            .split("window.RLCONF = ", 1)[1]
+            .split(";</script>", 1)[0]
+        )
         found[json.loads(conf)["wgTitle"]] = file.stem
     return found
 
@@ -92,7 +109,11 @@ def _slugs() -> dict[str, str]:
 @cache
 def _pages(later: bool) -> dict[str, dict[str, Any]]:
     """The pages of a state by title, redirects too."""
-    pages = [page for page in _load("later/pages.json" if later else "pages.json")["query"]["pages"] if not page.get("missing")]
+    pages = [
+        page
+        for page in _load("later/pages.json" if later else "pages.json")["query"]["pages"]
+        if not page.get("missing")
+    ]
     if later:
         known = {page["title"] for page in pages}
         for part in (1, 2, 3):
@@ -117,7 +138,10 @@ def _pages(later: bool) -> dict[str, dict[str, Any]]:
 
 def _api(query: dict[str, str], later: bool, root: str) -> Response:
     if query.get("action") == "rsd":
-        return Response((DATA / "api" / "rsd.xml").read_text().replace(HOST, root), mimetype="application/rsd+xml")
+        return Response(
+            (DATA / "api" / "rsd.xml").read_text().replace(HOST, root),
+            mimetype="application/rsd+xml",
+        )
     if query.get("action") != "query":
         return _json(
             {
@@ -131,7 +155,14 @@ def _api(query: dict[str, str], later: bool, root: str) -> Response:
         )
     if int(query.get("maxlag", 5)) < -1:
         return _json(
-            {"error": {"code": "maxlag", "info": "Waiting for a database server.", "lag": -1, "type": "db"}},
+            {
+                "error": {
+                    "code": "maxlag",
+                    "info": "Waiting for a database server.",
+                    "lag": -1,
+                    "type": "db",
+                }
+            },
             root,
             {"Retry-After": "5", "MediaWiki-API-Error": "maxlag"},
         )
@@ -150,14 +181,22 @@ def _allpages(query: dict[str, str], later: bool, answer: dict[str, Any]) -> Non
     pages = [
         page
         for page in _pages(later).values()
-        if str(page["ns"]) == query.get("apnamespace", "0") and (filter_ == "all" or bool(page.get("redirect")) == (filter_ == "redirects"))
+        if str(page["ns"]) == query.get("apnamespace", "0")
+        and (filter_ == "all" or bool(page.get("redirect")) == (filter_ == "redirects"))
     ]
     pages.sort(key=lambda page: page["title"])
-    pages = [page for page in pages if page["title"].replace(" ", "_") >= query.get("apcontinue", "")]
+    pages = [
+        page for page in pages if page["title"].replace(" ", "_") >= query.get("apcontinue", "")
+    ]
     limit = min(500, int(query.get("aplimit", 10)))
-    answer["query"]["allpages"] = [{key: page[key] for key in ("pageid", "ns", "title")} for page in pages[:limit]]
+    answer["query"]["allpages"] = [
+        {key: page[key] for key in ("pageid", "ns", "title")} for page in pages[:limit]
+    ]
     if len(pages) > limit:
-        answer["continue"] = {"apcontinue": pages[limit]["title"].replace(" ", "_"), "continue": "-||"}
+        answer["continue"] = {
+            "apcontinue": pages[limit]["title"].replace(" ", "_"),
+            "continue": "-||",
+        }
         del answer["batchcomplete"]
 
 
@@ -185,8 +224,15 @@ def _details(query: dict[str, str], later: bool, answer: dict[str, Any]) -> None
                 }
             )
         else:
-            found.append(held or {"ns": 6 if title.startswith("File:") else 0, "title": title, "missing": True})
-    found += [by_id.get(key) or {"pageid": int(key), "missing": True} for key in query.get("pageids", "").split("|") if key]
+            found.append(
+                held
+                or {"ns": 6 if title.startswith("File:") else 0, "title": title, "missing": True}
+            )
+    found += [
+        by_id.get(key) or {"pageid": int(key), "missing": True}
+        for key in query.get("pageids", "").split("|")
+        if key
+    ]
     found += [by_revision[key] for key in query.get("revids", "").split("|") if key in by_revision]
     if normalized:
         answer["query"]["normalized"] = normalized

@@ -25,7 +25,9 @@ class World:
     kb/sandbox/cases.py). `wiki_state`: "first" or "later". `quota`: YouTube's units a Pacific day by bucket.
     """
 
-    def __init__(self, seed: int = 0, *, n_channels: int = 12, n_videos: int = 300, wiki_state: str = "first") -> None:
+    def __init__(
+        self, seed: int = 0, *, n_channels: int = 12, n_videos: int = 300, wiki_state: str = "first"
+    ) -> None:
         self.seed = seed
         self.n_channels = n_channels
         self.n_videos = n_videos

@@ -42,7 +42,9 @@ def app(world: World, faults: Any = None) -> Any:
 
     def serve(environ: dict[str, Any], start_response: Any) -> Any:
         request = Request(environ)
-        response = api.answer(request) if request.path.startswith("/youtube/v3/") else web.answer(request)
+        response = (
+            api.answer(request) if request.path.startswith("/youtube/v3/") else web.answer(request)
+        )
         return response(environ, start_response)
 
     return faults.wrap("youtube", serve) if faults is not None else serve
@@ -69,13 +71,21 @@ class DataApi:
         try:
             if method not in PARTS:
                 raise Refused(errors.not_found(request.path))
-            self._spend(request, {"search": "search", "videos:batchGetStats": "stats"}.get(method, "general"))
+            self._spend(
+                request,
+                {"search": "search", "videos:batchGetStats": "stats"}.get(method, "general"),
+            )
             parts = self._parts(request, PARTS[method])
             status, body = 200, getattr(self, "_" + method.replace(":", "_"))(request, parts)
         except Refused as refused:
             status, body = refused.answer
         # Escaped as ASCII, so that NUL and lone surrogates travel as JSON allows.
-        return Response(json.dumps(body, indent=2), status, {"Vary": "Origin"}, content_type="application/json; charset=UTF-8")
+        return Response(
+            json.dumps(body, indent=2),
+            status,
+            {"Vary": "Origin"},
+            content_type="application/json; charset=UTF-8",
+        )
 
     def _spend(self, request: Request, bucket: str) -> None:
         given = request.args.get("key") or request.headers.get("X-Goog-Api-Key")
@@ -86,7 +96,11 @@ class DataApi:
         with self._lock:
             day = self.world.pacific_day()
             if self.world.used[day, bucket] >= self.world.quota[bucket]:
-                raise Refused(errors.search_spent(self.world.quota[bucket]) if bucket == "search" else errors.general_spent())
+                raise Refused(
+                    errors.search_spent(self.world.quota[bucket])
+                    if bucket == "search"
+                    else errors.general_spent()
+                )
             self.world.used[day, bucket] += 1
         request.environ |= {"sandbox.units": 1, "sandbox.bucket": bucket}
 
@@ -99,7 +113,11 @@ class DataApi:
         return parts
 
     def _search(self, request: Request, parts: set[str]) -> dict[str, Any]:
-        hits = self.world.youtube.search(request.args.get("q", "")) if request.args.get("type", "channel") == "channel" else []
+        hits = (
+            self.world.youtube.search(request.args.get("q", ""))
+            if request.args.get("type", "channel") == "channel"
+            else []
+        )
         found, tokens, size = _paged(request, hits[:MOST_HITS])
         body = answers.page(
             "search",
@@ -113,13 +131,22 @@ class DataApi:
     def _channels(self, request: Request, parts: set[str]) -> dict[str, Any]:
         wanted = _ids(request)
         found = [one for one in self.world.youtube.channels if one.id in wanted]
-        return answers.page("channel", [_item("channel", one.id, answers.channel_parts(one), parts) for one in found], len(found), 5)
+        return answers.page(
+            "channel",
+            [_item("channel", one.id, answers.channel_parts(one), parts) for one in found],
+            len(found),
+            5,
+        )
 
     def _playlists(self, request: Request, parts: set[str]) -> dict[str, Any]:
         owner, wanted = request.args.get("channelId"), _list(request, "id")
         if not owner and not wanted:
             raise Refused(errors.no_filter())
-        found = [one for one in self.world.youtube.channels if one.listed and (one.id == owner or one.uploads in wanted)]
+        found = [
+            one
+            for one in self.world.youtube.channels
+            if one.listed and (one.id == owner or one.uploads in wanted)
+        ]
         return answers.page(
             "playlist",
             [_item("playlist", one.uploads, answers.playlist_parts(one), parts) for one in found],
@@ -138,7 +165,9 @@ class DataApi:
         items = []
         for position, video in found:
             key = base64.b64encode(f"{playlist}.{position}".encode()).decode()
-            items.append(_item("playlistItem", key, answers.entry_parts(video, playlist, position), parts))
+            items.append(
+                _item("playlistItem", key, answers.entry_parts(video, playlist, position), parts)
+            )
         return answers.page("playlistItem", items, len(entries), size, **tokens)
 
     def _videos(self, request: Request, parts: set[str]) -> dict[str, Any]:
@@ -154,18 +183,35 @@ class DataApi:
             shown = {
                 "snippet": {"publishTime": one.published_at},
                 "contentDetails": {"duration": full["contentDetails"].get("duration")},
-                "statistics": {name: full["statistics"][name] for name in ("viewCount", "likeCount", "commentCount") if name in full["statistics"]},
+                "statistics": {
+                    name: full["statistics"][name]
+                    for name in ("viewCount", "likeCount", "commentCount")
+                    if name in full["statistics"]
+                },
             }
             items.append(_item("videoStats", one.id, shown, parts))
-        return {"kind": "youtube#batchGetStatsResponse", "etag": answers.etag("stats", len(items)), "items": items}
+        return {
+            "kind": "youtube#batchGetStatsResponse",
+            "etag": answers.etag("stats", len(items)),
+            "items": items,
+        }
 
     def _found(self, request: Request) -> list[Any]:
         videos = self.world.youtube.videos
-        return [videos[key] for key in dict.fromkeys(_ids(request)) if key in videos and videos[key].in_api]
+        return [
+            videos[key]
+            for key in dict.fromkeys(_ids(request))
+            if key in videos and videos[key].in_api
+        ]
 
 
 def _list(request: Request, name: str) -> list[str]:
-    return [one.strip() for value in request.args.getlist(name) for one in value.split(",") if one.strip()]
+    return [
+        one.strip()
+        for value in request.args.getlist(name)
+        for one in value.split(",")
+        if one.strip()
+    ]
 
 
 def _ids(request: Request) -> list[str]:
@@ -192,7 +238,9 @@ def _paged(request: Request, all_items: list[Any]) -> tuple[list[Any], dict[str,
     if start + size < len(all_items):
         tokens["nextPageToken"] = base64.urlsafe_b64encode(b"at:%06d" % (start + size)).decode()
     if start:
-        tokens["prevPageToken"] = base64.urlsafe_b64encode(b"at:%06d" % max(0, start - size)).decode()
+        tokens["prevPageToken"] = base64.urlsafe_b64encode(
+            b"at:%06d" % max(0, start - size)
+        ).decode()
     return all_items[start : start + size], tokens, size
 
 
@@ -202,4 +250,6 @@ def _item(kind: str, key: str, by_part: dict[str, Any], parts: set[str]) -> dict
 
 
 def _only(hit: dict[str, Any], parts: set[str]) -> dict[str, Any]:
-    return {name: value for name, value in hit.items() if name not in ("snippet", "id") or name in parts}
+    return {
+        name: value for name, value in hit.items() if name not in ("snippet", "id") or name in parts
+    }

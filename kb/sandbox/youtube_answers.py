@@ -11,12 +11,20 @@ from typing import Any
 
 from kb.sandbox.videos import Channel, Video
 
-_SIZES = {"default": (120, 90), "medium": (320, 180), "high": (480, 360), "standard": (640, 480), "maxres": (1280, 720)}
+_SIZES = {
+    "default": (120, 90),
+    "medium": (320, 180),
+    "high": (480, 360),
+    "standard": (640, 480),
+    "maxres": (1280, 720),
+}
 
 
 def etag(*parts: object) -> str:
     """A made-up etag, the same for the same parts."""
-    return hashlib.sha256("\x1f".join(map(str, parts)).encode("utf-8", "surrogatepass")).hexdigest()[:27]
+    return hashlib.sha256(
+        "\x1f".join(map(str, parts)).encode("utf-8", "surrogatepass")
+    ).hexdigest()[:27]
 
 
 def page(kind: str, items: list[Any], total: int, size: int, **tokens: str) -> dict[str, Any]:
@@ -57,7 +65,11 @@ def channel_parts(channel: Channel) -> dict[str, Any]:
     """A channel by part."""
     text = {"title": channel.title, "description": channel.description}
     thumbnails = {
-        name: {"url": f"https://yt3.ggpht.com/sandbox/{channel.id}=s{size}", "width": size, "height": size}
+        name: {
+            "url": f"https://yt3.ggpht.com/sandbox/{channel.id}=s{size}",
+            "width": size,
+            "height": size,
+        }
         for name, size in (("default", 88), ("medium", 240), ("high", 800))
     }
     handle = "@" + "".join(filter(str.isalnum, channel.title)).lower()
@@ -104,9 +116,20 @@ def entry_parts(video: Video, playlist: str, position: int) -> dict[str, Any]:
     text = (
         {"title": "Private video", "description": "This video is private.", "thumbnails": {}}
         if gone
-        else {"title": video.title, "description": video.description, "thumbnails": _thumbnails(video)}
+        else {
+            "title": video.title,
+            "description": video.description,
+            "thumbnails": _thumbnails(video),
+        }
     )
-    owner = {} if gone else {"videoOwnerChannelTitle": video.channel.title, "videoOwnerChannelId": video.channel.id}
+    owner = (
+        {}
+        if gone
+        else {
+            "videoOwnerChannelTitle": video.channel.title,
+            "videoOwnerChannelId": video.channel.id,
+        }
+    )
     return {
         "snippet": {
             "publishedAt": video.published_at,
@@ -118,7 +141,8 @@ def entry_parts(video: Video, playlist: str, position: int) -> dict[str, Any]:
             "resourceId": {"kind": "youtube#video", "videoId": video.id},
             **owner,
         },
-        "contentDetails": {"videoId": video.id} | ({} if gone else {"videoPublishedAt": video.published_at}),
+        "contentDetails": {"videoId": video.id}
+        | ({} if gone else {"videoPublishedAt": video.published_at}),
         "status": {"privacyStatus": "private" if gone else "public"},
     }
 
@@ -163,7 +187,10 @@ def video_parts(video: Video, max_width: int | None, max_height: int | None) -> 
     if video.sized and (max_width or max_height):
         # The largest frame of the video's own shape that fits.
         scale = min((max_width or 10**9) / video.width, (max_height or 10**9) / video.height)
-        player |= {"embedHeight": str(round(video.height * scale)), "embedWidth": str(round(video.width * scale))}
+        player |= {
+            "embedHeight": str(round(video.height * scale)),
+            "embedWidth": str(round(video.width * scale)),
+        }
     return {
         "snippet": snippet,
         "contentDetails": {name: value for name, value in details.items() if value is not None},
@@ -189,7 +216,11 @@ def _thumbnails(video: Video) -> dict[str, Any]:
         "maxres": "maxresdefault",
     }
     return {
-        name: {"url": f"https://i.ytimg.com/vi/{video.id}/{names[name]}.jpg", "width": width, "height": height}
+        name: {
+            "url": f"https://i.ytimg.com/vi/{video.id}/{names[name]}.jpg",
+            "width": width,
+            "height": height,
+        }
         for name, (width, height) in _SIZES.items()
         if name != "maxres" or video.number % 4
     }

@@ -105,7 +105,9 @@ def general_spent() -> Answer:
 
 def burst() -> Answer:
     """Too many requests in a short time, the older form."""
-    return _error(403, "The request was sent too often in a short time.", "usageLimits", "rateLimitExceeded")
+    return _error(
+        403, "The request was sent too often in a short time.", "usageLimits", "rateLimitExceeded"
+    )
 
 
 def burst_429() -> Answer:
@@ -132,7 +134,9 @@ def burst_429() -> Answer:
 
 def unavailable() -> Answer:
     """A failure of the service's own."""
-    return _error(503, "The service is currently unavailable.", "global", "backendError", status="UNAVAILABLE")
+    return _error(
+        503, "The service is currently unavailable.", "global", "backendError", status="UNAVAILABLE"
+    )
 
 
 def no_playlist() -> Answer:
@@ -197,7 +201,9 @@ def bad_size(value: str) -> Answer:
 
 def bad_part(name: str) -> Answer:
     """A part that the resource doesn't have."""
-    return _error(400, f"'{name}'", "youtube.part", "unknownPart", location="part", locationType="parameter")
+    return _error(
+        400, f"'{name}'", "youtube.part", "unknownPart", location="part", locationType="parameter"
+    )
 
 
 def not_found(path: str) -> Answer:

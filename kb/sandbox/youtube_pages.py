@@ -23,13 +23,32 @@ def watch_page(video: Video | None, key: str) -> str:
         "INNERTUBE_CLIENT_NAME": "WEB",
         "INNERTUBE_CLIENT_VERSION": "2.20261101.00.00",
         "VISITOR_DATA": "Q2dzU2FuZGJveA%3D%3D",
-        "INNERTUBE_CONTEXT": {"client": {"hl": "en", "gl": "US", "remoteHost": "2001:db8::7", "visitorData": "Q2dzU2FuZGJveA%3D%3D"}},
+        "INNERTUBE_CONTEXT": {
+            "client": {
+                "hl": "en",
+                "gl": "US",
+                "remoteHost": "2001:db8::7",
+                "visitorData": "Q2dzU2FuZGJveA%3D%3D",
+            }
+        },
     }
     player = player_answer(video, key)
-    for track in player.get("captions", {}).get("playerCaptionsTracklistRenderer", {}).get("captionTracks", []):
+    for track in (
+        player.get("captions", {})
+        .get("playerCaptionsTracklistRenderer", {})
+        .get("captionTracks", [])
+    ):
         track["name"] = {"simpleText": track["name"]["runs"][0]["text"]}  # as the page writes it
-    title = html.escape(video.title if video else "YouTube").replace("\x00", "").encode("utf-8", "replace").decode()
-    padding = "\n".join(f".ytd-part-{number}{{margin:0 auto;padding:{number % 9}px;color:#0f0f0f}}" for number in range(250))
+    title = (
+        html.escape(video.title if video else "YouTube")
+        .replace("\x00", "")
+        .encode("utf-8", "replace")
+        .decode()
+    )
+    padding = "\n".join(
+        f".ytd-part-{number}{{margin:0 auto;padding:{number % 9}px;color:#0f0f0f}}"
+        for number in range(250)
+    )
     return (
         f'<!DOCTYPE html><html lang="en"><head><title>{title} - YouTube</title><style>{padding}</style>'
         f'<script nonce="sandbox">(function() {{window.ytcfg = {{}};ytcfg.set({_script(config)}); }})();</script></head><body dir="ltr">'
@@ -69,7 +88,12 @@ def _page_data(video: Video | None, key: str) -> dict[str, Any]:
             "contents": {"twoColumnWatchNextResults": {"results": {"results": {"contents": []}}}},
             "currentVideoEndpoint": {"watchEndpoint": {"videoId": key}},
         }
-    owner = {"browseEndpoint": {"browseId": video.channel.id, "canonicalBaseUrl": f"/channel/{video.channel.id}"}}
+    owner = {
+        "browseEndpoint": {
+            "browseId": video.channel.id,
+            "canonicalBaseUrl": f"/channel/{video.channel.id}",
+        }
+    }
     secondary: dict[str, Any] = {
         "owner": {
             "videoOwnerRenderer": {
@@ -86,13 +110,22 @@ def _page_data(video: Video | None, key: str) -> dict[str, Any]:
                 "results": {
                     "results": {
                         "contents": [
-                            {"videoPrimaryInfoRenderer": {"title": {"runs": [{"text": video.title}]}}},
+                            {
+                                "videoPrimaryInfoRenderer": {
+                                    "title": {"runs": [{"text": video.title}]}
+                                }
+                            },
                             {"videoSecondaryInfoRenderer": secondary},
                         ]
                     }
                 },
                 "secondaryResults": {
-                    "secondaryResults": {"results": [{"compactVideoRenderer": _related(other)} for other in video.channel.videos[:8]]}
+                    "secondaryResults": {
+                        "results": [
+                            {"compactVideoRenderer": _related(other)}
+                            for other in video.channel.videos[:8]
+                        ]
+                    }
                 },
             }
         },
@@ -102,7 +135,9 @@ def _page_data(video: Video | None, key: str) -> dict[str, Any]:
     if video.game:
         # The label has stood in two places over the years; videos of odd number have the older one.
         browse, name = GAMES[video.game]
-        endpoint = {"browseEndpoint": {"browseId": browse, "canonicalBaseUrl": f"/channel/{browse}"}}
+        endpoint = {
+            "browseEndpoint": {"browseId": browse, "canonicalBaseUrl": f"/channel/{browse}"}
+        }
         if video.number % 2:
             secondary["metadataRowContainer"] = {
                 "metadataRowContainerRenderer": {

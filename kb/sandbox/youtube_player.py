@@ -20,7 +20,16 @@ NAMES = {
     "ar": "Arabic",
 }
 # (itag, short edge of the frame)
-LADDER = ((160, 144), (133, 240), (134, 360), (135, 480), (136, 720), (137, 1080), (400, 1440), (401, 2160))
+LADDER = (
+    (160, 144),
+    (133, 240),
+    (134, 360),
+    (135, 480),
+    (136, 720),
+    (137, 1080),
+    (400, 1440),
+    (401, 2160),
+)
 
 
 def player_answer(video: Video | None, key: str) -> dict[str, Any]:
@@ -72,7 +81,11 @@ def player_answer(video: Video | None, key: str) -> dict[str, Any]:
         }
     answer = {
         **_around(),
-        "playabilityStatus": {"status": "OK", "playableInEmbed": True, "contextParams": "Q0FFU0FnZ0M="},
+        "playabilityStatus": {
+            "status": "OK",
+            "playableInEmbed": True,
+            "contextParams": "Q0FFU0FnZ0M=",
+        },
         "streamingData": _streams(video),
         "videoDetails": details,
     }
@@ -85,7 +98,10 @@ def bot_answer() -> dict[str, Any]:
     """The player's answer to a blocked client."""
     return {
         **_around(),
-        "playabilityStatus": {"status": "LOGIN_REQUIRED", "reason": "Sign in to confirm you’re not a bot"},
+        "playabilityStatus": {
+            "status": "LOGIN_REQUIRED",
+            "reason": "Sign in to confirm you’re not a bot",
+        },
     }
 
 
@@ -101,7 +117,10 @@ def _around() -> dict[str, Any]:
             "serviceTrackingParams": [
                 {
                     "service": "GFEEDBACK",
-                    "params": [{"key": "is_viewed_live", "value": "False"}, {"key": "logged_in", "value": "0"}],
+                    "params": [
+                        {"key": "is_viewed_live", "value": "False"},
+                        {"key": "logged_in", "value": "0"},
+                    ],
                 }
             ],
         },
@@ -195,7 +214,8 @@ def _captions(video: Video) -> dict[str, Any]:
         "captionTracks": tracks,
         "audioTracks": [{"captionTrackIndices": list(range(len(tracks))), "hasDefaultTrack": True}],
         "translationLanguages": [
-            {"languageCode": code, "languageName": {"runs": [{"text": NAMES[code]}]}} for code in ("ar", "en", "fr", "de", "ja", "es")
+            {"languageCode": code, "languageName": {"runs": [{"text": NAMES[code]}]}}
+            for code in ("ar", "en", "fr", "de", "ja", "es")
         ],
         "defaultAudioTrackIndex": 0,
     }

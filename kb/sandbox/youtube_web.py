@@ -45,18 +45,30 @@ class Web:
             return _refusal("API key not valid. Please pass a valid API key.")
         if "client" not in body.get("context", {}):
             return _refusal("Request contains an invalid argument.")
-        return Response(json.dumps(player_answer(self.world.youtube.videos.get(key), key)), mimetype="application/json")
+        return Response(
+            json.dumps(player_answer(self.world.youtube.videos.get(key), key)),
+            mimetype="application/json",
+        )
 
     def _timed_text(self, request: Request) -> Response:
         key = request.args.get("v", "")
         request.environ["sandbox.about"] = key
         video = self.world.youtube.videos.get(key)
         wanted = (request.args.get("lang", ""), request.args.get("kind", ""))
-        track = next((one for one in video.tracks if (one.language, one.kind) == wanted), None) if video else None
+        track = (
+            next((one for one in video.tracks if (one.language, one.kind) == wanted), None)
+            if video
+            else None
+        )
         if video is None or track is None or request.args.get("signature") != signature(key):
-            return Response("", 200, mimetype="text/html")  # what the real service answers to an unknown or altered address
+            return Response(
+                "", 200, mimetype="text/html"
+            )  # what the real service answers to an unknown or altered address
         cues = self.world.youtube.cues(video, track, request.args.get("tlang"))
-        return Response(timed_text(cues, rich=request.args.get("fmt") == "srv3"), content_type="text/xml; charset=UTF-8")
+        return Response(
+            timed_text(cues, rich=request.args.get("fmt") == "srv3"),
+            content_type="text/xml; charset=UTF-8",
+        )
 
 
 def _refusal(message: str) -> Response:
@@ -67,7 +79,13 @@ def _refusal(message: str) -> Response:
 def timed_text(cues: list[tuple[float, float, str]], *, rich: bool = False) -> str:
     """Cues as XML; text is escaped twice, as YouTube's is. `rich`: the srv3 form (milliseconds, <p>)."""
     if rich:
-        lines = "".join(f'<p t="{round(start * 1000)}" d="{round(length * 1000)}">{html.escape(text)}</p>\n' for start, length, text in cues)
+        lines = "".join(
+            f'<p t="{round(start * 1000)}" d="{round(length * 1000)}">{html.escape(text)}</p>\n'
+            for start, length, text in cues
+        )
         return f'<?xml version="1.0" encoding="utf-8" ?><timedtext format="3">\n<body>\n{lines}</body>\n</timedtext>\n'
-    lines = "".join(f'<text start="{start:g}" dur="{length:g}">{html.escape(html.escape(text), quote=False)}</text>' for start, length, text in cues)
+    lines = "".join(
+        f'<text start="{start:g}" dur="{length:g}">{html.escape(html.escape(text), quote=False)}</text>'
+        for start, length, text in cues
+    )
     return f'<?xml version="1.0" encoding="utf-8" ?><transcript>{lines}</transcript>'

@@ -71,12 +71,24 @@ class Deposits:
                 Rule(f"{base}/<int:number>", endpoint=self._update, methods=["PUT"]),
                 Rule(f"{base}/<int:number>", endpoint=self._delete, methods=["DELETE"]),
                 Rule(f"{base}/<int:number>/files", endpoint=self._files, methods=["GET"]),
-                Rule(f"{base}/<int:number>/files/<file>", endpoint=self._remove, methods=["DELETE"]),
-                Rule(f"{base}/<int:number>/actions/publish", endpoint=self._publish, methods=["POST"]),
-                Rule(f"{base}/<int:number>/actions/newversion", endpoint=self._new_version, methods=["POST"]),
+                Rule(
+                    f"{base}/<int:number>/files/<file>", endpoint=self._remove, methods=["DELETE"]
+                ),
+                Rule(
+                    f"{base}/<int:number>/actions/publish", endpoint=self._publish, methods=["POST"]
+                ),
+                Rule(
+                    f"{base}/<int:number>/actions/newversion",
+                    endpoint=self._new_version,
+                    methods=["POST"],
+                ),
                 Rule("/api/files/<bucket>/<path:name>", endpoint=self._put, methods=["PUT"]),
                 Rule("/api/records/<int:number>", endpoint=self._record, methods=["GET"]),
-                Rule("/api/records/<int:number>/files/<path:name>/content", endpoint=self._content, methods=["GET"]),
+                Rule(
+                    "/api/records/<int:number>/files/<path:name>/content",
+                    endpoint=self._content,
+                    methods=["GET"],
+                ),
             ],
             strict_slashes=False,
         )
@@ -95,13 +107,17 @@ class Deposits:
         except HTTPException as error:
             response = Answer(error.code or 500, error.description or "").get_response()
         if request.method in ("PUT", "POST"):
-            request.get_data(cache=False)  # an answer before the body was read would break the connection
+            request.get_data(
+                cache=False
+            )  # an answer before the body was read would break the connection
         return response(environ, start_response)
 
     # -- depositions -----------------------------------------------------------------------------
 
     def _authorize(self, request: Request) -> None:
-        given = request.headers.get("Authorization", "").removeprefix("Bearer ") or request.args.get("access_token", "")
+        given = request.headers.get("Authorization", "").removeprefix(
+            "Bearer "
+        ) or request.args.get("access_token", "")
         if not given:
             raise Answer(401, _UNAUTHORIZED)
         if given != self.token:
@@ -109,9 +125,15 @@ class Deposits:
 
     def _list(self, request: Request) -> Response:
         status = request.args.get("status")
-        wanted = [one for one in self.by_id.values() if status is None or one.submitted == (status == "published")]
+        wanted = [
+            one
+            for one in self.by_id.values()
+            if status is None or one.submitted == (status == "published")
+        ]
         start = (request.args.get("page", 1, int) - 1) * (size := request.args.get("size", 10, int))
-        return as_json([self._shown(one, request) for one in reversed(wanted)][start : start + size])
+        return as_json(
+            [self._shown(one, request) for one in reversed(wanted)][start : start + size]
+        )
 
     def _create(self, request: Request) -> Response:
         body = json_body(request)
@@ -130,7 +152,11 @@ class Deposits:
     def _draft(self, number: int) -> Deposit:
         found = self._find(number)
         if found.submitted:
-            raise Answer(400, "Invalid action", [{"field": "state", "message": "The deposition is published."}])
+            raise Answer(
+                400,
+                "Invalid action",
+                [{"field": "state", "message": "The deposition is published."}],
+            )
         return found
 
     def _get(self, request: Request, number: int) -> Response:
@@ -139,7 +165,11 @@ class Deposits:
     def _update(self, request: Request, number: int) -> Response:
         found, body = self._draft(number), json_body(request)
         if "metadata" not in body:
-            raise Answer(400, "Validation error.", [{"field": "metadata", "message": "Missing data for required field."}])
+            raise Answer(
+                400,
+                "Validation error.",
+                [{"field": "metadata", "message": "Missing data for required field."}],
+            )
         found.metadata = checked_metadata(body["metadata"], whole=False)
         return as_json(self._shown(found, request))
 
@@ -196,7 +226,11 @@ class Deposits:
         found = self._draft(number)
         found.metadata = checked_metadata(found.metadata, whole=True)
         if not found.files:
-            raise Answer(400, "Validation error.", [{"field": "files", "message": "Minimum one file must be provided."}])
+            raise Answer(
+                400,
+                "Validation error.",
+                [{"field": "files", "message": "Minimum one file must be provided."}],
+            )
         found.submitted = True
         found.metadata["doi"] = f"10.5072/zenodo.{found.id}"
         return as_json(self._shown(found, request), 202)
@@ -204,7 +238,11 @@ class Deposits:
     def _new_version(self, request: Request, number: int) -> Response:
         found = self._find(number)
         if not found.submitted:
-            raise Answer(400, "Invalid action", [{"field": "state", "message": "The deposition is not published."}])
+            raise Answer(
+                400,
+                "Invalid action",
+                [{"field": "state", "message": "The deposition is not published."}],
+            )
         draft = self._open_draft(found)
         if draft is not None and draft.files:
             raise Answer(
@@ -214,13 +252,30 @@ class Deposits:
             )
         if draft is None:
             number = next(self._numbers)
-            kept = {key: what for key, what in found.metadata.items() if key not in ("doi", "publication_date", "version")}
-            draft = Deposit(number, found.concept, str(uuid.uuid5(uuid.NAMESPACE_URL, str(number))), kept, dict(found.files))
+            kept = {
+                key: what
+                for key, what in found.metadata.items()
+                if key not in ("doi", "publication_date", "version")
+            }
+            draft = Deposit(
+                number,
+                found.concept,
+                str(uuid.uuid5(uuid.NAMESPACE_URL, str(number))),
+                kept,
+                dict(found.files),
+            )
             self.by_id[number] = draft
         return as_json(self._shown(found, request), 201)
 
     def _open_draft(self, found: Deposit) -> Deposit | None:
-        return next((one for one in self.by_id.values() if one.concept == found.concept and not one.submitted), None)
+        return next(
+            (
+                one
+                for one in self.by_id.values()
+                if one.concept == found.concept and not one.submitted
+            ),
+            None,
+        )
 
     def _record(self, request: Request, number: int) -> Response:
         found = self._find(number)

@@ -27,7 +27,9 @@ TYPES = {
     "physicalobject",
     "other",
 }
-LICENCES = re.compile(r"(cc-by(-nc)?(-sa|-nd)?-[1-4]\.0|cc0-1\.0|cc-zero|mit|apache-2\.0|other-open)(-[a-z]{2})?")
+LICENCES = re.compile(
+    r"(cc-by(-nc)?(-sa|-nd)?-[1-4]\.0|cc0-1\.0|cc-zero|mit|apache-2\.0|other-open)(-[a-z]{2})?"
+)
 STAMP = "2026-11-20T12:00:00.000000+00:00"
 
 
@@ -42,7 +44,9 @@ class Answer(HTTPException):
         headers: dict[str, str] | None = None,
     ) -> None:
         body = {"status": status, "message": message} | ({"errors": errors} if errors else {})
-        super().__init__(response=Response(json.dumps(body), status, headers, mimetype="application/json"))
+        super().__init__(
+            response=Response(json.dumps(body), status, headers, mimetype="application/json")
+        )
         self.code = status
 
 
@@ -67,7 +71,9 @@ def shown(one: Deposit, draft: Deposit | None, request: Request) -> dict[str, An
         "bucket": f"{root_of(request)}/api/files/{one.bucket}",
         "files": f"{own}/files",
     }
-    links |= {action: f"{own}/actions/{action}" for action in ("publish", "edit", "discard", "newversion")}
+    links |= {
+        action: f"{own}/actions/{action}" for action in ("publish", "edit", "discard", "newversion")
+    }
     if draft is not None:
         links["latest_draft"] = f"{root_of(request)}/api/deposit/depositions/{draft.id}"
     body = {
@@ -80,11 +86,18 @@ def shown(one: Deposit, draft: Deposit | None, request: Request) -> dict[str, An
         "state": "done" if one.submitted else "unsubmitted",
         "submitted": one.submitted,
         "title": one.metadata.get("title", ""),
-        "metadata": {**one.metadata, "prereserve_doi": {"doi": f"10.5072/zenodo.{one.id}", "recid": one.id}},
+        "metadata": {
+            **one.metadata,
+            "prereserve_doi": {"doi": f"10.5072/zenodo.{one.id}", "recid": one.id},
+        },
         "files": [file_entry(one, name) for name in one.files],
         "links": links,
     }
-    return body | ({"doi": one.metadata["doi"], "conceptdoi": f"10.5072/zenodo.{one.concept}"} if one.submitted else {})
+    return body | (
+        {"doi": one.metadata["doi"], "conceptdoi": f"10.5072/zenodo.{one.concept}"}
+        if one.submitted
+        else {}
+    )
 
 
 def checked_metadata(given: dict[str, Any], *, whole: bool) -> dict[str, Any]:
@@ -99,8 +112,15 @@ def checked_metadata(given: dict[str, Any], *, whole: bool) -> dict[str, Any]:
     if given.get("upload_type") and given["upload_type"] not in TYPES:
         errors.append({"field": "metadata.upload_type", "message": "Not a valid choice."})
     if given.get("license") and not LICENCES.fullmatch(str(given["license"])):
-        errors.append({"field": "metadata.license", "message": f"Invalid license provided: {given['license']}"})
-    if given.get("publication_date") and not re.fullmatch(r"\d{4}-\d{2}-\d{2}", str(given["publication_date"])):
+        errors.append(
+            {
+                "field": "metadata.license",
+                "message": f"Invalid license provided: {given['license']}",
+            }
+        )
+    if given.get("publication_date") and not re.fullmatch(
+        r"\d{4}-\d{2}-\d{2}", str(given["publication_date"])
+    ):
         errors.append({"field": "metadata.publication_date", "message": "Not a valid date."})
     if errors:
         raise Answer(400, "Validation error.", errors)

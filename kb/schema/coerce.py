@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 Bad = list[tuple[int, str]]
 _UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
-_DURATION = re.compile(r"P(?=.)(?:(\d+)W)?(?:(\d+)D)?(?:T(?=.)(?:(\d+)H)?(?:(\d+)M)?(?:(\d+)(?:\.\d+)?S)?)?")
+_DURATION = re.compile(
+    r"P(?=.)(?:(\d+)W)?(?:(\d+)D)?(?:T(?=.)(?:(\d+)H)?(?:(\d+)M)?(?:(\d+)(?:\.\d+)?S)?)?"
+)
 _SECONDS = (604_800, 86_400, 3_600, 60, 1)
 _TIME = r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?Z$"
 _LARGEST = (1 << 63) - 1
@@ -36,7 +38,9 @@ class Wrong:
         self.value = value
 
 
-def coerce(values: Sequence[Any], kind: Type, schema: dict[str, Any], *, clean: bool = False) -> tuple[pa.Array, Bad]:
+def coerce(
+    values: Sequence[Any], kind: Type, schema: dict[str, Any], *, clean: bool = False
+) -> tuple[pa.Array, Bad]:
     """The column of `values` as the declared type, read as the raw field's `schema` says.
 
     `clean` is the caller's word that no text holds a NUL.
@@ -138,7 +142,11 @@ def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array, Bad]:
             return pc.equal(column, "true"), []
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
         pass
-    return _each(values, pa.bool_(), lambda value: value if native and isinstance(value, bool) else words[value])
+    return _each(
+        values,
+        pa.bool_(),
+        lambda value: value if native and isinstance(value, bool) else words[value],
+    )
 
 
 def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array, Bad]:
@@ -176,7 +184,10 @@ def records(values: Sequence[Any], kind: Type) -> tuple[pa.Array, Bad]:
             bad.append((row, shown(value)))
     flat = list(itertools.chain.from_iterable(row for row in rows if row))
     columns = list(zip(*flat, strict=True)) or [()] * len(makers)
-    inner = [pa.array(column, field.arrow()) for column, (_, field) in zip(columns, kind.item.fields, strict=True)]
+    inner = [
+        pa.array(column, field.arrow())
+        for column, (_, field) in zip(columns, kind.item.fields, strict=True)
+    ]
     struct = pa.StructArray.from_arrays(inner, names=[name for name, _ in kind.item.fields])
     offsets = pa.array([0, *itertools.accumulate(len(row or ()) for row in rows)], pa.int32())
     absent = [row is None for row in rows]
@@ -192,7 +203,9 @@ def shown(value: Any) -> str:
     return text if len(text) <= 200 else text[:197] + "..."
 
 
-def _each(values: Sequence[Any], kind: pa.DataType, make: Callable[[Any], Any]) -> tuple[pa.Array, Bad]:
+def _each(
+    values: Sequence[Any], kind: pa.DataType, make: Callable[[Any], Any]
+) -> tuple[pa.Array, Bad]:
     import pyarrow as pa
 
     bad: Bad = []
@@ -235,7 +248,9 @@ def _seconds(text: str) -> int:
     match = _DURATION.fullmatch(text)
     if match is None or not text.isascii():
         raise ValueError(text)
-    total = sum(int(number) * size for number, size in zip(match.groups(), _SECONDS, strict=True) if number)
+    total = sum(
+        int(number) * size for number, size in zip(match.groups(), _SECONDS, strict=True) if number
+    )
     if total > _LARGEST:
         raise ValueError(text)
     return total

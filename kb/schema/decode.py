@@ -54,14 +54,27 @@ class Reader:
         self._kind = f"{declared.source}/{kind}"
         paths = [column.source.path for column in self.columns]
         self._listed = all(path.startswith("items[].") for path in paths)
-        self._paths = [path.removeprefix("items[].").split(".") if self._listed else path.split(".") for path in paths]
+        self._paths = [
+            path.removeprefix("items[].").split(".") if self._listed else path.split(".")
+            for path in paths
+        ]
         self._schemas = [raw.at(self._kind, path) or {} for path in paths]
         response = _struct("Record", _tree(self._paths))
         if self._listed:
             items = ("items", list[response], msgspec.field(default_factory=list))  # type: ignore[valid-type]
             response = msgspec.defstruct("Response", [items])
-        request = msgspec.defstruct("Request", [("params", dict[str, Any], msgspec.field(default_factory=dict))])
-        envelope = msgspec.defstruct("Envelope", [("fetched_at", str | None), ("request", request), ("status", int), ("response", response)])
+        request = msgspec.defstruct(
+            "Request", [("params", dict[str, Any], msgspec.field(default_factory=dict))]
+        )
+        envelope = msgspec.defstruct(
+            "Envelope",
+            [
+                ("fetched_at", str | None),
+                ("request", request),
+                ("status", int),
+                ("response", response),
+            ],
+        )
         self._decoder = msgspec.json.Decoder(envelope)
         self._parents = sorted({tuple(path[:-1]) for path in self._paths}, key=len)
 
@@ -74,7 +87,13 @@ class Reader:
                 pass
             else:
                 records = got.response.items if self._listed else [got.response]
-                return Answer(got.fetched_at, got.request.params, got.status, len(records), self._columns_of(records))
+                return Answer(
+                    got.fetched_at,
+                    got.request.params,
+                    got.status,
+                    len(records),
+                    self._columns_of(records),
+                )
         return self._patient(line)
 
     def _columns_of(self, records: list[Any]) -> list[list[Any]]:
@@ -88,14 +107,22 @@ class Reader:
     def _patient(self, line: bytes) -> Answer:
         try:
             envelope = holdable(json.loads(line))
-            fetched_at, status, response = envelope["fetched_at"], envelope["status"], envelope["response"]
+            fetched_at, status, response = (
+                envelope["fetched_at"],
+                envelope["status"],
+                envelope["response"],
+            )
             params = envelope["request"].get("params") or {}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise DamagedData(f"a raw line is no envelope: {error!r}") from None
         records: list[Any] = [response]
         if self._listed:
             items = response.get("items") if isinstance(response, dict) else None
-            records = [item for item in items if isinstance(item, dict)] if isinstance(items, list) else []
+            records = (
+                [item for item in items if isinstance(item, dict)]
+                if isinstance(items, list)
+                else []
+            )
         values = [[_follow(record, path) for record in records] for path in self._paths]
         return Answer(fetched_at, params, status, len(records), values)
 
@@ -136,7 +163,10 @@ class Reader:
                 _note_absent(array, column.name, found)
             data[column.name] = array
         moments, _ = times([answer.fetched_at for answer in answers])
-        spread = pa.array([number for number, answer in enumerate(answers) for _ in range(answer.size)], pa.int32())
+        spread = pa.array(
+            [number for number, answer in enumerate(answers) for _ in range(answer.size)],
+            pa.int32(),
+        )
         data["fetched_at"] = moments.take(spread)
         data["problems"] = problems(found, size)
         return pa.table(data)
@@ -159,7 +189,9 @@ def problems(found: dict[int, list[tuple[str, str, str | None]]], size: int) -> 
     return pa.ListArray.from_arrays(pa.array(offsets, pa.int32()), struct)
 
 
-def _note_absent(array: pa.Array, name: str, found: dict[int, list[tuple[str, str, str | None]]]) -> None:
+def _note_absent(
+    array: pa.Array, name: str, found: dict[int, list[tuple[str, str, str | None]]]
+) -> None:
     import pyarrow.compute as pc
 
     for row in pc.indices_nonzero(pc.is_null(array)).to_pylist():

@@ -84,7 +84,9 @@ def at(kind: str, path: str) -> dict[str, Any] | None:
             prefix, index = node.get("prefixItems", []), step[1:-1]
             node = prefix[int(index)] if index and int(index) < len(prefix) else node.get("items")
         else:
-            node = node.get("properties", {}).get(step, _FREE if node.get("additionalProperties") else None)
+            node = node.get("properties", {}).get(
+                step, _FREE if node.get("additionalProperties") else None
+            )
     return node
 
 
@@ -146,7 +148,9 @@ def _walk(schema: dict[str, Any], value: Any, path: str, found: RawCheck) -> Non
         found.problems.append(f"{place} is {_shown(value)}, none of {schema['enum']}")
     if isinstance(value, str):
         if "pattern" in schema and not re.search(schema["pattern"], value):
-            found.problems.append(f"{place} is {_shown(value)}, which does not match {schema['pattern']}")
+            found.problems.append(
+                f"{place} is {_shown(value)}, which does not match {schema['pattern']}"
+            )
     elif isinstance(value, dict):
         inner = schema.get("properties", {})
         for name in schema.get("required", []):
@@ -193,7 +197,11 @@ def _pick(schema: dict[str, Any], value: Any) -> Any:
         if schema.get("additionalProperties"):
             return value
         inner = schema.get("properties", {})
-        fitting = ((name, item) for name, item in value.items() if name in inner and _fits(inner[name], item))
+        fitting = (
+            (name, item)
+            for name, item in value.items()
+            if name in inner and _fits(inner[name], item)
+        )
         return {name: _pick(inner[name], item) for name, item in fitting}
     if isinstance(value, list | tuple):
         below = schema.get("items") or {}

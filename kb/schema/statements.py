@@ -14,7 +14,17 @@ if TYPE_CHECKING:
 
 _READS = {"select", "from", "with", "values", "(", "pivot", "pivot_wider", "describe", "summarize"}
 # DuckDB's names of types that Arrow or Parquet lacks, or holds as bytes of DuckDB's own.
-_NO_ARROW = {"interval", "bit", "uhugeint", "bignum", "time with time zone", "union", "variant", "geometry", "tuple"}
+_NO_ARROW = {
+    "interval",
+    "bit",
+    "uhugeint",
+    "bignum",
+    "time with time zone",
+    "union",
+    "variant",
+    "geometry",
+    "tuple",
+}
 
 
 def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
@@ -31,7 +41,9 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
     # DuckDB splits what holds a PIVOT without its list of values; COPY and CREATE may hold one as well.
     if kind == kinds.SELECT or (kind == kinds.MULTI and first in _READS):
         return
-    if kind in (kinds.EXPLAIN, kinds.MULTI) and first == "explain":  # EXPLAIN ANALYZE runs what it explains
+    if (
+        kind in (kinds.EXPLAIN, kinds.MULTI) and first == "explain"
+    ):  # EXPLAIN ANALYZE runs what it explains
         at, word = next(words, (0, ""))
         if word == "analyze":
             at, word = next(words, (0, ""))
@@ -43,7 +55,10 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
             check(con, sql.encode()[at:].decode())
             return
     name = first.upper() if kind == kinds.MULTI else kind.name
-    raise UsageError(f"{name} is no query: kb query only reads", hint="SELECT, FROM, PIVOT, DESCRIBE and SUMMARIZE work")
+    raise UsageError(
+        f"{name} is no query: kb query only reads",
+        hint="SELECT, FROM, PIVOT, DESCRIBE and SUMMARIZE work",
+    )
 
 
 def _words(sql: str) -> Iterator[tuple[int, str]]:
@@ -68,7 +83,9 @@ def casts(relation: duckdb.DuckDBPyRelation, *, text: bool) -> str | None:
     columns = []
     for name, kind in zip(distinct(relation.columns), relation.types, strict=True):
         quoted = _quoted(name)
-        columns.append(f"CAST({quoted} AS {_held(kind, wanted)}) AS {quoted}" if _has(kind, wanted) else quoted)
+        columns.append(
+            f"CAST({quoted} AS {_held(kind, wanted)}) AS {quoted}" if _has(kind, wanted) else quoted
+        )
     return f"SELECT {', '.join(columns)} FROM answer"
 
 
@@ -89,7 +106,9 @@ def distinct(names: Sequence[str]) -> list[str]:
 def _has(kind: duckdb.sqltypes.DuckDBPyType, wanted: set[str]) -> bool:
     if kind.id in wanted:
         return True
-    return kind.id in ("list", "array", "struct", "map") and any(_has(child, wanted) for name, child in kind.children if name != "size")
+    return kind.id in ("list", "array", "struct", "map") and any(
+        _has(child, wanted) for name, child in kind.children if name != "size"
+    )
 
 
 def _held(kind: duckdb.sqltypes.DuckDBPyType, wanted: set[str]) -> str:

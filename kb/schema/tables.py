@@ -36,8 +36,31 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
-_TABLE_KEYS = {"name", "doc", "raw", "key", "sort_by", "partition_by", "released", "column", "input"}
-_COLUMN_KEYS = {"name", "type", "unit", "null", "doc", "from", "released", "content", "dictionary", "values", "pattern", "each"}
+_TABLE_KEYS = {
+    "name",
+    "doc",
+    "raw",
+    "key",
+    "sort_by",
+    "partition_by",
+    "released",
+    "column",
+    "input",
+}
+_COLUMN_KEYS = {
+    "name",
+    "type",
+    "unit",
+    "null",
+    "doc",
+    "from",
+    "released",
+    "content",
+    "dictionary",
+    "values",
+    "pattern",
+    "each",
+}
 
 
 @dataclass(frozen=True)
@@ -103,7 +126,10 @@ class Table:
         try:
             return self._by_name[name]
         except KeyError:
-            raise SchemaMismatch(f"{self.name} has no column {name!r}", hint=f"declare it in schemas/tables/{self.name}.toml") from None
+            raise SchemaMismatch(
+                f"{self.name} has no column {name!r}",
+                hint=f"declare it in schemas/tables/{self.name}.toml",
+            ) from None
 
     def names(self, released: bool = False) -> list[str]:
         return [column.name for column in self.columns if column.released or not released]
@@ -138,7 +164,9 @@ def tables() -> dict[str, Table]:
         declared = load_table(path)
         expected = f"{path.parent.name}/{path.stem}"
         if declared.name != expected:
-            raise SchemaMismatch(f"{path}: `name` is {declared.name!r}, the file's place says {expected!r}")
+            raise SchemaMismatch(
+                f"{path}: `name` is {declared.name!r}, the file's place says {expected!r}"
+            )
         found[declared.name] = declared
     return found
 
@@ -148,7 +176,9 @@ def table(name: str) -> Table:
     try:
         return tables()[name]
     except KeyError:
-        raise UsageError(f"no table {name!r} in schemas/", hint=f"known: {', '.join(tables())}") from None
+        raise UsageError(
+            f"no table {name!r} in schemas/", hint=f"known: {', '.join(tables())}"
+        ) from None
 
 
 def load_table(path: Path) -> Table:
@@ -162,15 +192,26 @@ def load_table(path: Path) -> Table:
         raise SchemaMismatch(f"{path}: " + "; ".join(problems))
     columns = tuple(_column(block) for block in _expanded(data, "column"))
     inputs = tuple(_column(block) for block in _expanded(data, "input"))
-    plain = {key: data[key] for key in ("name", "doc", "raw", "partition_by", "released") if key in data}
-    return Table(columns=columns, inputs=inputs, key=tuple(data["key"]), sort_by=tuple(data["sort_by"]), **plain)
+    plain = {
+        key: data[key] for key in ("name", "doc", "raw", "partition_by", "released") if key in data
+    }
+    return Table(
+        columns=columns,
+        inputs=inputs,
+        key=tuple(data["key"]),
+        sort_by=tuple(data["sort_by"]),
+        **plain,
+    )
 
 
 def _expanded(data: dict[str, Any], what: str) -> list[dict[str, Any]]:
     blocks: list[dict[str, Any]] = []
     for block in data.get(what, []):
         for word in block.get("each", [None]):
-            fill = {k: v.replace("{}", word) if word and isinstance(v, str) else v for k, v in block.items()}
+            fill = {
+                k: v.replace("{}", word) if word and isinstance(v, str) else v
+                for k, v in block.items()
+            }
             fill.pop("each", None)
             blocks.append(fill)
     return blocks
@@ -218,7 +259,11 @@ def check_table(data: dict[str, Any]) -> list[str]:
         if not isinstance(data.get(key), list) or not data[key]:
             problems.append(f"`{key}` must list columns")
         else:
-            problems += [f"`{key}` names {name!r}, which is no column" for name in data[key] if name not in names]
+            problems += [
+                f"`{key}` names {name!r}, which is no column"
+                for name in data[key]
+                if name not in names
+            ]
     partition = data.get("partition_by", "")
     if partition and partition not in names:
         problems.append(f"`partition_by` names {partition!r}, which is no column")
@@ -238,11 +283,17 @@ def _column_problems(block: dict[str, Any]) -> list[str]:
     if not block.get("from"):
         problems.append("has no origin (`from`)")
     elif not colon or not kind.strip() or not path.strip():
-        problems.append(f"`from` is {block['from']!r}; it must read `<raw kind>: <path>` or `rule: <how>`")
+        problems.append(
+            f"`from` is {block['from']!r}; it must read `<raw kind>: <path>` or `rule: <how>`"
+        )
     if "null" in block and not str(block["null"]).strip():
         problems.append("`null` must say why the value may be absent")
     values = block.get("values", [""])
-    if not isinstance(values, list) or not values or not all(isinstance(word, str) for word in values):
+    if (
+        not isinstance(values, list)
+        or not values
+        or not all(isinstance(word, str) for word in values)
+    ):
         problems.append("`values` must list words")
     for key in ("values", "pattern"):
         if key in block and block.get("type") != "string":

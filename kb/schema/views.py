@@ -40,21 +40,35 @@ def found(root: Path) -> Iterator[View]:
         if declared.source not in SOURCES:
             continue
         name = "pairs" if declared.name == "pairs/pairs" else f"{declared.source}_{declared.short}"
-        clean = root / "pairs" if declared.source == "pairs" else root / "clean" / declared.source / declared.short
+        clean = (
+            root / "pairs"
+            if declared.source == "pairs"
+            else root / "clean" / declared.source / declared.short
+        )
         yield from _view("clean", name, clean, "*.parquet", declared)
         released = root / "release" / declared.source
         yield from _view("release", name, released, f"{declared.short}-*-of-*.parquet", declared)
     for source in SOURCES:
         for verdict in _VERDICTS:
             place = root / "clean" / source / verdict
-            yield from _view("clean", f"{source}_{verdict}", place, "*.parquet", table(f"shared/{verdict}"))
+            yield from _view(
+                "clean", f"{source}_{verdict}", place, "*.parquet", table(f"shared/{verdict}")
+            )
         gone = table("shared/tombstones")
-        yield from _view("clean", f"{source}_tombstones", root / "raw" / source, "tombstones.parquet", gone)
-        yield from _view("release", f"{source}_tombstones", root / "release" / source, "tombstones.parquet", gone)
+        yield from _view(
+            "clean", f"{source}_tombstones", root / "raw" / source, "tombstones.parquet", gone
+        )
+        yield from _view(
+            "release", f"{source}_tombstones", root / "release" / source, "tombstones.parquet", gone
+        )
 
 
 def _view(schema: str, name: str, folder: Path, pattern: str, declared: Table) -> Iterator[View]:
-    files = sorted(path for path in folder.glob(pattern) if not path.name.startswith(".")) if folder.is_dir() else []
+    files = (
+        sorted(path for path in folder.glob(pattern) if not path.name.startswith("."))
+        if folder.is_dir()
+        else []
+    )
     if files:
         yield View(schema, name, files, declared)
 
@@ -69,9 +83,13 @@ def views(con: duckdb.DuckDBPyConnection, root: Path) -> list[View]:
     for view in made:
         try:
             with reading(view.files):
-                con.execute(f"CREATE OR REPLACE VIEW {view.schema}.{view.name} AS SELECT * FROM {scan(view.files)}")
+                con.execute(
+                    f"CREATE OR REPLACE VIEW {view.schema}.{view.name} AS SELECT * FROM {scan(view.files)}"
+                )
         except duckdb.Error as error:
-            raise DamagedData(f"{view.files[0].parent}: {one_line(error)}", hint="run filter or export again") from None
+            raise DamagedData(
+                f"{view.files[0].parent}: {one_line(error)}", hint="run filter or export again"
+            ) from None
     return made
 
 
@@ -84,7 +102,9 @@ def connect(root: Path) -> duckdb.DuckDBPyConnection:
     made = views(con, root)
     con.execute("SET search_path = 'clean,release'")
     folders = {f"{view.files[0].parent}/" for view in made}
-    allowed = sorted(folders | {escaped(folder) for folder in folders})  # the pattern is checked, then the file
+    allowed = sorted(
+        folders | {escaped(folder) for folder in folders}
+    )  # the pattern is checked, then the file
     con.execute(f"SET allowed_directories = [{', '.join(_quoted(folder) for folder in allowed)}]")
     con.execute("SET enable_external_access = false")
     con.execute("SET lock_configuration = true")
@@ -103,7 +123,9 @@ def catalog(root: Path) -> list[tuple[str, str, int, str]]:
     return sorted(listing)
 
 
-def select(con: duckdb.DuckDBPyConnection, sql: str, *, root: Path | None = None, text: bool = False) -> pa.RecordBatchReader:
+def select(
+    con: duckdb.DuckDBPyConnection, sql: str, *, root: Path | None = None, text: bool = False
+) -> pa.RecordBatchReader:
     """Runs one query over the views and streams its rows; columns of one name become a, a_1, a_2.
 
     What Arrow can't hold (intervals, bits) comes as text, with `text` bytes too. Raises UsageError in
@@ -124,17 +146,24 @@ def select(con: duckdb.DuckDBPyConnection, sql: str, *, root: Path | None = None
     except duckdb.Error as error:
         raise _problem(error, root) from None
     names = statements.distinct(reader.schema.names)
-    schema = pa.schema([field.with_name(name) for field, name in zip(reader.schema, names, strict=True)])
+    schema = pa.schema(
+        [field.with_name(name) for field, name in zip(reader.schema, names, strict=True)]
+    )
     return pa.RecordBatchReader.from_batches(schema, _batches(reader, names, root))
 
 
-def _batches(reader: pa.RecordBatchReader, names: list[str], root: Path | None) -> Iterator[pa.RecordBatch]:
+def _batches(
+    reader: pa.RecordBatchReader, names: list[str], root: Path | None
+) -> Iterator[pa.RecordBatch]:
     import pyarrow as pa
 
     try:
         for batch in reader:
             yield batch.rename_columns(names)
-    except (pa.ArrowException, OSError) as error:  # what DuckDB raises becomes an OSError without a number on its way
+    except (
+        pa.ArrowException,
+        OSError,
+    ) as error:  # what DuckDB raises becomes an OSError without a number on its way
         raise _problem(error, root) from None
 
 
@@ -144,12 +173,18 @@ def _problem(error: Exception, root: Path | None) -> KbError:
     files = [path for view in found(root.absolute()) for path in view.files] if root else []
     named = [path for path in files if str(path) in str(error)]
     # A wrong query has a kind ("Binder Error: …"); what a reader of Parquet stumbles over has none.
-    about_files = line.startswith(("IO Error: ", "Invalid Error: ")) or not re.match(r"[A-Z][\w -]* Error: ", line)
+    about_files = line.startswith(("IO Error: ", "Invalid Error: ")) or not re.match(
+        r"[A-Z][\w -]* Error: ", line
+    )
     if (named or about_files) and (damage := broken(named or files)):
         return damage
     if line.startswith("Out of Memory Error: "):
         return FatalError(line, hint="ask for less at a time")
-    return DamagedData(line) if line.startswith("IO Error: ") else UsageError(line, hint="`kb query --tables` lists the views")
+    return (
+        DamagedData(line)
+        if line.startswith("IO Error: ")
+        else UsageError(line, hint="`kb query --tables` lists the views")
+    )
 
 
 def one_line(error: Exception) -> str:
@@ -161,9 +196,15 @@ def one_line(error: Exception) -> str:
 
 
 def _names(con: duckdb.DuckDBPyConnection) -> str:
-    rows = con.execute("SELECT schema_name || '.' || view_name FROM duckdb_views() WHERE schema_name IN ('clean', 'release') ORDER BY ALL").fetchall()
+    rows = con.execute(
+        "SELECT schema_name || '.' || view_name FROM duckdb_views() WHERE schema_name IN ('clean', 'release') ORDER BY ALL"
+    ).fetchall()
     names = ", ".join(row[0] for row in rows)
-    return f"there are: {names}" if names else "no tables yet: run a crawl and filter first, or make demo"
+    return (
+        f"there are: {names}"
+        if names
+        else "no tables yet: run a crawl and filter first, or make demo"
+    )
 
 
 def _quoted(text: object) -> str:

@@ -14,7 +14,13 @@ from kb.core.errors import DiskFull
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _HINT = "free some space and run the same command again"
-_SQLITE_FULL = {"SQLITE_FULL", "SQLITE_IOERR_WRITE", "SQLITE_IOERR_FSYNC", "SQLITE_IOERR_TRUNCATE", "SQLITE_IOERR_SHMSIZE"}
+_SQLITE_FULL = {
+    "SQLITE_FULL",
+    "SQLITE_IOERR_WRITE",
+    "SQLITE_IOERR_FSYNC",
+    "SQLITE_IOERR_TRUNCATE",
+    "SQLITE_IOERR_SHMSIZE",
+}
 
 
 @contextlib.contextmanager
@@ -23,7 +29,9 @@ def full_disk_is_resumable(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno in _FULL or any(f"[errno {number}]" in str(error).lower() for number in _FULL):
+        if error.errno in _FULL or any(
+            f"[errno {number}]" in str(error).lower() for number in _FULL
+        ):
             raise DiskFull(f"no room to write {path}", hint=_HINT) from error
         raise
     except Exception as error:

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 RAW_BYTES = 8 << 20  # compressed raw data a bucket, about 100,000 rows of small answers
 MOST = 512
 PIECE = 32_768  # rows that are spread at once
-LOOKED_AT = 20  # envelopes of a segment that are all searched for unknown keys; then every hundredth
+LOOKED_AT = (
+    20  # envelopes of a segment that are all searched for unknown keys; then every hundredth
+)
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,9 @@ def bucket_of(key: object, buckets: int) -> int:
     return zlib.crc32(str(key).encode("utf-8", "replace")) % buckets
 
 
-def spread(kind: Kind, name: str, segment: Path, number: int, folder: Path, buckets: int) -> dict[str, Any]:
+def spread(
+    kind: Kind, name: str, segment: Path, number: int, folder: Path, buckets: int
+) -> dict[str, Any]:
     """Parse one segment and write `folder/<bucket>/<number>.arrow`.
 
     Returns rows, unknown keys as they were seen, and whether a closed segment is cut off (its whole
@@ -90,13 +94,19 @@ def spread(kind: Kind, name: str, segment: Path, number: int, folder: Path, buck
                     writers[bucket] = pa.ipc.new_file(str(path), part.schema, options=options)
                 writers[bucket].write_table(part)
     except DamagedData as error:
-        raise DamagedData(f"{segment}: {error}", hint="move the file away, or copy it again from where it came") from None
+        raise DamagedData(
+            f"{segment}: {error}", hint="move the file away, or copy it again from where it came"
+        ) from None
     finally:
         if collecting:
             gc.enable()
         for writer in writers.values():
             writer.close()
-    return {"rows": rows, "unknown": dict(unknown), "torn": frames.torn and not segment.name.endswith(".open")}
+    return {
+        "rows": rows,
+        "unknown": dict(unknown),
+        "torn": frames.torn and not segment.name.endswith(".open"),
+    }
 
 
 def _lines(frames: Frames, name: str, unknown: Counter[str]) -> Iterator[bytes]:
@@ -137,7 +147,9 @@ def _split(rows: pa.Table, column: str, buckets: int) -> Iterator[tuple[int, pa.
         yield 0, rows
         return
     keys = pc.fill_null(rows.column(column).cast(pa.string()), "None").cast(pa.binary()).to_pylist()
-    numbers = pa.array([zlib.crc32(key) % buckets for key in keys], pa.int32())  # bucket_of, inlined
+    numbers = pa.array(
+        [zlib.crc32(key) % buckets for key in keys], pa.int32()
+    )  # bucket_of, inlined
     places = pc.sort_indices(numbers)
     counts = {entry["values"]: entry["counts"] for entry in pc.value_counts(numbers).to_pylist()}
     rows = rows.take(places)
@@ -161,22 +173,39 @@ def newest(folder: Path, kind: Kind, wanted: pa.Array | None = None) -> tuple[pa
     parts = []
     for number, path in enumerate(paths):
         part = _read(path, kind, wanted)
-        parts.append(part.append_column("_segment", pa.repeat(pa.scalar(number, pa.int32()), part.num_rows)))
+        parts.append(
+            part.append_column("_segment", pa.repeat(pa.scalar(number, pa.int32()), part.num_rows))
+        )
     rows = pa.concat_tables(parts)
-    by = [*kind.key, *([kind.prefer] if kind.prefer else []), "fetched_at", *([kind.then] if kind.then else []), "_segment", "_at"]
+    by = [
+        *kind.key,
+        *([kind.prefer] if kind.prefer else []),
+        "fetched_at",
+        *([kind.then] if kind.then else []),
+        "_segment",
+        "_at",
+    ]
     # nulls first: an answer that doesn't say when it was read is older than any that does
-    order = pc.sort_indices(rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by])
+    order = pc.sort_indices(
+        rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by]
+    )
     keys = [rows.column(name).take(order).combine_chunks() for name in kind.key]
     last = pa.array([True] * min(1, rows.num_rows), pa.bool_())
     if rows.num_rows > 1:
         same = pa.array([True] * (rows.num_rows - 1), pa.bool_())
         for column in keys:
-            same = pc.and_(same, pc.fill_null(pc.equal(column.slice(0, len(column) - 1), column.slice(1)), False))
+            same = pc.and_(
+                same,
+                pc.fill_null(pc.equal(column.slice(0, len(column) - 1), column.slice(1)), False),
+            )
         last = pa.concat_arrays([pc.invert(same), last])
     chosen = order.filter(last)
     older = rows.num_rows - len(chosen)
     if kind.echo:
-        older -= pc.sum(rows.column(kind.echo)).as_py() - pc.sum(rows.column(kind.echo).take(chosen)).as_py()
+        older -= (
+            pc.sum(rows.column(kind.echo)).as_py()
+            - pc.sum(rows.column(kind.echo).take(chosen)).as_py()
+        )
     return rows.take(chosen).drop_columns(["_segment", "_at"]), older
 
 
@@ -188,5 +217,7 @@ def _read(path: Path, kind: Kind, wanted: pa.Array | None) -> pa.Table:
         if wanted is None:
             return file.read_all()
         batches = (file.get_batch(number) for number in range(file.num_record_batches))
-        found = [batch.filter(pc.is_in(batch.column(kind.key[0]), value_set=wanted)) for batch in batches]
+        found = [
+            batch.filter(pc.is_in(batch.column(kind.key[0]), value_set=wanted)) for batch in batches
+        ]
         return pa.Table.from_batches(found, file.schema)

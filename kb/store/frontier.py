@@ -59,11 +59,18 @@ class Frontier:
         self._depth = 0
         try:
             if readonly:
-                self._db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, check_same_thread=False, timeout=30)
+                self._db = sqlite3.connect(
+                    f"{path.absolute().as_uri()}?mode=ro",
+                    uri=True,
+                    check_same_thread=False,
+                    timeout=30,
+                )
                 self._db.isolation_level = None
                 return
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._db = sqlite3.connect(path, check_same_thread=False, timeout=30, isolation_level=None)
+            self._db = sqlite3.connect(
+                path, check_same_thread=False, timeout=30, isolation_level=None
+            )
             with full_disk_is_resumable(path):
                 self._db.execute("PRAGMA journal_mode = WAL")
                 self._db.execute("PRAGMA synchronous = FULL")
@@ -71,18 +78,25 @@ class Frontier:
                 # Whatever was in flight when the last writer ended is asked again.
                 self._db.execute("UPDATE items SET status = 'todo' WHERE status = 'in_progress'")
         except sqlite3.DatabaseError as error:
-            raise DamagedData(f"the state {path} can't be read: {error}", hint="move it away; the next run rebuilds it from the raw data") from None
+            raise DamagedData(
+                f"the state {path} can't be read: {error}",
+                hint="move it away; the next run rebuilds it from the raw data",
+            ) from None
 
     def _prepare(self) -> None:
         version = self._db.execute("PRAGMA user_version").fetchone()[0]
         if version > VERSION:
-            raise DamagedData(f"{self.path} was written by a newer Lorebase", hint="upgrade Lorebase")
+            raise DamagedData(
+                f"{self.path} was written by a newer Lorebase", hint="upgrade Lorebase"
+            )
         if version == 0:
             self._db.executescript(f"BEGIN; {_TABLES} PRAGMA user_version = {VERSION}; COMMIT;")
             return
         while version < VERSION:
             shutil.copyfile(self.path, self.path.with_name(f"{self.path.name}.v{version}.bak"))
-            self._db.executescript(f"BEGIN; {MIGRATIONS[version]} PRAGMA user_version = {version + 1}; COMMIT;")
+            self._db.executescript(
+                f"BEGIN; {MIGRATIONS[version]} PRAGMA user_version = {version + 1}; COMMIT;"
+            )
             version += 1
 
     def forget(self) -> None:
@@ -135,19 +149,31 @@ class Frontier:
         """Add keys that are not known yet; how many were new. Order of adding is order of taking."""
         with self.transaction():
             before = self._db.total_changes
-            seq = self._db.execute("SELECT coalesce(max(seq), 0) FROM items WHERE kind = ?", (kind,)).fetchone()[0]
+            seq = self._db.execute(
+                "SELECT coalesce(max(seq), 0) FROM items WHERE kind = ?", (kind,)
+            ).fetchone()[0]
             rows = ((kind, *_pair(entry), number) for number, entry in enumerate(keys, seq + 1))
-            self._db.executemany("INSERT OR IGNORE INTO items (kind, key, payload, seq, status) VALUES (?, ?, ?, ?, 'todo')", rows)
+            self._db.executemany(
+                "INSERT OR IGNORE INTO items (kind, key, payload, seq, status) VALUES (?, ?, ?, ?, 'todo')",
+                rows,
+            )
             return self._db.total_changes - before
 
     def take(self, kind: str, n: int = 1) -> list[Item]:
         """Up to `n` items to do, oldest first; they are in progress until answered."""
         with self.transaction():
             rows = self._db.execute(
-                "SELECT key, tries, payload FROM items WHERE kind = ? AND status = 'todo' ORDER BY seq LIMIT ?", (kind, n)
+                "SELECT key, tries, payload FROM items WHERE kind = ? AND status = 'todo' ORDER BY seq LIMIT ?",
+                (kind, n),
             ).fetchall()
-            self._db.executemany("UPDATE items SET status = 'in_progress' WHERE kind = ? AND key = ?", [(kind, row[0]) for row in rows])
-        return [Item(kind, key, tries, msgspec.json.decode(payload) if payload else None) for key, tries, payload in rows]
+            self._db.executemany(
+                "UPDATE items SET status = 'in_progress' WHERE kind = ? AND key = ?",
+                [(kind, row[0]) for row in rows],
+            )
+        return [
+            Item(kind, key, tries, msgspec.json.decode(payload) if payload else None)
+            for key, tries, payload in rows
+        ]
 
     def mark(self, kind: str, keys: Iterable[str], status: str, reason: str | None = None) -> None:
         """Set the status of known keys; an "error" counts one try."""
@@ -177,25 +203,37 @@ class Frontier:
         """Items of these statuses become todo again; how many."""
         with self.transaction():
             marks = ", ".join("?" * len(statuses))
-            return self._db.execute(f"UPDATE items SET status = 'todo' WHERE kind = ? AND status IN ({marks})", (kind, *statuses)).rowcount
+            return self._db.execute(
+                f"UPDATE items SET status = 'todo' WHERE kind = ? AND status IN ({marks})",
+                (kind, *statuses),
+            ).rowcount
 
     def payload(self, kind: str, key: str, value: Any) -> None:
         """Replace what is known about an item."""
         with self.transaction():
-            self._db.execute("UPDATE items SET payload = ? WHERE kind = ? AND key = ?", (_json(value), kind, key))
+            self._db.execute(
+                "UPDATE items SET payload = ? WHERE kind = ? AND key = ?", (_json(value), kind, key)
+            )
 
     def get(self, kind: str, key: str) -> tuple[str, Any, str | None] | None:
         """(status, payload, reason) of an item, None when it is not known."""
         with self._lock:
-            row = self._db.execute("SELECT status, payload, reason FROM items WHERE kind = ? AND key = ?", (kind, key)).fetchone()
-        return None if row is None else (row[0], msgspec.json.decode(row[1]) if row[1] else None, row[2])
+            row = self._db.execute(
+                "SELECT status, payload, reason FROM items WHERE kind = ? AND key = ?", (kind, key)
+            ).fetchone()
+        return (
+            None
+            if row is None
+            else (row[0], msgspec.json.decode(row[1]) if row[1] else None, row[2])
+        )
 
     def items(self, kind: str, *statuses: str) -> Iterator[tuple[str, str, str | None, Any]]:
         """(key, status, reason, payload) of all items of a kind, oldest first; their list is held in memory."""
         marks = f"AND status IN ({', '.join('?' * len(statuses))})" if statuses else ""
         with self._lock:
             rows = self._db.execute(
-                f"SELECT key, status, reason, payload FROM items WHERE kind = ? {marks} ORDER BY seq", (kind, *statuses)
+                f"SELECT key, status, reason, payload FROM items WHERE kind = ? {marks} ORDER BY seq",
+                (kind, *statuses),
             ).fetchall()
         for key, status, reason, payload in rows:
             yield key, status, reason, msgspec.json.decode(payload) if payload else None
@@ -203,7 +241,9 @@ class Frontier:
     def remove(self, kind: str, keys: Iterable[str]) -> None:
         """Forget items (purge)."""
         with self.transaction():
-            self._db.executemany("DELETE FROM items WHERE kind = ? AND key = ?", [(kind, key) for key in keys])
+            self._db.executemany(
+                "DELETE FROM items WHERE kind = ? AND key = ?", [(kind, key) for key in keys]
+            )
 
     def replace(self, kind: str, keys: Iterable[str | tuple[str, Any]]) -> int:
         """Forget all items of a kind and add these instead, as one change; how many there are."""
@@ -214,19 +254,28 @@ class Frontier:
     def counts(self, kind: str) -> dict[str, int]:
         """How many items of a kind have which status; statuses without items are left out."""
         with self._lock:
-            return dict(self._db.execute("SELECT status, count(*) FROM items WHERE kind = ? GROUP BY status", (kind,)).fetchall())
+            return dict(
+                self._db.execute(
+                    "SELECT status, count(*) FROM items WHERE kind = ? GROUP BY status", (kind,)
+                ).fetchall()
+            )
 
     def ready(self, kind: str, most: int = 1) -> int:
         """How many items of a kind are to do, counted up to `most`: quick however many there are."""
         with self._lock:
-            row = self._db.execute("SELECT count(*) FROM (SELECT 1 FROM items WHERE kind = ? AND status = 'todo' LIMIT ?)", (kind, most)).fetchone()
+            row = self._db.execute(
+                "SELECT count(*) FROM (SELECT 1 FROM items WHERE kind = ? AND status = 'todo' LIMIT ?)",
+                (kind, most),
+            ).fetchone()
             return int(row[0])
 
     def kinds(self) -> dict[str, dict[str, int]]:
         """Counts by status of every kind, by name."""
         found: dict[str, dict[str, int]] = {}
         with self._lock:
-            rows = self._db.execute("SELECT kind, status, count(*) FROM items GROUP BY 1, 2 ORDER BY 1, 2").fetchall()
+            rows = self._db.execute(
+                "SELECT kind, status, count(*) FROM items GROUP BY 1, 2 ORDER BY 1, 2"
+            ).fetchall()
         for kind, status, n in rows:
             found.setdefault(kind, {})[status] = n
         return found
@@ -243,14 +292,17 @@ class Frontier:
             if value is None:
                 self._db.execute("DELETE FROM cursors WHERE name = ?", (name,))
             else:
-                self._db.execute("INSERT OR REPLACE INTO cursors VALUES (?, ?)", (name, _json(value)))
+                self._db.execute(
+                    "INSERT OR REPLACE INTO cursors VALUES (?, ?)", (name, _json(value))
+                )
 
     def spend(self, bucket: str, units: int, endpoint: str, day: str | None = None) -> int:
         """Write a ledger row, committed before the request is sent; its id."""
         with self.transaction():
             at = clock.stamp()
             cursor = self._db.execute(
-                "INSERT INTO ledger (at, day, bucket, units, endpoint) VALUES (?, ?, ?, ?, ?)", (at, day or at[:10], bucket, units, endpoint)
+                "INSERT INTO ledger (at, day, bucket, units, endpoint) VALUES (?, ?, ?, ?, ?)",
+                (at, day or at[:10], bucket, units, endpoint),
             )
             return int(cursor.lastrowid or 0)
 
@@ -262,29 +314,42 @@ class Frontier:
     def spent(self, bucket: str, day: str) -> int:
         """Units of a bucket spent on a day."""
         with self._lock:
-            return int(self._db.execute("SELECT coalesce(sum(units), 0) FROM ledger WHERE bucket = ? AND day = ?", (bucket, day)).fetchone()[0])
+            return int(
+                self._db.execute(
+                    "SELECT coalesce(sum(units), 0) FROM ledger WHERE bucket = ? AND day = ?",
+                    (bucket, day),
+                ).fetchone()[0]
+            )
 
     def ledger(self) -> list[tuple[str, str, str, int, int]]:
         """(day, bucket, endpoint, requests, units), by day."""
         with self._lock:
-            return self._db.execute("SELECT day, bucket, endpoint, count(*), sum(units) FROM ledger GROUP BY 1, 2, 3 ORDER BY 1, 2, 3").fetchall()
+            return self._db.execute(
+                "SELECT day, bucket, endpoint, count(*), sum(units) FROM ledger GROUP BY 1, 2, 3 ORDER BY 1, 2, 3"
+            ).fetchall()
 
     def requests(self) -> tuple[int, int]:
         """(requests, units) of all time."""
         with self._lock:
-            row = self._db.execute("SELECT count(*), coalesce(sum(units), 0) FROM ledger").fetchone()
+            row = self._db.execute(
+                "SELECT count(*), coalesce(sum(units), 0) FROM ledger"
+            ).fetchone()
         return int(row[0]), int(row[1])
 
     def offset(self, kind: str, segment: str) -> int:
         """How far a raw segment was taken into the frontier, in bytes."""
         with self._lock:
-            row = self._db.execute("SELECT offset FROM offsets WHERE kind = ? AND segment = ?", (kind, segment)).fetchone()
+            row = self._db.execute(
+                "SELECT offset FROM offsets WHERE kind = ? AND segment = ?", (kind, segment)
+            ).fetchone()
         return 0 if row is None else int(row[0])
 
     def set_offset(self, kind: str, segment: str, offset: int) -> None:
         """Note how far a raw segment was taken in, in the transaction of its effects."""
         with self.transaction():
-            self._db.execute("INSERT OR REPLACE INTO offsets VALUES (?, ?, ?)", (kind, segment, offset))
+            self._db.execute(
+                "INSERT OR REPLACE INTO offsets VALUES (?, ?, ?)", (kind, segment, offset)
+            )
 
 
 def _json(value: Any) -> str:

@@ -48,7 +48,9 @@ class Merge:
         self._cursors = [_Cursor(self._sorted(path), self._columns, ahead) for path in self._parts]
         live = [cursor for cursor in self._cursors if cursor.fill(ahead)]
         while live:
-            bound = min((cursor.last(self._first) for cursor in live if not cursor.ended), default=None)
+            bound = min(
+                (cursor.last(self._first) for cursor in live if not cursor.ended), default=None
+            )
             heads = [head for cursor in live if (head := cursor.cut(self._first, bound)).num_rows]
             if heads:
                 yield pa.concat_tables(heads).sort_by(self._by).select(self._wanted)
@@ -86,7 +88,11 @@ def _is_sorted(path: Path, by: list[str]) -> bool:
     names = [file.schema.column(index).path for index in range(file.num_columns)]
     for index in range(file.num_row_groups):
         marks = file.row_group(index).sorting_columns
-        said = [names[mark.column_index] for mark in marks if not mark.descending and not mark.nulls_first]
+        said = [
+            names[mark.column_index]
+            for mark in marks
+            if not mark.descending and not mark.nulls_first
+        ]
         if said[: len(by)] != by:
             return False
     return True
@@ -99,7 +105,9 @@ class _Cursor:
         import pyarrow.parquet as pq
 
         self._file = pq.ParquetFile(path, pre_buffer=False, buffer_size=1 << 16)
-        self._batches = self._file.iter_batches(batch_size=batch, columns=columns, use_threads=False)
+        self._batches = self._file.iter_batches(
+            batch_size=batch, columns=columns, use_threads=False
+        )
         self._columns = columns
         self.rows: Any = None
         self.ended = False
@@ -119,7 +127,11 @@ class _Cursor:
             self.ended = True
             return
         rows = pa.Table.from_batches([batch]).select(self._columns)
-        self.rows = rows if self.rows is None or not self.rows.num_rows else pa.concat_tables([self.rows, rows])
+        self.rows = (
+            rows
+            if self.rows is None or not self.rows.num_rows
+            else pa.concat_tables([self.rows, rows])
+        )
 
     def last(self, name: str) -> Any:
         """The last value that was read."""

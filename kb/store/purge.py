@@ -67,7 +67,9 @@ def unfinished(root: Path, source: str) -> bool:
     return _plan(root, source).exists()
 
 
-def rewrite_raw(root: Path, source: str, keys: Collection[str], strip: Strip, frontier: Frontier) -> int:
+def rewrite_raw(
+    root: Path, source: str, keys: Collection[str], strip: Strip, frontier: Frontier
+) -> int:
     """Write raw segments again without the keys; how many envelopes changed.
 
     Call it under the writer's lock, with every segment closed and taken into the frontier. A segment keeps its
@@ -84,7 +86,10 @@ def rewrite_raw(root: Path, source: str, keys: Collection[str], strip: Strip, fr
 
 def _rewrite(path: Path, kind: str, keys: Collection[str], strip: Strip) -> int:
     """A segment without the keys; how many envelopes changed. An envelope at a time; a segment without the keys stays."""
-    if not any(strip(kind, envelope, keys) is not envelope for envelope in map(rawlog.decode, (line for _, line in rawlog.Frames(path)))):
+    if not any(
+        strip(kind, envelope, keys) is not envelope
+        for envelope in map(rawlog.decode, (line for _, line in rawlog.Frames(path)))
+    ):
         return 0
     changed, before = 0, 0
     engine = zstandard.ZstdCompressor(level=3)
@@ -110,9 +115,17 @@ def drop_rows(root: Path, places: Iterable[Place], keys: Collection[str]) -> int
 
     gone = 0
     for place in places:
-        wanted = pa.array(sorted(key.removeprefix(place.prefix) for key in keys if key.startswith(place.prefix)), pa.string())
+        wanted = pa.array(
+            sorted(key.removeprefix(place.prefix) for key in keys if key.startswith(place.prefix)),
+            pa.string(),
+        )
         for path in sorted((root / place.folder).glob("*.parquet")):
-            gone += _keep(path, place.table, place.column, lambda values, wanted=wanted: pc.invert(pc.is_in(values, value_set=wanted)))
+            gone += _keep(
+                path,
+                place.table,
+                place.column,
+                lambda values, wanted=wanted: pc.invert(pc.is_in(values, value_set=wanted)),
+            )
     return gone
 
 
@@ -121,7 +134,12 @@ def drop_annotations(root: Path, source: str, used: pa.Array) -> int:
     import pyarrow.compute as pc
 
     files = sorted((root / "annotations" / source).glob("*.parquet"))
-    return sum(_keep(path, "shared/annotations", "text_hash", lambda values: pc.is_in(values, value_set=used)) for path in files)
+    return sum(
+        _keep(
+            path, "shared/annotations", "text_hash", lambda values: pc.is_in(values, value_set=used)
+        )
+        for path in files
+    )
 
 
 def _keep(path: Path, declared: str, column: str, good: Callable[[pa.Array], pa.Array]) -> int:
@@ -131,15 +149,22 @@ def _keep(path: Path, declared: str, column: str, good: Callable[[pa.Array], pa.
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
-        kept = [good(batch.column(0).cast(pa.string())) for batch in file.iter_batches(columns=[column])]
+        kept = [
+            good(batch.column(0).cast(pa.string())) for batch in file.iter_batches(columns=[column])
+        ]
         gone = file.metadata.num_rows - sum(pc.sum(mask).as_py() or 0 for mask in kept)
         if gone:
             mask, start = pa.chunked_array(kept, pa.bool_()).combine_chunks(), 0
             with ShardWriter(path, declared, in_order=True) as writer:
                 for batch in file.iter_batches():
                     rows = pa.Table.from_batches([batch.filter(mask.slice(start, batch.num_rows))])
-                    for lacking in (name for name in table(declared).names() if name not in rows.column_names):  # of an earlier version
-                        rows = rows.append_column(lacking, pa.nulls(rows.num_rows, table(declared).arrow().field(lacking).type))
+                    for lacking in (
+                        name for name in table(declared).names() if name not in rows.column_names
+                    ):  # of an earlier version
+                        rows = rows.append_column(
+                            lacking,
+                            pa.nulls(rows.num_rows, table(declared).arrow().field(lacking).type),
+                        )
                     writer.write(rows)
                     start += batch.num_rows
     return gone

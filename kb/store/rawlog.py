@@ -64,7 +64,9 @@ def storable(envelope: Envelope) -> tuple[Envelope, bytes]:
     except UnicodeEncodeError:
         pass
     params, response = _holdable(envelope.request.params), _holdable(envelope.response)
-    kept = Envelope(envelope.fetched_at, Request(envelope.request.endpoint, params), envelope.status, response)
+    kept = Envelope(
+        envelope.fetched_at, Request(envelope.request.endpoint, params), envelope.status, response
+    )
     return kept, _encoder.encode(kept) + b"\n"
 
 
@@ -136,7 +138,11 @@ def kinds(root: Path, source: str) -> list[str]:
 def segments(root: Path, source: str, kind: str) -> list[Path]:
     """All segments of a kind, oldest first, the open ones too."""
     base = folder(root, source, kind)
-    found = [path for path in base.iterdir() if path.name.endswith((SUFFIX, OPEN))] if base.is_dir() else []
+    found = (
+        [path for path in base.iterdir() if path.name.endswith((SUFFIX, OPEN))]
+        if base.is_dir()
+        else []
+    )
     return sorted(found, key=lambda path: base_name(path))
 
 
@@ -154,7 +160,12 @@ def read(root: Path, source: str, kind: str) -> Iterator[Envelope]:
 
 def any_answer(root: Path, source: str) -> bool:
     """Whether a source has a whole answer on disk."""
-    return any(True for kind in kinds(root, source) for path in segments(root, source, kind) for _ in Frames(path))
+    return any(
+        True
+        for kind in kinds(root, source)
+        for path in segments(root, source, kind)
+        for _ in Frames(path)
+    )
 
 
 class Segment:
@@ -203,7 +214,11 @@ class Segment:
         self.size = 0
 
     def _open(self) -> None:
-        numbers = [int(match[1]) for path in self._base.iterdir() if (match := re.match(r"(\d{6})-", path.name))]
+        numbers = [
+            int(match[1])
+            for path in self._base.iterdir()
+            if (match := re.match(r"(\d{6})-", path.name))
+        ]
         # The random part keeps the names of several machines apart when their folders are merged.
         self.path = self._base / f"{max(numbers, default=0) + 1:06d}-{uuid.uuid4().hex[:8]}{OPEN}"
         self._file = self.path.open("ab", buffering=0)

@@ -46,7 +46,9 @@ def broken(files: Iterable[Path | str]) -> DamagedData | None:
         for path in paths:
             try:
                 with pq.ParquetFile(path, pre_buffer=False) as file:
-                    for _ in file.iter_batches(batch_size=_BATCH, use_threads=False) if deep else ():
+                    for _ in (
+                        file.iter_batches(batch_size=_BATCH, use_threads=False) if deep else ()
+                    ):
                         pass
             except (pa.ArrowException, OSError) as error:
                 what = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -66,7 +68,9 @@ def filtered(root: Path, source: str) -> dict[str, Any]:
     else:
         why = "it is no object"
     if not isinstance(said, dict):
-        raise DamagedData(f"{path} can't be read: {why}", hint=advice(path.parent / "videos" / path.name))
+        raise DamagedData(
+            f"{path} can't be read: {why}", hint=advice(path.parent / "videos" / path.name)
+        )
     return said
 
 
@@ -108,11 +112,20 @@ def state(path: Path) -> Iterator[Frontier]:
             yield frontier
     except sqlite3.DatabaseError as error:
         busy = getattr(error, "sqlite_errorname", "").startswith(("SQLITE_BUSY", "SQLITE_LOCKED"))
-        hint = "try again in a moment" if busy else "move it away; the next run rebuilds it from the raw data"
+        hint = (
+            "try again in a moment"
+            if busy
+            else "move it away; the next run rebuilds it from the raw data"
+        )
         raise DamagedData(f"the state {path} can't be read: {error}", hint=hint) from None
 
 
 def _a_readers(error: Exception) -> bool:
     """Whether a library may say so of a broken file: Arrow and DuckDB have errors of their own, and OSErrors without a number."""
-    kinds = [getattr(sys.modules.get(name), kind, None) for name, kind in (("pyarrow", "ArrowException"), ("duckdb", "Error"))]
-    return isinstance(error, tuple(kind for kind in kinds if kind)) or (isinstance(error, OSError) and error.errno is None)
+    kinds = [
+        getattr(sys.modules.get(name), kind, None)
+        for name, kind in (("pyarrow", "ArrowException"), ("duckdb", "Error"))
+    ]
+    return isinstance(error, tuple(kind for kind in kinds if kind)) or (
+        isinstance(error, OSError) and error.errno is None
+    )

@@ -33,10 +33,20 @@ class Recorder:
         self.cut = rawlog.recover(root, source)
         self.replayed = self._replay()
 
-    def record(self, kind: str, endpoint: str, params: dict[str, Any], status: int, response: Any, fetched_at: str | None = None) -> Envelope:
+    def record(
+        self,
+        kind: str,
+        endpoint: str,
+        params: dict[str, Any],
+        status: int,
+        response: Any,
+        fetched_at: str | None = None,
+    ) -> Envelope:
         """Keep one answer and its effect on the frontier. Raises DiskFull, with nothing half-kept."""
         # The frontier sees what is on disk, as it would from a replay.
-        envelope, line = rawlog.storable(Envelope(fetched_at or clock.stamp(), Request(endpoint, params), status, response))
+        envelope, line = rawlog.storable(
+            Envelope(fetched_at or clock.stamp(), Request(endpoint, params), status, response)
+        )
         with self._lock:
             if kind not in self._segments:
                 self._segments[kind] = Segment(rawlog.folder(self._root, self._source, kind))

@@ -41,7 +41,15 @@ def order(declared: Table) -> list[str]:
     return [*declared.sort_by, *(name for name in declared.key if name not in declared.sort_by)]
 
 
-def write_table(path: Path, rows: pa.Table, declared: Table | str, *, released: bool = False, sort: bool = True, sync: bool = True) -> Shard:
+def write_table(
+    path: Path,
+    rows: pa.Table,
+    declared: Table | str,
+    *,
+    released: bool = False,
+    sort: bool = True,
+    sync: bool = True,
+) -> Shard:
     """Write `rows` as one sorted file; `sync` as in kb.store.atomic. Raises SchemaMismatch and DiskFull."""
     declared = table(declared) if isinstance(declared, str) else declared
     rows = conform(declared, rows, released=released)
@@ -60,7 +68,15 @@ class ShardWriter:
     that rows come in the table's order, and is written into the file.
     """
 
-    def __init__(self, path: Path, declared: Table | str, *, released: bool = False, in_order: bool = False, sync: bool = True) -> None:
+    def __init__(
+        self,
+        path: Path,
+        declared: Table | str,
+        *,
+        released: bool = False,
+        in_order: bool = False,
+        sync: bool = True,
+    ) -> None:
         self.declared = table(declared) if isinstance(declared, str) else declared
         self.path, self.released, self.rows = path, released, 0
         self._schema = self.declared.arrow(released)
@@ -71,7 +87,9 @@ class ShardWriter:
     def __enter__(self) -> ShardWriter:
         self._stack = contextlib.ExitStack()
         temporary = self._stack.enter_context(writing(self.path, sync=self._sync))
-        self._file = self._stack.enter_context(_open(temporary, self.declared, self._schema, self._in_order))
+        self._file = self._stack.enter_context(
+            _open(temporary, self.declared, self._schema, self._in_order)
+        )
         return self
 
     def write(self, rows: pa.Table) -> None:
@@ -108,8 +126,14 @@ def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any
     """A pyarrow ParquetWriter with the project's settings."""
     import pyarrow.parquet as pq
 
-    low = [column.name for column in declared.columns if column.dictionary and column.name in schema.names]
-    marks = pq.SortingColumn.from_ordering(schema, [(name, "ascending") for name in order(declared)], "at_end")
+    low = [
+        column.name
+        for column in declared.columns
+        if column.dictionary and column.name in schema.names
+    ]
+    marks = pq.SortingColumn.from_ordering(
+        schema, [(name, "ascending") for name in order(declared)], "at_end"
+    )
     return pq.ParquetWriter(
         path,
         schema,
@@ -148,10 +172,15 @@ def sorted_shards(
     with reading(parts):
         total = sum(pq.read_metadata(path).num_rows for path in parts)
     number = max(1, -(-total // rows_per_shard))
-    wanted = [*declared.names(released), *(name for name in reads if name not in declared.names(released))]
+    wanted = [
+        *declared.names(released),
+        *(name for name in reads if name not in declared.names(released)),
+    ]
     shards: list[Shard] = []
     with contextlib.closing(Merge(parts, order(declared), wanted)) as merge:
-        pieces = _Pieces(change(rows).select(declared.names(released)) if change else rows for rows in merge)
+        pieces = _Pieces(
+            change(rows).select(declared.names(released)) if change else rows for rows in merge
+        )
         for index in range(number):
             path = folder / f"{declared.short}-{index:05d}-of-{number:05d}.parquet"
             with ShardWriter(path, declared, released=released, in_order=True, sync=sync) as writer:

@@ -34,7 +34,11 @@ def keys(root: Path, source: str) -> set[str]:
     """The purged keys of a source."""
     import pyarrow.parquet as pq
 
-    return {key for file in _files(root, source) for key in pq.read_table(file, columns=["key"])["key"].to_pylist()}
+    return {
+        key
+        for file in _files(root, source)
+        for key in pq.read_table(file, columns=["key"])["key"].to_pylist()
+    }
 
 
 def read(root: Path, source: str) -> pa.Table:
@@ -61,7 +65,15 @@ def add(root: Path, source: str, rows: Iterable[tuple[str, str]]) -> int:
     at = clock.now()
     new = {key: reason for key, reason in rows if key not in known}
     if new or not files:
-        _write(root, source, old + [{"key": key, "source": source, "removed_at": at, "reason": reason} for key, reason in new.items()])
+        _write(
+            root,
+            source,
+            old
+            + [
+                {"key": key, "source": source, "removed_at": at, "reason": reason}
+                for key, reason in new.items()
+            ],
+        )
     return len(new)
 
 
@@ -91,7 +103,9 @@ def _places(root: Path, source: str) -> tuple[Path, Path]:
 def _beside(root: Path, source: str) -> list[Path]:
     """Copies that someone put beside the first file under another name (tombstones-b.parquet, tombstones.parquet~)."""
     first = path(root, source)
-    return sorted(file for file in first.parent.glob("tombstones*") if file != first and file.is_file())
+    return sorted(
+        file for file in first.parent.glob("tombstones*") if file != first and file.is_file()
+    )
 
 
 def _files(root: Path, source: str) -> list[Path]:

@@ -8,7 +8,9 @@ from __future__ import annotations
 import re
 from urllib.parse import quote, unquote, urlsplit, urlunsplit
 
-_CC = re.compile(r"//(?:www\.)?creativecommons\.org/licenses/(by(?:-nc)?(?:-nd|-sa)?)/(\d\.\d)", re.I)
+_CC = re.compile(
+    r"//(?:www\.)?creativecommons\.org/licenses/(by(?:-nc)?(?:-nd|-sa)?)/(\d\.\d)", re.I
+)
 _PUBLIC = re.compile(r"//(?:www\.)?creativecommons\.org/publicdomain/(zero|mark)/1\.0", re.I)
 _GNU = re.compile(r"//(?:www\.)?gnu\.org/(?:copyleft|licenses)/(fdl|gpl|lgpl)(?:-(\d\.\d))?", re.I)
 
@@ -20,7 +22,9 @@ def original(src: str) -> str:
     if match := re.match(r"(.*?)/thumb(/.+)/[^/]+$", path):
         path = match[1] + match[2]
     path = re.sub(r"/revision/latest(/.*)?$", "", path)
-    return urlunsplit((parts.scheme, parts.netloc, path, parts.query if path == parts.path else "", ""))
+    return urlunsplit(
+        (parts.scheme, parts.netloc, path, parts.query if path == parts.path else "", "")
+    )
 
 
 def file_title(src: str, file_page: str | None = None) -> str | None:
@@ -31,7 +35,12 @@ def file_title(src: str, file_page: str | None = None) -> str | None:
         if held:
             return unquote(held[1]).replace("_", " ").replace("Image:", "File:", 1)
     name = unquote(urlsplit(original(src)).path.rsplit("/", 1)[-1]).replace("_", " ").strip()
-    if not name or "." not in name or re.search(r"[\[\]{}<>|#]", name) or urlsplit(src).scheme not in ("http", "https"):
+    if (
+        not name
+        or "." not in name
+        or re.search(r"[\[\]{}<>|#]", name)
+        or urlsplit(src).scheme not in ("http", "https")
+    ):
         return None
     return f"File:{name}"
 

@@ -18,14 +18,20 @@ def problem(params: dict[str, str], answer: Any) -> str | None:
     if not isinstance(answer, dict):
         return f"the API's answer is no object but {quoted(repr(answer))}"
     going = answer.get("continue")
-    if going is not None and not (isinstance(going, dict) and all(isinstance(value, str | int) for value in going.values())):
+    if going is not None and not (
+        isinstance(going, dict) and all(isinstance(value, str | int) for value in going.values())
+    ):
         return "the API's answer has a `continue` that can't be followed"
     query = answer.get("query")
     if not isinstance(query, dict):
         return f"the API's answer has no `query` but {quoted(repr(answer))}"
     if params.get("meta") == "siteinfo":
         spaces = query.get("namespaces", {})
-        if not isinstance(query.get("general"), dict) or not isinstance(spaces, dict) or not _all(spaces.values()):
+        if (
+            not isinstance(query.get("general"), dict)
+            or not isinstance(spaces, dict)
+            or not _all(spaces.values())
+        ):
             return "the API's answer does not describe the site"
     if params.get("list") == "allpages" and not _entries(query.get("allpages"), "title"):
         return "the API's answer has no list of pages"
@@ -49,10 +55,15 @@ def _about_pages(query: dict[str, Any]) -> str | None:
         return "the API's answer has no list of pages"
     for page in pages:
         if not isinstance(page.get("title", ""), str) or type(page.get("pageid", 0)) is not int:
-            return f"the API's answer holds a page that has neither title nor id: {quoted(repr(page))}"
+            return (
+                f"the API's answer holds a page that has neither title nor id: {quoted(repr(page))}"
+            )
         if not isinstance(page.get("revisions", []), list) or not _all(page.get("revisions", [])):
             return "the API's answer holds revisions that are none"
-    if not (_entries(query.get("normalized", []), "from", "to") and _entries(query.get("interwiki", []), "title")):
+    if not (
+        _entries(query.get("normalized", []), "from", "to")
+        and _entries(query.get("interwiki", []), "title")
+    ):
         return "the API's answer names titles in a way that can't be read"
     return None
 
@@ -62,12 +73,18 @@ def _all(values: Any) -> bool:
 
 
 def _entries(values: Any, *names: str) -> bool:
-    return isinstance(values, list) and _all(values) and all(isinstance(entry.get(name), str) for entry in values for name in names)
+    return (
+        isinstance(values, list)
+        and _all(values)
+        and all(isinstance(entry.get(name), str) for entry in values for name in names)
+    )
 
 
 def state(page: dict[str, Any]) -> str:
     """What an answer says of a page: "there", "invalid", "redirect", "missing", "special", or "unanswered" when it says none of it."""
-    said = next((name for name in ("invalid", "redirect", "missing", "special") if page.get(name)), None)
+    said = next(
+        (name for name in ("invalid", "redirect", "missing", "special") if page.get(name)), None
+    )
     return said or ("there" if page.get("revisions") else "unanswered")
 
 
@@ -84,4 +101,7 @@ def elsewhere(query: dict[str, Any]) -> set[str]:
 
 def renamed(query: dict[str, Any]) -> dict[str, str]:
     """How the wiki writes the titles that were asked for, where it writes them otherwise."""
-    return {unquote(change["from"]) if change.get("fromencoded") else change["from"]: change["to"] for change in query.get("normalized", [])}
+    return {
+        unquote(change["from"]) if change.get("fromencoded") else change["from"]: change["to"]
+        for change in query.get("normalized", [])
+    }

@@ -28,7 +28,11 @@ _DETAILS = {
     "rvprop": "ids|timestamp|user|sha1|size",
     "pclimit": "500",
 }
-_FILES = {"prop": "imageinfo|extlinks", "iiprop": "url|size|mime|sha1|timestamp|extmetadata", "ellimit": "500"}
+_FILES = {
+    "prop": "imageinfo|extlinks",
+    "iiprop": "url|size|mime|sha1|timestamp|extmetadata",
+    "ellimit": "500",
+}
 
 Record = Callable[[str, str, dict[str, Any], int, Any], Any]
 
@@ -44,7 +48,11 @@ class Api:
 
     def site(self) -> dict[str, Any]:
         """Addresses, namespaces and licence of the site."""
-        params = {"action": "query", "meta": "siteinfo", "siprop": "general|namespaces|rightsinfo|statistics"}
+        params = {
+            "action": "query",
+            "meta": "siteinfo",
+            "siprop": "general|namespaces|rightsinfo|statistics",
+        }
         status, answer = self.ask(params)
         self._record("site", self.endpoint, params, status, answer)
         return answer["query"]
@@ -65,7 +73,9 @@ class Api:
         going: dict[str, str] | None = start
         while going is not None:
             status, answer = self.ask({**params, **going})
-            self._record("titles", self.endpoint, {**params, **going, "round": number}, status, answer)
+            self._record(
+                "titles", self.endpoint, {**params, **going, "round": number}, status, answer
+            )
             yield len(answer["query"]["allpages"])
             going = answer.get("continue") or None
             circle.check(going, answer["query"]["allpages"])
@@ -86,7 +96,9 @@ class Api:
             "rvprop": "ids|timestamp|user|sha1|size",
         }
         status, answer = self.ask(params)
-        self._record("pages", self.endpoint, {"revids": str(revision), "round": "r"}, status, answer)
+        self._record(
+            "pages", self.endpoint, {"revids": str(revision), "round": "r"}, status, answer
+        )
 
     def files(self, titles: list[str]) -> dict[str, dict[str, Any]]:
         """What the wiki knows about up to 50 files, by the title that was asked for."""
@@ -96,7 +108,11 @@ class Api:
         query = answer.get("query", {})
         names = {change["from"]: change["to"] for change in query.get("normalized", [])}
         pages = {page.get("title"): page for page in query.get("pages", [])}
-        return {title: pages[names.get(title, title)] for title in titles if names.get(title, title) in pages}
+        return {
+            title: pages[names.get(title, title)]
+            for title in titles
+            if names.get(title, title) in pages
+        }
 
     def whole(self, params: dict[str, str]) -> tuple[int, dict[str, Any]]:
         """An answer with all its continuations joined."""
@@ -115,11 +131,19 @@ class Api:
 
     def _once(self, params: dict[str, str]) -> tuple[int, dict[str, Any]]:
         try:
-            answer = self._web.get(self.endpoint, {**params, "format": "json", "formatversion": "2", "maxlag": "5"})
+            answer = self._web.get(
+                self.endpoint, {**params, "format": "json", "formatversion": "2", "maxlag": "5"}
+            )
         except ItemFinal as error:
             if error.reason in ("http_401", "http_403"):
-                raise Blocked(f"the wiki's API refuses us ({error.reason})", hint="wait and run the same command again") from None
-            raise FatalError(f"the wiki's API at {self.endpoint} does not answer: {error}", hint="look at the address in a browser") from None
+                raise Blocked(
+                    f"the wiki's API refuses us ({error.reason})",
+                    hint="wait and run the same command again",
+                ) from None
+            raise FatalError(
+                f"the wiki's API at {self.endpoint} does not answer: {error}",
+                hint="look at the address in a browser",
+            ) from None
         try:
             value = msgspec.json.decode(answer.body)
         except msgspec.DecodeError:
@@ -132,7 +156,9 @@ class Api:
                 raise Retryable(code, after=answer.after)
             if code in ("blocked", "autoblocked", "readapidenied"):
                 raise Blocked(f"the wiki's API refuses: {error.get('info', code)}")
-            raise FatalError(f"the wiki's API refuses {params.get('action')}: {error.get('info', code)}")
+            raise FatalError(
+                f"the wiki's API refuses {params.get('action')}: {error.get('info', code)}"
+            )
         if wrong := answers.problem(params, value):
             raise Retryable(f"{wrong} ({self.endpoint})", after=answer.after)
         return answer.status, value
@@ -146,7 +172,9 @@ class _Circle:
 
     def check(self, going: dict[str, str] | None, entries: list[Any] | None = None) -> None:
         """Take the next step and what the last one gave. Raises Unreachable: such a list has no end."""
-        if going is not None and (_step(going) in self._seen or (entries and entries == self._last)):
+        if going is not None and (
+            _step(going) in self._seen or (entries and entries == self._last)
+        ):
             raise Unreachable(
                 f"the wiki's API goes in a circle: it says again to continue at {answers.quoted(_step(going))}",
                 hint="nothing that was read is lost; run the same command later, or name pages with --titles",
@@ -161,7 +189,10 @@ def _step(going: dict[str, str]) -> str:
 
 def _join(first: dict[str, Any], more: dict[str, Any]) -> None:
     """Take the lists of a continued answer into the first one, page by page."""
-    pages = {page.get("pageid", page.get("title")): page for page in first.get("query", {}).get("pages", [])}
+    pages = {
+        page.get("pageid", page.get("title")): page
+        for page in first.get("query", {}).get("pages", [])
+    }
     for page in more.get("query", {}).get("pages", []):
         known = pages.get(page.get("pageid", page.get("title")))
         if known is None:
@@ -192,7 +223,9 @@ def find_endpoint(web: Web, url: str) -> str:
         page = web.attempt(lambda: web.get(f"{url}/", {}))
     except ItemFinal as error:
         if error.reason in ("http_401", "http_403"):
-            raise Blocked(f"the wiki refuses us ({error.reason})", hint="wait and run the same command again") from None
+            raise Blocked(
+                f"the wiki refuses us ({error.reason})", hint="wait and run the same command again"
+            ) from None
         raise FatalError(f"{url} does not answer as a wiki: {error}") from None
     links = _Links()
     links.feed(page.body.decode("utf-8", "replace"))

@@ -10,7 +10,18 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 # Columns that the stages read and the table has not.
-HELPERS = ("key", "state", "of_page", "missing", "captured", "robots", "render", "said", "folder", "text")
+HELPERS = (
+    "key",
+    "state",
+    "of_page",
+    "missing",
+    "captured",
+    "robots",
+    "render",
+    "said",
+    "folder",
+    "text",
+)
 
 
 def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
@@ -28,7 +39,9 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
     rows = newest.get("pages", parse.schema("pages").empty_table())
     there = pc.equal(rows["state"], "there")
     page = pc.equal(rows["of"], "page")
-    rows = rows.filter(pc.equal(page, there)).combine_chunks()  # pages that are there, and titles that are not
+    rows = rows.filter(
+        pc.equal(page, there)
+    ).combine_chunks()  # pages that are there, and titles that are not
     absent = pc.not_equal(rows["state"], "there")
     unanswered = pc.equal(rows["state"], "unanswered")
     shown, failed = _shown(rows, newest.get("renders", parse.schema("renders").empty_table()))
@@ -57,8 +70,13 @@ def _shown(rows: pa.Table, renders: pa.Table) -> tuple[pa.Table, pa.Table]:
     """For each row the capture of its revision under its title, and what was said where capturing failed; nulls for none."""
     import pyarrow.compute as pc
 
-    captures, failures = renders.filter(renders["captured"]), renders.filter(pc.invert(renders["captured"]))
-    return _joined(rows, captures, ("page_id", "revision_id", "title")), _joined(rows, failures, ("page_id", "revision_id"))
+    captures, failures = (
+        renders.filter(renders["captured"]),
+        renders.filter(pc.invert(renders["captured"])),
+    )
+    return _joined(rows, captures, ("page_id", "revision_id", "title")), _joined(
+        rows, failures, ("page_id", "revision_id")
+    )
 
 
 def _joined(rows: pa.Table, other: pa.Table, on: tuple[str, ...]) -> pa.Table:
@@ -82,5 +100,10 @@ def _of_site(titles: pa.ChunkedArray, site: pa.Table | None, url: str) -> dict[s
     said = site.to_pylist()[0] if site is not None else dict.fromkeys(parse.schema("site").names)
     script = (said["server"] or url) + (said["script"] or "/index.php")
     license = addresses.licence(said["license_url"] or None, said["license_text"])
-    history = [None if title is None else addresses.history(script, title) for title in titles.to_pylist()]
-    return {"license": pa.array([license] * len(history), pa.string()), "contributors_url": pa.array(history, pa.string())}
+    history = [
+        None if title is None else addresses.history(script, title) for title in titles.to_pylist()
+    ]
+    return {
+        "license": pa.array([license] * len(history), pa.string()),
+        "contributors_url": pa.array(history, pa.string()),
+    }

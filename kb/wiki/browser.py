@@ -98,7 +98,11 @@ class Browser:
         raise MissingExtra(f"{driver} does not start", hint=INSTALL)
 
     def _start(self, driver: str) -> subprocess.Popen[bytes]:
-        keep = {name: os.environ[name] for name in ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH") if name in os.environ}
+        keep = {
+            name: os.environ[name]
+            for name in ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH")
+            if name in os.environ
+        }
         home = {
             "HOME": self.folder,
             "TMPDIR": self.folder,
@@ -155,16 +159,24 @@ class Browser:
         for flag in flags:
             options.add_argument(flag)
         # Selenium waits longer than the page may take: the driver's own limits answer first.
-        config = ClientConfig(remote_server_addr=f"http://127.0.0.1:{port}", keep_alive=True, timeout=int(page_seconds) + 15)
+        config = ClientConfig(
+            remote_server_addr=f"http://127.0.0.1:{port}",
+            keep_alive=True,
+            timeout=int(page_seconds) + 15,
+        )
         try:
             with self.within(START_SECONDS + 15):
                 self._driver = WebDriver(
-                    command_executor=ChromeRemoteConnection(f"http://127.0.0.1:{port}", client_config=config),
+                    command_executor=ChromeRemoteConnection(
+                        f"http://127.0.0.1:{port}", client_config=config
+                    ),
                     options=options,
                 )
         except SessionNotCreatedException as error:
             said = (error.msg or "").splitlines()[0]
-            raise MissingExtra(f"{programs.driver} can't start {programs.browser}: {said}", hint=INSTALL) from None
+            raise MissingExtra(
+                f"{programs.driver} can't start {programs.browser}: {said}", hint=INSTALL
+            ) from None
         except (WebDriverException, HTTPError, OSError) as error:
             raise Retryable(f"browser_start: {type(error).__name__}") from error
         self._driver.set_page_load_timeout(page_seconds)
@@ -174,7 +186,10 @@ class Browser:
         self.devtools("Network.enable", {})
         # Ports and schemes too: the resolver's rules know hosts only.
         patterns = [{"urlPattern": f"{origin}/*", "block": False} for origin in origins]
-        patterns += [{"urlPattern": f"{scheme}://*:*/*", "block": True} for scheme in ("http", "https", "ws", "wss")]
+        patterns += [
+            {"urlPattern": f"{scheme}://*:*/*", "block": True}
+            for scheme in ("http", "https", "ws", "wss")
+        ]
         self.devtools("Network.setBlockedURLs", {"urlPatterns": patterns})
         self.devtools(
             "Emulation.setDeviceMetricsOverride",
@@ -215,7 +230,9 @@ class Browser:
 
     def devtools(self, command: str, params: dict[str, Any]) -> Any:
         """One command of the DevTools protocol; its answer. Raises Retryable."""
-        return self._ask("execute", "executeCdpCommand", {"cmd": command, "params": params})["value"]
+        return self._ask("execute", "executeCdpCommand", {"cmd": command, "params": params})[
+            "value"
+        ]
 
     @property
     def selenium(self) -> Any:
@@ -275,4 +292,7 @@ def reach(url: str, others: Sequence[str]) -> tuple[list[str], list[str]]:
     own = [f"{host}:{parts.port}"] if parts.port else [f"{host}:80", f"{host}:443"]
     schemes = sorted({parts.scheme, "https"})
     origins = [f"{scheme}://{parts.netloc}" for scheme in ("http", "https")]
-    return [*own, *others], [*origins, *(f"{scheme}://{other}" for other in others for scheme in schemes)]
+    return [*own, *others], [
+        *origins,
+        *(f"{scheme}://{other}" for other in others for scheme in schemes),
+    ]

@@ -64,7 +64,15 @@ class Stopwatch:
         self._last = now
 
 
-def capture(browser: Browser, url: str, picture: Path, rules: dict[str, Any], *, max_height: int, strict: bool = True) -> Captured:
+def capture(
+    browser: Browser,
+    url: str,
+    picture: Path,
+    rules: dict[str, Any],
+    *,
+    max_height: int,
+    strict: bool = True,
+) -> Captured:
     """Load `url` and write its screenshot to `picture`.
 
     `strict` fails when a style sheet or script was not served; the last try takes the page as it
@@ -93,7 +101,11 @@ def capture(browser: Browser, url: str, picture: Path, rules: dict[str, Any], *,
         raise ItemFinal("too_tall", str(page["height"]))
     if page["truncated"]:
         raise ItemFinal("too_many_elements", str(rules["max_elements"]))
-    crops = {e["id"]: screenshot.snapped(e["box"]) for e in extraction["elements"] if e["kind"] == "sprite" and e.get("css") and e["visible"]}
+    crops = {
+        e["id"]: screenshot.snapped(e["box"])
+        for e in extraction["elements"]
+        if e["kind"] == "sprite" and e.get("css") and e["visible"]
+    }
     html = browser.script(_HTML)
     watch.lap("html")
     sprites = screenshot.take(browser, picture, page["width"], page["height"], crops)

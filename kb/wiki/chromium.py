@@ -13,7 +13,9 @@ from pathlib import Path
 from kb.core.errors import MissingExtra
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-INSTALL = "install them, e.g. `apt-get install chromium chromium-driver` (Debian), or run `make setup`"
+INSTALL = (
+    "install them, e.g. `apt-get install chromium chromium-driver` (Debian), or run `make setup`"
+)
 
 
 @dataclass(frozen=True)
@@ -42,10 +44,17 @@ def find() -> Programs:
 def _find(path: str, cache_path: str) -> Programs:
     browser = next((found for name in BROWSERS if (found := shutil.which(name, path=path))), None)
     driver = shutil.which("chromedriver", path=path)
-    browser, driver = browser or _fetched(cache_path, "chrome"), driver or _fetched(cache_path, "chromedriver")
-    missing = [name for name, found in (("Chromium", browser), ("chromedriver", driver)) if not found]
+    browser, driver = (
+        browser or _fetched(cache_path, "chrome"),
+        driver or _fetched(cache_path, "chromedriver"),
+    )
+    missing = [
+        name for name, found in (("Chromium", browser), ("chromedriver", driver)) if not found
+    ]
     if missing or not browser or not driver:
-        raise MissingExtra(f"{' and '.join(missing)} not found; the wiki is read with a real browser", hint=INSTALL)
+        raise MissingExtra(
+            f"{' and '.join(missing)} not found; the wiki is read with a real browser", hint=INSTALL
+        )
     versions = _version(browser), _version(driver)
     if versions[0].split(".")[0] != versions[1].split(".")[0]:
         raise MissingExtra(
@@ -58,18 +67,31 @@ def _find(path: str, cache_path: str) -> Programs:
 def _fetched(cache_path: str, name: str) -> str | None:
     """What Selenium Manager fetched earlier (`make setup` asks it to); nothing is downloaded here."""
     base = Path(cache_path or Path.home() / ".cache" / "selenium") / name
-    found = [file for file in base.glob(f"*/*/{name}") if os.access(file, os.X_OK)] if base.is_dir() else []
-    return str(max(found, key=lambda file: [int(n) for n in re.findall(r"\d+", file.parent.name)])) if found else None
+    found = (
+        [file for file in base.glob(f"*/*/{name}") if os.access(file, os.X_OK)]
+        if base.is_dir()
+        else []
+    )
+    return (
+        str(max(found, key=lambda file: [int(n) for n in re.findall(r"\d+", file.parent.name)]))
+        if found
+        else None
+    )
 
 
 def _version(program: str) -> str:
     """The version that a program prints. Raises MissingExtra when it does not run."""
     try:
-        done = subprocess.run([program, "--version"], capture_output=True, text=True, timeout=60, check=False)
+        done = subprocess.run(
+            [program, "--version"], capture_output=True, text=True, timeout=60, check=False
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise MissingExtra(f"{program} does not run: {error}", hint=INSTALL) from None
     match = re.search(r"\d+(?:\.\d+)+", done.stdout)
     if done.returncode or not match:
         said = (done.stderr or done.stdout).strip().splitlines()
-        raise MissingExtra(f"{program} does not run: {said[-1] if said else f'exit {done.returncode}'}", hint=INSTALL)
+        raise MissingExtra(
+            f"{program} does not run: {said[-1] if said else f'exit {done.returncode}'}",
+            hint=INSTALL,
+        )
     return match[0]

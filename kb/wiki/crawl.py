@@ -44,7 +44,16 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
         try:
             with Recorder(run.root, "wiki", frontier, state.apply) as recorder:
                 web = Web(run, url, section.hosts, section.seconds_between)
-                job = Crawl(run=run, url=url, section=section, frontier=frontier, recorder=recorder, web=web, programs=programs, titles=wanted)
+                job = Crawl(
+                    run=run,
+                    url=url,
+                    section=section,
+                    frontier=frontier,
+                    recorder=recorder,
+                    web=web,
+                    programs=programs,
+                    titles=wanted,
+                )
                 try:
                     job.go(wanted.names if wanted else None)
                 except KbError as error:
@@ -75,7 +84,10 @@ class Crawl(Job):
             left = show.show_pages(self, pool, api)
         fetch.fetch_files(self, api)
         if left:
-            raise LimitReached(f"--limit {self.run.limit} reached, {left} pages left", hint="run the same command to go on")
+            raise LimitReached(
+                f"--limit {self.run.limit} reached, {left} pages left",
+                hint="run the same command to go on",
+            )
 
     # -- rounds ----------------------------------------------------------------------------------
 
@@ -101,7 +113,9 @@ class Crawl(Job):
 
     def _work_left(self, wanted: list[str] | None) -> bool:
         listed = wanted is not None or (self.frontier.cursor("round") or {}).get("done")
-        return not listed or any(self.frontier.counts(kind).get("todo") for kind in ("info", "pages", "files"))
+        return not listed or any(
+            self.frontier.counts(kind).get("todo") for kind in ("info", "pages", "files")
+        )
 
     def _endpoint(self) -> str:
         known = self.frontier.cursor("endpoint")
@@ -119,8 +133,14 @@ class Crawl(Job):
         complete = (self.frontier.cursor("round") or {}).get("done")
         if not self.frontier.cursor(f"site:{tag}"):
             site = api.site()
-            content = [int(key) for key, space in site.get("namespaces", {}).items() if space.get("content")]
-            self.frontier.set_cursor(f"site:{tag}", {"namespaces": sorted(self.section.namespaces or content or [0])})
+            content = [
+                int(key)
+                for key, space in site.get("namespaces", {}).items()
+                if space.get("content")
+            ]
+            self.frontier.set_cursor(
+                f"site:{tag}", {"namespaces": sorted(self.section.namespaces or content or [0])}
+            )
         if listing and not complete:
             self._list(api, number, tag)
         self._ask(api)
@@ -146,12 +166,15 @@ class Crawl(Job):
         task.close()
 
     def _ask(self, api: Api) -> None:
-        task = self.run.progress.task("revisions", self.frontier.counts("info").get("todo"), "pages")
+        task = self.run.progress.task(
+            "revisions", self.frontier.counts("info").get("todo"), "pages"
+        )
         while items := self.frontier.take("info", BATCH):
             tag = items[0].key.partition(":")[0]
             # One round a call; and long titles would make an address that servers refuse.
             while len(items) > 1 and (
-                items[-1].key.partition(":")[0] != tag or sum(len(item.payload["title"].encode()) * 2 for item in items) > 5000
+                items[-1].key.partition(":")[0] != tag
+                or sum(len(item.payload["title"].encode()) * 2 for item in items) > 5000
             ):
                 self.frontier.release("info", items.pop().key)
             api.details(tag, titles=[item.payload["title"] for item in items])
@@ -167,7 +190,8 @@ class Crawl(Job):
         gone = [
             key
             for key, status, reason, payload in self.frontier.items("pages")
-            if payload["round"] < number and not (status == "skipped" and reason in ("deleted", "moved"))
+            if payload["round"] < number
+            and not (status == "skipped" and reason in ("deleted", "moved"))
         ]
         for start in range(0, len(gone), BATCH):
             api.details(str(number), ids=gone[start : start + BATCH])
@@ -175,9 +199,17 @@ class Crawl(Job):
 
     def _ask_after(self, api: Api, tag: str) -> None:
         """Ask by their ids after known pages whose titles, named again, have no page any more: deleted or moved away."""
-        titles = {payload["title"] for key, _, _, payload in self.frontier.items("info", "skipped") if key.startswith(f"{tag}:")}
+        titles = {
+            payload["title"]
+            for key, _, _, payload in self.frontier.items("info", "skipped")
+            if key.startswith(f"{tag}:")
+        }
         titles |= {title[:1].upper() + title[1:] for title in titles}  # as most wikis write them
-        left = [key for key, status, _, payload in self.frontier.items("pages") if payload["title"] in titles and status in ("done", "todo", "error")]
+        left = [
+            key
+            for key, status, _, payload in self.frontier.items("pages")
+            if payload["title"] in titles and status in ("done", "todo", "error")
+        ]
         for start in range(0, len(left), BATCH):
             api.details(tag, ids=left[start : start + BATCH])
             signals.stop.check()
@@ -228,7 +260,10 @@ class Crawl(Job):
         pages, files = self.frontier.counts("pages"), self.frontier.counts("files")
         info = self.frontier.counts("info")
         skipped = Counter(reason for _, _, reason, _ in self.frontier.items("pages", "skipped"))
-        robots, gone = skipped.pop("disallowed", 0), sum(skipped.pop(reason, 0) for reason in ("deleted", "moved", "removed"))
+        robots, gone = (
+            skipped.pop("disallowed", 0),
+            sum(skipped.pop(reason, 0) for reason in ("deleted", "moved", "removed")),
+        )
         return Summary(
             crawled=pages.get("done", 0),
             rejected=skipped.total(),

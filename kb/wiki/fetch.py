@@ -25,7 +25,15 @@ def fetch_files(job: Job, api: Api) -> None:
         while items := frontier.take("files", BATCH):
             try:
                 known = _ask(api, items)
-                asked = [(item, threads.submit(_one, job, item, known.get(item.payload.get("title") or "", {}))) for item in items]
+                asked = [
+                    (
+                        item,
+                        threads.submit(
+                            _one, job, item, known.get(item.payload.get("title") or "", {})
+                        ),
+                    )
+                    for item in items
+                ]
                 failed: BaseException | None = None
                 for item, answer in asked:
                     try:
@@ -36,7 +44,11 @@ def fetch_files(job: Job, api: Api) -> None:
                 if failed is not None:
                     raise failed
             finally:
-                left = [item.key for item in items if (frontier.get("files", item.key) or ("",))[0] == "in_progress"]
+                left = [
+                    item.key
+                    for item in items
+                    if (frontier.get("files", item.key) or ("",))[0] == "in_progress"
+                ]
                 frontier.release("files", *left)
             signals.stop.check()
     task.close()
@@ -94,7 +106,9 @@ def _one(job: Job, item: Item, page: dict[str, Any]) -> dict[str, Any]:
             reason, value = "robots", url
             continue
         try:
-            sha256, found, size = web.attempt(partial(web.download, url, folder, section.max_file_bytes, inspect))
+            sha256, found, size = web.attempt(
+                partial(web.download, url, folder, section.max_file_bytes, inspect)
+            )
         except ItemFinal as error:
             reason, value = reason or error.reason, value or error.value
             continue

@@ -107,7 +107,9 @@ def schema(kind: str) -> pa.Schema:
     return pa.schema([*columns[kind].items(), ("fetched_at", pa.timestamp("us", "UTC"))])
 
 
-def _rows(lines: Iterable[bytes], read: Callable[[Envelope], Iterator[Row]], kind: str) -> Iterator[pa.Table]:
+def _rows(
+    lines: Iterable[bytes], read: Callable[[Envelope], Iterator[Row]], kind: str
+) -> Iterator[pa.Table]:
     waiting: list[Row] = []
     for line in lines:
         envelope = rawlog.decode(line)
@@ -131,7 +133,9 @@ def _table(rows: list[Row], kind: str) -> pa.Table:
             for number, value in bad:
                 found[number].append((field.name, "malformed", value))
         elif field.name == "problems":
-            columns[field.name] = problems({number: odd for number, odd in found.items() if odd}, len(rows)).cast(field.type)
+            columns[field.name] = problems(
+                {number: odd for number, odd in found.items() if odd}, len(rows)
+            ).cast(field.type)
         else:
             columns[field.name] = pa.array(values, field.type)
     return pa.table(columns, schema=schema(kind))
@@ -146,7 +150,12 @@ def _pages(envelope: Envelope) -> Iterator[Row]:
         row: Row = {"state": state, "answered": state != "unanswered"}
         said.add(title)
         if title and by_title:
-            yield row | {"of": "title", "name": title, "echo": state == "there", "of_page": str(key) if key else None}
+            yield row | {
+                "of": "title",
+                "name": title,
+                "echo": state == "there",
+                "of_page": str(key) if key else None,
+            }
         if key:
             row |= {"of": "page", "name": str(key), "echo": False, "found": []}
             if state == "there":
@@ -163,8 +172,16 @@ def _pages(envelope: Envelope) -> Iterator[Row]:
     for name in answers.asked(params):
         title = names.get(name, name)
         state = "interwiki" if title in elsewhere else "there" if title in said else "unanswered"
-        if title not in said or title != name:  # what is there under another title has its answer under that one
-            yield {"of": "title", "name": name, "state": state, "answered": state != "unanswered", "echo": state == "there"}
+        if (
+            title not in said or title != name
+        ):  # what is there under another title has its answer under that one
+            yield {
+                "of": "title",
+                "name": name,
+                "state": state,
+                "answered": state != "unanswered",
+                "echo": state == "there",
+            }
 
 
 def _render(envelope: Envelope) -> Iterator[Row]:
@@ -172,7 +189,12 @@ def _render(envelope: Envelope) -> Iterator[Row]:
     row = {"page_id": int(answer["page_id"]), "captured": answer["outcome"] == "captured"}
     if row["captured"]:
         files = [file["key"] for file in answer["files"]]
-        yield row | {"revision_id": int(answer["revision_id"]), "title": answer["title"], "folder": answer["folder"], "files": files}
+        yield row | {
+            "revision_id": int(answer["revision_id"]),
+            "title": answer["title"],
+            "folder": answer["folder"],
+            "files": files,
+        }
     else:
         value = answer.get("value")
         yield row | {
@@ -197,7 +219,12 @@ def _site(envelope: Envelope) -> Iterator[Row]:
     general, rights = query.get("general", {}), query.get("rightsinfo", {})
     # "//host" has the scheme of the API's own address.
     server = urljoin(envelope.request.endpoint, general.get("server") or "/").rstrip("/")
-    yield {"server": server, "script": general.get("script"), "license_url": rights.get("url"), "license_text": rights.get("text")}
+    yield {
+        "server": server,
+        "script": general.get("script"),
+        "license_url": rights.get("url"),
+        "license_text": rights.get("text"),
+    }
 
 
 def _text(row: Row, name: str, value: Any) -> str | None:

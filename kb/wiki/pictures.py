@@ -117,7 +117,10 @@ def _svg_size(data: bytes) -> tuple[int | None, int | None]:
     """Width and height of the svg element where they are plain numbers of pixels."""
     head = re.search(rb"<svg\b[^>]*>", data)
     found = [
-        re.search(rb"\s" + name + rb"""\s*=\s*["']\s*(\d+(?:\.\d+)?)(?:px)?\s*["']""", head[0]) if head else None for name in (b"width", b"height")
+        re.search(rb"\s" + name + rb"""\s*=\s*["']\s*(\d+(?:\.\d+)?)(?:px)?\s*["']""", head[0])
+        if head
+        else None
+        for name in (b"width", b"height")
     ]
     width, height = (round(float(match[1])) if match else None for match in found)
     return width, height

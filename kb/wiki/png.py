@@ -48,7 +48,12 @@ class PngWriter:
         self._last = tile.crop((0, height - 1, width, height))
         self._rows += height
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         try:
             if kind is None:
                 if self._rows != self._height:
@@ -63,4 +68,6 @@ class PngWriter:
             self._chunk(b"IDAT", data)
 
     def _chunk(self, name: bytes, data: bytes) -> None:
-        self._file.write(struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)))
+        self._file.write(
+            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        )

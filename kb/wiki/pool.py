@@ -42,7 +42,9 @@ class Pool:
             self.started += 1
         return browser
 
-    def use(self, work: Callable[[Browser], Result], first: Callable[[], None] = lambda: None) -> Result:
+    def use(
+        self, work: Callable[[Browser], Result], first: Callable[[], None] = lambda: None
+    ) -> Result:
         """Run `work` with a browser of its own, at most `seconds` long, after `first` (waiting for one's turn).
 
         Raises what `work` raises; after anything but an answer about the item the browser is replaced.

@@ -21,8 +21,14 @@ from kb.wiki import answers, state, tables
 from kb.wiki.titles import Titles, read_names
 
 ROWS = (
-    *(Place(f"clean/wiki/{name}", f"wiki/{name}", "page_id") for name in ("pages", "elements", "cells", "images")),
-    *(Place(f"clean/wiki/{verdict}", f"shared/{verdict}", "key") for verdict in ("rejected", "failed", "pending")),
+    *(
+        Place(f"clean/wiki/{name}", f"wiki/{name}", "page_id")
+        for name in ("pages", "elements", "cells", "images")
+    ),
+    *(
+        Place(f"clean/wiki/{verdict}", f"shared/{verdict}", "key")
+        for verdict in ("rejected", "failed", "pending")
+    ),
 )
 
 
@@ -45,9 +51,15 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
         try:
             # Opening the recorder cuts torn frames, closes segments and takes in what was not read yet.
             Recorder(run.root, "wiki", frontier, state.apply).close()
-            gone = {key: str(reason) for key, _, reason, _ in frontier.items("pages", "skipped") if reason in ("deleted", "moved")}
+            gone = {
+                key: str(reason)
+                for key, _, reason, _ in frontier.items("pages", "skipped")
+                if reason in ("deleted", "moved")
+            }
             known, unknown, bad = _find(named, frontier, tombstones.keys(run.root, "wiki"))
-            keys = Keys(purge.begin(run.root, "wiki", gone | dict.fromkeys([*known, *unknown], "named")))
+            keys = Keys(
+                purge.begin(run.root, "wiki", gone | dict.fromkeys([*known, *unknown], "named"))
+            )
             keys.said = {"unknown": len(unknown), "bad_lines": bad} if ids else {}
             if keys:
                 _remove(run.root, frontier, keys)
@@ -56,12 +68,18 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
             frontier.close()
 
 
-def _find(named: Titles, frontier: Frontier, removed: Collection[str]) -> tuple[set[str], set[str], int]:
+def _find(
+    named: Titles, frontier: Frontier, removed: Collection[str]
+) -> tuple[set[str], set[str], int]:
     """Keys of named pages that are here or were, names that nothing bears, and how many can be none of a page."""
     pages = {key: payload for key, _, _, payload in frontier.items("pages")}
     titles = {title: key for key, payload in pages.items() for title in payload.get("former", [])}
     titles |= {payload["title"]: key for key, payload in pages.items()}
-    titles |= {title: title for key, *_ in frontier.items("info") if (title := key.partition(":")[2]) not in titles}
+    titles |= {
+        title: title
+        for key, *_ in frontier.items("info")
+        if (title := key.partition(":")[2]) not in titles
+    }
     known, unknown, bad = set(), set(), named.bad_lines
     for name in named.names:
         if name in pages or name in named.ids or name in removed:  # a number is an id first
@@ -78,7 +96,8 @@ def _find(named: Titles, frontier: Frontier, removed: Collection[str]) -> tuple[
 def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
     strip = Strip(
         keys,
-        {payload["title"] for key, _, _, payload in frontier.items("pages") if key in keys} | {key for key in keys if not key.isdigit()},
+        {payload["title"] for key, _, _, payload in frontier.items("pages") if key in keys}
+        | {key for key in keys if not key.isdigit()},
         *_own_files(root, keys),
     )
     for path in sorted(strip.paths):
@@ -89,7 +108,9 @@ def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
     purge.rewrite_raw(root, "wiki", keys, strip, frontier)
     frontier.remove("pages", keys)
     frontier.remove("files", strip.files)
-    frontier.remove("info", [key for key, *_ in frontier.items("info") if key.partition(":")[2] in strip.titles])
+    frontier.remove(
+        "info", [key for key, *_ in frontier.items("info") if key.partition(":")[2] in strip.titles]
+    )
 
 
 def _own_files(root: Path, keys: Collection[str]) -> tuple[set[str], set[str]]:
@@ -131,15 +152,27 @@ class Strip:
         if kind == "files":
             return None if answer["key"] in self.files else envelope
         if kind == "imageinfo":
-            return self._pages(envelope, {title for title in envelope.request.params["titles"] if self._file(title)})
+            return self._pages(
+                envelope,
+                {title for title in envelope.request.params["titles"] if self._file(title)},
+            )
         if kind == "titles":
             listed = answer.get("query", {}).get("allpages", [])
             left = [page for page in listed if not self._is(page)]
-            return envelope if len(left) == len(listed) else _with(envelope, answer, {"allpages": left})
+            return (
+                envelope
+                if len(left) == len(listed)
+                else _with(envelope, answer, {"allpages": left})
+            )
         if kind == "pages":
             return self._pages(
                 envelope,
-                self.titles | {page["title"] for page in answer.get("query", {}).get("pages", []) if self._is(page) and "title" in page},
+                self.titles
+                | {
+                    page["title"]
+                    for page in answer.get("query", {}).get("pages", [])
+                    if self._is(page) and "title" in page
+                },
             )
         return envelope
 
@@ -147,29 +180,50 @@ class Strip:
         return str(page.get("pageid")) in self.keys or page.get("title") in self.titles
 
     def _file(self, title: str) -> bool:
-        return any(key.rsplit("/", 1)[-1] == title.removeprefix("File:").replace(" ", "_") for key in self.files)
+        return any(
+            key.rsplit("/", 1)[-1] == title.removeprefix("File:").replace(" ", "_")
+            for key in self.files
+        )
 
     def _pages(self, envelope: Envelope, titles: set[str]) -> Envelope | None:
         """Without the pages of these titles, in the answer and in what was asked."""
         query = envelope.response.get("query", {})
-        left = [page for page in query.get("pages", []) if page.get("title") not in titles and not self._is(page)]
-        titles = titles | {name for name, title in answers.renamed(query).items() if title in titles}
+        left = [
+            page
+            for page in query.get("pages", [])
+            if page.get("title") not in titles and not self._is(page)
+        ]
+        titles = titles | {
+            name for name, title in answers.renamed(query).items() if title in titles
+        }
         asked = set(answers.asked(envelope.request.params))
         if len(left) == len(query.get("pages", [])) and not asked & titles:
             return envelope
         if not left and not asked - titles:
             return None
         renamed = [change for change in query.get("normalized", []) if change["to"] not in titles]
-        stripped = _with(envelope, envelope.response, {"pages": left, **({"normalized": renamed} if renamed else {})})
+        stripped = _with(
+            envelope,
+            envelope.response,
+            {"pages": left, **({"normalized": renamed} if renamed else {})},
+        )
         params = dict(envelope.request.params)
         for name, gone in (("titles", titles), ("pageids", set(self.keys))):
             if isinstance(params.get(name), str):
-                params[name] = "|".join(part for part in params[name].split("|") if part not in gone)
+                params[name] = "|".join(
+                    part for part in params[name].split("|") if part not in gone
+                )
             elif isinstance(params.get(name), list):
                 params[name] = [part for part in params[name] if part not in gone]
-        return msgspec.structs.replace(stripped, request=msgspec.structs.replace(envelope.request, params=params))
+        return msgspec.structs.replace(
+            stripped, request=msgspec.structs.replace(envelope.request, params=params)
+        )
 
 
 def _with(envelope: Envelope, answer: dict[str, Any], change: dict[str, Any]) -> Envelope:
-    query = {name: value for name, value in answer["query"].items() if name != "normalized" or "pages" not in change}
+    query = {
+        name: value
+        for name, value in answer["query"].items()
+        if name != "normalized" or "pages" not in change
+    }
     return msgspec.structs.replace(envelope, response={**answer, "query": {**query, **change}})

@@ -29,16 +29,28 @@ Box = tuple[int, int, int, int]
 def pixels(box: Iterable[float]) -> Box:
     """(left, top, right, bottom) in whole pixels that hold a box (x, y, width, height)."""
     x, y, width, height = box
-    return math.floor(x + 0.01), math.floor(y + 0.01), math.ceil(x + width - 0.01), math.ceil(y + height - 0.01)
+    return (
+        math.floor(x + 0.01),
+        math.floor(y + 0.01),
+        math.ceil(x + width - 0.01),
+        math.ceil(y + height - 0.01),
+    )
 
 
 def snapped(box: Iterable[float]) -> Box:
     """The same as the browser paints it: edges go to the nearest pixel."""
     x, y, width, height = box
-    return math.floor(x + 0.5), math.floor(y + 0.5), math.floor(x + width + 0.5), math.floor(y + height + 0.5)
+    return (
+        math.floor(x + 0.5),
+        math.floor(y + 0.5),
+        math.floor(x + width + 0.5),
+        math.floor(y + height + 0.5),
+    )
 
 
-def take(browser: Browser, path: Path, width: int, height: int, crops: dict[int, Box] | None = None) -> dict[int, bytes]:
+def take(
+    browser: Browser, path: Path, width: int, height: int, crops: dict[int, Box] | None = None
+) -> dict[int, bytes]:
     """Write the picture to `path`; the PNG bytes of each crop.
 
     `width` and `height` are the page's (CSS px, one image px each). Raises Retryable when the
@@ -61,7 +73,9 @@ def take(browser: Browser, path: Path, width: int, height: int, crops: dict[int,
             for key, piece in pieces.items():
                 left, upper, right, lower = (crops or {})[key]
                 if upper < top + rows and lower > top:
-                    part = tile.crop((left, max(upper, top) - top, right, min(lower, top + rows) - top))
+                    part = tile.crop(
+                        (left, max(upper, top) - top, right, min(lower, top + rows) - top)
+                    )
                     piece.paste(part, (0, max(upper, top) - upper))
     return {key: encode(piece) for key, piece in pieces.items()}
 
@@ -88,7 +102,9 @@ def _capture(browser: Browser, top: int, width: int, rows: int) -> Any:
     # The size is checked in the header before anything is decoded.
     image = Image.open(io.BytesIO(base64.b64decode(answer["data"])))
     if image.size != (width, rows):
-        raise Retryable(f"screenshot_size: {image.size[0]} × {image.size[1]} instead of {width} × {rows} px")
+        raise Retryable(
+            f"screenshot_size: {image.size[0]} × {image.size[1]} instead of {width} × {rows} px"
+        )
     return image.convert("RGB")
 
 

@@ -38,7 +38,9 @@ def show_pages(job: Job, pool: Pool, api: Api) -> int:
     for left in _pages_folder(job).glob(f"{SCRATCH}*"):  # of a run that was killed
         shutil.rmtree(left, ignore_errors=True)
     total = frontier.counts("pages").get("todo", 0)
-    task = run.progress.task("pages", total if run.limit is None else min(total, run.limit), "pages")
+    task = run.progress.task(
+        "pages", total if run.limit is None else min(total, run.limit), "pages"
+    )
     started = 0
     stop: BaseException | None = None
     with ThreadPoolExecutor(run.workers, thread_name_prefix="wiki") as threads:
@@ -97,7 +99,12 @@ def _page(job: Job, pool: Pool, item: Item) -> dict[str, Any]:
             try:
                 found = pool.use(
                     lambda browser, last=number == section.max_tries: capture(
-                        browser, url, picture, section.rules, max_height=section.max_page_height, strict=not last
+                        browser,
+                        url,
+                        picture,
+                        section.rules,
+                        max_height=section.max_page_height,
+                        strict=not last,
                     ),
                     first=job.web.pace.wait,
                 )
@@ -128,7 +135,9 @@ def _blocked(job: Job) -> None:
     try:
         job.web.attempt(lambda: job.web.get(f"{job.url}/", {}))
     except ItemFinal as error:
-        raise Blocked(f"the wiki refuses us ({error.reason})", hint="wait and run the same command again") from None
+        raise Blocked(
+            f"the wiki refuses us ({error.reason})", hint="wait and run the same command again"
+        ) from None
 
 
 def _ask_plainly(job: Job, url: str) -> ItemFinal | None:
@@ -170,7 +179,9 @@ def _store(job: Job, item: Item, found: Captured, picture: Path) -> dict[str, An
     with replacing_folder(folder) as fresh:
         shutil.move(picture, fresh / "screenshot.png")
         (fresh / "page.html.zst").write_bytes(pack.compress(found.html.encode("utf-8", "replace")))
-        (fresh / "extraction.json.zst").write_bytes(pack.compress(_ENCODER.encode({**found.extraction, "sprites": sprites})))
+        (fresh / "extraction.json.zst").write_bytes(
+            pack.compress(_ENCODER.encode({**found.extraction, "sprites": sprites}))
+        )
     seconds = {**found.seconds, "store": round(clock.monotonic() - watch, 4)}
     return {
         "outcome": "captured",
@@ -198,7 +209,11 @@ def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
             if src and src.startswith(("http:", "https:")):
                 key = addresses.original(src)
                 if key not in found:
-                    found[key] = {"key": key, "title": addresses.file_title(src, held.get("file")), "src": src}
+                    found[key] = {
+                        "key": key,
+                        "title": addresses.file_title(src, held.get("file")),
+                        "src": src,
+                    }
     return list(found.values())
 
 
@@ -207,4 +222,10 @@ def _keep(job: Job, api: Api, item: Item, answer: dict[str, Any]) -> None:
     revision = answer.get("revision_id")
     if revision and revision != item.payload["revision_id"]:
         api.revision(revision)
-    job.recorder.record("renders", answer["url"], {"page_id": item.key}, 200 if answer["outcome"] == "captured" else 0, answer)
+    job.recorder.record(
+        "renders",
+        answer["url"],
+        {"page_id": item.key},
+        200 if answer["outcome"] == "captured" else 0,
+        answer,
+    )

@@ -15,12 +15,17 @@ from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 from kb.wiki import answers
 
-TOO_LARGE = {"too_tall": "max_page_height", "too_many_elements": "max_elements"}  # and what allows more in [wiki]
+TOO_LARGE = {
+    "too_tall": "max_page_height",
+    "too_many_elements": "max_elements",
+}  # and what allows more in [wiki]
 
 
 def apply(frontier: Frontier, kind: str, envelope: Envelope) -> None:
     """Take one envelope into the frontier; idempotent."""
-    {"titles": _titles, "pages": _pages, "renders": _renders, "files": _files}.get(kind, _nothing)(frontier, envelope)
+    {"titles": _titles, "pages": _pages, "renders": _renders, "files": _files}.get(kind, _nothing)(
+        frontier, envelope
+    )
 
 
 def _nothing(frontier: Frontier, envelope: Envelope) -> None:
@@ -32,14 +37,18 @@ def _titles(frontier: Frontier, envelope: Envelope) -> None:
     params, answer = envelope.request.params, envelope.response
     number, namespace = params["round"], params["apnamespace"]
     listed = answer.get("query", {}).get("allpages", [])
-    frontier.add("info", [(f"{number}:{page['title']}", {"title": page["title"]}) for page in listed])
+    frontier.add(
+        "info", [(f"{number}:{page['title']}", {"title": page["title"]}) for page in listed]
+    )
     frontier.set_cursor(f"list:{number}:{namespace}", answer.get("continue") or "done")
 
 
 def _pages(frontier: Frontier, envelope: Envelope) -> None:
     """Revision, address and place of up to 50 pages."""
     params, query = envelope.request.params, envelope.response.get("query", {})
-    tag = str(params["round"])  # "t1" for the first round of named titles, "r" for a single revision
+    tag = str(
+        params["round"]
+    )  # "t1" for the first round of named titles, "r" for a single revision
     number = int(tag) if tag.isdigit() else 0
     states = dict.fromkeys(answers.elsewhere(query), "interwiki")
     for page in query.get("pages", []):
@@ -65,7 +74,10 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
 def _usable(page: dict[str, Any]) -> bool:
     """Whether a page has what showing it needs; what it lacks, the filter rejects by name."""
     return (
-        isinstance(page["revisions"][0].get("revid"), int) and isinstance(page.get("fullurl"), str) and bool(page.get("pageid")) and "title" in page
+        isinstance(page["revisions"][0].get("revid"), int)
+        and isinstance(page.get("fullurl"), str)
+        and bool(page.get("pageid"))
+        and "title" in page
     )
 
 
@@ -115,7 +127,10 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
     any other page that can't be shown is tried once a round.
     """
     answer = envelope.response
-    key, reason = str(answer["page_id"]), answer["reason"] if answer["outcome"] != "captured" else None
+    key, reason = (
+        str(answer["page_id"]),
+        answer["reason"] if answer["outcome"] != "captured" else None,
+    )
     known = frontier.get("pages", key)
     if answer["outcome"] in ("robots", "final"):
         if known and reason in TOO_LARGE:
@@ -127,7 +142,9 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
         frontier.error("pages", key, reason)
         return
     if known:
-        frontier.payload("pages", key, {**(known[1] or {}), "rendered": [answer["revision_id"], answer["title"]]})
+        frontier.payload(
+            "pages", key, {**(known[1] or {}), "rendered": [answer["revision_id"], answer["title"]]}
+        )
     frontier.done("pages", key)
     frontier.add("files", [(file["key"], file) for file in answer["files"]])
 
@@ -137,7 +154,12 @@ def reopen_larger(frontier: Frontier, section: Wiki) -> None:
     for key, _, reason, payload in list(frontier.items("pages", "skipped")):
         final = payload.get("final")
         # Of a page's height we know how much it is, of its elements only that they were more than allowed.
-        if final and reason in TOO_LARGE and int(final[3]) + (reason == "too_many_elements") <= getattr(section, TOO_LARGE[reason]):
+        if (
+            final
+            and reason in TOO_LARGE
+            and int(final[3]) + (reason == "too_many_elements")
+            <= getattr(section, TOO_LARGE[reason])
+        ):
             frontier.payload("pages", key, {**payload, "final": None})
             frontier.mark("pages", [key], "todo")
 

@@ -26,12 +26,17 @@ MEASURED = {
     "viewport_width": lambda page: int(page["viewport_width"]),
     "device_pixel_ratio": lambda page: float(page["device_pixel_ratio"]),
 }
-LEAST_BYTES = 32 << 10  # what a small extraction counts at least: at most 256 pages to a bucket of 8 MB
+LEAST_BYTES = (
+    32 << 10
+)  # what a small extraction counts at least: at most 256 pages to a bucket of 8 MB
 
 
 def size(root: Path) -> int:
     """Bytes of all extractions, as raw data that a bucket must hold."""
-    return sum(max(path.stat().st_size, LEAST_BYTES) for path in (root / "raw" / "wiki" / "pages").glob("*/*/extraction.json.zst"))
+    return sum(
+        max(path.stat().st_size, LEAST_BYTES)
+        for path in (root / "raw" / "wiki" / "pages").glob("*/*/extraction.json.zst")
+    )
 
 
 def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
@@ -43,35 +48,56 @@ def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
     import pyarrow as pa
 
     pages = rows["wiki/pages"]
-    held: Files = {row["key"]: row for row in rows["files"].to_pylist() if row["path"] is not None} if whole else {}
+    held: Files = (
+        {row["key"]: row for row in rows["files"].to_pylist() if row["path"] is not None}
+        if whole
+        else {}
+    )
     parts: dict[str, list[pa.Table]] = {name: [table(name).arrow().empty_table()] for name in PARTS}
-    columns: dict[str, list[Any]] = {name: [] for name in ("screenshot_path", *MEASURED, "word_count", "text")}
-    for page_id, folder in zip(pages["page_id"].to_pylist(), pages["folder"].to_pylist(), strict=True):
+    columns: dict[str, list[Any]] = {
+        name: [] for name in ("screenshot_path", *MEASURED, "word_count", "text")
+    }
+    for page_id, folder in zip(
+        pages["page_id"].to_pylist(), pages["folder"].to_pylist(), strict=True
+    ):
         found: Row = {}
         if folder is not None:
             extraction = read_extraction(root / folder)
             text = page_text(extraction["elements"])
             found = {name: measure(extraction["page"]) for name, measure in MEASURED.items()}
-            found |= {"screenshot_path": f"{folder}/screenshot.png", "word_count": len(text.split()), "text": text}
+            found |= {
+                "screenshot_path": f"{folder}/screenshot.png",
+                "word_count": len(text.split()),
+                "text": text,
+            }
             if whole:
                 parts["wiki/elements"].append(elements(page_id, extraction["elements"]))
                 parts["wiki/cells"].append(cells(page_id, extraction["cells"]))
-                parts["wiki/images"].append(_columns("wiki/images", image_rows(page_id, extraction, held)))
+                parts["wiki/images"].append(
+                    _columns("wiki/images", image_rows(page_id, extraction, held))
+                )
         for name, values in columns.items():
             values.append(found.get(name))
     types = {column.name: column.parsed.arrow() for column in table("wiki/pages").columns}
     for name, values in columns.items():
         pages = pages.append_column(name, pa.array(values, types.get(name, pa.string())))
-    return {"wiki/pages": pages, **({name: pa.concat_tables(found) for name, found in parts.items()} if whole else {})}
+    return {
+        "wiki/pages": pages,
+        **({name: pa.concat_tables(found) for name, found in parts.items()} if whole else {}),
+    }
 
 
 def read_extraction(folder: Path) -> Row:
     """What the page script saw. Raises DamagedData."""
     path = folder / "extraction.json.zst"
     try:
-        return msgspec.json.decode(zstandard.ZstdDecompressor().decompressobj().decompress(path.read_bytes()))
+        return msgspec.json.decode(
+            zstandard.ZstdDecompressor().decompressobj().decompress(path.read_bytes())
+        )
     except (OSError, zstandard.ZstdError, msgspec.DecodeError) as error:
-        raise DamagedData(f"{path} can't be read: {error}", hint="crawl again with --again") from None
+        raise DamagedData(
+            f"{path} can't be read: {error}", hint="crawl again with --again"
+        ) from None
 
 
 def tops(elements: list[Row]) -> Iterator[Row]:
@@ -101,7 +127,10 @@ def elements(page_id: int, found: list[Row]) -> pa.Table:
         "parent_id": lambda element: element["parent"],
         "heading_level": lambda element: element["level"],
         "text": lambda element: element["text"] if element["kind"] in held else None,
-        **{name: lambda element, name=name: element[name] for name in ("kind", "tag", "region", "visible")},
+        **{
+            name: lambda element, name=name: element[name]
+            for name in ("kind", "tag", "region", "visible")
+        },
         **_box(),
     }
     return _made("wiki/elements", page_id, found, makers, reading_order=range(len(found)))
@@ -123,13 +152,26 @@ def cells(page_id: int, found: list[Row]) -> pa.Table:
 
 
 def _box() -> dict[str, Callable[[Row], float]]:
-    return {name: lambda row, place=place: row["box"][place] for place, name in enumerate(("x", "y", "width", "height"))}
+    return {
+        name: lambda row, place=place: row["box"][place]
+        for place, name in enumerate(("x", "y", "width", "height"))
+    }
 
 
-def _made(name: str, page_id: int, found: list[Row], makers: Mapping[str, Callable[[Row], Any]], **more: Any) -> pa.Table:
+def _made(
+    name: str,
+    page_id: int,
+    found: list[Row],
+    makers: Mapping[str, Callable[[Row], Any]],
+    **more: Any,
+) -> pa.Table:
     import pyarrow as pa
 
-    columns = {column: list(map(make, found)) for column, make in makers.items()} | more | {"page_id": [page_id] * len(found)}
+    columns = (
+        {column: list(map(make, found)) for column, make in makers.items()}
+        | more
+        | {"page_id": [page_id] * len(found)}
+    )
     schema = table(name).arrow()
     return pa.table([pa.array(columns[field.name], field.type) for field in schema], schema=schema)
 
@@ -147,13 +189,22 @@ def image_rows(page_id: int, extraction: Row, files: Files) -> list[Row]:
     for element in extraction["elements"]:
         if element["kind"] not in ("image", "sprite", "animation"):
             continue
-        base = {"page_id": page_id, "element_id": element["id"], "alt_text": element.get("alt") or None, "caption": element.get("caption") or None}
+        base = {
+            "page_id": page_id,
+            "element_id": element["id"],
+            "alt_text": element.get("alt") or None,
+            "caption": element.get("caption") or None,
+        }
         if element.get("frames"):
             for index, frame in enumerate(element["frames"]):
                 if row := _file_row(frame.get("src"), files):
                     held = frame.get("duration")
                     alt = frame.get("alt") or base["alt_text"]
-                    moment = {"alt_text": alt, "frame_index": index, "frame_duration_ms": None if held is None else round(held)}
+                    moment = {
+                        "alt_text": alt,
+                        "frame_index": index,
+                        "frame_duration_ms": None if held is None else round(held),
+                    }
                     rows.append({**base, **row, **moment})
             continue
         row = _file_row(element.get("src"), files)
@@ -163,10 +214,19 @@ def image_rows(page_id: int, extraction: Row, files: Files) -> list[Row]:
         if pixels:
             # An icon of a sheet: the cut-out pixels, not the sheet that it shares with all the others.
             width, height = map(round, element["crop"]) if element.get("crop") else (None, None)
-            row |= {"path": f"raw/wiki/images/{pixels}.png", "sha256": pixels, "media_type": "image/png", "width": width, "height": height}
+            row |= {
+                "path": f"raw/wiki/images/{pixels}.png",
+                "sha256": pixels,
+                "media_type": "image/png",
+                "width": width,
+                "height": height,
+            }
         durations = () if pixels else _durations(element.get("src"), files)
         if durations:
-            rows += [{**base, **row, "frame_index": index, "frame_duration_ms": held} for index, held in enumerate(durations)]
+            rows += [
+                {**base, **row, "frame_index": index, "frame_duration_ms": held}
+                for index, held in enumerate(durations)
+            ]
         else:
             rows.append({**base, **row, "frame_index": None, "frame_duration_ms": None})
     return rows

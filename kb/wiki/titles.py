@@ -66,7 +66,9 @@ def _parquet(path: Path, columns: tuple[str, ...]) -> list[object]:
     there = pq.read_schema(path).names
     column = next((name for name in columns if name in there), None)
     if column is None:
-        raise SettingError(f"{path} has no column {' or '.join(columns)}", hint="give a released wiki pages file")
+        raise SettingError(
+            f"{path} has no column {' or '.join(columns)}", hint="give a released wiki pages file"
+        )
     return pq.read_table(path, columns=[column])[column].to_pylist()
 
 

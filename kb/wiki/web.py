@@ -54,7 +54,9 @@ class Web:
         """Fetch robots.txt once; its crawl-delay becomes the pace. Raises Unreachable."""
         try:
             answer = self.attempt(lambda: self._fetch(robots_url(self._root), {}))
-            self._robots = Robots.of_answer(answer.status, answer.body.decode("utf-8", "replace"), self.agent)
+            self._robots = Robots.of_answer(
+                answer.status, answer.body.decode("utf-8", "replace"), self.agent
+            )
         except ItemFinal:
             self._robots = Robots.of_answer(404, "", self.agent)
         self.pace.at_least(self._robots.crawl_delay or 0.0)
@@ -66,7 +68,10 @@ class Web:
     def barred(self, url: str) -> None:
         """Raises Blocked when robots.txt has rules for us by name and they bar an address that is no page: the front page, the API."""
         if self._robots is not None and self._robots.named and not self._robots.allows(url):
-            raise Blocked(f"the wiki's robots.txt names {PRODUCT} and bars {url}", hint="ask the wiki's operators; nothing more is read")
+            raise Blocked(
+                f"the wiki's robots.txt names {PRODUCT} and bars {url}",
+                hint="ask the wiki's operators; nothing more is read",
+            )
 
     # -- requests --------------------------------------------------------------------------------
 
@@ -82,8 +87,13 @@ class Web:
             return retry.attempt(call, tries=TRIES, patience=patience)
         except Retryable as error:
             if error.reason == "http_429":
-                raise Blocked("the wiki answers 429 without end", hint="wait and run the same command again") from None
-            raise Unreachable(f"the wiki gives no usable answer: {error.reason}", hint="the same command goes on where it stopped") from None
+                raise Blocked(
+                    "the wiki answers 429 without end", hint="wait and run the same command again"
+                ) from None
+            raise Unreachable(
+                f"the wiki gives no usable answer: {error.reason}",
+                hint="the same command goes on where it stopped",
+            ) from None
 
     @property
     def _session(self) -> Any:
@@ -109,7 +119,9 @@ class Web:
         with self._counting:
             self.requests += 1
         try:
-            response = self._session.get(url, params=params, timeout=TIMEOUT_S, stream=stream, allow_redirects=False)
+            response = self._session.get(
+                url, params=params, timeout=TIMEOUT_S, stream=stream, allow_redirects=False
+            )
             for _ in range(5):
                 if not response.is_redirect:
                     break
@@ -117,8 +129,14 @@ class Web:
                 response.close()
                 if urlsplit(target).netloc not in self._hosts:
                     raise ItemFinal("redirected_away", target)
-                response = self._session.get(target, timeout=TIMEOUT_S, stream=stream, allow_redirects=False)
-        except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError) as error:
+                response = self._session.get(
+                    target, timeout=TIMEOUT_S, stream=stream, allow_redirects=False
+                )
+        except (
+            requests.ConnectionError,
+            requests.Timeout,
+            requests.exceptions.ChunkedEncodingError,
+        ) as error:
             raise Retryable(type(error).__name__, unreachable=True) from None
         except requests.RequestException as error:
             raise ItemFinal("bad_address", type(error).__name__) from None
@@ -133,7 +151,9 @@ class Web:
             raise ItemFinal(f"http_{response.status_code}")
         return response
 
-    def download(self, url: str, folder: Path, limit: int, inspect: Callable[[bytes], Any]) -> tuple[str, Any, int]:
+    def download(
+        self, url: str, folder: Path, limit: int, inspect: Callable[[bytes], Any]
+    ) -> tuple[str, Any, int]:
         """A picture file into `folder`, named by its SHA-256: (sha256, what `inspect` said, bytes).
 
         Raises ItemFinal("too_large"), ItemFinal("not_a_picture") or Retryable. A file that is
@@ -155,7 +175,12 @@ class Web:
                         raise ItemFinal("too_large", f"more than {limit}")
             except requests.RequestException as error:
                 raise Retryable(type(error).__name__, unreachable=True) from None
-            if wanted and wanted.isdigit() and not response.headers.get("content-encoding") and len(held) != int(wanted):
+            if (
+                wanted
+                and wanted.isdigit()
+                and not response.headers.get("content-encoding")
+                and len(held) != int(wanted)
+            ):
                 raise Retryable("cut_off", unreachable=True)
         data = bytes(held)
         found = inspect(data)

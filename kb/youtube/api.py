@@ -28,7 +28,9 @@ class Api:
     With `wait` it sleeps however long the service asks for.
     """
 
-    def __init__(self, settings: Settings, profile: YouTube, frontier: Frontier, *, wait: bool = False) -> None:
+    def __init__(
+        self, settings: Settings, profile: YouTube, frontier: Frontier, *, wait: bool = False
+    ) -> None:
         import httplib2
         from googleapiclient.discovery import build
 
@@ -55,7 +57,9 @@ class Api:
 
     def playlist_items(self, **params: Any) -> dict[str, Any]:
         """playlistItems.list. Raises ItemFinal("not_found") for a list that does not exist."""
-        return self._call(quota.GENERAL, "playlistItems.list", self._service.playlistItems().list(**params))
+        return self._call(
+            quota.GENERAL, "playlistItems.list", self._service.playlistItems().list(**params)
+        )
 
     def videos(self, **params: Any) -> dict[str, Any]:
         """videos.list, up to 50 ids; ids that are gone are absent from the answer."""
@@ -69,7 +73,11 @@ class Api:
         """The answer, after several tries. Raises Unreachable instead of Retryable when nothing goes well any more."""
         request.headers["user-agent"] = self._agent
         try:
-            answer = attempt(lambda: self._probe(bucket, endpoint, request), tries=self._profile.max_tries, patience=self._patience)
+            answer = attempt(
+                lambda: self._probe(bucket, endpoint, request),
+                tries=self._profile.max_tries,
+                patience=self._patience,
+            )
         except Retryable as error:
             self._bad_luck += 1
             if self._bad_luck >= HOPELESS:
@@ -93,7 +101,9 @@ class Api:
             return self._once(bucket, endpoint, request)
         except Retryable as error:
             if self._blocked and error.throttled and not self._wait:
-                raise blocked(f"the YouTube API still turns us away ({error})", error.after) from None
+                raise blocked(
+                    f"the YouTube API still turns us away ({error})", error.after
+                ) from None
             raise
 
     def _once(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
@@ -111,7 +121,10 @@ class Api:
             raise meaning(int(error.resp.status), _json(error.content), bucket, after) from None
         except (httplib2.HttpLib2Error, http.client.HTTPException, OSError, ValueError) as error:
             self._frontier.outcome(row, type(error).__name__)
-            raise Retryable(f"{type(error).__name__} at {endpoint}", unreachable=not isinstance(error, ValueError)) from None
+            raise Retryable(
+                f"{type(error).__name__} at {endpoint}",
+                unreachable=not isinstance(error, ValueError),
+            ) from None
         if not isinstance(answer, dict):
             # A body that was cut off comes back as text, without an error.
             self._frontier.outcome(row, "truncated")

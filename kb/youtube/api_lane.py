@@ -31,7 +31,9 @@ class ApiLane:
             return
         spent: dict[str, QuotaSpent] = {}  # by phase: what to say in the end
         if any(self.frontier.ready(kind) for kind in self._phases):
-            api = Api(self.job.run.settings, self.job.profile, self.frontier, wait=self.job.run.wait)
+            api = Api(
+                self.job.run.settings, self.job.profile, self.frontier, wait=self.job.run.wait
+            )
             try:
                 self._ask_all(api, spent)
             finally:
@@ -58,7 +60,9 @@ class ApiLane:
 
     def _next_step(self, spent: dict[str, QuotaSpent]) -> str | None:
         """The phase whose turn it is; None when none has quota, room and something to do."""
-        open_phases = {kind for kind in self._phases if kind not in spent and self.frontier.ready(kind)}
+        open_phases = {
+            kind for kind in self._phases if kind not in spent and self.frontier.ready(kind)
+        }
         wanted = min(PACK, self.job.room())
         if wanted <= 0:
             return None
@@ -72,7 +76,13 @@ class ApiLane:
         if item.payload["page"] > self.job.profile.search_pages:
             self.frontier.skip(SEARCHES, item.key, effects.BEYOND)
             return
-        params = {"q": item.payload["q"], "type": "channel", "part": "snippet", "maxResults": PACK, **_page(item)}
+        params = {
+            "q": item.payload["q"],
+            "type": "channel",
+            "part": "snippet",
+            "maxResults": PACK,
+            **_page(item),
+        }
         answer = self._ask([item], lambda: api.search(**params))
         if answer is not None:
             self.job.recorder.record(effects.RAW_SEARCH, "search.list", params, 200, answer)
@@ -92,7 +102,9 @@ class ApiLane:
             if fact.reason != "not_found":
                 self.frontier.skip(UPLOADS, item.key, fact.reason)
                 return
-            self.job.recorder.record(effects.RAW_LIST, "playlistItems.list", params, 404, {"error": {"code": 404}})
+            self.job.recorder.record(
+                effects.RAW_LIST, "playlistItems.list", params, 404, {"error": {"code": 404}}
+            )
             return
         if answer is not None:
             self.job.recorder.record(effects.RAW_LIST, "playlistItems.list", params, 200, answer)
@@ -116,7 +128,9 @@ class ApiLane:
             self.job.spend_room(n)
         self.job.show(phase, unit, n)
 
-    def _ask(self, items: list[Item], call: Callable[[], dict[str, Any]], *, facts: bool = False) -> dict[str, Any] | None:
+    def _ask(
+        self, items: list[Item], call: Callable[[], dict[str, Any]], *, facts: bool = False
+    ) -> dict[str, Any] | None:
         """The answer; None when the items failed. What stops the run gives them back first.
 
         Only a list can be final (`facts`: ItemFinal is raised): a search or a pack of videos that is refused fails.

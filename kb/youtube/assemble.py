@@ -48,20 +48,27 @@ def _joined(videos: pa.Table, found: pa.Table) -> pa.Table:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    at = pc.index_in(videos["video_id"].combine_chunks(), value_set=found["video_id"].combine_chunks())
+    at = pc.index_in(
+        videos["video_id"].combine_chunks(), value_set=found["video_id"].combine_chunks()
+    )
     side = found.take(at).combine_chunks() if found.num_rows else _nothing(found, videos.num_rows)
     outcome = _column(side, "outcome")
-    sized = pc.and_(pc.is_valid(_column(side, "player_width")), pc.is_valid(_column(side, "player_height")))
+    sized = pc.and_(
+        pc.is_valid(_column(side, "player_width")), pc.is_valid(_column(side, "player_height"))
+    )
     had = pc.fill_null(pc.equal(outcome, "ok"), False)
     final = pc.fill_null(pc.not_equal(outcome, "failed"), False)
     kind = pc.if_else(had, _column(side, "kind"), pc.if_else(final, "none", "unknown"))
     restricted = pc.or_(
-        pc.equal(pc.fill_null(_column(videos, "yt_rating"), ""), "ytAgeRestricted"), pc.equal(pc.fill_null(outcome, ""), "age_restricted")
+        pc.equal(pc.fill_null(_column(videos, "yt_rating"), ""), "ytAgeRestricted"),
+        pc.equal(pc.fill_null(outcome, ""), "age_restricted"),
     )
     own: dict[str, Any] = {
         "link": pc.binary_join_element_wise(WATCH, _column(videos, "video_id"), ""),
         "width": pc.if_else(sized, _column(side, "player_width"), _column(videos, "embed_width")),
-        "height": pc.if_else(sized, _column(side, "player_height"), _column(videos, "embed_height")),
+        "height": pc.if_else(
+            sized, _column(side, "player_height"), _column(videos, "embed_height")
+        ),
         "fps": _column(side, "player_fps"),
         "age_restricted": restricted,
         "game_label_id": _column(side, "game_label_id"),
@@ -89,15 +96,22 @@ def _usable(found: pa.Table | None, words: Callable[[Any], pa.Array]) -> pa.Tabl
 
     if found is None:
         names = table("youtube/transcripts")
-        fields = [(column.name, column.parsed.arrow()) for column in (*names.columns, *names.inputs)]
+        fields = [
+            (column.name, column.parsed.arrow()) for column in (*names.columns, *names.inputs)
+        ]
         return pa.schema([*fields, ("word_count", pa.int64())]).empty_table()
     found = found.filter(pc.is_valid(found["video_id"]))
-    whole = pc.and_(pc.and_(pc.is_valid(found["cues"]), pc.is_valid(found["kind"])), pc.is_valid(found["language"]))
+    whole = pc.and_(
+        pc.and_(pc.is_valid(found["cues"]), pc.is_valid(found["kind"])),
+        pc.is_valid(found["language"]),
+    )
     broken = pc.and_(pc.equal(found["outcome"], "ok"), pc.invert(whole))
     counted = _words(_column(found, "cues"), words)
     empty = pc.and_(pc.equal(found["outcome"], "ok"), pc.fill_null(pc.equal(counted, 0), False))
     outcome = pc.if_else(broken, "failed", pc.if_else(empty, "none", found["outcome"]))
-    found = found.set_column(found.column_names.index("outcome"), "outcome", pc.fill_null(outcome, "failed"))
+    found = found.set_column(
+        found.column_names.index("outcome"), "outcome", pc.fill_null(outcome, "failed")
+    )
     return found.append_column("word_count", counted)
 
 
@@ -122,14 +136,22 @@ def _without_overlap(cues: pa.Array, automatic: pa.Array) -> pa.Array:
     start, length = flat.field("start_s"), flat.field("duration_s")
     track = pc.list_parent_indices(cues)
     gap = pc.round(pc.subtract(start.slice(1), start.slice(0, len(start) - 1)), 3)
-    within = pc.and_(pc.equal(track.slice(1), track.slice(0, len(track) - 1)), automatic.take(track.slice(1)))
+    within = pc.and_(
+        pc.equal(track.slice(1), track.slice(0, len(track) - 1)), automatic.take(track.slice(1))
+    )
     before_last = pc.if_else(
-        pc.and_(within, pc.greater_equal(gap, 0)), pc.min_element_wise(gap, length.slice(0, len(length) - 1)), length.slice(0, len(length) - 1)
+        pc.and_(within, pc.greater_equal(gap, 0)),
+        pc.min_element_wise(gap, length.slice(0, len(length) - 1)),
+        length.slice(0, len(length) - 1),
     )
     length = pa.concat_arrays([before_last, length.slice(len(length) - 1)])
-    fitted = pa.StructArray.from_arrays([start, length, flat.field("text")], names=["start_s", "duration_s", "text"])
+    fitted = pa.StructArray.from_arrays(
+        [start, length, flat.field("text")], names=["start_s", "duration_s", "text"]
+    )
     sizes = pc.fill_null(pc.list_value_length(cues), 0).cast(pa.int32())
-    return pa.ListArray.from_arrays(pa.concat_arrays([pa.array([0], pa.int32()), pc.cumulative_sum(sizes)]), fitted)
+    return pa.ListArray.from_arrays(
+        pa.concat_arrays([pa.array([0], pa.int32()), pc.cumulative_sum(sizes)]), fitted
+    )
 
 
 def _words(cues: pa.Array, words: Callable[[Any], pa.Array]) -> pa.Array:
@@ -140,7 +162,11 @@ def _words(cues: pa.Array, words: Callable[[Any], pa.Array]) -> pa.Array:
     flat = pc.list_flatten(cues)
     counts = pc.list_value_length(cues)
     starts = pc.cumulative_sum(pc.fill_null(counts, 0).cast(pa.int32()))
-    offsets = pa.concat_arrays([pa.array([0], pa.int32()), starts]) if len(cues) else pa.array([0], pa.int32())
+    offsets = (
+        pa.concat_arrays([pa.array([0], pa.int32()), starts])
+        if len(cues)
+        else pa.array([0], pa.int32())
+    )
     return words(pa.ListArray.from_arrays(offsets, flat.field("text")))
 
 
@@ -153,7 +179,9 @@ def _renamed(problems: pa.Array) -> pa.Array:
     if not len(flat):
         return problems
     column = pc.replace_substring_regex(flat.field("column"), "^embed_", "")
-    renamed = pa.StructArray.from_arrays([column, flat.field("reason"), flat.field("value")], names=["column", "reason", "value"])
+    renamed = pa.StructArray.from_arrays(
+        [column, flat.field("reason"), flat.field("value")], names=["column", "reason", "value"]
+    )
     lengths = pc.fill_null(pc.list_value_length(problems), 0).cast(pa.int32())
     offsets = pa.concat_arrays([pa.array([0], pa.int32()), pc.cumulative_sum(lengths)])
     return pa.ListArray.from_arrays(offsets, renamed)

@@ -30,10 +30,22 @@ from kb.youtube.job import Job
 from kb.youtube.transcripts import SITE
 from kb.youtube.web_lane import WebLane
 
-PHASES = {"channels": (SEARCHES,), "uploads": (UPLOADS,), "metadata": (VIDEOS,), "transcripts": (TRANSCRIPTS,)}
+PHASES = {
+    "channels": (SEARCHES,),
+    "uploads": (UPLOADS,),
+    "metadata": (VIDEOS,),
+    "transcripts": (TRANSCRIPTS,),
+}
 
 
-def crawl(run: Run, wanted: Wanted, *, only: str | None = None, ids: Path | None = None, part: tuple[int, int] | None = None) -> Summary:
+def crawl(
+    run: Run,
+    wanted: Wanted,
+    *,
+    only: str | None = None,
+    ids: Path | None = None,
+    part: tuple[int, int] | None = None,
+) -> Summary:
     """Crawl until nothing is left. `wanted` picks the videos whose transcript is worth asking for.
 
     Raises Stopped (with `summary`) when something is left for another run, and what kb.core.errors says for the rest.
@@ -42,7 +54,10 @@ def crawl(run: Run, wanted: Wanted, *, only: str | None = None, ids: Path | None
     if only != "transcripts":
         run.settings.need("youtube_api_key")
     if ids and only in ("channels", "uploads"):
-        raise SettingError(f"--ids skips discovery, so there is nothing to do for --only {only}", hint="leave one of the two away")
+        raise SettingError(
+            f"--ids skips discovery, so there is nothing to do for --only {only}",
+            hint="leave one of the two away",
+        )
     known, bad_lines = some_ids(ids) if ids else ([], 0)
     mine = share(part)
     with ExitStack() as stack:
@@ -79,9 +94,18 @@ def _begin(job: Job, mine: Callable[[str], bool], *, discover: bool) -> None:
     if not discover:
         return
     words = job.profile.keywords
-    frontier.add(SEARCHES, [(effects.search_key(word, None), {"q": word, "token": None, "page": 1}) for word in words])
+    frontier.add(
+        SEARCHES,
+        [(effects.search_key(word, None), {"q": word, "token": None, "page": 1}) for word in words],
+    )
     channels = (key for key, *_ in frontier.items(CHANNELS) if mine(key))
-    frontier.add(UPLOADS, [(key, {"playlist": effects.uploads_list(key, job.profile), "token": None}) for key in channels])
+    frontier.add(
+        UPLOADS,
+        [
+            (key, {"playlist": effects.uploads_list(key, job.profile), "token": None})
+            for key in channels
+        ],
+    )
     if job.run.again and not any(frontier.ready(kind) for kind in (SEARCHES, UPLOADS, VIDEOS)):
         with frontier.transaction():
             frontier.set_cursor("round", frontier.cursor("round", 1) + 1)
@@ -97,9 +121,21 @@ def _reopen(job: Job) -> None:
     for kind in (SEARCHES, UPLOADS, VIDEOS, TRANSCRIPTS):
         frontier.reopen(kind, "error")
     most = job.profile.search_pages
-    pages = [key for key, _, reason, item in frontier.items(SEARCHES, "skipped") if reason != effects.BEYOND or item["page"] <= most]
+    pages = [
+        key
+        for key, _, reason, item in frontier.items(SEARCHES, "skipped")
+        if reason != effects.BEYOND or item["page"] <= most
+    ]
     frontier.mark(SEARCHES, pages, "todo")
-    frontier.mark(UPLOADS, [key for key, _, reason, _ in frontier.items(UPLOADS, "skipped") if reason not in errors.FINAL], "todo")
+    frontier.mark(
+        UPLOADS,
+        [
+            key
+            for key, _, reason, _ in frontier.items(UPLOADS, "skipped")
+            if reason not in errors.FINAL
+        ],
+        "todo",
+    )
     frontier.reopen(VIDEOS, "skipped")
 
 
@@ -111,7 +147,10 @@ def _run_lanes(job: Job) -> list[KbError]:
     threads = []
     if TRANSCRIPTS in job.phases:
         workers = max(1, min(job.run.workers, 4))
-        threads = [threading.Thread(target=web.work, name=f"transcripts-{number}") for number in range(workers)]
+        threads = [
+            threading.Thread(target=web.work, name=f"transcripts-{number}")
+            for number in range(workers)
+        ]
     for thread in threads:
         thread.start()
     try:
@@ -139,11 +178,16 @@ def _pace(job: Job) -> Pace:
 def _finish(job: Job, stops: list[KbError]) -> Summary:
     summary = job.count()
     # A limit that took everything there was is no stop.
-    stops = [stop for stop in stops if not (isinstance(stop, LimitReached) and summary["left"] == 0)]
+    stops = [
+        stop for stop in stops if not (isinstance(stop, LimitReached) and summary["left"] == 0)
+    ]
     if stops:
         worst = min(stops, key=lambda stop: stop.exit_code if stop.exit_code != 3 else 9)
         worst.summary = summary
         raise worst
     if not summary["requests"]:
-        job.run.progress.say("youtube: nothing left to crawl" + ("" if job.run.again else "; --again starts a new round"))
+        job.run.progress.say(
+            "youtube: nothing left to crawl"
+            + ("" if job.run.again else "; --again starts a new round")
+        )
     return summary

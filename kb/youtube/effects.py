@@ -19,9 +19,21 @@ from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 from kb.youtube import parse
 
-SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH = "searches", "channels", "uploads", "videos", "transcripts", "refresh"
+SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH = (
+    "searches",
+    "channels",
+    "uploads",
+    "videos",
+    "transcripts",
+    "refresh",
+)
 # raw kinds
-RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS = "search", "playlist_items", "videos", "transcripts"
+RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS = (
+    "search",
+    "playlist_items",
+    "videos",
+    "transcripts",
+)
 FINAL = {"ok", "none", "disabled", "unavailable", "age_restricted"}
 BEYOND = "beyond search_pages"  # why a page of a search is skipped
 
@@ -43,7 +55,9 @@ def channel_of(playlist: str) -> str:
 class Effects:
     """Takes envelopes into the frontier. `wanted` picks from parsed videos those whose transcript is worth asking for."""
 
-    def __init__(self, profile: YouTube, wanted: Wanted, mine: Callable[[str], bool], purged: set[str]) -> None:
+    def __init__(
+        self, profile: YouTube, wanted: Wanted, mine: Callable[[str], bool], purged: set[str]
+    ) -> None:
         self._profile, self._wanted, self._mine, self._purged = profile, wanted, mine, purged
 
     def __call__(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
@@ -58,23 +72,45 @@ class Effects:
             self._transcript(frontier, envelope)
 
     def _search(self, frontier: Frontier, envelope: Envelope) -> None:
-        keyword, token = str(envelope.request.params.get("q", "")), envelope.request.params.get("pageToken")
+        keyword, token = (
+            str(envelope.request.params.get("q", "")),
+            envelope.request.params.get("pageToken"),
+        )
         key = search_key(keyword, token)
         known = frontier.get(SEARCHES, key)
         page = known[1]["page"] if known and known[1] else 1
-        hits = [channel for channel in parse.channel_hits(envelope.response) if channel.startswith("UC")]
+        hits = [
+            channel for channel in parse.channel_hits(envelope.response) if channel.startswith("UC")
+        ]
         frontier.add(CHANNELS, hits)
         frontier.done(CHANNELS, *hits)
         mine = [channel for channel in hits if self._mine(channel)]
-        frontier.add(UPLOADS, [(channel, {"playlist": uploads_list(channel, self._profile), "token": None}) for channel in mine])
+        frontier.add(
+            UPLOADS,
+            [
+                (channel, {"playlist": uploads_list(channel, self._profile), "token": None})
+                for channel in mine
+            ],
+        )
         following = parse.next_page(envelope.response)
         if following and hits:
-            frontier.add(SEARCHES, [(search_key(keyword, following), {"q": keyword, "token": following, "page": page + 1})])
+            frontier.add(
+                SEARCHES,
+                [
+                    (
+                        search_key(keyword, following),
+                        {"q": keyword, "token": following, "page": page + 1},
+                    )
+                ],
+            )
         frontier.add(SEARCHES, [(key, {"q": keyword, "token": token, "page": page})])
         frontier.done(SEARCHES, key)
 
     def _list(self, frontier: Frontier, envelope: Envelope) -> None:
-        playlist, token = str(envelope.request.params.get("playlistId", "")), envelope.request.params.get("pageToken")
+        playlist, token = (
+            str(envelope.request.params.get("playlistId", "")),
+            envelope.request.params.get("pageToken"),
+        )
         channel = channel_of(playlist)
         known = frontier.get(UPLOADS, channel)
         if known is None:
@@ -92,23 +128,38 @@ class Effects:
             return
         new = self._add_videos(frontier, envelope.response)
         following = parse.next_page(envelope.response)
-        pages, mark = known[1].get("pages", 0) + 1 if known else 1, known[1].get("mark") if known else None
+        pages, mark = (
+            known[1].get("pages", 0) + 1 if known else 1,
+            known[1].get("mark") if known else None,
+        )
         if following and new == 0 and following in (mark, token):
-            _log.warning("the list %s goes round: page %s leads back to one that was read; taken as its end", playlist, pages)
+            _log.warning(
+                "the list %s goes round: page %s leads back to one that was read; taken as its end",
+                playlist,
+                pages,
+            )
             following = None
         later_round = frontier.cursor("round", 1) > 1
         if following and not (later_round and new == 0):
             # The token after every 1st, 2nd, 4th, 8th … page is remembered: it comes again where pages go round.
             mark = following if pages & (pages - 1) == 0 else mark
-            frontier.payload(UPLOADS, channel, {"playlist": playlist, "token": following, "pages": pages, "mark": mark})
+            frontier.payload(
+                UPLOADS,
+                channel,
+                {"playlist": playlist, "token": following, "pages": pages, "mark": mark},
+            )
             frontier.release(UPLOADS, channel)
         else:
             # Lists are newest first: in a later round a page of known videos ends it.
-            frontier.payload(UPLOADS, channel, {"playlist": uploads_list(channel, self._profile), "token": None})
+            frontier.payload(
+                UPLOADS, channel, {"playlist": uploads_list(channel, self._profile), "token": None}
+            )
             frontier.done(UPLOADS, channel)
 
     def _add_videos(self, frontier: Frontier, response: Any) -> int:
-        return frontier.add(VIDEOS, [key for key in parse.listed(response) if key not in self._purged])
+        return frontier.add(
+            VIDEOS, [key for key in parse.listed(response) if key not in self._purged]
+        )
 
     def _videos(self, frontier: Frontier, envelope: Envelope) -> None:
         asked = parse.requested(envelope.request.params)
@@ -116,7 +167,9 @@ class Effects:
         frontier.done(VIDEOS, *asked)
         frontier.done(REFRESH, *asked)
         for rows in parse.videos([rawlog.encode(envelope)]):
-            frontier.add(TRANSCRIPTS, [key for key in self._wanted(rows) if key not in self._purged])
+            frontier.add(
+                TRANSCRIPTS, [key for key in self._wanted(rows) if key not in self._purged]
+            )
 
     def _transcript(self, frontier: Frontier, envelope: Envelope) -> None:
         answer = envelope.response if isinstance(envelope.response, dict) else {}

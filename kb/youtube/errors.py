@@ -46,8 +46,16 @@ def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> 
     """
     error = body.get("error") if isinstance(body, dict) else None
     error = error if isinstance(error, dict) else {}
-    reasons = {str(part.get("reason")) for part in (*_parts(error, "errors"), *_parts(error, "details")) if part.get("reason")}
-    limits = [str(part.get("metadata", {}).get("quota_limit", "")) for part in _parts(error, "details") if isinstance(part.get("metadata"), dict)]
+    reasons = {
+        str(part.get("reason"))
+        for part in (*_parts(error, "errors"), *_parts(error, "details"))
+        if part.get("reason")
+    }
+    limits = [
+        str(part.get("metadata", {}).get("quota_limit", ""))
+        for part in _parts(error, "details")
+        if isinstance(part.get("metadata"), dict)
+    ]
     shown = sorted(reasons)[0] if reasons else f"http_{status}"
     if reasons & _SPENT or (status == 429 and any("PerDay" in name for name in limits)):
         return quota.spent(bucket)
@@ -57,12 +65,15 @@ def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> 
         return Retryable(f"HTTP {status} from the YouTube API", after=after)
     if status == 401 or reasons & _KEY:
         return CredentialRefused(
-            f"the YouTube API refuses the key ({shown})", hint="check YOUTUBE_API_KEY and that the YouTube Data API v3 is enabled for it"
+            f"the YouTube API refuses the key ({shown})",
+            hint="check YOUTUBE_API_KEY and that the YouTube Data API v3 is enabled for it",
         )
     if facts := sorted(reasons & FINAL):
         return ItemFinal("not_found" if status == 404 else facts[0], str(status))
     if status == 403 and not reasons:
-        return retry.blocked("the YouTube API turns us away (403 without a reason)", after, waited=True)
+        return retry.blocked(
+            "the YouTube API turns us away (403 without a reason)", after, waited=True
+        )
     return Retryable(f"{shown} ({status})", after=after)
 
 

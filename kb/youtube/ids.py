@@ -25,7 +25,11 @@ def read_ids(path: Path) -> tuple[list[str], int]:
         elif path.suffix == ".json":
             values = _minedojo(path)
         else:
-            values = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+            values = [
+                line.strip()
+                for line in path.read_text(encoding="utf-8-sig").splitlines()
+                if line.strip()
+            ]
     except OSError as error:
         raise SettingError(f"--ids {path}: {error.strerror or error}") from None
     except ValueError as error:
@@ -38,7 +42,10 @@ def some_ids(path: Path) -> tuple[list[str], int]:
     """The same for a crawl, which has nothing to do without one. Raises SettingError also when there is none."""
     found, bad_lines = read_ids(path)
     if not found:
-        raise SettingError(f"--ids {path} holds no video id", hint="write one a line: 11 characters, or a video's address")
+        raise SettingError(
+            f"--ids {path} holds no video id",
+            hint="write one a line: 11 characters, or a video's address",
+        )
     return found, bad_lines
 
 
@@ -55,7 +62,9 @@ def _parquet(path: Path) -> list[str]:
 def _minedojo(path: Path) -> list[str]:
     data = json.loads(path.read_text(encoding="utf-8-sig"))
     if not isinstance(data, list):
-        raise SettingError(f"--ids {path} is no list", hint="MineDojo's files are lists of objects with an id")
+        raise SettingError(
+            f"--ids {path} is no list", hint="MineDojo's files are lists of objects with an id"
+        )
     return [str(entry.get("id", "")) if isinstance(entry, dict) else str(entry) for entry in data]
 
 
@@ -66,6 +75,8 @@ def share(part: tuple[int, int] | None) -> Callable[[str], bool]:
     number, count = part
 
     def mine(key: str) -> bool:
-        return int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], "big") % count == number - 1
+        return (
+            int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], "big") % count == number - 1
+        )
 
     return mine

@@ -23,7 +23,9 @@ class Job:
     def __init__(self, run: Run, frontier: Frontier, recorder: Recorder, phases: set[str]) -> None:
         self.run, self.frontier, self.recorder, self.phases = run, frontier, recorder, phases
         self.profile = run.profile.section("youtube")
-        self.summary = Summary(crawled=0, transcripts=0, failed=0, missing=0, requests=0, units=0, bad_lines=0, left=0)
+        self.summary = Summary(
+            crawled=0, transcripts=0, failed=0, missing=0, requests=0, units=0, bad_lines=0, left=0
+        )
         self.lock = threading.RLock()
         # What the limit counts: videos, or what the one phase handles that --only names.
         self.counts = VIDEOS if VIDEOS in phases else next(iter(phases))
@@ -42,7 +44,9 @@ class Job:
 
     def limit_reached(self) -> LimitReached:
         """The reason to stop when there is no room."""
-        return LimitReached(f"--limit {self.run.limit} reached", hint="run the same command to go on")
+        return LimitReached(
+            f"--limit {self.run.limit} reached", hint="run the same command to go on"
+        )
 
     def show(self, phase: str, unit: str, n: int = 1) -> None:
         """`n` items of a phase are done: its progress bar, with the quota that it spends."""
@@ -54,7 +58,9 @@ class Job:
             task.advance(n, waiting=self.frontier.ready(TRANSCRIPTS, 10_000))
         else:
             bucket = SEARCH if phase == SEARCHES else GENERAL
-            task.advance(n, quota=f"{self.frontier.spent(bucket, today()):,}/{limit(self.profile, bucket):,}")
+            task.advance(
+                n, quota=f"{self.frontier.spent(bucket, today()):,}/{limit(self.profile, bucket):,}"
+            )
 
     def count(self) -> Summary:
         """The summary with what was asked, what failed and what is left."""

@@ -51,8 +51,12 @@ def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
     """
     import pyarrow.compute as pc
 
-    for got, _ in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(lines, rows):
-        yield got.append_column("final", pc.fill_null(pc.not_equal(got["outcome"], "failed"), False))
+    for got, _ in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(
+        lines, rows
+    ):
+        yield got.append_column(
+            "final", pc.fill_null(pc.not_equal(got["outcome"], "failed"), False)
+        )
 
 
 def requested(params: dict[str, Any]) -> list[str]:
@@ -71,7 +75,9 @@ def listed(response: Any) -> list[str]:
     """Video ids of a playlistItems.list answer, in its order; entries without one are left out."""
     ids = []
     for item in _items(response):
-        key = _at(item, "contentDetails", "videoId") or _at(item, "snippet", "resourceId", "videoId")
+        key = _at(item, "contentDetails", "videoId") or _at(
+            item, "snippet", "resourceId", "videoId"
+        )
         if isinstance(key, str) and key:
             ids.append(key)
     return ids
@@ -79,7 +85,10 @@ def listed(response: Any) -> list[str]:
 
 def channel_hits(response: Any) -> list[str]:
     """Channel ids of a search.list answer (type channel), in its order."""
-    hits = (_at(item, "id", "channelId") or _at(item, "snippet", "channelId") for item in _items(response))
+    hits = (
+        _at(item, "id", "channelId") or _at(item, "snippet", "channelId")
+        for item in _items(response)
+    )
     return [key for key in hits if isinstance(key, str) and key]
 
 
@@ -113,7 +122,10 @@ def _missing(gone: list[tuple[str, Answer]], schema: pa.Schema) -> pa.Table:
         "missing": pa.repeat(pa.scalar(True), len(gone)),
         "problems": problems({}, len(gone)),
     }
-    columns = [own[field.name] if field.name in own else pa.nulls(len(gone), field.type) for field in schema]
+    columns = [
+        own[field.name] if field.name in own else pa.nulls(len(gone), field.type)
+        for field in schema
+    ]
     return pa.table(columns, schema=schema)
 
 

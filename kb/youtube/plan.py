@@ -24,7 +24,12 @@ from kb.youtube.job import PACK
 CHANNELS_A_PAGE = 25  # results without doubles
 VIDEOS_A_CHANNEL = 200
 WORTH_A_TRANSCRIPT = 0.6  # of videos, pass category, views, aspect ratio, duration, age
-BYTES = {effects.RAW_SEARCH: 6_000, effects.RAW_LIST: 3_000, effects.RAW_VIDEOS: 60_000, effects.RAW_TRANSCRIPTS: 12_000}  # a call or video
+BYTES = {
+    effects.RAW_SEARCH: 6_000,
+    effects.RAW_LIST: 3_000,
+    effects.RAW_VIDEOS: 60_000,
+    effects.RAW_TRANSCRIPTS: 12_000,
+}  # a call or video
 REQUESTS_A_TRANSCRIPT = 3
 
 
@@ -34,9 +39,17 @@ def plan(run: Run, ids: Path | None = None, part: tuple[int, int] | None = None)
     state = _state(run)
     known, assumed = _measured(state)
     left = _left_of_ids(run, ids, part, state) if ids else _left(profile, state, known)
-    calls = {"search": left["searches"], "playlist_items": left["pages"], "videos": math.ceil(left["videos"] / PACK)}
+    calls = {
+        "search": left["searches"],
+        "playlist_items": left["pages"],
+        "videos": math.ceil(left["videos"] / PACK),
+    }
     general = calls["playlist_items"] + calls["videos"]
-    hours = 0.0 if is_loopback(run.settings.kb_youtube_web or "") else left["transcripts"] / profile.transcripts_per_hour
+    hours = (
+        0.0
+        if is_loopback(run.settings.kb_youtube_web or "")
+        else left["transcripts"] / profile.transcripts_per_hour
+    )
     sizes = _bytes_each(run, state)
     size = (
         calls["search"] * sizes[effects.RAW_SEARCH]
@@ -44,7 +57,9 @@ def plan(run: Run, ids: Path | None = None, part: tuple[int, int] | None = None)
         + calls["videos"] * sizes[effects.RAW_VIDEOS]
         + left["transcripts"] * sizes[effects.RAW_TRANSCRIPTS]
     )
-    days = max(calls["search"] / profile.searches_per_day, general / profile.units_per_day, hours / 24)
+    days = max(
+        calls["search"] / profile.searches_per_day, general / profile.units_per_day, hours / 24
+    )
     return Summary(
         channels=left["channels"],
         videos=left["videos"],
@@ -64,7 +79,12 @@ def plan(run: Run, ids: Path | None = None, part: tuple[int, int] | None = None)
 def _state(run: Run) -> dict[str, Any]:
     """Counts of the frontier, as far as there is one."""
     path = run.root / "state" / "youtube.sqlite"
-    empty: dict[str, Any] = {"kinds": {}, "spent": {"search": 0, "general": 0}, "open_searches": None, "frontier": {}}
+    empty: dict[str, Any] = {
+        "kinds": {},
+        "spent": {"search": 0, "general": 0},
+        "open_searches": None,
+        "frontier": {},
+    }
     if not path.is_file():
         return empty
     frontier = Frontier(path, readonly=True)
@@ -73,7 +93,11 @@ def _state(run: Run) -> dict[str, Any]:
         return {
             "kinds": frontier.kinds(),
             "spent": {bucket: frontier.spent(bucket, day) for bucket in ("search", "general")},
-            "open_searches": [payload["page"] for *_, payload in frontier.items(SEARCHES, "todo", "in_progress", "error") if payload],
+            "open_searches": [
+                payload["page"]
+                for *_, payload in frontier.items(SEARCHES, "todo", "in_progress", "error")
+                if payload
+            ],
             "keywords": {payload["q"] for *_, payload in frontier.items(SEARCHES) if payload},
         }
     finally:
@@ -84,7 +108,11 @@ def _measured(state: dict[str, Any]) -> tuple[dict[str, float], list[str]]:
     """Rates that this data root shows, and the names of those that had to be assumed."""
 
     def count(kind: str, *statuses: str) -> int:
-        return sum(n for status, n in state["kinds"].get(kind, {}).items() if not statuses or status in statuses)
+        return sum(
+            n
+            for status, n in state["kinds"].get(kind, {}).items()
+            if not statuses or status in statuses
+        )
 
     rates, assumed = {}, []
     for name, top, bottom, otherwise in (
@@ -100,14 +128,20 @@ def _measured(state: dict[str, Any]) -> tuple[dict[str, float], list[str]]:
 
 def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[str, int]:
     def todo(kind: str) -> int:
-        return sum(n for status, n in state["kinds"].get(kind, {}).items() if status in ("todo", "in_progress", "error"))
+        return sum(
+            n
+            for status, n in state["kinds"].get(kind, {}).items()
+            if status in ("todo", "in_progress", "error")
+        )
 
     pages = profile.search_pages
     if state["open_searches"] is None:
         searches = len(profile.keywords) * pages
     else:
         new_words = len(set(profile.keywords) - state["keywords"])
-        searches = sum(max(0, pages - page + 1) for page in state["open_searches"]) + new_words * pages
+        searches = (
+            sum(max(0, pages - page + 1) for page in state["open_searches"]) + new_words * pages
+        )
     channels = todo(UPLOADS) + round(searches * rates["channels_a_page"])
     unlisted = round(channels * rates["videos_a_channel"])
     videos = todo(VIDEOS) + unlisted
@@ -120,7 +154,9 @@ def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[
     }
 
 
-def _left_of_ids(run: Run, ids: Path, part: tuple[int, int] | None, state: dict[str, Any]) -> dict[str, int]:
+def _left_of_ids(
+    run: Run, ids: Path, part: tuple[int, int] | None, state: dict[str, Any]
+) -> dict[str, int]:
     """A known list: no searches and no lists."""
     mine = share(part)
     wanted = {key for key in some_ids(ids)[0] if mine(key)}

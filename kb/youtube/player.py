@@ -39,7 +39,10 @@ def facts(answer: Any, page: str, game_ids: tuple[str, ...] = ()) -> dict[str, A
         "playability": _text(_at(playability, "status")),
         "reason": _text(_at(playability, "reason")),
         "tracks": [
-            {"language": track["languageCode"], "kind": "asr" if track.get("kind") == "asr" else "manual"}
+            {
+                "language": track["languageCode"],
+                "kind": "asr" if track.get("kind") == "asr" else "manual",
+            }
             for track in (tracks if isinstance(tracks, list) else ())
             if isinstance(track, dict) and isinstance(track.get("languageCode"), str)
         ],
@@ -78,10 +81,16 @@ def _largest(streams: Any) -> tuple[int | None, int | None, int | None]:
     for kind in ("adaptiveFormats", "formats"):
         listed = streams.get(kind) if isinstance(streams, dict) else None
         for stream in listed if isinstance(listed, list) else ():
-            size = [stream.get(name) for name in ("width", "height")] if isinstance(stream, dict) else []
+            size = (
+                [stream.get(name) for name in ("width", "height")]
+                if isinstance(stream, dict)
+                else []
+            )
             if len(size) == 2 and all(isinstance(edge, int) and edge > 0 for edge in size):
                 fps = stream.get("fps")
-                found.append((size[0] * size[1], fps if isinstance(fps, int) and fps > 0 else 0, *size))
+                found.append(
+                    (size[0] * size[1], fps if isinstance(fps, int) and fps > 0 else 0, *size)
+                )
     if not found:
         return None, None, None
     _, fps, width, height = max(found)
@@ -102,12 +111,18 @@ def _named(node: Any, name: str) -> Iterator[Any]:
 
 
 def _browse_ids(node: Any) -> Iterator[str]:
-    yield from (value for value in _named(node, "browseId") if isinstance(value, str) and value.startswith("UC"))
+    yield from (
+        value
+        for value in _named(node, "browseId")
+        if isinstance(value, str) and value.startswith("UC")
+    )
 
 
 def _title(node: Any) -> str | None:
     for title in _named(node, "title"):
-        text = _at(title, "simpleText") or "".join(run.get("text", "") for run in (_at(title, "runs") or []) if isinstance(run, dict))
+        text = _at(title, "simpleText") or "".join(
+            run.get("text", "") for run in (_at(title, "runs") or []) if isinstance(run, dict)
+        )
         if text:
             return str(text)
     return None

@@ -19,8 +19,14 @@ from kb.youtube.effects import REFRESH, TRANSCRIPTS, VIDEOS, Effects
 from kb.youtube.ids import read_ids
 
 ROWS = (
-    *(Place(f"clean/youtube/{name}", f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),
-    *(Place(f"clean/youtube/{verdict}", f"shared/{verdict}", "key") for verdict in ("rejected", "failed", "pending")),
+    *(
+        Place(f"clean/youtube/{name}", f"youtube/{name}", "video_id")
+        for name in ("videos", "transcripts")
+    ),
+    *(
+        Place(f"clean/youtube/{verdict}", f"shared/{verdict}", "key")
+        for verdict in ("rejected", "failed", "pending")
+    ),
     Place("pairs", "pairs/pairs", "video_id"),
 )
 
@@ -62,7 +68,12 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
         stack.callback(frontier.close)
         # Opening the recorder cuts torn frames, closes segments and takes in what was not read yet.
         known = tombstones.keys(run.root, "youtube")
-        Recorder(run.root, "youtube", frontier, Effects(run.profile.section("youtube"), lambda rows: (), lambda key: True, known)).close()
+        Recorder(
+            run.root,
+            "youtube",
+            frontier,
+            Effects(run.profile.section("youtube"), lambda rows: (), lambda key: True, known),
+        ).close()
         keys = Keys(purge.begin(run.root, "youtube", collect(run, named)))
         keys.said = {"bad_lines": bad_lines} if ids else {}
         if keys:
@@ -80,7 +91,11 @@ def strip(kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | No
     if kind == effects.RAW_TRANSCRIPTS:
         return None if answer.get("video_id") in keys else envelope
     if kind == effects.RAW_LIST:
-        left = [item for item in answer.get("items") or [] if not set(parse.listed({"items": [item]})) & set(keys)]
+        left = [
+            item
+            for item in answer.get("items") or []
+            if not set(parse.listed({"items": [item]})) & set(keys)
+        ]
         if len(left) == len(answer.get("items") or []):
             return envelope
         return msgspec.structs.replace(envelope, response={**answer, "items": left})
@@ -91,7 +106,15 @@ def strip(kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | No
         rest = [key for key in asked if key not in keys]
         if not rest:
             return None
-        items = [item for item in answer.get("items") or [] if not (isinstance(item, dict) and item.get("id") in keys)]
-        request = Request(envelope.request.endpoint, {**envelope.request.params, "id": ",".join(rest)})
-        return msgspec.structs.replace(envelope, request=request, response={**answer, "items": items})
+        items = [
+            item
+            for item in answer.get("items") or []
+            if not (isinstance(item, dict) and item.get("id") in keys)
+        ]
+        request = Request(
+            envelope.request.endpoint, {**envelope.request.params, "id": ",".join(rest)}
+        )
+        return msgspec.structs.replace(
+            envelope, request=request, response={**answer, "items": items}
+        )
     return envelope

@@ -59,13 +59,29 @@ def refresh(run: Run) -> Summary:
     oldest = clock.now() - timedelta(days=profile.max_age_days)
     with ExitStack() as stack:
         stack.enter_context(lock.writer(run.root, "youtube"))
-        identity.remember(run.root, "youtube", api=run.settings.kb_youtube_endpoint or GOOGLE, web=run.settings.kb_youtube_web or SITE)
+        identity.remember(
+            run.root,
+            "youtube",
+            api=run.settings.kb_youtube_endpoint or GOOGLE,
+            web=run.settings.kb_youtube_web or SITE,
+        )
         frontier = Frontier(run.root / "state" / "youtube.sqlite")
         stack.callback(frontier.close)
         purged = tombstones.keys(run.root, "youtube")
         # Transcripts don't age; nothing new is asked of the web site here.
-        recorder = stack.enter_context(Recorder(run.root, "youtube", frontier, Effects(profile, lambda rows: (), lambda key: True, purged)))
-        old = [key for key, at in newest(run.root).items() if clock.parse(at) < oldest and key not in purged]
+        recorder = stack.enter_context(
+            Recorder(
+                run.root,
+                "youtube",
+                frontier,
+                Effects(profile, lambda rows: (), lambda key: True, purged),
+            )
+        )
+        old = [
+            key
+            for key, at in newest(run.root).items()
+            if clock.parse(at) < oldest and key not in purged
+        ]
         frontier.remove(REFRESH, [key for key, *_ in frontier.items(REFRESH)])
         frontier.add(REFRESH, old)
         return _read(run, profile, frontier, recorder, len(old))
@@ -77,13 +93,18 @@ def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total:
     if not total:
         run.progress.say(f"youtube: nothing is older than {profile.max_age_days} days")
         return summary
-    api, task = Api(run.settings, profile, frontier, wait=run.wait), run.progress.task("refresh", total, "videos")
+    api, task = (
+        Api(run.settings, profile, frontier, wait=run.wait),
+        run.progress.task("refresh", total, "videos"),
+    )
     try:
         while frontier.ready(REFRESH):
             signals.stop.check()
             room = PACK if run.limit is None else min(PACK, run.limit - summary["crawled"])
             if room <= 0:
-                raise LimitReached(f"--limit {run.limit} reached", hint="run the same command to go on")
+                raise LimitReached(
+                    f"--limit {run.limit} reached", hint="run the same command to go on"
+                )
             keys = [item.key for item in frontier.take(REFRESH, room)]
             params = {"id": ",".join(keys), "part": PARTS, **FRAME}
             try:
@@ -95,7 +116,9 @@ def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total:
                 frontier.release(REFRESH, *keys)
                 if not run.wait or stop.reset_at is None:
                     raise
-                run.progress.say(f"youtube: quota spent; waiting until {clock.stamp(stop.reset_at)}")
+                run.progress.say(
+                    f"youtube: quota spent; waiting until {clock.stamp(stop.reset_at)}"
+                )
                 clock.sleep_until(stop.reset_at)
                 continue
             except BaseException:
@@ -104,7 +127,9 @@ def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total:
             recorder.record(effects.RAW_VIDEOS, "videos.list", params, 200, answer)
             summary["crawled"] += len(keys)
             summary["missing"] += len(parse.missing(params, answer))
-            task.advance(len(keys), quota=f"{frontier.spent(GENERAL, today()):,}/{limit(profile, GENERAL):,}")
+            task.advance(
+                len(keys), quota=f"{frontier.spent(GENERAL, today()):,}/{limit(profile, GENERAL):,}"
+            )
     except Exception as error:
         error.summary = _final(summary, frontier, before)  # type: ignore[attr-defined]
         raise
@@ -117,5 +142,10 @@ def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total:
 def _final(summary: Summary, frontier: Frontier, before: tuple[int, int]) -> Summary:
     requests, units = frontier.requests()
     counts = frontier.counts(REFRESH)
-    summary |= {"requests": requests - before[0], "units": units - before[1], "failed": counts.get("error", 0), "left": counts.get("todo", 0)}
+    summary |= {
+        "requests": requests - before[0],
+        "units": units - before[1],
+        "failed": counts.get("error", 0),
+        "left": counts.get("todo", 0),
+    }
     return summary

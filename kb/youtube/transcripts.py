@@ -74,10 +74,14 @@ class Fetcher:
                 return self._once(video_id)
             except Retryable as error:
                 if probe and error.throttled:
-                    raise blocked(f"YouTube still turns this address away ({error})", error.after) from None
+                    raise blocked(
+                        f"YouTube still turns this address away ({error})", error.after
+                    ) from None
                 raise
 
-        return attempt(once, tries=self._profile.max_tries, patience=self._patience, sleep=self._sleep)
+        return attempt(
+            once, tries=self._profile.max_tries, patience=self._patience, sleep=self._sleep
+        )
 
     def _once(self, video_id: str) -> dict[str, Any]:
         import requests
@@ -107,16 +111,35 @@ class Fetcher:
         except lib.AgeRestricted:
             found |= {"outcome": "age_restricted"}
         except (lib.VideoUnavailable, lib.InvalidVideoId, lib.VideoUnplayable) as error:
-            found |= {"outcome": "unavailable", "reason": getattr(error, "reason", None) or type(error).__name__}
-        except (lib.YouTubeRequestFailed, lib.YouTubeDataUnparsable, lib.PoTokenRequired, ParseError, requests.JSONDecodeError) as error:
+            found |= {
+                "outcome": "unavailable",
+                "reason": getattr(error, "reason", None) or type(error).__name__,
+            }
+        except (
+            lib.YouTubeRequestFailed,
+            lib.YouTubeDataUnparsable,
+            lib.PoTokenRequired,
+            ParseError,
+            requests.JSONDecodeError,
+        ) as error:
             # An empty body of the timed text raises the parser's own error.
             raise Retryable(_reason(error)) from None
-        except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError) as error:
-            raise Retryable(f"{type(error).__name__} at www.youtube.com", unreachable=True) from None
+        except (
+            requests.ConnectionError,
+            requests.Timeout,
+            requests.exceptions.ChunkedEncodingError,
+        ) as error:
+            raise Retryable(
+                f"{type(error).__name__} at www.youtube.com", unreachable=True
+            ) from None
         except (requests.RequestException, urllib3.exceptions.HTTPError) as error:
-            raise Retryable(f"{type(error).__name__} at www.youtube.com") from None  # redirects in a circle, a body that can't be decoded
+            raise Retryable(
+                f"{type(error).__name__} at www.youtube.com"
+            ) from None  # redirects in a circle, a body that can't be decoded
         except (LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
-            raise Retryable(f"unreadable ({type(error).__name__})") from None  # an answer of another form than the library expects
+            raise Retryable(
+                f"unreadable ({type(error).__name__})"
+            ) from None  # an answer of another form than the library expects
         try:
             found["player"] = player.facts(self._answer, self._page, self._profile.game_ids)
         except RecursionError:
@@ -137,17 +160,35 @@ class Fetcher:
             if not any(text.split() for *_, text in cues):
                 continue
             original = "asr" if track.is_generated else "manual"
-            return {"kind": "translated" if translate else original, "original_kind": original, "language": track.language_code, "cues": cues}
+            return {
+                "kind": "translated" if translate else original,
+                "original_kind": original,
+                "language": track.language_code,
+                "cues": cues,
+            }
         raise lib.NoTranscriptFound(tracks.video_id, [language], tracks)
 
     def _by_preference(self, tracks: Any) -> Iterator[tuple[Any, bool]]:
         language = self._profile.language
         listed = list(tracks)
-        own = [track for track in listed if track.language_code == language or track.language_code.startswith(f"{language}-")]
-        own.sort(key=lambda track: (track.is_generated, track.language_code != language, track.language_code))
+        own = [
+            track
+            for track in listed
+            if track.language_code == language or track.language_code.startswith(f"{language}-")
+        ]
+        own.sort(
+            key=lambda track: (
+                track.is_generated,
+                track.language_code != language,
+                track.language_code,
+            )
+        )
         yield from ((track, False) for track in own)
         if self._profile.translate:
-            other = sorted((track for track in listed if track not in own), key=lambda track: track.is_generated)
+            other = sorted(
+                (track for track in listed if track not in own),
+                key=lambda track: track.is_generated,
+            )
             yield from ((track, True) for track in other)
 
     def _look(self, response: requests.Response, *_: Any, **__: Any) -> None:
@@ -156,7 +197,11 @@ class Fetcher:
             # The library calls every 429 a block; with a wish to wait it is none yet.
             after = retry_after(response.headers.get("Retry-After"), response.headers.get("Date"))
             raise Retryable("429 from YouTube", after=after, throttled=True)
-        shown = urljoin(response.url, response.headers["Location"]) if response.is_redirect else response.url
+        shown = (
+            urljoin(response.url, response.headers["Location"])
+            if response.is_redirect
+            else response.url
+        )
         _no_wall(urlsplit(shown))
         path = urlsplit(response.url).path
         if path == "/watch":
@@ -188,7 +233,9 @@ def _adapter(root: str | None, before: Callable[[str], None]) -> Any:
     class Adapter(HTTPAdapter):
         def send(self, request: Any, *arguments: Any, **options: Any) -> Any:
             if root and request.url.startswith(f"{root}/"):
-                request.url = SITE + request.url.removeprefix(f"{root}/")  # a redirect that names the root
+                request.url = SITE + request.url.removeprefix(
+                    f"{root}/"
+                )  # a redirect that names the root
             if not request.url.startswith(SITE):
                 raise Retryable("redirected away from YouTube")
             before(names.get(urlsplit(request.url).path, "web"))

@@ -15,7 +15,9 @@ from kb.youtube.quota import WEB
 from kb.youtube.transcripts import Fetcher
 
 BLOCKED = "web_blocked"  # cursor: since when the site turns us away
-HOPELESS = 6  # so many transcripts failed one after the other: the site is in trouble, not the video
+HOPELESS = (
+    6  # so many transcripts failed one after the other: the site is in trouble, not the video
+)
 
 
 class WebLane:
@@ -36,7 +38,14 @@ class WebLane:
     def work(self) -> None:
         """One thread's part: until nothing is left and nothing can come, or a reason to stop was found."""
         job = self.job
-        fetcher = Fetcher(job.run.settings, job.profile, self._pace, self._before, sleep=self._sleep, wait=job.run.wait)
+        fetcher = Fetcher(
+            job.run.settings,
+            job.profile,
+            self._pace,
+            self._before,
+            sleep=self._sleep,
+            wait=job.run.wait,
+        )
         try:
             while self.stop is None:
                 signals.stop.check()
@@ -132,6 +141,9 @@ class WebLane:
 def _as_stop(error: BaseException) -> KbError:
     if isinstance(error, OSError):
         return FatalError(str(error))
-    failure = KbError(f"unexpected {type(error).__name__} in a transcript's thread: {error}", hint="run it again with --debug")
+    failure = KbError(
+        f"unexpected {type(error).__name__} in a transcript's thread: {error}",
+        hint="run it again with --debug",
+    )
     failure.__cause__ = error
     return failure

@@ -41,8 +41,19 @@ def make_run(tmp_path: Path, tiny: Path):
         settings = load_settings(dotenv=False, kb_toxicity_model=options.pop("model", str(tiny)))
         profile = load_profile("minecraft")
         if "thresholds" in options:
-            toxicity = profile.toxicity.model_copy(update={"thresholds": profile.toxicity.thresholds.model_copy(update=options.pop("thresholds"))})
+            toxicity = profile.toxicity.model_copy(
+                update={
+                    "thresholds": profile.toxicity.thresholds.model_copy(
+                        update=options.pop("thresholds")
+                    )
+                }
+            )
             profile = profile.model_copy(update={"toxicity": toxicity})
-        return Run(settings=settings, profile=profile, root=options.pop("root", tmp_path / "data"), **{"workers": 1, **options})
+        return Run(
+            settings=settings,
+            profile=profile,
+            root=options.pop("root", tmp_path / "data"),
+            **{"workers": 1, **options},
+        )
 
     return make

@@ -59,7 +59,9 @@ def test_a_digest_may_come_from_the_name_a_file_or_the_setting(copied):
 @pytest.mark.parametrize("damage", ["cut", "changed", "empty"])
 def test_a_damaged_file_is_refused(copied, damage):
     digest, data = sha256_of(copied), copied.read_bytes()
-    copied.write_bytes({"cut": data[: len(data) // 2], "changed": data[:-1] + b"?", "empty": b""}[damage])
+    copied.write_bytes(
+        {"cut": data[: len(data) // 2], "changed": data[:-1] + b"?", "empty": b""}[damage]
+    )
     for settings in ({"kb_toxicity_sha256": digest},):
         assert "cut off" in str(refused(copied, **settings))
     named = copied.rename(copied.with_name(f"tiny-{digest[:8]}.ckpt"))
@@ -104,7 +106,11 @@ def test_a_folder_is_named_as_one(copied):
 BESIDE = {
     "cut configuration": ("config.json", '{"a":', "config.json is no JSON object"),
     "list as configuration": ("config.json", "[]", "config.json is no JSON object"),
-    "cut options of the tokenizer": ("tokenizer_config.json", '{"a":', "tokenizer_config.json is no JSON object"),
+    "cut options of the tokenizer": (
+        "tokenizer_config.json",
+        '{"a":',
+        "tokenizer_config.json is no JSON object",
+    ),
     "empty vocabulary": ("vocab.txt", "", "[UNK]"),
     "vocabulary in another code": ("vocab.txt", "[UNK]\nfünf", "UTF-8"),
     "larger vocabulary": ("vocab.txt", "[UNK]\n" + "x\n" * 9000, "9001 tokens"),
@@ -137,10 +143,14 @@ def _too_few_classes(held):
 
 
 def _another_shape(held):
-    held["state_dict"]["classifier.weight"] = held["state_dict"]["classifier.weight"][:, :-1].clone()
+    held["state_dict"]["classifier.weight"] = held["state_dict"]["classifier.weight"][
+        :, :-1
+    ].clone()
 
 
-@pytest.mark.parametrize("change", [_without_outputs, _with_more, _not_a_number, _too_few_classes, _another_shape])
+@pytest.mark.parametrize(
+    "change", [_without_outputs, _with_more, _not_a_number, _too_few_classes, _another_shape]
+)
 def test_a_checkpoint_that_can_not_be_loaded_is_exit_2(tmp_path, change):
     with pytest.raises(MissingModel) as error:
         load_detoxify(checkpoint_of(make_checkpoint(tmp_path / "model", change=change)))
@@ -199,7 +209,9 @@ def test_a_file_that_is_no_checkpoint_is_exit_2(copied):
 def test_a_configuration_of_another_model_is_exit_2(copied):
     config = copied.parent / "config.json"
     config.write_text(
-        config.read_text().replace('"hidden_size": 64', '"hidden_size": 32').replace('"num_hidden_layers": 2', '"num_hidden_layers": 3')
+        config.read_text()
+        .replace('"hidden_size": 64', '"hidden_size": 32')
+        .replace('"num_hidden_layers": 2', '"num_hidden_layers": 3')
     )
     with pytest.raises(MissingModel, match="doesn't fit"):
         load_detoxify(find(copied, kb_toxicity_sha256=sha256_of(copied)))
@@ -219,7 +231,9 @@ def test_it_loads_without_asking_any_host(tiny):
         "print(model.class_names)\n"
     )
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HF_")}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert "identity_attack" in done.stdout
 

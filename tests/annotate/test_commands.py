@@ -42,7 +42,9 @@ def test_annotate_stops_at_the_limit_goes_on_and_then_has_nothing_to_do(job):
     assert third["model"] == "lorebase_tiny"
     # The filter finds every score there is, and rejects by them.
     assert job.done("youtube", "filter")["stages"]["toxicity"] > 0
-    unscored = "SELECT count(*) n FROM clean.youtube_videos WHERE title <> '' AND toxicity_title IS NULL"
+    unscored = (
+        "SELECT count(*) n FROM clean.youtube_videos WHERE title <> '' AND toxicity_title IS NULL"
+    )
     assert job.rows(unscored) == [{"n": 0}]
 
 
@@ -76,11 +78,15 @@ def test_a_release_names_the_model_whose_scores_decided(job, make_run, tmp_path)
     assert "bf16" in {precision for _, _, precision in found}
     assert models(job.root, "pairs") == found
     run_clean(first, "youtube")
-    assert models(job.root, "youtube") == ((tiny["model"], tiny["revision"], "fp32"),), "nothing was scored anew"
+    assert models(job.root, "youtube") == ((tiny["model"], tiny["revision"], "fp32"),), (
+        "nothing was scored anew"
+    )
 
 
 def test_options_that_can_not_work_are_exit_2(job):
-    assert "tcp://" in job.stopped("annotate", "youtube", "--engine", "dask", "--scheduler", "nowhere", code=2)
+    assert "tcp://" in job.stopped(
+        "annotate", "youtube", "--engine", "dask", "--scheduler", "nowhere", code=2
+    )
     assert "original" in job.stopped("models", "fetch", "nonesuch", code=2)
     assert job.kb("annotate", "youtube", "--precision", "fp8").returncode == 2
 

@@ -118,7 +118,11 @@ def run(host, tmp_path, monkeypatch):
 
 def test_files_come_verified_and_only_once(run, host):
     first = fetch(run, published=MODEL)
-    assert (first["fetched"], first["present"], first["bytes"]) == (3, 0, len(BIG) + len(SMALL) + len(VOCAB))
+    assert (first["fetched"], first["present"], first["bytes"]) == (
+        3,
+        0,
+        len(BIG) + len(SMALL) + len(VOCAB),
+    )
     assert [name for name, _ in host.requests] == ["config.json", "vocab.txt", MODEL.checkpoint]
     assert fetch(run, published=MODEL)["fetched"] == 0
     assert len(host.requests) == 3
@@ -147,7 +151,9 @@ def test_another_file_is_exit_1_and_nothing_of_it_stays(run, host):
         fetch(run, published=MODEL)
     assert error.value.exit_code == 1
     assert "KB_MODELS_ENDPOINT" in error.value.hint
-    assert sorted(path.name for path in (run.root.parent / "cache").rglob("*") if path.is_file()) == [
+    assert sorted(
+        path.name for path in (run.root.parent / "cache").rglob("*") if path.is_file()
+    ) == [
         "config.json",
         "vocab.txt",
     ]
@@ -205,7 +211,13 @@ def test_what_was_fetched_is_found_and_a_broken_one_names_the_command(run, monke
 
 PAGE = b"<html>Please log in to the network of this hotel</html>"
 UNPINNED = Published(
-    "unpinned", "v0", MODEL.checkpoint, digest(BIG), "org/base", "abc123", tuple((name, "") for name in ("config.json", "merges.txt", "vocab.txt"))
+    "unpinned",
+    "v0",
+    MODEL.checkpoint,
+    digest(BIG),
+    "org/base",
+    "abc123",
+    tuple((name, "") for name in ("config.json", "merges.txt", "vocab.txt")),
 )
 
 

@@ -31,11 +31,17 @@ def sixteen(request, tmp_path_factory):
 def test_more_outputs_than_classes_are_read_as_detoxify_reads_them(sixteen):
     detoxify = load_detoxify(sixteen)
     expected = [detoxify.predict(text) for text in TEXTS]
-    assert max(row["insult"] for row in expected) - min(row["insult"] for row in expected) > 0.05, "scores that don't differ show nothing"
+    assert max(row["insult"] for row in expected) - min(row["insult"] for row in expected) > 0.05, (
+        "scores that don't differ show nothing"
+    )
     runners = [backends.torch_runner(sixteen, "fp32", "cpu", 1)]
     compiled = make_compiled(sixteen)
     assert compiled, "the graph doesn't agree with Detoxify"
-    runners += [graph.graph_runner(compiled, 1, prefer=name) for name in ("openvino", "onnxruntime") if graph.installed(name)]
+    runners += [
+        graph.graph_runner(compiled, 1, prefer=name)
+        for name in ("openvino", "onnxruntime")
+        if graph.installed(name)
+    ]
     for runner in runners:
         assert runner.meta.classes == UNBIASED
         for row, theirs in zip(runner.score(TEXTS), expected, strict=True):
@@ -53,18 +59,26 @@ def test_a_class_that_only_some_models_have_is_kept_and_counts(sixteen, make_run
     detoxify = load_detoxify(sixteen)
     for n, text in enumerate(TEXTS):
         theirs = detoxify.predict(text)
-        assert columns["toxicity_sexual_explicit"][n].as_py() == pytest.approx(theirs["sexual_explicit"], abs=1e-4)
+        assert columns["toxicity_sexual_explicit"][n].as_py() == pytest.approx(
+            theirs["sexual_explicit"], abs=1e-4
+        )
         assert columns["toxicity"][n].as_py() == pytest.approx(max(theirs.values()), abs=1e-4)
 
 
-def test_a_class_that_the_model_lacks_is_null_and_one_without_toxicity_is_exit_2(make_run, tmp_path, monkeypatch):
+def test_a_class_that_the_model_lacks_is_null_and_one_without_toxicity_is_exit_2(
+    make_run, tmp_path, monkeypatch
+):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    run = make_run(model=str(make_checkpoint(tmp_path / "two", classes=("toxic", "spam"), outputs=2)))
+    run = make_run(
+        model=str(make_checkpoint(tmp_path / "two", classes=("toxic", "spam"), outputs=2))
+    )
     Scorer.open(run, "wiki").annotate([TEXTS])
     found = Scorer.open(run, "wiki").lookup(text_hashes(pa.array(TEXTS)))
     assert found["toxicity"].null_count == 0
     assert all(found[name].null_count == len(TEXTS) for name in CATEGORIES[1:])
-    foreign = make_run(model=str(make_checkpoint(tmp_path / "foreign", classes=("spam", "ham"), outputs=2)))
+    foreign = make_run(
+        model=str(make_checkpoint(tmp_path / "foreign", classes=("spam", "ham"), outputs=2))
+    )
     with pytest.raises(MissingModel, match="no class 'toxicity'") as error:
         Scorer.open(foreign, "youtube").annotate([TEXTS])
     assert error.value.exit_code == 2

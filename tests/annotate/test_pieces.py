@@ -25,12 +25,20 @@ def test_words_are_those_of_str_split(texts):
     assert word_count(pa.array(texts, pa.string())).to_pylist() == expected
 
 
-@given(st.lists(st.none() | st.lists(st.none() | TEXT | SPACED, max_size=4), max_size=8), st.integers(0, 3))
+@given(
+    st.lists(st.none() | st.lists(st.none() | TEXT | SPACED, max_size=4), max_size=8),
+    st.integers(0, 3),
+)
 def test_words_of_lists_are_the_sum_over_each_list(lists, start):
-    expected = [None if texts is None else sum(len((text or "").split()) for text in texts) for texts in lists]
+    expected = [
+        None if texts is None else sum(len((text or "").split()) for text in texts)
+        for texts in lists
+    ]
     column = pa.array(lists, pa.list_(pa.string()))
     assert word_count_of_lists(column).to_pylist() == expected
-    assert word_count_of_lists(column.slice(start)).to_pylist() == expected[start:], "a slice knows where it begins"
+    assert word_count_of_lists(column.slice(start)).to_pylist() == expected[start:], (
+        "a slice knows where it begins"
+    )
 
 
 @given(st.lists(st.none() | TEXT, max_size=8))

@@ -49,13 +49,18 @@ def test_every_backend_gives_detoxifys_scores(backend, checkpoint, detoxify, ref
         runner = backends.torch_runner(checkpoint, "fp32", "cpu", 1)
     else:
         pytest.importorskip(backend)
-        runner = graph.graph_runner(find_compiled(checkpoint) or make_compiled(checkpoint), 1, prefer=backend)
+        runner = graph.graph_runner(
+            find_compiled(checkpoint) or make_compiled(checkpoint), 1, prefer=backend
+        )
     for text, row in zip(TEXTS, runner.score(TEXTS), strict=True):
         assert close(row, reference[text], runner.meta.classes), text
 
 
 def test_scores_do_not_depend_on_neighbours_or_threads(checkpoint):
-    one, two = backends.open_runner(checkpoint, threads=1), backends.open_runner(checkpoint, threads=2)
+    one, two = (
+        backends.open_runner(checkpoint, threads=1),
+        backends.open_runner(checkpoint, threads=2),
+    )
     together = one.score(TEXTS)
     assert together == [one.score([text])[0] for text in TEXTS]
     assert together == two.score(TEXTS[::-1])[::-1]
@@ -92,14 +97,20 @@ def test_the_tiny_model_tells_insults_from_plain_text(checkpoint):
 
 def test_each_text_is_scored_once_in_this_and_all_later_runs(make_run, monkeypatch):
     seen: list[str] = []
-    monkeypatch.setattr(room, "score_chunk", lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts))
+    monkeypatch.setattr(
+        room,
+        "score_chunk",
+        lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts),
+    )
     run = make_run()
     first = Scorer.open(run, "reddit").annotate([pa.array([*TEXTS, None, "", TEXTS[1]]), TEXTS[:3]])
     assert (first.texts, first.scored) == (len(TEXTS), len(TEXTS))
     second = Scorer.open(run, "reddit").annotate([[*TEXTS, "one more text"]])
     assert (second.texts, second.scored) == (len(TEXTS) + 1, 1)
     assert sorted(seen) == sorted([*TEXTS, "one more text"])
-    assert [path.name for path in (run.root / "annotations/reddit").iterdir()] == ["toxicity.parquet"]
+    assert [path.name for path in (run.root / "annotations/reddit").iterdir()] == [
+        "toxicity.parquet"
+    ]
 
 
 def test_equal_texts_far_apart_are_scored_once_too(make_run, monkeypatch):
@@ -107,8 +118,14 @@ def test_equal_texts_far_apart_are_scored_once_too(make_run, monkeypatch):
     monkeypatch.setattr(chunks, "LOOKUP_TEXTS", 2)
     monkeypatch.setattr(chunks, "CHUNK_TEXTS", 3)
     seen: list[str] = []
-    monkeypatch.setattr(room, "score_chunk", lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts))
-    counts = Scorer.open(make_run(), "reddit").annotate([["a", "b"], ["a", "c"], ["d", "e"], ["a", "e"], ["f", "b"]])
+    monkeypatch.setattr(
+        room,
+        "score_chunk",
+        lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts),
+    )
+    counts = Scorer.open(make_run(), "reddit").annotate(
+        [["a", "b"], ["a", "c"], ["d", "e"], ["a", "e"], ["f", "b"]]
+    )
     assert seen == ["a", "b", "c", "d", "e", "f"]
     assert (counts.texts, counts.scored, counts.known) == (10, 6, 4)
 
@@ -121,7 +138,9 @@ def test_looked_up_scores_are_detoxifys_and_null_only_for_empty_text(make_run, r
     assert list(columns) == ["toxicity_title", *(f"toxicity_title_{name}" for name in CATEGORIES)]
     for n, text in enumerate(texts.to_pylist()):
         row = [columns[f"toxicity_title_{name}"][n].as_py() for name in SIX]
-        assert columns["toxicity_title_sexual_explicit"][n].as_py() is None, "no class of this model"
+        assert columns["toxicity_title_sexual_explicit"][n].as_py() is None, (
+            "no class of this model"
+        )
         if not text:
             assert row == [None] * 6
             continue
@@ -145,7 +164,9 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, 
     assert sum(pq.read_metadata(path).num_rows for path in folder.iterdir()) == 4
     counts = Scorer.open(make_run(root=tmp_path / "cut"), "reddit").annotate([TEXTS])
     assert (counts.scored, counts.known) == (len(TEXTS) - 4, 4)
-    assert (folder / "toxicity.parquet").read_bytes() == (whole.root / "annotations/reddit/toxicity.parquet").read_bytes()
+    assert (folder / "toxicity.parquet").read_bytes() == (
+        whole.root / "annotations/reddit/toxicity.parquet"
+    ).read_bytes()
     assert len(list(folder.iterdir())) == 1
 
 
@@ -189,10 +210,15 @@ def test_a_changed_threshold_loads_no_model(make_run, monkeypatch):
     assert (counts.scored, counts.known) == (0, len(TEXTS))
 
 
-def test_reduced_precision_is_recorded_and_exact_near_the_threshold(make_run, checkpoint, monkeypatch):
+def test_reduced_precision_is_recorded_and_exact_near_the_threshold(
+    make_run, checkpoint, monkeypatch
+):
     exact = backends.open_runner(checkpoint).score(TEXTS)
     reduced = backends.open_runner(checkpoint, "bf16").score(TEXTS)
-    differ = [max(abs(a - b) for a, b in zip(x, y, strict=True)) for x, y in zip(exact, reduced, strict=True)]
+    differ = [
+        max(abs(a - b) for a, b in zip(x, y, strict=True))
+        for x, y in zip(exact, reduced, strict=True)
+    ]
     assert 0 < max(differ) < backends.REACH["bf16"]
     middle = max(exact[3])
     run = make_run(thresholds={"reddit": middle})
@@ -209,17 +235,25 @@ def test_reduced_precision_is_recorded_and_exact_near_the_threshold(make_run, ch
     other = precisions.index("bf16")
     again = make_run(thresholds={"reddit": max(reduced[other])})
     assert Scorer.open(again, "reddit").annotate([TEXTS]).scored >= 1
-    assert Scorer.open(again, "reddit").lookup(text_hashes(pa.array([TEXTS[other]])))["precision"].to_pylist() == ["fp32"]
+    assert Scorer.open(again, "reddit").lookup(text_hashes(pa.array([TEXTS[other]])))[
+        "precision"
+    ].to_pylist() == ["fp32"]
 
 
 def test_a_precision_that_is_asked_for_is_the_least_a_score_may_have(make_run):
     run = make_run()
     Scorer.open(run, "reddit", precision="bf16").annotate([TEXTS])
-    assert Scorer.open(run, "reddit").annotate([TEXTS]).scored == 0, "without one, what there is stays"
+    assert Scorer.open(run, "reddit").annotate([TEXTS]).scored == 0, (
+        "without one, what there is stays"
+    )
     assert Scorer.open(run, "reddit", precision="bf16").annotate([TEXTS]).scored == 0
     assert Scorer.open(run, "reddit", precision="fp32").annotate([TEXTS]).scored == len(TEXTS)
-    assert set(Scorer.open(run, "reddit").lookup(text_hashes(pa.array(TEXTS)))["precision"].to_pylist()) == {"fp32"}
-    assert Scorer.open(run, "reddit", precision="bf16").annotate([TEXTS]).scored == 0, "better ones stay as well"
+    assert set(
+        Scorer.open(run, "reddit").lookup(text_hashes(pa.array(TEXTS)))["precision"].to_pylist()
+    ) == {"fp32"}
+    assert Scorer.open(run, "reddit", precision="bf16").annotate([TEXTS]).scored == 0, (
+        "better ones stay as well"
+    )
 
 
 def test_packages_of_int8_are_looked_for_before_anything_is_read(make_run, monkeypatch):
@@ -242,12 +276,23 @@ def test_int8_is_near_enough(checkpoint):
     pytest.importorskip("onnxruntime")
     exact = backends.open_runner(checkpoint).score(TEXTS)
     reduced = backends.open_runner(checkpoint, "int8").score(TEXTS)
-    assert max(abs(a - b) for x, y in zip(exact, reduced, strict=True) for a, b in zip(x, y, strict=True)) < backends.REACH["int8"]
+    assert (
+        max(
+            abs(a - b)
+            for x, y in zip(exact, reduced, strict=True)
+            for a, b in zip(x, y, strict=True)
+        )
+        < backends.REACH["int8"]
+    )
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
-    [({"precision": "fp8"}, "fp32, bf16, int8"), ({"device": "tpu"}, "auto, cpu, cuda"), ({"precision": "int8", "device": "cuda"}, "bf16")],
+    [
+        ({"precision": "fp8"}, "fp32, bf16, int8"),
+        ({"device": "tpu"}, "auto, cpu, cuda"),
+        ({"precision": "int8", "device": "cuda"}, "bf16"),
+    ],
 )
 def test_wrong_options_are_exit_2(make_run, options, words):
     with pytest.raises(SettingError) as error:
@@ -269,7 +314,12 @@ def test_off_in_the_profile_scores_nothing(make_run):
     run = make_run(model="no such model")
     from dataclasses import replace
 
-    off = replace(run, profile=run.profile.model_copy(update={"toxicity": type(run.profile.toxicity).model_validate("off")}))
+    off = replace(
+        run,
+        profile=run.profile.model_copy(
+            update={"toxicity": type(run.profile.toxicity).model_validate("off")}
+        ),
+    )
     scorer = Scorer.open(off, "youtube")
     assert not scorer.on
     assert scorer.annotate([TEXTS]).texts == 0

@@ -59,7 +59,9 @@ def said(tools) -> Said:  # type: ignore[no-untyped-def]
     rows, lengths = tables(330, 3000, [keyword.name for keyword in tools.keywords.every])
     plain = Folded(Text(rows).raw).bytes.split(b"\xff")
     texts = [one.decode() for one in plain]
-    return Said(rows, lengths["duration_s"].combine_chunks(), texts, sum(len(one.split()) for one in texts))
+    return Said(
+        rows, lengths["duration_s"].combine_chunks(), texts, sum(len(one.split()) for one in texts)
+    )
 
 
 def _rate(words: int, work: Callable[[], object], least: float = 0.5) -> float:
@@ -106,29 +108,41 @@ def test_pairs_matching_and_pipeline(said: Said, tools) -> None:  # type: ignore
     found = tools.matcher.find(raw)
     hits["kb: fold + match + resolve"] = len(found.phrase) / said.words
     few = b" " + " \xff ".join(texts).encode("latin-1") + b" "
-    assert len(tools.matcher.find(few).phrase) == round(hits["one re alternation"] * words)  # the same matches
+    assert len(tools.matcher.find(few).phrase) == round(
+        hits["one re alternation"] * words
+    )  # the same matches
 
-    rates["kb: whole pipeline with CLIP tokens"] = _rate(said.words, lambda: pairs_of(Text(said.rows, said.lengths), tools))
+    rates["kb: whole pipeline with CLIP tokens"] = _rate(
+        said.words, lambda: pairs_of(Text(said.rows, said.lengths), tools)
+    )
     _flashtext(said, phrases, rates, hits)
     _pyahocorasick(said, phrases, rates, hits)
     _duckdb(said, phrases, rates)
     _show(
-        f"{len(phrases):,} phrases, {said.words:,} words, a match in {1 / hits['kb: fold + match + resolve']:.0f} words", rates, "one re alternation"
+        f"{len(phrases):,} phrases, {said.words:,} words, a match in {1 / hits['kb: fold + match + resolve']:.0f} words",
+        rates,
+        "one re alternation",
     )
     print("  matches a word: " + ", ".join(f"{name} {share:.4f}" for name, share in hits.items()))
     assert rates["kb: fold + match + resolve"] >= 300 * rates["one re alternation"]
     assert rates["kb: whole pipeline with CLIP tokens"] >= 90 * rates["one re alternation"]
 
 
-def _flashtext(said: Said, phrases: list[str], rates: dict[str, float], hits: dict[str, float]) -> None:
+def _flashtext(
+    said: Said, phrases: list[str], rates: dict[str, float], hits: dict[str, float]
+) -> None:
     keyword = pytest.importorskip("flashtext").KeywordProcessor()
     keyword.add_keywords_from_list(list(phrases))
     texts, words = _part(said, 100_000)
-    rates["flashtext"] = _rate(words, lambda: [keyword.extract_keywords(text, span_info=True) for text in texts])
+    rates["flashtext"] = _rate(
+        words, lambda: [keyword.extract_keywords(text, span_info=True) for text in texts]
+    )
     hits["flashtext"] = sum(len(keyword.extract_keywords(text)) for text in texts) / words
 
 
-def _pyahocorasick(said: Said, phrases: list[str], rates: dict[str, float], hits: dict[str, float]) -> None:
+def _pyahocorasick(
+    said: Said, phrases: list[str], rates: dict[str, float], hits: dict[str, float]
+) -> None:
     automaton = pytest.importorskip("ahocorasick").Automaton()
     for phrase in phrases:
         automaton.add_word(f" {phrase} ", len(phrase))
@@ -154,7 +168,12 @@ def _duckdb(said: Said, phrases: list[str], rates: dict[str, float]) -> None:
         con.execute("SET threads = 1")
         con.register("said", pa.table({"text": texts}))
         try:
-            rates["DuckDB regexp"] = _rate(words, lambda: con.execute(f"SELECT sum(len(regexp_extract_all(text, '{pattern}'))) FROM said").fetchall())
+            rates["DuckDB regexp"] = _rate(
+                words,
+                lambda: con.execute(
+                    f"SELECT sum(len(regexp_extract_all(text, '{pattern}'))) FROM said"
+                ).fetchall(),
+            )
         except duckdb.Error as error:
             print(f"DuckDB regexp: {str(error)[:100]}")
 
@@ -175,13 +194,19 @@ print(json.dumps({"seconds": time.perf_counter() - begin, "cpu": time.process_ti
 
 
 def test_pairs_at_scale(tools, tmp_path: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
-    rows, lengths = tables(DIFFERENT, WORDS // VIDEOS, [keyword.name for keyword in tools.keywords.every], share=0.03)
+    rows, lengths = tables(
+        DIFFERENT, WORDS // VIDEOS, [keyword.name for keyword in tools.keywords.every], share=0.03
+    )
     measured = []
-    print(f"\nscale of the paper: {VIDEOS:,} videos, {WORDS:,} words; one worker, from Parquet to Parquet")
+    print(
+        f"\nscale of the paper: {VIDEOS:,} videos, {WORDS:,} words; one worker, from Parquet to Parquet"
+    )
     for share in SHARES:
         root = tmp_path / f"{share}"
         _write(root, rows, lengths, int(VIDEOS * share * _SCALE), make_rows)
-        child = subprocess.run([sys.executable, "-c", _CHILD, str(root)], capture_output=True, text=True, check=True)
+        child = subprocess.run(
+            [sys.executable, "-c", _CHILD, str(root)], capture_output=True, text=True, check=True
+        )
         one = json.loads(child.stdout.splitlines()[-1])
         measured.append(one)
         print(
@@ -193,7 +218,9 @@ def test_pairs_at_scale(tools, tmp_path: Path, make_rows) -> None:  # type: igno
         f"  extrapolated from the last line, not measured: 100% is {last['cpu'] * WORDS / last['words'] / 60:.0f} minutes of one core, "
         f"about {last['pairs'] * WORDS / last['words'] / 1e6:.1f} M pairs before max_pairs_per_video"
     )
-    assert last["peak_mb"] < 2 * measured[0]["peak_mb"] + 100  # ten times the data in about the same memory
+    assert (
+        last["peak_mb"] < 2 * measured[0]["peak_mb"] + 100
+    )  # ten times the data in about the same memory
 
 
 def _write(root: Path, rows: pa.Table, lengths: pa.Table, videos: int, make_rows) -> None:  # type: ignore[no-untyped-def]
@@ -203,7 +230,18 @@ def _write(root: Path, rows: pa.Table, lengths: pa.Table, videos: int, make_rows
         count = min(size, videos - first)
         ids = [f"{first + at:011d}" for at in range(count)]
         which = pa.array(np.arange(count) % DIFFERENT)
-        with ShardWriter(root / f"clean/youtube/transcripts/part-{number:05d}.parquet", "youtube/transcripts", in_order=True) as file:
+        with ShardWriter(
+            root / f"clean/youtube/transcripts/part-{number:05d}.parquet",
+            "youtube/transcripts",
+            in_order=True,
+        ) as file:
             file.write(rows.take(which).set_column(0, rows.schema.field(0), pa.array(ids)))
-        made = make_rows("youtube/videos", count, video_id=ids, duration_s=lengths["duration_s"].take(which).to_pylist())
-        write_table(root / f"clean/youtube/videos/part-{number:05d}.parquet", made, "youtube/videos")
+        made = make_rows(
+            "youtube/videos",
+            count,
+            video_id=ids,
+            duration_s=lengths["duration_s"].take(which).to_pylist(),
+        )
+        write_table(
+            root / f"clean/youtube/videos/part-{number:05d}.parquet", made, "youtube/videos"
+        )

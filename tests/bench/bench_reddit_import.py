@@ -87,16 +87,39 @@ LATER = {
 }
 
 
-IDS = {"Minecraft": "t5_2r05i", "gardening": "t5_2qhw1", "trains": "t5_2qlwi", "AskAnything": "t5_2tq4p", "pics": "t5_2qh0u"}
+IDS = {
+    "Minecraft": "t5_2r05i",
+    "gardening": "t5_2qhw1",
+    "trains": "t5_2qlwi",
+    "AskAnything": "t5_2tq4p",
+    "pics": "t5_2qh0u",
+}
 
 
 def write(path: Path, lines: int, later: dict[str, object]) -> None:
     """A monthly file: comments of many subreddits, half a percent of them Minecraft's."""
     rng = clock.rng("bench dumps")
-    words = ["block", "garden", "score", "the", "of", "and", "train", "cloud", "paper", "window", "never", "always"]
+    words = [
+        "block",
+        "garden",
+        "score",
+        "the",
+        "of",
+        "and",
+        "train",
+        "cloud",
+        "paper",
+        "window",
+        "never",
+        "always",
+    ]
     with path.open("wb") as file, zstandard.ZstdCompressor(level=3).stream_writer(file) as out:
         for number in range(lines):
-            name = "Minecraft" if number % 200 == 7 else rng.choice(("gardening", "trains", "AskAnything", "pics"))
+            name = (
+                "Minecraft"
+                if number % 200 == 7
+                else rng.choice(("gardening", "trains", "AskAnything", "pics"))
+            )
             out.write(
                 json.dumps(
                     {
@@ -128,7 +151,10 @@ def write(path: Path, lines: int, later: dict[str, object]) -> None:
 
 def lines_of(path: Path) -> Iterator[bytes]:
     """Every line, streamed."""
-    with path.open("rb") as file, zstandard.ZstdDecompressor(max_window_size=1 << 31).stream_reader(file) as reader:
+    with (
+        path.open("rb") as file,
+        zstandard.ZstdDecompressor(max_window_size=1 << 31).stream_reader(file) as reader,
+    ):
         rest = b""
         while chunk := reader.read(4 << 20):
             *whole, rest = (rest + chunk).split(b"\n")
@@ -192,9 +218,17 @@ def test_memory_does_not_grow_with_the_file(tmp_path, record_property):
             "import sys; from kb.reddit.importing import Job, import_file; import resource;"
             "import_file(Job(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'), 0)); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
         )
-        done = subprocess.run([sys.executable, "-c", program, str(path), str(tmp_path / f"root{lines}")], capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            [sys.executable, "-c", program, str(path), str(tmp_path / f"root{lines}")],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
         peaks[lines] = int(done.stdout) / 1024
-    print("\npeak memory, MiB: " + ", ".join(f"{lines:,} lines {peak:.0f}" for lines, peak in peaks.items()))
+    print(
+        "\npeak memory, MiB: "
+        + ", ".join(f"{lines:,} lines {peak:.0f}" for lines, peak in peaks.items())
+    )
     record_property("peaks", peaks)
     small, large = peaks.values()
     assert large < 1.25 * small

@@ -46,20 +46,32 @@ def checkpoint(tmp_path_factory):
     names = tiny.vocabulary()
     names += [f"[unused{n}]" for n in range(30_522 - len(names))]
     (folder / "vocab.txt").write_text("\n".join(names) + "\n")
-    (folder / "tokenizer_config.json").write_text('{"do_lower_case": true, "model_max_length": 512}')
+    (folder / "tokenizer_config.json").write_text(
+        '{"do_lower_case": true, "model_max_length": 512}'
+    )
     # Wider weights than a fresh model's: else every text has the same score and agreement means nothing.
     config = BertConfig(num_labels=6, initializer_range=0.05)
     (folder / "config.json").write_text(json.dumps({"model_type": "bert"}))
-    args = {"model_type": "bert-base-uncased", "model_name": "BertForSequenceClassification", "tokenizer_name": "BertTokenizer", "num_classes": 6}
+    args = {
+        "model_type": "bert-base-uncased",
+        "model_name": "BertForSequenceClassification",
+        "tokenizer_name": "BertTokenizer",
+        "num_classes": 6,
+    }
     path = folder / "base.ckpt"
     torch.save(
         {
-            "config": {"arch": {"args": args}, "dataset": {"args": {"classes": list(tiny.CLASSES)}}},
+            "config": {
+                "arch": {"args": args},
+                "dataset": {"args": {"classes": list(tiny.CLASSES)}},
+            },
             "state_dict": BertForSequenceClassification(config).state_dict(),
         },
         path,
     )
-    return find_checkpoint(load_settings(dotenv=False, kb_toxicity_model=str(path), kb_toxicity_sha256=sha256_of(path)))
+    return find_checkpoint(
+        load_settings(dotenv=False, kb_toxicity_model=str(path), kb_toxicity_sha256=sha256_of(path))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -95,15 +107,23 @@ def test_same_scores_at_three_times_the_rate(checkpoint, texts):
             differences[name] = max(
                 abs(row[category] - score)
                 for text, row in zip(texts, plain, strict=True)
-                for category, score in zip(runner.meta.classes, scores[text_hash(text)], strict=True)
+                for category, score in zip(
+                    runner.meta.classes, scores[text_hash(text)], strict=True
+                )
             )
     some = texts[:ARRIVAL]
-    arrival, _ = rate_of(some, lambda: [detoxify.predict(some[n : n + 32]) for n in range(0, len(some), 32)])
+    arrival, _ = rate_of(
+        some, lambda: [detoxify.predict(some[n : n + 32]) for n in range(0, len(some), 32)]
+    )
 
     one = best.pop("one by one")
-    print(f"\n{len(texts)} texts, {len(set(texts))} distinct, {threads} threads, best of {ROUNDS} rounds")
+    print(
+        f"\n{len(texts)} texts, {len(set(texts))} distinct, {threads} threads, best of {ROUNDS} rounds"
+    )
     print(f"one by one      {one:7.1f} texts/s   1.00×")
-    print(f"arrival order   {arrival:7.1f} texts/s   {arrival / one:.2f}×   (once, {len(some)} texts)")
+    print(
+        f"arrival order   {arrival:7.1f} texts/s   {arrival / one:.2f}×   (once, {len(some)} texts)"
+    )
     for name, rate in best.items():
         print(
             f"{name:<16}{rate:7.1f} texts/s   {rate / one:.2f}×   largest difference {differences[name]:.1e}"
@@ -112,7 +132,9 @@ def test_same_scores_at_three_times_the_rate(checkpoint, texts):
         )
     exact = [name for name in best if name not in ("bf16", "int8")]
     assert all(differences[name] < 1e-4 for name in exact)
-    assert all(differences[name] < backends.REACH[name] for name in ("bf16", "int8") if name in best)
+    assert all(
+        differences[name] < backends.REACH[name] for name in ("bf16", "int8") if name in best
+    )
     assert best["chosen"] >= 3 * one
 
 

@@ -68,8 +68,12 @@ def make_pool(wiki, section):
 
 def test_one_call_against_webdriver(make_pool, wiki, section):
     """The same facts of the same page: text, box and visibility of every element."""
-    rows = "".join(f"<tr><th>Row {n}</th><td>{n}</td><td>some text {n}</td></tr>" for n in range(90))
-    body = f"<h2>Table</h2><table>{rows}</table>" + "".join(f"<p>Paragraph {n} says something.</p>" for n in range(30))
+    rows = "".join(
+        f"<tr><th>Row {n}</th><td>{n}</td><td>some text {n}</td></tr>" for n in range(90)
+    )
+    body = f"<h2>Table</h2><table>{rows}</table>" + "".join(
+        f"<p>Paragraph {n} says something.</p>" for n in range(30)
+    )
 
     def work(browser):
         browser.go(f"{wiki}/wiki/Main_Page")
@@ -81,14 +85,20 @@ def test_one_call_against_webdriver(make_pool, wiki, section):
             ours.append(time.perf_counter() - start)
         start = time.perf_counter()
         by_driver = []
-        for element in browser.selenium.find_elements("css selector", "#content :is(h1, h2, p, table, th, td)"):
+        for element in browser.selenium.find_elements(
+            "css selector", "#content :is(h1, h2, p, table, th, td)"
+        ):
             by_driver.append((element.tag_name, element.text, element.rect, element.is_displayed()))
         return found["elements"], sorted(ours)[2], by_driver, time.perf_counter() - start
 
     with make_pool() as pool:
         elements, ours, by_driver, theirs = pool.use(work)
-    assert [(e["tag"], round(e["box"][2])) for e in elements] == [(tag, round(rect["width"])) for tag, _, rect, _ in by_driver]
-    print(f"\n{len(elements)} elements: one call {ours * 1000:.1f} ms, WebDriver {theirs:.2f} s: {theirs / ours:.0f} times")
+    assert [(e["tag"], round(e["box"][2])) for e in elements] == [
+        (tag, round(rect["width"])) for tag, _, rect, _ in by_driver
+    ]
+    print(
+        f"\n{len(elements)} elements: one call {ours * 1000:.1f} ms, WebDriver {theirs:.2f} s: {theirs / ours:.0f} times"
+    )
     assert theirs / ours >= 100
 
 
@@ -104,7 +114,11 @@ def test_pages_a_second(make_pool, wiki, section, tmp_path):
 
     def show(pool, number, url):
         picture = Path(tmp_path / f"{number}.png")
-        found = pool.use(lambda browser: capture.capture(browser, url, picture, section.rules, max_height=100_000))
+        found = pool.use(
+            lambda browser: capture.capture(
+                browser, url, picture, section.rules, max_height=100_000
+            )
+        )
         return found.seconds
 
     with make_pool() as pool:
@@ -113,7 +127,11 @@ def test_pages_a_second(make_pool, wiki, section, tmp_path):
     rates = {}
     for workers in (1, 2):
         with make_pool() as pool, ThreadPoolExecutor(workers) as threads:
-            list(threads.map(lambda url, pool=pool: pool.use(lambda browser: browser.go(url)), urls[:workers]))
+            list(
+                threads.map(
+                    lambda url, pool=pool: pool.use(lambda browser: browser.go(url)), urls[:workers]
+                )
+            )
             start = time.perf_counter()
             seconds = list(threads.map(lambda job, pool=pool: show(pool, *job), enumerate(urls)))
             rates[workers] = len(urls) / (time.perf_counter() - start)
@@ -121,9 +139,14 @@ def test_pages_a_second(make_pool, wiki, section, tmp_path):
                 for held in seconds:
                     parts.update(held)
     total = sum(parts.values())
-    print(f"\nbare load {loads:.1f} pages/s; whole pages with 1 browser {rates[1]:.2f}, with 2 {rates[2]:.2f} ({rates[2] / rates[1]:.1f} times)")
+    print(
+        f"\nbare load {loads:.1f} pages/s; whole pages with 1 browser {rates[1]:.2f}, with 2 {rates[2]:.2f} ({rates[2] / rates[1]:.1f} times)"
+    )
     print(
         "where a page's time goes: "
-        + ", ".join(f"{name} {value / len(urls) * 1000:.0f} ms ({value / total:.0%})" for name, value in parts.most_common())
+        + ", ".join(
+            f"{name} {value / len(urls) * 1000:.0f} ms ({value / total:.0%})"
+            for name, value in parts.most_common()
+        )
     )
     assert rates[2] > rates[1]

@@ -25,7 +25,11 @@ pytestmark = pytest.mark.bench
 def script(*arguments: object) -> dict[str, Any]:
     """One process for each measurement, so that its memory is its own."""
     done = subprocess.run(
-        [sys.executable, str(SCRIPT), *map(str, arguments)], capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": str(ROOT)}
+        [sys.executable, str(SCRIPT), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout) if done.stdout.strip() else {}
@@ -36,9 +40,15 @@ def test_rate_and_memory(tmp_path: Path) -> None:
     for size in (SMALL, LARGE):
         root = tmp_path / str(size)
         script("make", root, size)
-        for name, what, workers in (("plain", "plain", 1), ("one worker", "ours", 1), ("two workers", "ours", 2)):
+        for name, what, workers in (
+            ("plain", "plain", 1),
+            ("one worker", "ours", 1),
+            ("two workers", "ours", 2),
+        ):
             figures[name, size] = script(what, root, workers)
-    print(f"\n{'':12} {'records':>10} {'seconds':>8} {'CPU s':>7} {'records/s':>10} {'ratio':>6} {'peak MB':>8} {'worker MB':>9}")
+    print(
+        f"\n{'':12} {'records':>10} {'seconds':>8} {'CPU s':>7} {'records/s':>10} {'ratio':>6} {'peak MB':>8} {'worker MB':>9}"
+    )
     for (name, size), found in figures.items():
         ratio = figures["plain", size]["seconds"] / found["seconds"]
         print(
@@ -50,5 +60,10 @@ def test_rate_and_memory(tmp_path: Path) -> None:
             for count in ("kept", "rejected"):
                 assert figures[name, size][count] == figures["plain", size][count]
     for name in ("one worker", "two workers"):
-        small, large = (max(figures[name, size]["peak_mb"], figures[name, size]["worker_mb"]) for size in (SMALL, LARGE))
-        assert large < 1.5 * small, f"{name}: {small} MB for {SMALL:,} records, {large} MB for {LARGE:,}"
+        small, large = (
+            max(figures[name, size]["peak_mb"], figures[name, size]["worker_mb"])
+            for size in (SMALL, LARGE)
+        )
+        assert large < 1.5 * small, (
+            f"{name}: {small} MB for {SMALL:,} records, {large} MB for {LARGE:,}"
+        )

@@ -27,7 +27,10 @@ def make(root: Path, count: int) -> None:
     import zstandard
 
     chance = random.Random(7)
-    words = ["".join(chance.choices("abcdefghijklmnopqrstuvwxyz", k=chance.randint(2, 9))) for _ in range(3000)]
+    words = [
+        "".join(chance.choices("abcdefghijklmnopqrstuvwxyz", k=chance.randint(2, 9)))
+        for _ in range(3000)
+    ]
     texts = [" ".join(chance.choices(words, k=60)) for _ in range(3000)]
     folder = root / "raw" / "youtube" / "videos"
     folder.mkdir(parents=True)
@@ -86,7 +89,11 @@ def _item(number: int, chance: random.Random, texts: list[str]) -> dict[str, Any
             "description": chance.choice(texts),
             "channelTitle": "a channel",
             "thumbnails": {
-                size: {"url": f"https://i.ytimg.com/vi/{key}/{size}.jpg", "width": 120, "height": 90}
+                size: {
+                    "url": f"https://i.ytimg.com/vi/{key}/{size}.jpg",
+                    "width": 120,
+                    "height": 90,
+                }
                 for size in ("default", "medium", "high", "standard", "maxres")
             },
             "tags": chance.choice(texts).split()[:8],
@@ -96,7 +103,9 @@ def _item(number: int, chance: random.Random, texts: list[str]) -> dict[str, Any
             "defaultAudioLanguage": "en",
         },
         "contentDetails": {
-            "duration": f"PT{chance.randrange(60)}M{chance.randrange(60)}S" if chance.random() > 0.01 else "P0D",
+            "duration": f"PT{chance.randrange(60)}M{chance.randrange(60)}S"
+            if chance.random() > 0.01
+            else "P0D",
             "dimension": "2d",
             "definition": "hd",
             "caption": "false",
@@ -113,7 +122,11 @@ def _item(number: int, chance: random.Random, texts: list[str]) -> dict[str, Any
             "madeForKids": False,
         },
         "statistics": statistics,
-        "player": {"embedHtml": "<iframe></iframe>", "embedWidth": "405" if tall else "854", "embedHeight": "720" if tall else "480"},
+        "player": {
+            "embedHtml": "<iframe></iframe>",
+            "embedWidth": "405" if tall else "854",
+            "embedHeight": "720" if tall else "480",
+        },
     }
 
 
@@ -126,7 +139,9 @@ def ours(root: Path, workers: int) -> dict[str, Any]:
     from kb.filters.clean import run_clean
 
     profile = load_profile("minecraft")
-    youtube = profile.youtube.model_copy(update={"game_ids": (), "transcripts": "optional", "topic_keywords": KEYWORDS})
+    youtube = profile.youtube.model_copy(
+        update={"game_ids": (), "transcripts": "optional", "topic_keywords": KEYWORDS}
+    )
     toxicity = profile.toxicity.model_copy(update={"toxicity": "off"})
     profile = profile.model_copy(update={"youtube": youtube, "toxicity": toxicity})
     run = Run(settings=Settings(), profile=profile, root=root, workers=workers)
@@ -164,9 +179,19 @@ def plain(root: Path, _: int) -> dict[str, Any]:
     out = root / "plain"
     out.mkdir(exist_ok=True)
     rows = sorted(kept.values(), key=lambda row: row["video_id"])
-    pq.write_table(pa.Table.from_pylist(rows), out / "videos.parquet", compression="zstd", row_group_size=131_072)
+    pq.write_table(
+        pa.Table.from_pylist(rows),
+        out / "videos.parquet",
+        compression="zstd",
+        row_group_size=131_072,
+    )
     dropped.sort(key=lambda row: row["key"])
-    pq.write_table(pa.Table.from_pylist(dropped), out / "rejected.parquet", compression="zstd", row_group_size=131_072)
+    pq.write_table(
+        pa.Table.from_pylist(dropped),
+        out / "rejected.parquet",
+        compression="zstd",
+        row_group_size=131_072,
+    )
     return {"kept": len(rows), "rejected": dict(Counter(row["stage"] for row in dropped))}
 
 
@@ -174,7 +199,13 @@ def _judge(item: dict[str, Any], fetched_at: str, word: Any, shape: Any) -> dict
     key, snippet = item["id"], item["snippet"]
 
     def drop(stage: str, reason: str, value: object, threshold: object) -> dict[str, Any]:
-        return {"key": key, "stage": stage, "reason": reason, "value": None if value is None else str(value), "threshold": str(threshold)}
+        return {
+            "key": key,
+            "stage": stage,
+            "reason": reason,
+            "value": None if value is None else str(value),
+            "threshold": str(threshold),
+        }
 
     texts = (snippet["title"], *snippet.get("tags", ()), snippet["description"])
     if int(snippet["categoryId"]) != 20:
@@ -192,7 +223,10 @@ def _judge(item: dict[str, Any], fetched_at: str, word: Any, shape: Any) -> dict
     if width / height < 1:
         return drop("aspect_ratio", "below", width / height, 1)
     match = shape.fullmatch(item["contentDetails"]["duration"])
-    duration = sum(int(part or 0) * size for part, size in zip(match.groups(), (86400, 3600, 60, 1), strict=True))
+    duration = sum(
+        int(part or 0) * size
+        for part, size in zip(match.groups(), (86400, 3600, 60, 1), strict=True)
+    )
     if duration < 60:
         return drop("duration", "below", duration, 60)
     if item["contentDetails"].get("contentRating", {}).get("ytRating") == "ytAgeRestricted":
@@ -229,7 +263,9 @@ def main(what: str, root: Path, count: int = 0) -> None:
     result = {"ours": ours, "plain": plain}[what](root, count)
     result["seconds"] = time.perf_counter() - start
     # Peak of this process and of its largest worker.
-    own, child = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    own, child = (
+        resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    )
     result["cpu_s"] = own.ru_utime + own.ru_stime + child.ru_utime + child.ru_stime
     print(json.dumps(result | {"peak_mb": own.ru_maxrss >> 10, "worker_mb": child.ru_maxrss >> 10}))
 

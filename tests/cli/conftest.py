@@ -16,14 +16,20 @@ Kb = Callable[..., "subprocess.CompletedProcess[str]"]
 def clean_environment() -> dict[str, str]:
     """The environment without any setting of Lorebase."""
     ours = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_")
-    return {name: value for name, value in os.environ.items() if not name.startswith(ours) and name != "SOURCE_DATE_EPOCH"}
+    return {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(ours) and name != "SOURCE_DATE_EPOCH"
+    }
 
 
 @pytest.fixture
 def kb(tmp_path: Path) -> Kb:
     """kb("status", "--json", env={...}) -> CompletedProcess with text output."""
 
-    def run(*arguments: str, env: dict[str, str] | None = None, timeout: float = 120) -> subprocess.CompletedProcess[str]:
+    def run(
+        *arguments: str, env: dict[str, str] | None = None, timeout: float = 120
+    ) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [sys.executable, "-m", "kb", *arguments],
             cwd=tmp_path,

@@ -63,7 +63,11 @@ COMMANDS = dict(leaves())
 
 def imports_of(code: str) -> set[str]:
     answer = subprocess.run(
-        [sys.executable, "-c", f"import json, sys\ntry:\n    {code}\nexcept SystemExit:\n    pass\nprint('\\n' + json.dumps(sorted(sys.modules)))"],
+        [
+            sys.executable,
+            "-c",
+            f"import json, sys\ntry:\n    {code}\nexcept SystemExit:\n    pass\nprint('\\n' + json.dumps(sorted(sys.modules)))",
+        ],
         capture_output=True,
         text=True,
         check=True,
@@ -102,7 +106,9 @@ def test_every_command_and_option_is_described(name: str) -> None:
     assert command.help.splitlines()[0].endswith("."), "the first line is a sentence"
     assert command.epilog, "no example"
     for example in command.epilog.splitlines():
-        assert example.startswith(f"kb {name}") or name in example, f"not an example of kb {name}: {example}"
+        assert example.startswith(f"kb {name}") or name in example, (
+            f"not an example of kb {name}: {example}"
+        )
     for parameter in command.params:
         if parameter.name not in ("help", "context"):
             assert getattr(parameter, "help", None), f"{parameter.name} has no help"
@@ -126,7 +132,9 @@ def test_examples_name_options_that_exist(name: str) -> None:
     known = {option for parameter in command.params for option in parameter.opts}
     for example in command.epilog.splitlines():
         before_comment = re.split(r"  +", example)[0].split(" -- ")[0]
-        if before_comment.removeprefix(f"kb {name} ").split(" ")[0] in getattr(command, "commands", {}):
+        if before_comment.removeprefix(f"kb {name} ").split(" ")[0] in getattr(
+            command, "commands", {}
+        ):
             continue  # an example of one of the group's commands
         for option in re.findall(r"(?<=\s)--[a-z-]+", before_comment):
             assert option in known, f"{option} in: {example}"

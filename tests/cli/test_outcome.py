@@ -38,10 +38,14 @@ def end(capsys: pytest.CaptureFixture[str]) -> Any:
     return run
 
 
-@pytest.mark.parametrize("kind", [kind for kind in classes(errors.KbError) if not issubclass(kind, errors.ItemError)])
+@pytest.mark.parametrize(
+    "kind", [kind for kind in classes(errors.KbError) if not issubclass(kind, errors.ItemError)]
+)
 def test_every_error_is_one_line_with_its_code(end: Any, kind: type[errors.KbError]) -> None:
     code, out, err = end(kind("what went wrong", hint="what to do"))
-    wanted = 2 if issubclass(kind, errors.UsageError) else 3 if issubclass(kind, errors.Stopped) else 1
+    wanted = (
+        2 if issubclass(kind, errors.UsageError) else 3 if issubclass(kind, errors.Stopped) else 1
+    )
     assert code == wanted
     assert err == "kb: what went wrong; what to do\n"
     assert out == ""
@@ -53,19 +57,38 @@ def test_a_stop_shows_what_was_done(end: Any) -> None:
     code, out, _ = end(error)
     assert (code, out) == (3, "crawled 5, kept 4, rejected 1, stopped: --limit 5 reached\n")
     code, out, _ = end(error, json=True)
-    assert json.loads(out) == {"crawled": 5, "kept": 4, "rejected": 1, "stopped": "--limit 5 reached"}
+    assert json.loads(out) == {
+        "crawled": 5,
+        "kept": 4,
+        "rejected": 1,
+        "stopped": "--limit 5 reached",
+    }
 
 
 @pytest.mark.parametrize(
     ("error", "code", "words"),
     [
         (KeyboardInterrupt(), 3, "the same command goes on"),
-        (OSError(errno.ENOSPC, "No space left on device", "/data/x"), 3, "no space left to write /data/x"),
-        (PermissionError(errno.EACCES, "Permission denied", "/data/y"), 1, "/data/y: Permission denied"),
-        (ZeroDivisionError("division by zero"), 1, "unexpected ZeroDivisionError: division by zero; run it again with --debug"),
+        (
+            OSError(errno.ENOSPC, "No space left on device", "/data/x"),
+            3,
+            "no space left to write /data/x",
+        ),
+        (
+            PermissionError(errno.EACCES, "Permission denied", "/data/y"),
+            1,
+            "/data/y: Permission denied",
+        ),
+        (
+            ZeroDivisionError("division by zero"),
+            1,
+            "unexpected ZeroDivisionError: division by zero; run it again with --debug",
+        ),
     ],
 )
-def test_errors_of_the_machine_and_our_own_mistakes(end: Any, error: BaseException, code: int, words: str) -> None:
+def test_errors_of_the_machine_and_our_own_mistakes(
+    end: Any, error: BaseException, code: int, words: str
+) -> None:
     got, out, err = end(error)
     assert got == code
     assert words in err
@@ -105,7 +128,9 @@ def test_a_message_of_several_lines_becomes_one(end: Any) -> None:
         (["query", "--tables", "FROM x"], ["--tables"]),
     ],
 )
-def test_wrong_usage_is_exit_2_with_a_guess_and_writes_nothing(kb: Any, tmp_path: Path, arguments: list[str], words: list[str]) -> None:
+def test_wrong_usage_is_exit_2_with_a_guess_and_writes_nothing(
+    kb: Any, tmp_path: Path, arguments: list[str], words: list[str]
+) -> None:
     answer = kb(*arguments)
     assert answer.returncode == 2, answer.stderr
     assert answer.stdout == ""
@@ -132,9 +157,15 @@ def test_a_wrong_setting_names_itself_and_not_its_value(kb: Any) -> None:
         {"KB_CONTACT": "snow☃man@example.org"},
     ],
 )
-def test_a_wrong_setting_is_found_before_anything_is_written(kb: Any, tmp_path: Path, env: dict[str, str]) -> None:
+def test_a_wrong_setting_is_found_before_anything_is_written(
+    kb: Any, tmp_path: Path, env: dict[str, str]
+) -> None:
     web = "http://127.0.0.1:9"
-    answer = kb("youtube", "crawl", env={"YOUTUBE_API_KEY": "k", "KB_YOUTUBE_ENDPOINT": web, "KB_YOUTUBE_WEB": web} | env)
+    answer = kb(
+        "youtube",
+        "crawl",
+        env={"YOUTUBE_API_KEY": "k", "KB_YOUTUBE_ENDPOINT": web, "KB_YOUTUBE_WEB": web} | env,
+    )
     assert answer.returncode == 2, answer.stderr
     assert answer.stderr.count("\n") == 1
     assert next(name for name in env) in answer.stderr
@@ -143,7 +174,13 @@ def test_a_wrong_setting_is_found_before_anything_is_written(kb: Any, tmp_path: 
 
 def test_empty_settings_change_nothing(kb: Any, tmp_path: Path) -> None:
     plain = kb("status")
-    assert kb("status", env={"KB_DATA": "", "KB_PROFILE": "", "KB_TOXICITY_MODEL": "", "KB_CONTACT": ""}).stdout == plain.stdout
+    assert (
+        kb(
+            "status",
+            env={"KB_DATA": "", "KB_PROFILE": "", "KB_TOXICITY_MODEL": "", "KB_CONTACT": ""},
+        ).stdout
+        == plain.stdout
+    )
     assert str(tmp_path / "data") in plain.stdout
 
 
@@ -163,10 +200,16 @@ def test_empty_settings_change_nothing(kb: Any, tmp_path: Path) -> None:
         (["status"], 0),
     ],
 )
-def test_a_data_root_that_is_not_there_is_not_made(kb: Any, tmp_path: Path, arguments: list[str], code: int) -> None:
+def test_a_data_root_that_is_not_there_is_not_made(
+    kb: Any, tmp_path: Path, arguments: list[str], code: int
+) -> None:
     shipped = folder("profiles") / "minecraft"
     shutil.copytree(shipped, tmp_path / "profile")
-    text = (shipped / "profile.toml").read_text(encoding="utf-8").replace('toxicity = "on"', 'toxicity = "off"')
+    text = (
+        (shipped / "profile.toml")
+        .read_text(encoding="utf-8")
+        .replace('toxicity = "on"', 'toxicity = "off"')
+    )
     (tmp_path / "profile" / "off.toml").write_text(text, encoding="utf-8")
     arguments = ["profile/off.toml" if word == "off.toml" else word for word in arguments]
     answer = kb(*arguments, "--data", "mistyped", env={"YOUTUBE_API_KEY": "k"})

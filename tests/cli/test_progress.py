@@ -59,7 +59,15 @@ def on_a_terminal(*arguments: str) -> tuple[str, str]:
 def test_a_terminal_gets_a_bar_with_rate_and_the_stages_figures() -> None:
     out, seen = on_a_terminal()
     assert out == "result\n"
-    for words in ("metadata", "40/40", "videos", "units 4/10000", "resets in 3h 20m", "a line in between", "━"):
+    for words in (
+        "metadata",
+        "40/40",
+        "videos",
+        "units 4/10000",
+        "resets in 3h 20m",
+        "a line in between",
+        "━",
+    ):
         assert words in seen
     assert seen.rstrip().endswith("\x1b[?25h") or "\x1b[?25h" in seen, "the cursor is shown again"
 
@@ -70,7 +78,12 @@ def test_quiet_shows_nothing() -> None:
 
 def test_a_pipe_gets_lines() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2], env=clean_environment()
+        [sys.executable, "-c", PROGRAM],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=Path(__file__).parents[2],
+        env=clean_environment(),
     )
     assert done.stdout == "result\n"
     assert "metadata: 40/40 videos" in done.stderr

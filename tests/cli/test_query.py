@@ -32,10 +32,16 @@ def root(tmp_path: Path) -> Path:
     folder.mkdir(parents=True)
     schema = table("shared/rejected").arrow()
     rows = [
-        {field.name: None for field in schema} | {"key": key, "stage": "views", "reason": "low", "value": value, "threshold": "100"}
+        {field.name: None for field in schema}
+        | {"key": key, "stage": "views", "reason": "low", "value": value, "threshold": "100"}
         for key, value in (("dQw4w9WgXcQ", "7"), ("J---aiyznGQ", "99"))
     ]
-    pq.write_table(pa.Table.from_pylist(rows, schema=pa.schema([field.with_nullable(True) for field in schema])), folder / "part-0.parquet")
+    pq.write_table(
+        pa.Table.from_pylist(
+            rows, schema=pa.schema([field.with_nullable(True) for field in schema])
+        ),
+        folder / "part-0.parquet",
+    )
     return tmp_path / "data"
 
 
@@ -52,13 +58,22 @@ def test_a_table_for_people(kb: Any) -> None:
 
 def test_csv(kb: Any) -> None:
     answer = kb("query", SQL, "--format", "csv")
-    assert answer.stdout == 'n,text,at,list,nothing\n1,"a, ""b""",2026-11-20T12:00:00Z,"[1.5,null]",\n2,"é\nx",,,\n'
+    assert (
+        answer.stdout
+        == 'n,text,at,list,nothing\n1,"a, ""b""",2026-11-20T12:00:00Z,"[1.5,null]",\n2,"é\nx",,,\n'
+    )
 
 
 def test_json(kb: Any) -> None:
     answer = kb("query", SQL, "--format", "json")
     assert json.loads(answer.stdout) == [
-        {"n": 1, "text": 'a, "b"', "at": "2026-11-20T12:00:00Z", "list": [1.5, None], "nothing": None},
+        {
+            "n": 1,
+            "text": 'a, "b"',
+            "at": "2026-11-20T12:00:00Z",
+            "list": [1.5, None],
+            "nothing": None,
+        },
         {"n": 2, "text": "é\nx", "at": None, "list": None, "nothing": None},
     ]
     assert kb("query", SQL, "--json").stdout == answer.stdout
@@ -67,7 +82,11 @@ def test_json(kb: Any) -> None:
 
 def test_parquet_to_a_pipe_and_to_a_file(kb: Any, tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "kb", "query", SQL, "--format", "parquet"], cwd=tmp_path, env=clean_environment(), capture_output=True, check=True
+        [sys.executable, "-m", "kb", "query", SQL, "--format", "parquet"],
+        cwd=tmp_path,
+        env=clean_environment(),
+        capture_output=True,
+        check=True,
     )
     piped = pq.read_table(io.BytesIO(done.stdout))
     assert piped["at"].to_pylist() == [datetime(2026, 11, 20, 12, tzinfo=UTC), None]
@@ -79,13 +98,18 @@ def test_a_long_answer_is_cut_for_people_and_says_so(kb: Any) -> None:
     lines = kb("query", "SELECT range AS n FROM range(1234)").stdout.splitlines()
     assert lines[-1] == "... 1,234 rows in all; --format csv prints every one"
     assert len(lines) == 103
-    assert len(kb("query", "SELECT range AS n FROM range(1234)", "--format", "csv").stdout.splitlines()) == 1235
+    assert (
+        len(
+            kb("query", "SELECT range AS n FROM range(1234)", "--format", "csv").stdout.splitlines()
+        )
+        == 1235
+    )
 
 
 def test_views_of_the_data_root(kb: Any, root: Path) -> None:
-    assert kb("query", "SELECT key, value::INT AS v FROM youtube_rejected ORDER BY v", "--format", "csv").stdout == (
-        "key,v\ndQw4w9WgXcQ,7\nJ---aiyznGQ,99\n"
-    )
+    assert kb(
+        "query", "SELECT key, value::INT AS v FROM youtube_rejected ORDER BY v", "--format", "csv"
+    ).stdout == ("key,v\ndQw4w9WgXcQ,7\nJ---aiyznGQ,99\n")
     (line,) = json.loads(kb("query", "--tables", "--format", "json").stdout)
     assert (line["schema"], line["view"], line["rows"]) == ("clean", "youtube_rejected", 2)
 
@@ -100,11 +124,16 @@ def test_views_of_the_data_root(kb: Any, root: Path) -> None:
         ("DROP VIEW clean.youtube_rejected", ["only reads"]),
         ("COPY (SELECT 1) TO 'x.csv'", ["only reads"]),
         ("SELECT 'x'::INT", ["x"]),
-        ("SELECT CASE WHEN range > 90000 THEN error('late') ELSE range::VARCHAR END AS x FROM range(100000)", ["late"]),
+        (
+            "SELECT CASE WHEN range > 90000 THEN error('late') ELSE range::VARCHAR END AS x FROM range(100000)",
+            ["late"],
+        ),
         ("SELECT [DATE 'infinity'] AS x", ["column x", "x::VARCHAR"]),
     ],
 )
-def test_a_wrong_query_is_one_line_and_exit_2(kb: Any, root: Path, tmp_path: Path, sql: str, words: list[str]) -> None:
+def test_a_wrong_query_is_one_line_and_exit_2(
+    kb: Any, root: Path, tmp_path: Path, sql: str, words: list[str]
+) -> None:
     before = sorted(tmp_path.rglob("*"))
     answer = kb("query", sql)
     assert answer.returncode == 2
@@ -116,7 +145,9 @@ def test_a_wrong_query_is_one_line_and_exit_2(kb: Any, root: Path, tmp_path: Pat
 
 
 @pytest.mark.parametrize("format", ["csv", "json", "parquet"])
-def test_a_mistake_in_a_late_row_is_one_line_and_exit_2(kb: Any, tmp_path: Path, format: str) -> None:
+def test_a_mistake_in_a_late_row_is_one_line_and_exit_2(
+    kb: Any, tmp_path: Path, format: str
+) -> None:
     late = "SELECT CASE WHEN range > 90000 THEN error('late') ELSE range::VARCHAR END AS x FROM range(100000)"
     answer = kb("query", late, "--format", format, "--out", "answer")
     assert (answer.returncode, answer.stderr.count("\n")) == (2, 1)
@@ -126,10 +157,17 @@ def test_a_mistake_in_a_late_row_is_one_line_and_exit_2(kb: Any, tmp_path: Path,
 
 def test_columns_of_one_name_are_all_there(kb: Any, tmp_path: Path) -> None:
     sql = "SELECT 1 AS a, 2 AS a, 3 AS a_1 UNION ALL SELECT 4, 5, 6"
-    assert kb("query", sql, "--format", "json").stdout == '[{"a":1,"a_1":2,"a_1_1":3},{"a":4,"a_1":5,"a_1_1":6}]\n'
+    assert (
+        kb("query", sql, "--format", "json").stdout
+        == '[{"a":1,"a_1":2,"a_1_1":3},{"a":4,"a_1":5,"a_1_1":6}]\n'
+    )
     assert kb("query", sql, "--format", "csv").stdout == "a,a_1,a_1_1\n1,2,3\n4,5,6\n"
     kb("query", sql, "--format", "parquet", "--out", "answer.parquet")
-    assert pq.read_table(tmp_path / "answer.parquet").to_pylist()[0] == {"a": 1, "a_1": 2, "a_1_1": 3}
+    assert pq.read_table(tmp_path / "answer.parquet").to_pylist()[0] == {
+        "a": 1,
+        "a_1": 2,
+        "a_1_1": 3,
+    }
 
 
 # What Python, JSON or Arrow have no value for.
@@ -164,8 +202,22 @@ def test_values_of_every_kind_as_text(kb: Any) -> None:
 
 def test_values_of_every_kind_as_parquet(kb: Any, tmp_path: Path) -> None:
     assert kb("query", ODD, "--format", "parquet", "--out", "answer.parquet").returncode == 0
-    read = duckdb.connect().execute(f"SELECT i, h, d = 'infinity', far::VARCHAR, b, s, m FROM '{tmp_path}/answer.parquet'").fetchone()
-    assert read == ("3 days", 2**127 - 1, True, "20000-01-02", b"ab", {"x y": ["1 day"]}, {"k": "101"})
+    read = (
+        duckdb.connect()
+        .execute(
+            f"SELECT i, h, d = 'infinity', far::VARCHAR, b, s, m FROM '{tmp_path}/answer.parquet'"
+        )
+        .fetchone()
+    )
+    assert read == (
+        "3 days",
+        2**127 - 1,
+        True,
+        "20000-01-02",
+        b"ab",
+        {"x y": ["1 day"]},
+        {"k": "101"},
+    )
 
 
 def test_limit_gives_the_first_rows(kb: Any, root: Path) -> None:
@@ -177,7 +229,10 @@ def test_limit_gives_the_first_rows(kb: Any, root: Path) -> None:
 def test_out_names_a_file_a_link_or_a_pipe(kb: Any, tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     answer = kb("query", "SELECT 1 AS n", "--out", "folder")
-    assert (answer.returncode, answer.stderr) == (2, "kb: --out folder is a folder; name a file in it\n")
+    assert (answer.returncode, answer.stderr) == (
+        2,
+        "kb: --out folder is a folder; name a file in it\n",
+    )
     (tmp_path / "link").symlink_to("there.csv")
     (tmp_path / "there.csv").touch()
     assert kb("query", "SELECT 1 AS n", "--out", "link", "--format", "csv").returncode == 0
@@ -191,7 +246,9 @@ def test_out_names_a_file_a_link_or_a_pipe(kb: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("arguments", [("query", "SELECT 1"), ("query", "--tables"), ("status",)])
-def test_a_root_that_is_not_there_stays_so(kb: Any, tmp_path: Path, arguments: tuple[str, ...]) -> None:
+def test_a_root_that_is_not_there_stays_so(
+    kb: Any, tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
     answer = kb(*arguments, "--data", "nowhere")
     assert answer.returncode == 0
     assert list(tmp_path.iterdir()) == []

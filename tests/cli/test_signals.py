@@ -60,7 +60,12 @@ sys.exit(outcome.guarded(lambda: app(prog_name="x", standalone_mode=False)))
 def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
     environment = {**clean_environment(), "PYTHONPATH": str(Path(__file__).parents[2])}
     process = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, *arguments], cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [sys.executable, "-c", PROGRAM, *arguments],
+        cwd=folder,
+        env=environment,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
@@ -68,7 +73,9 @@ def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_crawl_finishes_the_item_in_hand_and_says_how_to_go_on(tmp_path: Path, number: signal.Signals) -> None:
+def test_a_crawl_finishes_the_item_in_hand_and_says_how_to_go_on(
+    tmp_path: Path, number: signal.Signals
+) -> None:
     process = start(tmp_path, "crawl")
     process.send_signal(number)
     out, err = process.communicate(timeout=30)
@@ -98,9 +105,13 @@ def test_a_second_ctrl_c_does_not_wait_for_the_item(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_while_a_command_is_still_being_loaded(tmp_path: Path, number: signal.Signals) -> None:
+def test_a_signal_while_a_command_is_still_being_loaded(
+    tmp_path: Path, number: signal.Signals
+) -> None:
     """Whatever is imported when it comes: here the command tree, which says so and waits."""
-    (tmp_path / "typer.py").write_text('import time\nprint("importing", flush=True)\ntime.sleep(60)\n')
+    (tmp_path / "typer.py").write_text(
+        'import time\nprint("importing", flush=True)\ntime.sleep(60)\n'
+    )
     program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from kb.cli import main; main()"
     process = subprocess.Popen(
         [sys.executable, "-c", program, "youtube", "crawl", "--json"],

@@ -34,7 +34,10 @@ def fill(root: Path) -> None:
     videos = root / "clean" / "youtube" / "videos"
     videos.mkdir(parents=True)
     days = [datetime(2026, 11, 20, tzinfo=UTC), datetime(2026, 10, 1, tzinfo=UTC)]
-    pq.write_table(pa.table({"video_id": ["a", "b"], "fetched_at": pa.array(days, pa.timestamp("us", "UTC"))}), videos / "part-0.parquet")
+    pq.write_table(
+        pa.table({"video_id": ["a", "b"], "fetched_at": pa.array(days, pa.timestamp("us", "UTC"))}),
+        videos / "part-0.parquet",
+    )
 
 
 def status(kb: Any, *options: str) -> dict[str, Any]:
@@ -56,11 +59,23 @@ def test_progress_quota_age_and_disk(kb: Any, root: Path) -> None:
     fill(root)
     about = status(kb)
     source = about["sources"]["youtube"]
-    assert source["phases"]["metadata"] == {"done": 1, "error": 1, "in_progress": 1, "todo": 1, "total": 4, "left": 3}
+    assert source["phases"]["metadata"] == {
+        "done": 1,
+        "error": 1,
+        "in_progress": 1,
+        "todo": 1,
+        "total": 4,
+        "left": 3,
+    }
     assert source["phases"]["transcripts"]["left"] == 1
     assert (source["left"], about["left"]) == (4, 4)
     assert (source["requests"], source["units"]) == (3, 3)
-    assert source["quota"]["general"] == {"spent": 2, "left": 9998, "limit": 10000, "resets_at": "2026-11-21T08:00:00Z"}
+    assert source["quota"]["general"] == {
+        "spent": 2,
+        "left": 9998,
+        "limit": 10000,
+        "resets_at": "2026-11-21T08:00:00Z",
+    }
     assert source["quota"]["search"]["spent"] == 0
     assert source["rows"] == {"videos": 2}
     assert (source["oldest"], source["newest"]) == ("2026-10-01T00:00:00Z", "2026-11-20T00:00:00Z")
@@ -73,7 +88,10 @@ def test_for_people(kb: Any, root: Path) -> None:
     fill(root)
     answer = kb("status", env={"KB_NOW": "2026-11-20T20:00:00Z"})
     assert "metadata" in answer.stdout
-    assert "quota general: 2 of 10,000 spent today, 9,998 left, resets 2026-11-21T08:00:00Z" in answer.stdout
+    assert (
+        "quota general: 2 of 10,000 spent today, 9,998 left, resets 2026-11-21T08:00:00Z"
+        in answer.stdout
+    )
     assert "1 rows older than 30 days" in answer.stdout
 
 
@@ -116,7 +134,9 @@ def test_damaged_rows_are_named(kb: Any, root: Path) -> None:
 
 def test_damaged_state_is_one_line(kb: Any, root: Path) -> None:
     (root / "state").mkdir(parents=True)
-    (root / "state" / "reddit.sqlite").write_bytes(b"this is no database, whatever its name says" * 100)
+    (root / "state" / "reddit.sqlite").write_bytes(
+        b"this is no database, whatever its name says" * 100
+    )
     answer = kb("status")
     assert answer.returncode == 1
     assert "reddit.sqlite" in answer.stderr

@@ -52,7 +52,9 @@ wiki = "CC0-1.0"
 reddit = "CC-BY-4.0"
 pairs = "CC-BY-4.0"
 """
-WORDS = "keyword\tkind\trule\tforms\n" + "".join(f"{word}\tplace\t\t\n" for word in ("River", "Harbour", "Bridge", "Village", "Torch", "Wolf"))
+WORDS = "keyword\tkind\trule\tforms\n" + "".join(
+    f"{word}\tplace\t\t\n" for word in ("River", "Harbour", "Bridge", "Village", "Torch", "Wolf")
+)
 
 
 def test_the_whole_chain_from_a_file_of_its_own(tmp_path: Path, kb: Kb) -> None:  # noqa: F811
@@ -81,10 +83,22 @@ def test_the_whole_chain_from_a_file_of_its_own(tmp_path: Path, kb: Kb) -> None:
     def ask(sql: str) -> list[dict[str, object]]:
         return json.loads(kb("query", sql, "--format", "json").stdout)
 
-    topics = {row["topic_evidence"] for row in ask("SELECT DISTINCT topic_evidence FROM release.youtube_videos")}
+    topics = {
+        row["topic_evidence"]
+        for row in ask("SELECT DISTINCT topic_evidence FROM release.youtube_videos")
+    }
     assert topics == {"game_label"}
-    assert ask("SELECT count(*) AS n FROM clean.youtube_rejected WHERE stage = 'topic'")[0]["n"] > 150
-    assert {row["keyword"] for row in ask("SELECT DISTINCT keyword FROM release.pairs")} <= {"River", "Harbour", "Bridge", "Village", "Torch", "Wolf"}
+    assert (
+        ask("SELECT count(*) AS n FROM clean.youtube_rejected WHERE stage = 'topic'")[0]["n"] > 150
+    )
+    assert {row["keyword"] for row in ask("SELECT DISTINCT keyword FROM release.pairs")} <= {
+        "River",
+        "Harbour",
+        "Bridge",
+        "Village",
+        "Torch",
+        "Wolf",
+    }
     assert ask("SELECT max(clip_end_s - clip_start_s) <= 6.001 AS ok FROM release.pairs")[0]["ok"]
     assert ask("SELECT min(score) >= 2000 AS ok FROM release.reddit_posts")[0]["ok"]
     card = (tmp_path / "data" / "release" / "youtube" / "README.md").read_text()

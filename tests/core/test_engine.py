@@ -24,7 +24,9 @@ if __name__ == "__main__":
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_come_in_the_order_of_the_tasks(workers):
     with make_executor("local", workers) as pool:
-        assert list(map_in_order(pool, pow, ((n, 2) for n in range(9)), window=3)) == [n * n for n in range(9)]
+        assert list(map_in_order(pool, pow, ((n, 2) for n in range(9)), window=3)) == [
+            n * n for n in range(9)
+        ]
 
 
 def test_no_more_tasks_are_taken_than_the_window():
@@ -43,7 +45,12 @@ def test_no_more_tasks_are_taken_than_the_window():
 
 def test_workers_of_a_killed_parent_end(tmp_path):
     (tmp_path / "program.py").write_text(PROGRAM)
-    parent = subprocess.Popen([sys.executable, str(tmp_path / "program.py")], stdout=subprocess.PIPE, text=True, env=os.environ)
+    parent = subprocess.Popen(
+        [sys.executable, str(tmp_path / "program.py")],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ,
+    )
     workers = [psutil.Process(int(pid)) for pid in parent.stdout.readline().split()]
     assert workers
     parent.kill()

@@ -19,7 +19,11 @@ def write(tmp_path, text):
 def test_the_shipped_profile_is_found_wherever_one_stands(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     profile = load_profile("minecraft")
-    assert (profile.youtube.min_views, profile.reddit.min_score, profile.title) == (100, 5, "Minecraft")
+    assert (profile.youtube.min_views, profile.reddit.min_score, profile.title) == (
+        100,
+        5,
+        "Minecraft",
+    )
 
 
 def test_a_profile_by_path_with_one_source(tmp_path):
@@ -32,14 +36,32 @@ def test_a_profile_by_path_with_one_source(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("category_ids", "categoy_ids"), "unknown key 'youtube.categoy_ids', did you mean 'category_ids'"),
+        (
+            ("category_ids", "categoy_ids"),
+            "unknown key 'youtube.categoy_ids', did you mean 'category_ids'",
+        ),
         (("[youtube]", "[youtub]"), "unknown key 'youtub', did you mean 'youtube'"),
-        (("category_ids = [26]", 'category_ids = [26]\ntranscripts = "requird"'), r"'youtube.transcripts' is 'requird'.*did you mean 'required'"),
-        (("category_ids = [26]", "category_ids = [26]\nmin_views = -1"), r"'youtube.min_views' is -1: input should be greater than or equal to 0"),
+        (
+            ("category_ids = [26]", 'category_ids = [26]\ntranscripts = "requird"'),
+            r"'youtube.transcripts' is 'requird'.*did you mean 'required'",
+        ),
+        (
+            ("category_ids = [26]", "category_ids = [26]\nmin_views = -1"),
+            r"'youtube.min_views' is -1: input should be greater than or equal to 0",
+        ),
         (('keywords = ["roses"]', "keywords = []"), r"'youtube.keywords'"),
-        (("category_ids = [26]", "category_ids = [26]\nmin_duration_s = inf"), r"'youtube.min_duration_s' is inf: .*finite"),
-        (("category_ids = [26]", "category_ids = [26]\nmin_aspect_ratio = nan"), r"'youtube.min_aspect_ratio' is nan"),
-        (("[youtube]", "[toxicity.thresholds]\nyoutube = -inf\n[youtube]"), r"'toxicity.thresholds.youtube' is -inf"),
+        (
+            ("category_ids = [26]", "category_ids = [26]\nmin_duration_s = inf"),
+            r"'youtube.min_duration_s' is inf: .*finite",
+        ),
+        (
+            ("category_ids = [26]", "category_ids = [26]\nmin_aspect_ratio = nan"),
+            r"'youtube.min_aspect_ratio' is nan",
+        ),
+        (
+            ("[youtube]", "[toxicity.thresholds]\nyoutube = -inf\n[youtube]"),
+            r"'toxicity.thresholds.youtube' is -inf",
+        ),
         (('keywords = ["roses"]\n', ""), "'youtube.keywords' is missing"),
         (('title = "Garden"', "title = "), "not valid TOML"),
     ],

@@ -20,14 +20,20 @@ def test_the_environment_wins_over_the_file(empty_place, monkeypatch):
     (empty_place / ".env").write_text("YOUTUBE_API_KEY=from-file\nKB_CONTACT=me@example.org\n")
     monkeypatch.setenv("YOUTUBE_API_KEY", "from-environment")
     settings = load_settings()
-    assert (settings.need("youtube_api_key"), settings.kb_contact) == ("from-environment", "me@example.org")
+    assert (settings.need("youtube_api_key"), settings.kb_contact) == (
+        "from-environment",
+        "me@example.org",
+    )
     assert load_settings(dotenv=False).kb_contact is None
 
 
 def test_secrets_do_not_print(monkeypatch):
     monkeypatch.setenv("YOUTUBE_API_KEY", "very-secret-value")
     settings = load_settings()
-    assert "very-secret-value" not in f"{settings!r} {settings} {settings.model_dump()} {settings.model_dump_json()}"
+    assert (
+        "very-secret-value"
+        not in f"{settings!r} {settings} {settings.model_dump()} {settings.model_dump_json()}"
+    )
     assert settings.secret_values() == ["very-secret-value"]
 
 
@@ -44,7 +50,14 @@ def test_an_empty_secret_is_an_installed_app_and_an_unset_one_is_missing(monkeyp
     assert load_settings().need("reddit_client_secret") == ""
 
 
-ROOTS = ("KB_YOUTUBE_ENDPOINT", "KB_YOUTUBE_WEB", "KB_REDDIT_ENDPOINT", "KB_WIKI_URL", "KB_ZENODO_ENDPOINT", "KB_MODELS_ENDPOINT")
+ROOTS = (
+    "KB_YOUTUBE_ENDPOINT",
+    "KB_YOUTUBE_WEB",
+    "KB_REDDIT_ENDPOINT",
+    "KB_WIKI_URL",
+    "KB_ZENODO_ENDPOINT",
+    "KB_MODELS_ENDPOINT",
+)
 NO_ROOTS = [
     "minecraft.wiki",
     "ftp://host",
@@ -91,7 +104,11 @@ def test_a_wrong_value_is_named_and_not_shown(monkeypatch, name, value):
 @pytest.mark.parametrize("name", ROOTS)
 @pytest.mark.parametrize(
     ("value", "root"),
-    [("http://127.0.0.1:8000/", "http://127.0.0.1:8000"), (" https://[::1]/mirror/yt ", "https://[::1]/mirror/yt"), ("http://bücher.example", None)],
+    [
+        ("http://127.0.0.1:8000/", "http://127.0.0.1:8000"),
+        (" https://[::1]/mirror/yt ", "https://[::1]/mirror/yt"),
+        ("http://bücher.example", None),
+    ],
 )
 def test_a_root_is_taken_without_its_last_slash(monkeypatch, name, value, root):
     monkeypatch.setenv(name, value)
@@ -106,7 +123,11 @@ def test_an_empty_value_is_no_value(empty_place, monkeypatch, empty):
         monkeypatch.setenv(name.upper(), empty)
     assert load_settings() == unset
     # In the file as well; and the environment wins, also with nothing.
-    (empty_place / ".env").write_text("".join(f"{name.upper()}={empty}\n" for name in Settings.model_fields if name not in secrets))
+    (empty_place / ".env").write_text(
+        "".join(
+            f"{name.upper()}={empty}\n" for name in Settings.model_fields if name not in secrets
+        )
+    )
     for name in Settings.model_fields:
         monkeypatch.delenv(name.upper(), raising=False)
     assert load_settings() == unset
@@ -122,7 +143,10 @@ def test_an_empty_value_is_no_value(empty_place, monkeypatch, empty):
 def test_spaces_around_a_value_are_none_of_it(monkeypatch):
     monkeypatch.setenv("KB_CONTACT", " me@example.org ")
     monkeypatch.setenv("YOUTUBE_API_KEY", "key\n")
-    assert (load_settings().kb_contact, load_settings().need("youtube_api_key")) == ("me@example.org", "key")
+    assert (load_settings().kb_contact, load_settings().need("youtube_api_key")) == (
+        "me@example.org",
+        "key",
+    )
 
 
 def test_a_file_that_is_no_text_is_said_to_be_none(empty_place):

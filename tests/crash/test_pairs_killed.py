@@ -19,8 +19,19 @@ def command(root: Path) -> list[str]:
 
 
 def finish(root: Path) -> dict[str, bytes]:
-    subprocess.run(command(root), cwd=root.parent, env=clean_environment(), check=True, timeout=120, capture_output=True)
-    return {str(path.relative_to(root)): path.read_bytes() for folder in ("pairs", "release/pairs") for path in (root / folder).glob("*.parquet")}
+    subprocess.run(
+        command(root),
+        cwd=root.parent,
+        env=clean_environment(),
+        check=True,
+        timeout=120,
+        capture_output=True,
+    )
+    return {
+        str(path.relative_to(root)): path.read_bytes()
+        for folder in ("pairs", "release/pairs")
+        for path in (root / folder).glob("*.parquet")
+    }
 
 
 @pytest.fixture(scope="module")
@@ -36,10 +47,18 @@ def whole(tmp_path_factory, made, make_rows) -> dict[str, bytes]:  # type: ignor
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_goes_on_after_a_kill(tmp_path: Path, made, whole, make_rows, number: signal.Signals) -> None:  # type: ignore[no-untyped-def]
+def test_goes_on_after_a_kill(
+    tmp_path: Path, made, whole, make_rows, number: signal.Signals
+) -> None:  # type: ignore[no-untyped-def]
     root = tmp_path / "data"
     fill(root, *made, make_rows, files=15)
-    process = subprocess.Popen(command(root), cwd=tmp_path, env=clean_environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        command(root),
+        cwd=tmp_path,
+        env=clean_environment(),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     while process.poll() is None and not any((root / "state").glob("pairs/*/*.parquet")):
         time.sleep(0.005)
     process.send_signal(number)

@@ -55,12 +55,17 @@ def test_killed_again_and_again_it_makes_the_same_release(plain: Job, tmp_path: 
         assert plain_units(sandbox) <= sandbox.ledger.units() <= plain_units(sandbox) + kills
         watched = Counter(seen.about for seen in sandbox.ledger.requests("/watch"))
         assert sum(watched.values()) - len(watched) <= kills * WORKERS
-        calls = Counter((seen.path, seen.query) for seen in sandbox.ledger.requests("/youtube/v3/(search|playlistItems)"))
+        calls = Counter(
+            (seen.path, seen.query)
+            for seen in sandbox.ledger.requests("/youtube/v3/(search|playlistItems)")
+        )
         assert sum(calls.values()) - len(calls) <= kills
 
 
 @pytest.mark.parametrize("step", ["filter", "export"])
-def test_a_killed_filter_or_export_leaves_the_last_tables_or_none(plain: Job, tmp_path: Path, step: str) -> None:
+def test_a_killed_filter_or_export_leaves_the_last_tables_or_none(
+    plain: Job, tmp_path: Path, step: str
+) -> None:
     """Killed at moments spread over its whole length, it leaves what was there; done again, it makes the same bytes."""
     job = Job(plain.sandbox, tmp_path)
     shutil.copytree(plain.root, job.root)

@@ -57,7 +57,11 @@ def test_what_is_shown_is_what_comes(number: int, demo: Path, installed: Path) -
 
 
 def test_commands_that_are_only_shown_exist() -> None:
-    lines = [line.split("  #")[0].split(" #")[0].strip() for block in (*blocks("bash"), *blocks("")) for line in block.splitlines()]
+    lines = [
+        line.split("  #")[0].split(" #")[0].strip()
+        for block in (*blocks("bash"), *blocks(""))
+        for line in block.splitlines()
+    ]
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M))
     checked = 0
     for line in lines:

@@ -15,7 +15,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.mark.parametrize("name", reference.pages())
 def test_a_page_is_what_would_be_made_now(name: str) -> None:
-    assert (ROOT / name).read_text(encoding="utf-8") == reference.pages()[name], f"{name} is out of date: make reference"
+    assert (ROOT / name).read_text(encoding="utf-8") == reference.pages()[name], (
+        f"{name} is out of date: make reference"
+    )
 
 
 def test_every_setting_is_described_and_in_the_example() -> None:
@@ -27,12 +29,16 @@ def test_every_setting_is_described_and_in_the_example() -> None:
 
 def test_the_example_changes_nothing_as_it_is() -> None:
     """A copy of it without a value filled in must behave like no file at all."""
-    values = re.findall(r"^([A-Z][A-Z0-9_]+)=(.*)$", (ROOT / ".env.example").read_text(encoding="utf-8"), re.M)
+    values = re.findall(
+        r"^([A-Z][A-Z0-9_]+)=(.*)$", (ROOT / ".env.example").read_text(encoding="utf-8"), re.M
+    )
     assert all(value == "" for _, value in values)
 
 
 def test_every_key_of_a_profile_is_described() -> None:
-    empty = [line for line in reference.profile_keys().splitlines() if re.match(r"\| `.*\|  \|$", line)]
+    empty = [
+        line for line in reference.profile_keys().splitlines() if re.match(r"\| `.*\|  \|$", line)
+    ]
     assert not empty, "\n".join(empty)
 
 
@@ -54,6 +60,10 @@ def test_every_make_target_is_in_make_help() -> None:
         "bench",
         "reddit-import",
         "reddit-reconstruct",
-        *(f"{source}-{step}" for source in ("youtube", "wiki", "reddit") for step in ("crawl", "filter", "export")),
+        *(
+            f"{source}-{step}"
+            for source in ("youtube", "wiki", "reddit")
+            for step in ("crawl", "filter", "export")
+        ),
     }
     assert wanted <= targets

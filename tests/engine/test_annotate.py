@@ -44,5 +44,8 @@ def test_each_text_is_scored_once(crawled):
     assert filtered["kept"] > 0
     assert "toxicity" not in filtered  # "not scored" otherwise
     assert digests(job.root, "annotations") == scores
-    table, column = {"wiki": ("wiki_pages", "toxicity"), "reddit": ("reddit_posts", "toxicity_title")}[source]
+    table, column = {
+        "wiki": ("wiki_pages", "toxicity"),
+        "reddit": ("reddit_posts", "toxicity_title"),
+    }[source]
     assert job.rows(f"SELECT count(*) n FROM clean.{table} WHERE {column} IS NULL") == [{"n": 0}]

@@ -29,7 +29,9 @@ def pool(cluster):
 
 
 def test_results_come_in_the_order_of_the_tasks(pool):
-    assert list(map_in_order(pool, tasks.square, ((n,) for n in range(40)))) == [n * n for n in range(40)]
+    assert list(map_in_order(pool, tasks.square, ((n,) for n in range(40)))) == [
+        n * n for n in range(40)
+    ]
 
 
 def test_a_projects_error_arrives_as_it_was_raised(pool):
@@ -83,5 +85,8 @@ def test_without_an_address_it_brings_its_own_cluster():
 
 def test_other_versions_on_the_workers_are_refused(cluster, monkeypatch):
     monkeypatch.setattr(dask_engine, "__version__", "9.9")
-    with pytest.raises(FatalError, match=r"9\.9"), make_executor("dask", 1, cluster.scheduler_address):
+    with (
+        pytest.raises(FatalError, match=r"9\.9"),
+        make_executor("dask", 1, cluster.scheduler_address),
+    ):
         pass

@@ -28,7 +28,16 @@ class Own:
     def __init__(self, place: Path) -> None:
         self.place, self.processes = place, {}
         self.begun = place / "begun"
-        self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(place / "file"))
+        self.start(
+            "scheduler",
+            "--host",
+            "127.0.0.1",
+            "--port",
+            "0",
+            "--no-dashboard",
+            "--scheduler-file",
+            str(place / "file"),
+        )
         line = self.processes["scheduler"].stderr
         found = next(text for text in line if "Scheduler at:" in text)
         self.address = found.rpartition("Scheduler at:")[2].strip()
@@ -38,7 +47,14 @@ class Own:
         environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
         command = [sys.executable, "-m", "dask", what, *words]
         err = subprocess.PIPE if what == "scheduler" else subprocess.DEVNULL
-        self.processes[what] = subprocess.Popen(command, cwd=self.place, env=environment, stdout=subprocess.DEVNULL, stderr=err, text=True)
+        self.processes[what] = subprocess.Popen(
+            command,
+            cwd=self.place,
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=err,
+            text=True,
+        )
 
     def worker(self) -> None:
         self.start("worker", self.address, "--no-nanny", "--no-dashboard", "--nthreads", "1")
@@ -73,7 +89,10 @@ def own(tmp_path, monkeypatch):
 
 def test_a_scheduler_that_dies_is_exit_3_and_one_line(own, capfd, caplog):
     own.worker()
-    with pytest.raises(Unreachable, match="went away") as error, make_executor("dask", 1, own.address) as pool:
+    with (
+        pytest.raises(Unreachable, match="went away") as error,
+        make_executor("dask", 1, own.address) as pool,
+    ):
         future = pool.submit(tasks.linger, str(own.place))
         own.when_begun(lambda: own.kill("scheduler"))
         future.result()
@@ -86,13 +105,18 @@ def test_a_scheduler_that_dies_is_exit_3_and_one_line(own, capfd, caplog):
 def test_when_no_worker_is_left_it_says_so_once_and_ends(own, caplog, monkeypatch):
     own.worker()
     caplog.set_level(logging.WARNING, "kb.dask")
-    with pytest.raises(Unreachable, match="no Dask worker is left") as error, make_executor("dask", 1, own.address) as pool:
+    with (
+        pytest.raises(Unreachable, match="no Dask worker is left") as error,
+        make_executor("dask", 1, own.address) as pool,
+    ):
         monkeypatch.setattr(dask_engine, "WORKERS_S", 1.0)
         future = pool.submit(tasks.linger, str(own.place))
         own.when_begun(lambda: own.kill("worker"))
         future.result()
     assert error.value.exit_code == 3
-    assert [record.name for record in caplog.records if "no Dask worker is left" in record.message] == ["kb.dask"]
+    assert [
+        record.name for record in caplog.records if "no Dask worker is left" in record.message
+    ] == ["kb.dask"]
 
 
 class Heard(logging.Handler):

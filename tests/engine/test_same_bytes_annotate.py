@@ -34,7 +34,9 @@ def score(root: Path, texts: list[str], **options) -> bytes:
     return file.read_bytes()
 
 
-def test_both_engines_and_any_number_of_workers_write_the_same_scores(cluster, kill_a_worker, texts, tmp_path, monkeypatch):
+def test_both_engines_and_any_number_of_workers_write_the_same_scores(
+    cluster, kill_a_worker, texts, tmp_path, monkeypatch
+):
     monkeypatch.setattr(chunks, "CHUNK_TEXTS", 40)
     expected = score(tmp_path / "one", texts, workers=1)
     assert score(tmp_path / "two", texts, workers=2) == expected

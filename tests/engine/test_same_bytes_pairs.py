@@ -22,17 +22,28 @@ def data():
 
 def pairs(root: Path, data, make_rows, **options) -> dict[str, bytes]:
     fill(root, *data, make_rows)
-    summary = building.build(Run(load_settings(dotenv=False), load_profile("minecraft"), root, **options))
+    summary = building.build(
+        Run(load_settings(dotenv=False), load_profile("minecraft"), root, **options)
+    )
     assert summary["videos"] == 80
     assert summary["pairs"] > 100
     return {path.name: path.read_bytes() for path in (root / "pairs").iterdir()}
 
 
-def test_the_same_bytes(cluster, kill_a_worker, tmp_path: Path, data, make_rows, monkeypatch) -> None:
+def test_the_same_bytes(
+    cluster, kill_a_worker, tmp_path: Path, data, make_rows, monkeypatch
+) -> None:
     local = pairs(tmp_path / "local", data, make_rows, workers=1)
     monkeypatch.setattr(building, "_STRETCH", 5)
     kill_a_worker(lambda: any((tmp_path / "dask/state").glob("pairs/*/*.parquet")))
-    spread = pairs(tmp_path / "dask", data, make_rows, workers=2, engine="dask", scheduler=cluster.scheduler_address)
+    spread = pairs(
+        tmp_path / "dask",
+        data,
+        make_rows,
+        workers=2,
+        engine="dask",
+        scheduler=cluster.scheduler_address,
+    )
     assert {name: data for name, data in spread.items() if name.endswith(".parquet")} == {
         name: data for name, data in local.items() if name.endswith(".parquet")
     }

@@ -43,14 +43,21 @@ def dumps(tmp_path_factory):
             for n in range(COMMENTS)
         ]
         text = "\n".join(lines).encode() + b"\n"
-        (folder / f"RC_2020-{month + 1:02d}.zst").write_bytes(zstandard.ZstdCompressor().compress(text))
+        (folder / f"RC_2020-{month + 1:02d}.zst").write_bytes(
+            zstandard.ZstdCompressor().compress(text)
+        )
     return sorted(folder.iterdir())
 
 
 def imported(dumps: list[Path], root: Path, key: Path, **options) -> dict[str, str]:
     (root / "state").mkdir(parents=True)
     shutil.copy(key, root / "state" / key.name)
-    run = Run(settings=load_settings(dotenv=False), profile=load_profile("minecraft"), root=root, **options)
+    run = Run(
+        settings=load_settings(dotenv=False),
+        profile=load_profile("minecraft"),
+        root=root,
+        **options,
+    )
     assert import_dumps(run, dumps)["crawled"] == FILES * COMMENTS * 2 // 3
     return digests(root, "raw")
 
@@ -63,5 +70,8 @@ def test_both_engines_import_the_same_bytes(dumps, cluster, kill_a_worker, tmp_p
     assert imported(dumps, tmp_path / "two", key, workers=2) == expected
     root = tmp_path / "dask"
     killed = kill_a_worker(lambda: any((root / "raw").rglob("*.zst")))
-    assert imported(dumps, root, key, workers=2, engine="dask", scheduler=cluster.scheduler_address) == expected
+    assert (
+        imported(dumps, root, key, workers=2, engine="dask", scheduler=cluster.scheduler_address)
+        == expected
+    )
     assert killed

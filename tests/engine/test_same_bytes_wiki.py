@@ -27,7 +27,11 @@ PAGES = 150
 def crawled(tmp_path_factory):
     root = tmp_path_factory.mktemp("crawled")
     many(root, PAGES)
-    put(root, "pages", (MONDAY, told(page(1, "Broken"), {"ns": 0, "title": "Nowhere", "missing": True})))
+    put(
+        root,
+        "pages",
+        (MONDAY, told(page(1, "Broken"), {"ns": 0, "title": "Nowhere", "missing": True})),
+    )
     put(root, "renders", (MONDAY, refused(1, "Broken", "failed", "too_tall")))
     return root
 
@@ -40,7 +44,9 @@ def start(crawled, tmp_path, monkeypatch):
 
     def start(name: str, **options) -> Run:
         shutil.copytree(crawled / "raw", tmp_path / name / "raw")
-        return Run(settings=settings, profile=load_profile("minecraft"), root=tmp_path / name, **options)
+        return Run(
+            settings=settings, profile=load_profile("minecraft"), root=tmp_path / name, **options
+        )
 
     return start
 

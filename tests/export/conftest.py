@@ -30,7 +30,9 @@ def fill():  # type: ignore[no-untyped-def]
 def _run_at(root: Path, rows_per_shard: int = 1_000) -> Run:
     profile = load_profile("minecraft")
     release = profile.release.model_copy(update={"rows_per_shard": rows_per_shard})
-    return Run(settings=Settings(), profile=profile.model_copy(update={"release": release}), root=root)
+    return Run(
+        settings=Settings(), profile=profile.model_copy(update={"release": release}), root=root
+    )
 
 
 def _fill(root: Path, name: str, rows: pa.Table, parts: int) -> None:

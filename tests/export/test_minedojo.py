@@ -31,7 +31,14 @@ PUBLISHED = {
 
 def test_youtube_full_json(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
     links = [f"https://www.youtube.com/watch?v={row}" for row in range(50)]
-    rows = make_rows("youtube/videos", 50, link=links, like_count=[None, *range(49)], fps=[None, *[30] * 49], title=['a "quoted" ☃', *["b"] * 49])
+    rows = make_rows(
+        "youtube/videos",
+        50,
+        link=links,
+        like_count=[None, *range(49)],
+        fps=[None, *[30] * 49],
+        title=['a "quoted" ☃', *["b"] * 49],
+    )
     fill(tmp_path, "youtube/videos", rows, 4)
     summary = minedojo.youtube(run_at(tmp_path))
     path = tmp_path / "export" / "minedojo" / "youtube_full.json"

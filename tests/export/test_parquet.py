@@ -16,16 +16,23 @@ from kb.schema import table
 
 
 def digests(folder: Path) -> dict[str, str]:
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
+    return {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.iterdir())
+    }
 
 
-def test_released_columns_only_and_never_transcripts(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
+def test_released_columns_only_and_never_transcripts(
+    tmp_path: Path, make_rows, run_at, fill
+) -> None:  # type: ignore[no-untyped-def]
     fill(tmp_path, "youtube/videos", make_rows("youtube/videos", 2500), 3)
     fill(tmp_path, "youtube/transcripts", make_rows("youtube/transcripts", 2500), 3)
     summary = parquet.export(run_at(tmp_path), "youtube")
     assert summary["videos"] == 2500
     folder = tmp_path / "release" / "youtube"
-    assert sorted(path.name for path in folder.iterdir()) == [f"videos-0000{i}-of-00003.parquet" for i in range(3)]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        f"videos-0000{i}-of-00003.parquet" for i in range(3)
+    ]
     read = duckdb.connect().sql(f"SELECT * FROM '{folder}/videos-*.parquet'").to_arrow_table()
     assert read.column_names == table("youtube/videos").names(released=True)
     assert not {"description", "tags", "channel_title"} & set(read.column_names)
@@ -38,10 +45,14 @@ def test_reddit_release_has_no_content(tmp_path: Path, make_rows, run_at, fill) 
     for path in (tmp_path / "release" / "reddit").iterdir():
         names = set(pq.read_schema(path).names)
         assert not names & {"title", "body", "author_hash", "source_url", "poll_options"}
-    assert pq.read_metadata(tmp_path / "release/reddit/comments-00000-of-00001.parquet").num_rows == 0
+    assert (
+        pq.read_metadata(tmp_path / "release/reddit/comments-00000-of-00001.parquet").num_rows == 0
+    )
 
 
-def test_the_same_bytes_whatever_the_parts_and_twice(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
+def test_the_same_bytes_whatever_the_parts_and_twice(
+    tmp_path: Path, make_rows, run_at, fill
+) -> None:  # type: ignore[no-untyped-def]
     rows = make_rows("youtube/videos", 3000)
     seen = []
     for name, parts in (("one", 1), ("many", 17)):
@@ -59,8 +70,15 @@ def test_an_older_release_goes_whole(tmp_path: Path, make_rows, run_at, fill) ->
     old.mkdir(parents=True)
     (old / "SHA256SUMS").write_text("old")
     (old / "videos-00001-of-00002.parquet").write_text("old")
-    parquet.export(run_at(tmp_path), "youtube", beside=lambda fresh: (fresh / "extra.tar").write_bytes(b"x") and None)
-    assert sorted(path.name for path in old.iterdir()) == ["extra.tar", "videos-00000-of-00001.parquet"]
+    parquet.export(
+        run_at(tmp_path),
+        "youtube",
+        beside=lambda fresh: (fresh / "extra.tar").write_bytes(b"x") and None,
+    )
+    assert sorted(path.name for path in old.iterdir()) == [
+        "extra.tar",
+        "videos-00000-of-00001.parquet",
+    ]
 
 
 def test_nothing_to_export(tmp_path: Path, run_at) -> None:  # type: ignore[no-untyped-def]

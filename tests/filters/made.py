@@ -20,7 +20,13 @@ MONDAY, TUESDAY = "2026-11-16T12:00:00Z", "2026-11-17T12:00:00Z"
 def video(key: str, **change: Any) -> dict[str, Any]:
     item: dict[str, Any] = {
         "id": key,
-        "snippet": {"title": f"Minecraft {key}", "publishedAt": "2020-01-01T00:00:00Z", "channelId": "UC1", "categoryId": "20", "description": "d"},
+        "snippet": {
+            "title": f"Minecraft {key}",
+            "publishedAt": "2020-01-01T00:00:00Z",
+            "channelId": "UC1",
+            "categoryId": "20",
+            "description": "d",
+        },
         "contentDetails": {"duration": "PT5M"},
         "statistics": {"viewCount": "1000", "likeCount": "5"},
         "status": {"license": "youtube"},
@@ -62,7 +68,13 @@ def transcript(key: str, outcome: str = "ok", **change: Any) -> tuple[str, dict[
         "kind": "asr",
         "language": "en",
         "cues": [[0, 2, "one two"], [1, 2, "three"]],
-        "player": {"width": 1920, "height": 1080, "fps": 60, "game_label_id": GAME, "game_label": "Minecraft"},
+        "player": {
+            "width": 1920,
+            "height": 1080,
+            "fps": 60,
+            "game_label_id": GAME,
+            "game_label": "Minecraft",
+        },
     } | change
     if outcome != "ok":
         response |= {"kind": None, "language": None, "cues": None}
@@ -88,4 +100,8 @@ def rows(root: Path, name: str) -> dict[str, dict[str, Any]]:
 
 
 def digests(folder: Path) -> dict[str, str]:
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }

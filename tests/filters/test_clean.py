@@ -12,12 +12,32 @@ from kb.export import parquet
 from kb.filters.clean import run_clean
 from kb.store import buckets, rawlog, tombstones
 from kb.store.frontier import Frontier
-from tests.filters.made import MONDAY, TUESDAY, digests, listing, put, rows, run_at, transcript, video
+from tests.filters.made import (
+    MONDAY,
+    TUESDAY,
+    digests,
+    listing,
+    put,
+    rows,
+    run_at,
+    transcript,
+    video,
+)
 
 
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
-    good = ["kept", "bare", "none", "disabled", "unread", "broken", "restricted", "roblox", "badcues"]
+    good = [
+        "kept",
+        "bare",
+        "none",
+        "disabled",
+        "unread",
+        "broken",
+        "restricted",
+        "roblox",
+        "badcues",
+    ]
     put(
         tmp_path,
         "videos",
@@ -57,7 +77,10 @@ def root(tmp_path: Path) -> Path:
 
 def test_every_answer(root: Path) -> None:
     summary = run_clean(run_at(root), "youtube")
-    assert {name: summary[name] for name in ("crawled", "kept", "rejected", "failed", "pending", "missing")} == {
+    assert {
+        name: summary[name]
+        for name in ("crawled", "kept", "rejected", "failed", "pending", "missing")
+    } == {
         "crawled": 21,
         "kept": 2,
         "rejected": 16,
@@ -70,14 +93,27 @@ def test_every_answer(root: Path) -> None:
     row = kept["kept"]
     assert row["link"] == "https://www.youtube.com/watch?v=kept"
     assert (row["width"], row["height"], row["fps"]) == (1920, 1080, 60)
-    assert (row["topic_evidence"], row["transcript_kind"], row["word_count"], row["age_restricted"]) == ("game_label", "asr", 3, False)
+    assert (
+        row["topic_evidence"],
+        row["transcript_kind"],
+        row["word_count"],
+        row["age_restricted"],
+    ) == ("game_label", "asr", 3, False)
     assert (row["toxicity_title"], row["toxicity_title_insult"]) == (None, None)
     row = kept["bare"]
-    assert (row["width"], row["height"], row["fps"], row["topic_evidence"]) == (854, 480, None, "keywords")
+    assert (row["width"], row["height"], row["fps"], row["topic_evidence"]) == (
+        854,
+        480,
+        None,
+        "keywords",
+    )
     tracks = rows(root, "transcripts")
     assert set(tracks) == {"kept", "bare"}
     assert tracks["kept"]["cues"][1] == {"start_s": 1.0, "duration_s": 2.0, "text": "three"}
-    rejected = {key: (row["stage"], row["reason"], row["value"], row["threshold"]) for key, row in rows(root, "rejected").items()}
+    rejected = {
+        key: (row["stage"], row["reason"], row["value"], row["threshold"])
+        for key, row in rows(root, "rejected").items()
+    }
     assert rejected == {
         "gone": ("missing", "missing", None, None),
         "category": ("topic", "category", "22", "20"),
@@ -97,7 +133,10 @@ def test_every_answer(root: Path) -> None:
         "disabled": ("transcript", "disabled", "disabled", None),
     }
     assert {key: row["reason"] for key, row in rows(root, "pending").items()} == {"unread": "label"}
-    assert {key: row["reason"] for key, row in rows(root, "failed").items()} == {"broken": "label", "badcues": "label"}
+    assert {key: row["reason"] for key, row in rows(root, "failed").items()} == {
+        "broken": "label",
+        "badcues": "label",
+    }
     assert summary["toxicity"] == "not scored"
     assert json.loads((root / "clean/youtube/summary.json").read_text())["stages"]["views"] == 4
 
@@ -109,7 +148,16 @@ def test_transcripts_optional(root: Path) -> None:
     assert (kept["none"]["transcript_kind"], kept["none"]["word_count"]) == ("none", None)
     run_clean(run_at(root, transcripts="optional", game_ids=()), "youtube")
     kept = rows(root, "videos")
-    assert set(kept) == {"kept", "bare", "none", "disabled", "unread", "broken", "badcues", "roblox"}
+    assert set(kept) == {
+        "kept",
+        "bare",
+        "none",
+        "disabled",
+        "unread",
+        "broken",
+        "badcues",
+        "roblox",
+    }
     assert {kept[key]["transcript_kind"] for key in ("unread", "broken", "badcues")} == {"unknown"}
     assert set(rows(root, "pending")) == set()
 
@@ -127,12 +175,18 @@ def test_videos_that_the_crawl_gave_up_on_are_failed(root: Path) -> None:
 
 
 def test_the_newest_answer_wins(root: Path) -> None:
-    put(root, "videos", (TUESDAY, {"id": "kept,bare"}, listing(video("kept", statistics__viewCount="2000"))))
+    put(
+        root,
+        "videos",
+        (TUESDAY, {"id": "kept,bare"}, listing(video("kept", statistics__viewCount="2000"))),
+    )
     put(root, "videos", (MONDAY, {}, listing(video("kept", statistics__viewCount="7"))))
     put(root, "transcripts", (TUESDAY, {}, {"video_id": "kept", "outcome": "failed"}))
     summary = run_clean(run_at(root), "youtube")
     assert rows(root, "videos")["kept"]["view_count"] == 2000
-    assert rows(root, "videos")["kept"]["transcript_kind"] == "asr"  # a later failure takes nothing away
+    assert (
+        rows(root, "videos")["kept"]["transcript_kind"] == "asr"
+    )  # a later failure takes nothing away
     assert rows(root, "rejected")["bare"]["stage"] == "missing"  # it vanished since
     assert summary["duplicates"] == 4
 
@@ -147,14 +201,28 @@ def test_tombstones_are_left_out(root: Path) -> None:
     assert "few" not in rows(root, "rejected")
 
 
-def test_workers_segments_and_buckets_change_no_byte_of_the_release(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_segments_and_buckets_change_no_byte_of_the_release(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     keys = [f"v{number:04d}" for number in range(600)]
-    answers = [listing(*(video(key, statistics__viewCount=str(int(key[1:]) * 3)) for key in keys[start : start + 50])) for start in range(0, 600, 50)]
+    answers = [
+        listing(
+            *(
+                video(key, statistics__viewCount=str(int(key[1:]) * 3))
+                for key in keys[start : start + 50]
+            )
+        )
+        for start in range(0, 600, 50)
+    ]
     said = [transcript(key) for key in keys]
     for name in ("one", "many"):
         step = 12 if name == "one" else 3
         for start in range(0, 12, step):
-            put(tmp_path / name, "videos", *((MONDAY, {}, answer) for answer in answers[start : start + step]))
+            put(
+                tmp_path / name,
+                "videos",
+                *((MONDAY, {}, answer) for answer in answers[start : start + step]),
+            )
         for start in range(0, 600, step * 50):
             put(tmp_path / name, "transcripts", *said[start : start + step * 50])
     run_clean(run_at(tmp_path / "one"), "youtube")
@@ -170,7 +238,9 @@ def test_workers_segments_and_buckets_change_no_byte_of_the_release(tmp_path: Pa
     assert digests(tmp_path / "many/clean") == before
 
 
-def test_buckets_without_rows_are_no_failure_and_every_table_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_buckets_without_rows_are_no_failure_and_every_table_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     put(tmp_path, "videos", (MONDAY, {}, listing(video("alone"))))
     monkeypatch.setattr(buckets, "RAW_BYTES", 10)
     assert run_clean(run_at(tmp_path), "youtube")["pending"] == 1
@@ -186,7 +256,17 @@ def test_buckets_without_rows_are_no_failure_and_every_table_is_there(tmp_path: 
 
 
 def test_unknown_keys_are_counted(root: Path) -> None:
-    put(root, "videos", (MONDAY, {}, listing(video("new", snippet__mood="fine"), video("new2", snippet__mood="fine", aura=1))))
+    put(
+        root,
+        "videos",
+        (
+            MONDAY,
+            {},
+            listing(
+                video("new", snippet__mood="fine"), video("new2", snippet__mood="fine", aura=1)
+            ),
+        ),
+    )
     summary = run_clean(run_at(root), "youtube")
     assert summary["unknown_keys"] == {"videos.items[].snippet.mood": 2, "videos.items[].aura": 1}
 
@@ -256,7 +336,11 @@ def clean(p):
 def test_a_pipeline_of_one_s_own_with_scores(root: Path, tmp_path: Path) -> None:
     mine = tmp_path / "mine.py"
     mine.write_text(MINE)
-    put(root, "videos", (TUESDAY, {}, listing(video("kept", snippet__title="Minecraft, a long title of a video"))))
+    put(
+        root,
+        "videos",
+        (TUESDAY, {}, listing(video("kept", snippet__title="Minecraft, a long title of a video"))),
+    )
     # the shipped scores have four more categories than the stand-in's two
     for workers in (1, 2):
         summary = run_clean(run_at(root, workers=workers, pipeline=mine), "youtube")
@@ -268,7 +352,11 @@ def test_a_pipeline_of_one_s_own_with_scores(root: Path, tmp_path: Path) -> None
             "threshold": "0.31",
         }
         row = rows(root, "videos")["bare"]
-        assert (round(row["toxicity_title"], 2), round(row["toxicity_title_toxicity"], 2), row["toxicity_title_threat"]) == (0.28, 0.14, None)
+        assert (
+            round(row["toxicity_title"], 2),
+            round(row["toxicity_title_toxicity"], 2),
+            row["toxicity_title_threat"],
+        ) == (0.28, 0.14, None)
         assert "toxicity" not in summary
     # only what reaches the stage is scored: not what an earlier stage drops
     asked = (root / "asked.txt").read_text().split("\n")

@@ -22,14 +22,21 @@ from kb.filters.predicates import (
 )
 from kb.filters.topic import Topic, whole_words
 
-PROBLEMS = pa.list_(pa.struct([("column", pa.string()), ("reason", pa.string()), ("value", pa.string())]))
+PROBLEMS = pa.list_(
+    pa.struct([("column", pa.string()), ("reason", pa.string()), ("value", pa.string())])
+)
 
 
-def judge(predicate: Predicate, problems: list[list[dict[str, Any]]] | None = None, **columns: Any) -> list[tuple[Any, Any]]:
+def judge(
+    predicate: Predicate, problems: list[list[dict[str, Any]]] | None = None, **columns: Any
+) -> list[tuple[Any, Any]]:
     size = len(next(iter(columns.values())))
     rows = pa.table(
         {
-            **{name: values if isinstance(values, pa.Array) else pa.array(values) for name, values in columns.items()},
+            **{
+                name: values if isinstance(values, pa.Array) else pa.array(values)
+                for name, values in columns.items()
+            },
             "problems": pa.array(problems or [[]] * size, PROBLEMS),
         }
     )
@@ -46,22 +53,53 @@ def test_at_least() -> None:
     stage = AtLeast("view_count", 100, stage="views")
     rows = judge(
         stage,
-        [[], [], [], [{"column": "view_count", "reason": "absent", "value": None}], bad("view_count", "-5"), bad("other", "x")],
+        [
+            [],
+            [],
+            [],
+            [{"column": "view_count", "reason": "absent", "value": None}],
+            bad("view_count", "-5"),
+            bad("other", "x"),
+        ],
         view_count=[100, 99, 10**12, None, None, None],
     )
-    assert rows == [(None, None), ("below", "99"), (None, None), ("absent", None), ("malformed", "-5"), ("absent", None)]
-    assert (stage.judge(pa.table({"view_count": [5]})).threshold, stage.reads) == ("100", {"view_count"})
+    assert rows == [
+        (None, None),
+        ("below", "99"),
+        (None, None),
+        ("absent", None),
+        ("malformed", "-5"),
+        ("absent", None),
+    ]
+    assert (stage.judge(pa.table({"view_count": [5]})).threshold, stage.reads) == (
+        "100",
+        {"view_count"},
+    )
 
 
 def test_ratio() -> None:
     stage = RatioAtLeast("width", "height", 1.0, stage="aspect_ratio")
-    rows = judge(stage, [[]] * 5 + [bad("height", "tall")], width=[854, 405, 480, 854, None, 5], height=[480, 720, 480, 0, 4, None])
-    assert rows == [(None, None), ("below", "0.5625"), (None, None), ("malformed", "854 x 0"), ("absent", None), ("malformed", "tall")]
+    rows = judge(
+        stage,
+        [[]] * 5 + [bad("height", "tall")],
+        width=[854, 405, 480, 854, None, 5],
+        height=[480, 720, 480, 0, 4, None],
+    )
+    assert rows == [
+        (None, None),
+        ("below", "0.5625"),
+        (None, None),
+        ("malformed", "854 x 0"),
+        ("absent", None),
+        ("malformed", "tall"),
+    ]
 
 
 def test_at_most_with_scores() -> None:
     scores = pa.array([0.5, 0.50001, None, 0.1], pa.float32())
-    assert judge(AtMost("s", 0.5, stage="toxicity", null_passes=True, reason="title"), s=scores) == [
+    assert judge(
+        AtMost("s", 0.5, stage="toxicity", null_passes=True, reason="title"), s=scores
+    ) == [
         (None, None),
         ("title", "0.50001"),
         (None, None),
@@ -71,14 +109,26 @@ def test_at_most_with_scores() -> None:
 
 
 def test_flags_and_sets() -> None:
-    assert judge(NotTrue("nsfw", stage="nsfw", reason="nsfw"), nsfw=[True, False, None]) == [("nsfw", None), (None, None), (None, None)]
-    assert judge(NotIn("kind", ("none", "disabled"), stage="transcript"), kind=["none", "asr", None]) == [
+    assert judge(NotTrue("nsfw", stage="nsfw", reason="nsfw"), nsfw=[True, False, None]) == [
+        ("nsfw", None),
+        (None, None),
+        (None, None),
+    ]
+    assert judge(
+        NotIn("kind", ("none", "disabled"), stage="transcript"), kind=["none", "asr", None]
+    ) == [
         ("none", "none"),
         (None, None),
         (None, None),
     ]
-    assert judge(In("kind", ("a",), stage="x"), kind=["a", "b", None]) == [(None, None), ("other", "b"), ("absent", None)]
-    assert judge(Present("kind", stage="x"), [[], bad("kind", "7"), []], kind=["a", None, None]) == [
+    assert judge(In("kind", ("a",), stage="x"), kind=["a", "b", None]) == [
+        (None, None),
+        ("other", "b"),
+        ("absent", None),
+    ]
+    assert judge(
+        Present("kind", stage="x"), [[], bad("kind", "7"), []], kind=["a", None, None]
+    ) == [
         (None, None),
         ("malformed", "7"),
         ("absent", None),
@@ -87,17 +137,30 @@ def test_flags_and_sets() -> None:
     assert judge(waits, kind=["unknown", "asr"]) == [("transcript", None), (None, None)]
     assert waits.judge(pa.table({"kind": ["unknown"]})).verdict == "pending"
     told = Told("render", stage="render", value="said")
-    assert judge(told, render=["too_tall", None, "http_500"], said=["12", "x", None]) == [("too_tall", "12"), (None, None), ("http_500", None)]
+    assert judge(told, render=["too_tall", None, "http_500"], said=["12", "x", None]) == [
+        ("too_tall", "12"),
+        (None, None),
+        ("http_500", None),
+    ]
 
 
 def test_no_rows() -> None:
-    for stage in (AtLeast("a", 1, stage="x"), AtMost("a", 1, stage="x"), RatioAtLeast("a", "a", 1, stage="x"), In("a", (1,), stage="x")):
+    for stage in (
+        AtLeast("a", 1, stage="x"),
+        AtMost("a", 1, stage="x"),
+        RatioAtLeast("a", "a", 1, stage="x"),
+        In("a", (1,), stage="x"),
+    ):
         assert judge(stage, a=pa.array([], pa.int64())) == []
 
 
 def test_passes_is_all_of_them() -> None:
     rows = pa.table({"a": [1, 5, 5], "b": [5, 5, None]})
-    assert passes((AtLeast("a", 2, stage="x"), AtLeast("b", 2, stage="y")), rows).to_pylist() == [False, True, False]
+    assert passes((AtLeast("a", 2, stage="x"), AtLeast("b", 2, stage="y")), rows).to_pylist() == [
+        False,
+        True,
+        False,
+    ]
     assert passes((), rows).to_pylist() == [True] * 3
 
 
@@ -142,13 +205,25 @@ def topic(**change: Any) -> tuple[Any, Any, Any, Any]:
         "problems": [],
     } | change
     game_ids = row.pop("game_ids", (GAME,))
-    types = {"category_id": pa.int64(), "view_count": pa.int64(), "tags": pa.list_(pa.string()), "problems": PROBLEMS}
-    rows = pa.table({name: pa.array([value], types.get(name, pa.string())) for name, value in row.items()})
+    types = {
+        "category_id": pa.int64(),
+        "view_count": pa.int64(),
+        "tags": pa.list_(pa.string()),
+        "problems": PROBLEMS,
+    }
+    rows = pa.table(
+        {name: pa.array([value], types.get(name, pa.string())) for name, value in row.items()}
+    )
     stage = Topic(game_ids, (20,), ("Minecraft",), (AtLeast("view_count", 100, stage="views"),))
     rows = stage.fill(rows)
     judged = stage.judge(rows)
     verdict = judged.verdict if isinstance(judged.verdict, str) else judged.verdict[0].as_py()
-    return rows["topic_evidence"][0].as_py(), judged.reason[0].as_py(), judged.value[0].as_py(), verdict
+    return (
+        rows["topic_evidence"][0].as_py(),
+        judged.reason[0].as_py(),
+        judged.value[0].as_py(),
+        verdict,
+    )
 
 
 @pytest.mark.parametrize(
@@ -158,7 +233,13 @@ def topic(**change: Any) -> tuple[Any, Any, Any, Any]:
         ({"game_label_id": GAME, "game_label": "Minecraft"}, "game_label", None, None, "rejected"),
         ({"game_label_id": GAME, "category_id": 22}, "game_label", None, None, "rejected"),
         ({"game_label_id": GAME, "category_id": None}, "game_label", None, None, "rejected"),
-        ({"game_label_id": OTHER, "game_label": "Roblox", "title": "Minecraft"}, None, "other_game", "Roblox", "rejected"),
+        (
+            {"game_label_id": OTHER, "game_label": "Roblox", "title": "Minecraft"},
+            None,
+            "other_game",
+            "Roblox",
+            "rejected",
+        ),
         ({"game_label_id": OTHER, "title": "Minecraft"}, None, "other_game", OTHER, "rejected"),
         # no label on the page: category and a keyword
         ({"title": "my minecraft house"}, "keywords", None, None, "rejected"),
@@ -167,21 +248,51 @@ def topic(**change: Any) -> tuple[Any, Any, Any, Any]:
         ({}, None, "keywords", None, "rejected"),
         ({"category_id": 22, "title": "Minecraft"}, None, "category", "22", "rejected"),
         ({"category_id": None, "title": "Minecraft"}, None, "absent", None, "rejected"),
-        ({"category_id": None, "problems": bad("category_id", "x")}, None, "malformed", "x", "rejected"),
+        (
+            {"category_id": None, "problems": bad("category_id", "x")},
+            None,
+            "malformed",
+            "x",
+            "rejected",
+        ),
         # the label was not read yet and would be
         ({"transcript_outcome": None, "title": "Minecraft"}, "keywords", "label", None, "pending"),
         ({"transcript_outcome": None}, None, "label", None, "pending"),
         ({"transcript_outcome": "failed"}, None, "label", None, "failed"),
         # it will never be read: the video does not pass the cheap stages, or is of another category
         ({"transcript_outcome": None, "view_count": 5}, None, "keywords", None, "rejected"),
-        ({"transcript_outcome": None, "view_count": 5, "title": "Minecraft"}, "keywords", None, None, "rejected"),
+        (
+            {"transcript_outcome": None, "view_count": 5, "title": "Minecraft"},
+            "keywords",
+            None,
+            None,
+            "rejected",
+        ),
         ({"transcript_outcome": None, "category_id": 22}, None, "category", "22", "rejected"),
         # a domain without a game id
-        ({"game_ids": (), "transcript_outcome": None, "title": "Minecraft"}, "keywords", None, None, "rejected"),
-        ({"game_ids": (), "game_label_id": OTHER, "title": "Minecraft"}, "keywords", None, None, "rejected"),
+        (
+            {"game_ids": (), "transcript_outcome": None, "title": "Minecraft"},
+            "keywords",
+            None,
+            None,
+            "rejected",
+        ),
+        (
+            {"game_ids": (), "game_label_id": OTHER, "title": "Minecraft"},
+            "keywords",
+            None,
+            None,
+            "rejected",
+        ),
     ],
 )
-def test_topic(change: dict[str, Any], evidence: str | None, reason: str | None, value: str | None, verdict: str) -> None:
+def test_topic(
+    change: dict[str, Any],
+    evidence: str | None,
+    reason: str | None,
+    value: str | None,
+    verdict: str,
+) -> None:
     got = topic(**change)
     assert got[:3] == (evidence, reason, value)
     if reason is not None:

@@ -26,7 +26,11 @@ class Service(BaseHTTPRequestHandler):
             self.wfile.write(b"short")
             return
         status = int(self.path.strip("/").split("?")[0])
-        body = (self.headers["Authorization"] or "none" if "authorization" in self.path else self.headers["User-Agent"]).encode()
+        body = (
+            self.headers["Authorization"] or "none"
+            if "authorization" in self.path
+            else self.headers["User-Agent"]
+        ).encode()
         self.send_response(status)
         if status == 302:
             self.send_header("Location", "/200?authorization")
@@ -58,7 +62,9 @@ def test_says_who_asks(root: str) -> None:
     assert "(" not in user_agent(None)
 
 
-def test_netrc_takes_no_credentials_place(root: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_netrc_takes_no_credentials_place(
+    root: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "netrc").write_text("machine 127.0.0.1 login someone password else\n")
     monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
     with make_session(load_settings(dotenv=False)) as session:
@@ -89,7 +95,10 @@ def test_a_broken_answer_and_no_server_are_unreachable(root: str) -> None:
         unused.bind(("127.0.0.1", 0))
         nowhere = f"http://127.0.0.1:{unused.getsockname()[1]}/x?key=s3cret"
         for url in (f"{root}/cut", nowhere):
-            with make_session(load_settings(dotenv=False)) as session, pytest.raises(Retryable) as caught:
+            with (
+                make_session(load_settings(dotenv=False)) as session,
+                pytest.raises(Retryable) as caught,
+            ):
                 send(session, "GET", url)
             assert caught.value.unreachable
             assert "s3cret" not in str(caught.value)

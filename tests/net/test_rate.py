@@ -25,7 +25,9 @@ def test_threads_share_one_pace(monkeypatch: pytest.MonkeyPatch) -> None:
     assert sorted(waits) == [2.0 * place for place in range(8)]
 
 
-def test_a_rest_counts_for_everyone_and_a_pace_only_gets_slower(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_rest_counts_for_everyone_and_a_pace_only_gets_slower(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     waits: list[float] = []
     monkeypatch.setattr(clock, "monotonic", lambda: 0.0)
     monkeypatch.setattr(clock, "sleep", waits.append)
@@ -60,15 +62,25 @@ RULES = "User-agent: *\nDisallow: /private\nCrawl-delay: 5\n\nUser-agent: loreba
 
 def test_robots_by_agent() -> None:
     ours, others = Robots(RULES, "lorebase/1.0"), Robots(RULES, "other")
-    assert (ours.allows("http://w/private/x"), ours.allows("http://w/no"), ours.crawl_delay) == (True, False, 0.5)
+    assert (ours.allows("http://w/private/x"), ours.allows("http://w/no"), ours.crawl_delay) == (
+        True,
+        False,
+        0.5,
+    )
     assert (others.allows("http://w/private/x"), others.crawl_delay) == (False, 5.0)
 
 
 def test_robots_know_us_by_our_product_token_alone() -> None:
     agent = "lorebase/1.0 (+mail@example.org)"
     assert Robots("User-agent: example\nDisallow: /\n", agent).allows("http://w/x")
-    ours = Robots("User-agent: *\nDisallow: /\n\nUser-Agent: Lorebase/2.1 # you\nDisallow: /no\n", agent)
-    assert (ours.allows("http://w/x"), ours.allows("http://w/no"), ours.named) == (True, False, True)
+    ours = Robots(
+        "User-agent: *\nDisallow: /\n\nUser-Agent: Lorebase/2.1 # you\nDisallow: /no\n", agent
+    )
+    assert (ours.allows("http://w/x"), ours.allows("http://w/no"), ours.named) == (
+        True,
+        False,
+        True,
+    )
     assert not Robots("User-agent: *\nDisallow: /\n", agent).named
 
 

@@ -23,16 +23,25 @@ def _forget() -> Iterator[None]:
 @pytest.mark.parametrize(
     ("line", "wanted"),
     [
-        (f"HttpError 400 when requesting https://x/youtube/v3/search?part=id&key={KEY}&alt=json", "&key=***&alt=json"),
+        (
+            f"HttpError 400 when requesting https://x/youtube/v3/search?part=id&key={KEY}&alt=json",
+            "&key=***&alt=json",
+        ),
         (f"found {KEY} in a page", "found *** in a page"),
         ("{'Authorization': 'Bearer eyJhbGciOiJSUzI1NiIsImtpZCI6'}", "Bearer ***"),
         ("Authorization: Basic dXNlcjpwYXNz", "Basic ***"),
-        ("POST grant_type=refresh_token&refresh_token=abc-123&client_secret=s3", "refresh_token=***&client_secret=***"),
+        (
+            "POST grant_type=refresh_token&refresh_token=abc-123&client_secret=s3",
+            "refresh_token=***&client_secret=***",
+        ),
         (
             '"GET /api/timedtext?v=a&ip=10.9.8.7&ei=abc&sparams=ip,ei&signature=0A.1B&key=yt8 HTTP/1.1"',
             "&ip=***&ei=***&sparams=ip,ei&signature=***&key=***",
         ),
-        (r'{"baseUrl":"/api/timedtext?v=a\u0026lsig=0A1B\u0026lang=en"}', r"\u0026lsig=***\u0026lang=en"),
+        (
+            r'{"baseUrl":"/api/timedtext?v=a\u0026lsig=0A1B\u0026lang=en"}',
+            r"\u0026lsig=***\u0026lang=en",
+        ),
         ("proxy http://user:hunter2@10.0.0.1:3128/ refused", "http://***@10.0.0.1:3128/"),
     ],
 )
@@ -75,7 +84,16 @@ def test_a_secret_that_begins_with_another_goes_whole() -> None:
 
 def test_structured_events_are_gone_through() -> None:
     redact.know(["hunter2"])
-    event = redact.processor(None, "info", {"event": "asked", "n": 3, "inner": {"list": ["a hunter2"]}, "error": ValueError("hunter2")})
+    event = redact.processor(
+        None,
+        "info",
+        {
+            "event": "asked",
+            "n": 3,
+            "inner": {"list": ["a hunter2"]},
+            "error": ValueError("hunter2"),
+        },
+    )
     assert event == {"event": "asked", "n": 3, "inner": {"list": ["a ***"]}, "error": "***"}
 
 
@@ -83,4 +101,8 @@ def test_structured_events_are_gone_through() -> None:
 def test_no_line_holds_a_known_secret(before: str, after: str, secret: str) -> None:
     redact.know([secret])
     shown = redact.text(before + secret + after)
-    assert secret not in shown or secret in redact.MARK * 4 or secret in redact.text(before) + redact.MARK + redact.text(after)
+    assert (
+        secret not in shown
+        or secret in redact.MARK * 4
+        or secret in redact.text(before) + redact.MARK + redact.text(after)
+    )

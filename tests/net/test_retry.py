@@ -62,7 +62,9 @@ def test_a_long_wish_stops_the_run(waits: list[float]) -> None:
     assert waits == []
 
 
-@pytest.mark.parametrize("error", [ItemFinal("not_found"), Blocked("captcha"), ValueError("a mistake of ours")])
+@pytest.mark.parametrize(
+    "error", [ItemFinal("not_found"), Blocked("captcha"), ValueError("a mistake of ours")]
+)
 def test_everything_else_leaves_at_once(waits: list[float], error: Exception) -> None:
     with pytest.raises(type(error)):
         retry.attempt(failing(error))
@@ -92,13 +94,17 @@ def test_a_signal_ends_the_waiting() -> None:
         ("Fri, 20 Nov 2026 11:00:00 GMT", 0.0),
     ],
 )
-def test_retry_after_is_a_number_or_a_date(monkeypatch: Any, value: str | None, wanted: float | None) -> None:
+def test_retry_after_is_a_number_or_a_date(
+    monkeypatch: Any, value: str | None, wanted: float | None
+) -> None:
     monkeypatch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
     assert retry.retry_after(value) == wanted
 
 
 def test_a_date_counts_from_the_answers_own_date(monkeypatch: Any) -> None:
     monkeypatch.setenv("KB_NOW", "2020-01-01T00:00:00Z")
-    assert retry.retry_after("Fri, 20 Nov 2026 12:00:03 GMT", "Fri, 20 Nov 2026 12:00:00 GMT") == 3.0
+    assert (
+        retry.retry_after("Fri, 20 Nov 2026 12:00:03 GMT", "Fri, 20 Nov 2026 12:00:00 GMT") == 3.0
+    )
     assert retry.retry_after("2", "Fri, 20 Nov 2026 12:00:00 GMT") == 2.0
     assert retry.retry_after("inf") is None

@@ -43,14 +43,19 @@ def test_every_step_was_done(demo: Path) -> None:
 
 def test_the_users_own_settings_and_credentials_are_left_alone(demo: Path) -> None:
     for path in demo.rglob("*"):
-        assert path.name == ".env" or not path.is_file() or b"a-real-" not in path.read_bytes(), path
+        assert path.name == ".env" or not path.is_file() or b"a-real-" not in path.read_bytes(), (
+            path
+        )
 
 
 def test_nothing_is_lost_on_the_way(demo: Path) -> None:
     done = summary(demo)
     for source in ("youtube", "wiki", "reddit"):
         found = done[f"{source} filter"]
-        assert found["crawled"] == found["kept"] + found["rejected"] + found["failed"] + found["pending"]
+        assert (
+            found["crawled"]
+            == found["kept"] + found["rejected"] + found["failed"] + found["pending"]
+        )
         assert (found["failed"], found["pending"]) == (0, 0)
         assert found["kept"] > 0
         assert found["rejected"] > 0
@@ -63,10 +68,20 @@ def test_it_leaves_what_the_contract_says(demo: Path) -> None:
             assert any((root / folder / source).rglob("*.*")), f"{folder}/{source}"
         assert (root / "state" / f"{source}.sqlite").is_file()
     for source in ("youtube", "wiki", "reddit", "pairs"):
-        for name in ("README.md", "croissant.json", "zenodo.json", "SHA256SUMS", "LICENSE", "CITATION.cff", "DATASHEET.md"):
+        for name in (
+            "README.md",
+            "croissant.json",
+            "zenodo.json",
+            "SHA256SUMS",
+            "LICENSE",
+            "CITATION.cff",
+            "DATASHEET.md",
+        ):
             assert (root / "release" / source / name).is_file(), f"release/{source}/{name}"
     assert (root / "report" / "index.html").is_file()
-    assert [path.name for path in demo.iterdir() if not path.name.startswith(("demo.", "."))] == ["data"], "nothing else beside the data"
+    assert [path.name for path in demo.iterdir() if not path.name.startswith(("demo.", "."))] == [
+        "data"
+    ], "nothing else beside the data"
 
 
 def test_it_prints_queries_with_results(demo: Path) -> None:
@@ -76,7 +91,9 @@ def test_it_prints_queries_with_results(demo: Path) -> None:
 
 
 @pytest.mark.parametrize("source", ["youtube", "wiki", "reddit", "pairs"])
-def test_its_release_is_read_by_everyone(demo: Path, source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_its_release_is_read_by_everyone(
+    demo: Path, source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Rows by DuckDB, polars, Hugging Face datasets and mlcroissant are the same; checksums and citation are good."""
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     import datasets
@@ -86,12 +103,24 @@ def test_its_release_is_read_by_everyone(demo: Path, source: str, tmp_path: Path
 
     folder = demo / "data" / "demo" / "release" / source
     subprocess.run(["sha256sum", "--quiet", "-c", "SHA256SUMS"], cwd=folder, check=True)
-    subprocess.run([Path(sys.executable).with_name("cffconvert"), "--validate"], cwd=folder, check=True, capture_output=True)
+    subprocess.run(
+        [Path(sys.executable).with_name("cffconvert"), "--validate"],
+        cwd=folder,
+        check=True,
+        capture_output=True,
+    )
     described = mlcroissant.Dataset(str(folder / "croissant.json"))
     for name in datasets.get_dataset_config_names(str(folder)):
         files = f"{folder}/{name}-0*.parquet"
-        rows = duckdb.connect().execute("SELECT count(*) FROM read_parquet(?)", [files]).fetchone()[0]
+        rows = (
+            duckdb.connect().execute("SELECT count(*) FROM read_parquet(?)", [files]).fetchone()[0]
+        )
         assert rows > 0
         assert len(polars.read_parquet(files)) == rows
-        assert datasets.load_dataset(str(folder), name, cache_dir=str(tmp_path), split="train").num_rows == rows
+        assert (
+            datasets.load_dataset(
+                str(folder), name, cache_dir=str(tmp_path), split="train"
+            ).num_rows
+            == rows
+        )
         assert sum(1 for _ in described.records(name)) == rows

@@ -42,7 +42,24 @@ def checkout(tmp_path: Path) -> Path:
     }.items():
         (tools / name).write_text(text)
         (tools / name).chmod(0o755)
-    for name in ("bash", "sh", "cat", "cut", "sha256sum", "dirname", "head", "tail", "grep", "mkdir", "cp", "rm", "flock", "make", "sed", "env"):
+    for name in (
+        "bash",
+        "sh",
+        "cat",
+        "cut",
+        "sha256sum",
+        "dirname",
+        "head",
+        "tail",
+        "grep",
+        "mkdir",
+        "cp",
+        "rm",
+        "flock",
+        "make",
+        "sed",
+        "env",
+    ):
         found = shutil.which(name)
         assert found, name
         (tools / name).symlink_to(found)
@@ -60,7 +77,12 @@ def setup(checkout: Path, **env: str) -> tuple[list[str], subprocess.CompletedPr
         text=True,
         check=False,
         stdin=subprocess.DEVNULL,
-        env={"PATH": str(checkout / "tools"), "HOME": os.environ.get("HOME", "/"), "FAILING": "nothing fails", **env},
+        env={
+            "PATH": str(checkout / "tools"),
+            "HOME": os.environ.get("HOME", "/"),
+            "FAILING": "nothing fails",
+            **env,
+        },
     )
     return (calls.read_text().splitlines() if calls.exists() else []), done
 
@@ -139,13 +161,20 @@ def test_the_lock_names_no_place() -> None:
     assert len(packages) > 100
     assert all(re.match(r"^[A-Za-z0-9._-]+==[^ ]+( ; .+)?$", line) for line in packages)
     assert not [line for line in packages if line.startswith(("torch=", "nvidia", "triton"))]
-    assert not [line for line in lines if "://" in line or "--index" in line or "--find-links" in line]
+    assert not [
+        line for line in lines if "://" in line or "--index" in line or "--find-links" in line
+    ]
 
 
 def test_targets_take_exit_3_for_success_and_pass_others_on(checkout: Path) -> None:
     setup(checkout)
     kb = checkout / ".venv" / "bin" / "kb"
-    for code, wanted in ((0, 0), (3, 0), (1, 2), (2, 2)):  # make itself ends with 2 when a target fails
+    for code, wanted in (
+        (0, 0),
+        (3, 0),
+        (1, 2),
+        (2, 2),
+    ):  # make itself ends with 2 when a target fails
         kb.write_text(f"#!/bin/sh\necho \"$@\"\necho 'kb: a line' >&2\nexit {code}\n")
         kb.chmod(0o755)
         done = subprocess.run(
@@ -176,7 +205,9 @@ def test_a_stopped_make_stops_kb_and_waits_for_it(checkout: Path, number: signal
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # which this suite may have been told to ignore
+        preexec_fn=lambda: signal.signal(
+            signal.SIGINT, signal.SIG_DFL
+        ),  # which this suite may have been told to ignore
         env={"PATH": str(checkout / "tools")},
     )
     assert make.stdin is not None
@@ -207,7 +238,9 @@ while True:
 """
 
 
-def test_targets_work_from_another_folder_and_in_it(checkout: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_targets_work_from_another_folder_and_in_it(
+    checkout: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     setup(checkout)
     kb = checkout / ".venv" / "bin" / "kb"
     kb.write_text('#!/bin/sh\necho "$PWD: $*"\n')

@@ -17,14 +17,25 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def run(folder: Path, *command: str | Path, **env: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        command, cwd=folder, env={**clean_environment(), **env}, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
+        command,
+        cwd=folder,
+        env={**clean_environment(), **env},
+        capture_output=True,
+        text=True,
+        check=False,
+        stdin=subprocess.DEVNULL,
     )
 
 
 def test_it_holds_every_file_that_the_code_reads(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = set(archive.namelist())
-    for folder, inside in (("schemas", "kb/schemas"), ("pipelines", "kb/pipelines"), ("data/profiles", "kb/profiles"), ("kb", "kb")):
+    for folder, inside in (
+        ("schemas", "kb/schemas"),
+        ("pipelines", "kb/pipelines"),
+        ("data/profiles", "kb/profiles"),
+        ("kb", "kb"),
+    ):
         for path in (ROOT / folder).rglob("*"):
             if path.is_file() and "__pycache__" not in path.parts:
                 name = f"{inside}/{path.relative_to(ROOT / folder)}"
@@ -34,7 +45,9 @@ def test_it_holds_every_file_that_the_code_reads(wheel: Path) -> None:
 def test_it_holds_nothing_else(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         tops = {name.split("/")[0] for name in archive.namelist()}
-        assert not [name for name in archive.namelist() if "tests/" in name or name.endswith(".pyc")]
+        assert not [
+            name for name in archive.namelist() if "tests/" in name or name.endswith(".pyc")
+        ]
     assert len(tops) == 2
     assert "kb" in tops
 
@@ -89,11 +102,15 @@ def base_only(tmp_path: Path) -> dict[str, str]:
     folder = tmp_path / "blocked"
     folder.mkdir()
     for name in OPTIONAL:
-        (folder / f"{name}.py").write_text(f"raise ModuleNotFoundError(\"No module named '{name}'\", name='{name}')\n")
+        (folder / f"{name}.py").write_text(
+            f"raise ModuleNotFoundError(\"No module named '{name}'\", name='{name}')\n"
+        )
     return {"PYTHONPATH": str(folder)}
 
 
-def test_the_base_install_imports_every_module(installed: Path, tmp_path: Path, base_only: dict[str, str]) -> None:
+def test_the_base_install_imports_every_module(
+    installed: Path, tmp_path: Path, base_only: dict[str, str]
+) -> None:
     """Optional packages are needed by the stage that uses them, not by the import of its module."""
     code = (
         "import importlib, pkgutil, kb\n"
@@ -107,8 +124,12 @@ def test_the_base_install_imports_every_module(installed: Path, tmp_path: Path, 
     assert len(answer.stdout.split()) > 30
 
 
-def test_the_base_install_queries(installed: Path, tmp_path: Path, base_only: dict[str, str]) -> None:
-    answer = run(tmp_path, installed / "kb", "query", "SELECT 6 * 7 AS n", "--format", "csv", **base_only)
+def test_the_base_install_queries(
+    installed: Path, tmp_path: Path, base_only: dict[str, str]
+) -> None:
+    answer = run(
+        tmp_path, installed / "kb", "query", "SELECT 6 * 7 AS n", "--format", "csv", **base_only
+    )
     assert (answer.returncode, answer.stdout, answer.stderr) == (0, "n\n42\n", "")
 
 

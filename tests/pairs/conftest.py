@@ -62,7 +62,9 @@ def transcripts(*videos: tuple[str, str, list]) -> pa.Table:  # type: ignore[typ
             "video_id": name,
             "kind": kind,
             "language": "en",
-            "cues": [{"start_s": start, "duration_s": last, "text": text} for start, last, text in cues],
+            "cues": [
+                {"start_s": start, "duration_s": last, "text": text} for start, last, text in cues
+            ],
         }
         for name, kind, cues in videos
     ]
@@ -72,4 +74,6 @@ def transcripts(*videos: tuple[str, str, list]) -> pa.Table:  # type: ignore[typ
 def rows_of(tools: Tools, rows: pa.Table, lengths: list | None = None) -> list[dict]:  # type: ignore[type-arg]
     """Pairs of a batch, sorted as they are written."""
     made, _ = pairs_of(Text(rows, pa.array(lengths, pa.float64()) if lengths else None), tools)
-    return sorted(made.to_pylist(), key=lambda row: (row["video_id"], row["clip_start_s"], row["pair_id"]))
+    return sorted(
+        made.to_pylist(), key=lambda row: (row["video_id"], row["clip_start_s"], row["pair_id"])
+    )

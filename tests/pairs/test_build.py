@@ -23,7 +23,9 @@ pipeline = load(str(locate("pairs")))
 
 @pytest.fixture(scope="module")
 def data():  # type: ignore[no-untyped-def]
-    return tables(60, 400, ["creeper", "oak log", "Iron Golem", "bed", "nether portals", "chest"], share=0.06)
+    return tables(
+        60, 400, ["creeper", "oak log", "Iron Golem", "bed", "nether portals", "chest"], share=0.06
+    )
 
 
 @pytest.fixture
@@ -44,7 +46,9 @@ def test_the_whole_job(run: Run) -> None:
     assert summary["pairs"] == rows.num_rows > 100
     assert (
         rows["pair_id"].to_pylist()
-        == rows.sort_by([("video_id", "ascending"), ("clip_start_s", "ascending"), ("pair_id", "ascending")])["pair_id"].to_pylist()
+        == rows.sort_by(
+            [("video_id", "ascending"), ("clip_start_s", "ascending"), ("pair_id", "ascending")]
+        )["pair_id"].to_pylist()
     )
     assert len(set(rows["pair_id"].to_pylist())) == rows.num_rows
     released = pq.read_table(run.root / "release" / "pairs")
@@ -55,14 +59,19 @@ def test_the_whole_job(run: Run) -> None:
     assert not list((run.root / "state" / "pairs").iterdir())
 
 
-def test_workers_cuts_and_file_layout_change_no_byte(run: Run, data, make_rows, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_workers_cuts_and_file_layout_change_no_byte(
+    run: Run, data, make_rows, monkeypatch
+) -> None:  # type: ignore[no-untyped-def]
     pipeline.pairs(run, "parquet")
     first = _bytes(run.root / "pairs") | {"released": _bytes(run.root / "release" / "pairs")}
     other = replace(run, root=run.root.with_name("other"), workers=2)
     fill(other.root, *data, make_rows, files=3)
     monkeypatch.setattr(building, "_STRETCH", 7)
     pipeline.pairs(other, "parquet")
-    assert _bytes(other.root / "pairs") | {"released": _bytes(other.root / "release" / "pairs")} == first
+    assert (
+        _bytes(other.root / "pairs") | {"released": _bytes(other.root / "release" / "pairs")}
+        == first
+    )
 
 
 def test_a_limit_stops_and_the_next_run_goes_on(run: Run) -> None:
@@ -89,7 +98,9 @@ def test_made_pairs_are_not_made_again_until_something_changes(run: Run, monkeyp
         patch.setattr(building, "_work", fail)
         assert pipeline.pairs(run, "minedojo")["pairs"] == made["pairs"]
     section = run.profile.pairs.model_copy(update={"max_pairs_per_video": 2})
-    fewer = pipeline.pairs(replace(run, profile=run.profile.model_copy(update={"pairs": section})), "parquet")
+    fewer = pipeline.pairs(
+        replace(run, profile=run.profile.model_copy(update={"pairs": section})), "parquet"
+    )
     assert fewer["pairs"] <= 120 < made["pairs"]
 
 
@@ -100,11 +111,19 @@ def test_more_videos_change_no_pair(run: Run, make_rows) -> None:  # type: ignor
     for seed, place in ((0, more.root), (500, more.root.with_name("rest"))):
         fill(
             place,
-            *tables(60 if not seed else 10, 400, ["creeper", "oak log", "Iron Golem", "bed", "nether portals", "chest"], share=0.06, seed=seed),
+            *tables(
+                60 if not seed else 10,
+                400,
+                ["creeper", "oak log", "Iron Golem", "bed", "nether portals", "chest"],
+                share=0.06,
+                seed=seed,
+            ),
             make_rows,
         )
     for table in ("transcripts", "videos"):
-        (more.root.with_name("rest") / f"clean/youtube/{table}/part-00000.parquet").rename(more.root / f"clean/youtube/{table}/part-00009.parquet")
+        (more.root.with_name("rest") / f"clean/youtube/{table}/part-00000.parquet").rename(
+            more.root / f"clean/youtube/{table}/part-00009.parquet"
+        )
     pipeline.pairs(more, "parquet")
     after = {row["pair_id"]: row for row in pq.read_table(more.root / "pairs").to_pylist()}
     assert len(after) > len(before)
@@ -148,7 +167,9 @@ def test_without_transcripts_or_section(run: Run) -> None:
     with pytest.raises(FatalError, match="no transcripts"):
         pipeline.pairs(replace(run, root=run.root / "empty"), "parquet")
     with pytest.raises(ProfileError, match=r"\[pairs\]"):
-        pipeline.pairs(replace(run, profile=run.profile.model_copy(update={"pairs": None})), "parquet")
+        pipeline.pairs(
+            replace(run, profile=run.profile.model_copy(update={"pairs": None})), "parquet"
+        )
 
 
 def test_transcripts_without_any_keyword_give_an_empty_index(run: Run, make_rows) -> None:  # type: ignore[no-untyped-def]

@@ -16,12 +16,17 @@ def one_by_one(clips, gap, most):  # type: ignore[no-untyped-def]
     for at in sorted(range(len(clips)), key=lambda at: (clips[at][3], at)):
         start, end, video, _ = clips[at]
         mine = [clips[other] for other in taken if clips[other][2] == video]
-        if (not most or len(mine) < most) and all(start >= other[1] + gap or other[0] >= end + gap for other in mine):
+        if (not most or len(mine) < most) and all(
+            start >= other[1] + gap or other[0] >= end + gap for other in mine
+        ):
             taken.append(at)
     return sorted(taken)
 
 
-_clips = st.lists(st.tuples(st.integers(0, 90), st.integers(0, 16), st.integers(0, 2), st.integers(0, 9)), max_size=25)
+_clips = st.lists(
+    st.tuples(st.integers(0, 90), st.integers(0, 16), st.integers(0, 2), st.integers(0, 9)),
+    max_size=25,
+)
 
 
 @settings(max_examples=300, deadline=None)
@@ -48,6 +53,8 @@ def test_like_one_by_one(clips, gap, most, crowded):  # type: ignore[no-untyped-
         (0, 10, 0, (0, 0)),
     ],
 )
-def test_clips_stay_inside_the_video(center: int, length: int, video: int, expected: tuple[int, int]) -> None:
+def test_clips_stay_inside_the_video(
+    center: int, length: int, video: int, expected: tuple[int, int]
+) -> None:
     start, end = choose.clips(*(np.array([value]) for value in (center, length, video)))
     assert (start[0], end[0]) == expected

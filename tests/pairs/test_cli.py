@@ -43,9 +43,18 @@ def test_pairs_from_the_shell(root: Path) -> None:
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout.splitlines()[-1])
     assert summary["videos"] == 40
-    assert summary["pairs"] == pq.read_table(root / "pairs").num_rows == pq.read_table(root / "release" / "pairs").num_rows
+    assert (
+        summary["pairs"]
+        == pq.read_table(root / "pairs").num_rows
+        == pq.read_table(root / "release" / "pairs").num_rows
+    )
     whole = (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes()
-    filled = kb(root, "pairs", "--from-index", str(root / "release" / "pairs" / "pairs-00000-of-00001.parquet"))
+    filled = kb(
+        root,
+        "pairs",
+        "--from-index",
+        str(root / "release" / "pairs" / "pairs-00000-of-00001.parquet"),
+    )
     assert filled.returncode == 0, filled.stderr
     assert (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes() == whole
     wrong = kb(root, "pairs", "--from-index", "x.parquet", "--format", "minedojo")

@@ -28,7 +28,10 @@ _FILLER = [
     "我们今天玩我的世界真的非常好玩",
     "🎉🎉",
 ]
-_text = st.lists(st.one_of(st.sampled_from(_PARTS + _FILLER), st.sampled_from(["creeper", "oak log"])), max_size=14).map(" ".join)
+_text = st.lists(
+    st.one_of(st.sampled_from(_PARTS + _FILLER), st.sampled_from(["creeper", "oak log"])),
+    max_size=14,
+).map(" ".join)
 _time = st.one_of(st.floats(0, 120), st.sampled_from([0.0, -3.0, float("nan")]))
 _video = st.tuples(
     st.sampled_from(["asr", "manual", "translated"]),
@@ -51,7 +54,9 @@ _rules = st.fixed_dictionaries(
 def test_every_pair(keywords, with_section, tools, videos, rules):
     tools_ = with_section(**rules)
     section = tools_.section
-    rows = transcripts(*((f"v{number}", kind, cues) for number, (kind, cues, _) in enumerate(videos)))
+    rows = transcripts(
+        *((f"v{number}", kind, cues) for number, (kind, cues, _) in enumerate(videos))
+    )
     text = Text(rows, pa.array([length for _, _, length in videos], pa.float64()))
     made, counts = pairs_of(text, tools_)
     conform("pairs/pairs", made)
@@ -65,21 +70,40 @@ def test_every_pair(keywords, with_section, tools, videos, rules):
         owner = keywords.every[keywords.of[keywords.phrases.index(phrase(match))]]
         assert (row["keyword"], row["keyword_kind"]) == (owner.name, owner.kind)
         assert f" {phrase(match)} " in f" {phrase(row['text'])} "
-        assert row["text_start_char"] <= row["match_start_char"] < row["match_end_char"] <= row["text_end_char"]
-        assert row["text"] == " ".join(spoken[row["text_start_char"] : row["text_end_char"]].split())
+        assert (
+            row["text_start_char"]
+            <= row["match_start_char"]
+            < row["match_end_char"]
+            <= row["text_end_char"]
+        )
+        assert row["text"] == " ".join(
+            spoken[row["text_start_char"] : row["text_end_char"]].split()
+        )
         assert row["token_count"] == tools.tokens.count(row["text"]) + 2 <= section.max_tokens
-        assert row["token_count"] >= section.min_tokens or _stuck(tools, spoken, row, section.max_tokens)
+        assert row["token_count"] >= section.min_tokens or _stuck(
+            tools, spoken, row, section.max_tokens
+        )
         assert 0 <= row["clip_start_s"] <= row["center_s"] <= row["clip_end_s"] <= end + 1e-9
-        assert row["clip_end_s"] - row["clip_start_s"] == pytest.approx(min(end, max(8, min(16, row["clip_end_s"] - row["clip_start_s"]))), abs=1e-6)
+        assert row["clip_end_s"] - row["clip_start_s"] == pytest.approx(
+            min(end, max(8, min(16, row["clip_end_s"] - row["clip_start_s"]))), abs=1e-6
+        )
         low, high = ("text", "text") if section.center == "grown" else ("segment", "segment")
         assert row[f"{low}_start_s"] <= row["center_s"] <= row[f"{high}_end_s"]
-        assert row["segment_start_s"] <= row["match_start_s"] <= row["match_end_s"] <= row["segment_end_s"] <= end
+        assert (
+            row["segment_start_s"]
+            <= row["match_start_s"]
+            <= row["match_end_s"]
+            <= row["segment_end_s"]
+            <= end
+        )
         clips.setdefault(row["video_id"], []).append((row["clip_start_s"], row["clip_end_s"]))
     for one in clips.values():
         one.sort()
         assert section.max_pairs_per_video == 0 or len(one) <= section.max_pairs_per_video
         if section.min_gap_s >= 0:
-            assert all(after[0] - before[1] >= section.min_gap_s - 1e-6 for before, after in pairwise(one))
+            assert all(
+                after[0] - before[1] >= section.min_gap_s - 1e-6 for before, after in pairwise(one)
+            )
 
 
 def _stuck(tools, spoken, row, most):  # type: ignore[no-untyped-def]
@@ -97,7 +121,11 @@ def test_a_pair_depends_on_its_own_video_alone(tools, videos, random):
     named = [(f"v{number}", kind, cues) for number, (kind, cues, _) in enumerate(videos)]
     lengths = [length for _, _, length in videos]
     together = rows_of(tools, transcripts(*named), lengths)
-    apart = [row for one, length in zip(named, lengths, strict=True) for row in rows_of(tools, transcripts(one), [length])]
+    apart = [
+        row
+        for one, length in zip(named, lengths, strict=True)
+        for row in rows_of(tools, transcripts(one), [length])
+    ]
     order = list(range(len(named)))
     random.shuffle(order)
     mixed = rows_of(tools, transcripts(*(named[at] for at in order)), [lengths[at] for at in order])
@@ -105,17 +133,39 @@ def test_a_pair_depends_on_its_own_video_alone(tools, videos, random):
 
 
 def test_another_seed_draws_other_pairs(tools) -> None:  # type: ignore[no-untyped-def]
-    rows = transcripts(("v", "asr", [(at * 4, 4, "and then the creeper walks to the oak log over there") for at in range(40)]))
-    first, again, other = rows_of(tools, rows), rows_of(tools, rows), rows_of(tools._replace(seed=1), rows)
+    rows = transcripts(
+        (
+            "v",
+            "asr",
+            [
+                (at * 4, 4, "and then the creeper walks to the oak log over there")
+                for at in range(40)
+            ],
+        )
+    )
+    first, again, other = (
+        rows_of(tools, rows),
+        rows_of(tools, rows),
+        rows_of(tools._replace(seed=1), rows),
+    )
     assert first == again
     assert {row["pair_id"] for row in first}.isdisjoint(row["pair_id"] for row in other)
     assert len({row["token_count"] for row in first}) > 5
 
 
 def test_times_inside_a_cue_follow_the_place_of_the_word(tools) -> None:  # type: ignore[no-untyped-def]
-    rows = transcripts(("a", "manual", [(10, 4, "one two creeper four")]), ("b", "manual", [(20, 8, "an iron"), (28, 2, "golem there")]))
+    rows = transcripts(
+        ("a", "manual", [(10, 4, "one two creeper four")]),
+        ("b", "manual", [(20, 8, "an iron"), (28, 2, "golem there")]),
+    )
     times = [
-        (row["keyword"], row["match_start_s"], row["match_end_s"], row["segment_start_s"], row["segment_end_s"])
+        (
+            row["keyword"],
+            row["match_start_s"],
+            row["match_end_s"],
+            row["segment_start_s"],
+            row["segment_end_s"],
+        )
         for row in rows_of(tools, rows, [300.0] * 2)
     ]
     assert times == [("Creeper", 12.0, 13.0, 10.0, 14.0), ("Iron Golem", 24.0, 29.0, 20.0, 30.0)]
@@ -123,15 +173,21 @@ def test_times_inside_a_cue_follow_the_place_of_the_word(tools) -> None:  # type
 
 def test_cues_of_automatic_tracks_end_where_the_next_begins(tools) -> None:  # type: ignore[no-untyped-def]
     cues = [(0.0, 5.0, "a creeper comes"), (2.0, 5.0, "very very slowly")]
-    asr, manual = (rows_of(tools, transcripts(("v", kind, cues)), [60.0])[0] for kind in ("asr", "manual"))
+    asr, manual = (
+        rows_of(tools, transcripts(("v", kind, cues)), [60.0])[0] for kind in ("asr", "manual")
+    )
     assert (asr["segment_end_s"], manual["segment_end_s"]) == (2.0, 5.0)
 
 
 def test_everyday_words_need_an_unmistakable_one_nearby(tools) -> None:  # type: ignore[no-untyped-def]
     def found(said: str) -> set[str]:
         _, counts = pairs_of(Text(transcripts(("v", "asr", [(0, 9, said)]))), tools)
-        every = [(keyword.name, counts.of(number)) for number, keyword in enumerate(tools.keywords.every)]
-        return {name for name, hits in every if hits.get("matches", 0) > hits.get("ambiguous_alone", 0)}
+        every = [
+            (keyword.name, counts.of(number)) for number, keyword in enumerate(tools.keywords.every)
+        ]
+        return {
+            name for name, hits in every if hits.get("matches", 0) > hits.get("ambiguous_alone", 0)
+        }
 
     assert found("i went to bed") == set()
     assert found("a bed and a chest") == set()  # two everyday words prove nothing
@@ -143,14 +199,38 @@ def test_everyday_words_need_an_unmistakable_one_nearby(tools) -> None:  # type:
 
 
 def test_counts(tools) -> None:  # type: ignore[no-untyped-def]
-    rows = transcripts(("v", "asr", [(0, 9, "creeper bed air chest day")]), ("w", "asr", [(0, 9, "my bed")]))
+    rows = transcripts(
+        ("v", "asr", [(0, 9, "creeper bed air chest day")]), ("w", "asr", [(0, 9, "my bed")])
+    )
     _, counts = pairs_of(Text(rows), tools)
-    totals = {name: counts.totals[name] for name in ("videos", "words", "matches", "ambiguous", "ambiguous_alone", "excluded", "pairs")}
-    assert totals == {"videos": 2, "words": 7, "matches": 4, "ambiguous": 3, "ambiguous_alone": 2, "excluded": 1, "pairs": 1}
+    totals = {
+        name: counts.totals[name]
+        for name in (
+            "videos",
+            "words",
+            "matches",
+            "ambiguous",
+            "ambiguous_alone",
+            "excluded",
+            "pairs",
+        )
+    }
+    assert totals == {
+        "videos": 2,
+        "words": 7,
+        "matches": 4,
+        "ambiguous": 3,
+        "ambiguous_alone": 2,
+        "excluded": 1,
+        "pairs": 1,
+    }
 
 
 def test_matches_after_the_end_of_the_video_make_no_pair(tools) -> None:  # type: ignore[no-untyped-def]
-    made, counts = pairs_of(Text(transcripts(("v", "asr", [(0, 5, "creeper"), (100, 5, "creeper")])), pa.array([60.0])), tools)
+    made, counts = pairs_of(
+        Text(transcripts(("v", "asr", [(0, 5, "creeper"), (100, 5, "creeper")])), pa.array([60.0])),
+        tools,
+    )
     assert made.num_rows == counts.totals["outside"] == 1
 
 
@@ -181,7 +261,9 @@ def test_cues_out_of_order_are_read_in_the_order_of_their_time(tools) -> None:  
 
 
 def test_a_stream_of_ten_hours(minecraft) -> None:  # type: ignore[no-untyped-def]
-    cues = [(at * 3.0, 5.0, "so the creeper blew up my oak log house again and") for at in range(12_000)]
+    cues = [
+        (at * 3.0, 5.0, "so the creeper blew up my oak log house again and") for at in range(12_000)
+    ]
     rows = rows_of(minecraft, transcripts(("v", "asr", cues)), [36_000.0])
     assert 1500 < len(rows) < 4500
     assert rows[-1]["clip_end_s"] <= 36_000

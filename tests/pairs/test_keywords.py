@@ -44,7 +44,14 @@ def test_forms() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "folded"), [("Jack o'Lantern", "jack o lantern"), ("TNT", "tnt"), ("Café", "café"), ("  Ender-Dragon ", "ender dragon"), ("!!", "")]
+    ("name", "folded"),
+    [
+        ("Jack o'Lantern", "jack o lantern"),
+        ("TNT", "tnt"),
+        ("Café", "café"),
+        ("  Ender-Dragon ", "ender dragon"),
+        ("!!", ""),
+    ],
 )
 def test_folded_names(name: str, folded: str) -> None:
     assert phrase(name) == folded
@@ -66,7 +73,9 @@ def test_the_shipped_list() -> None:
     assert names["Creeper"].reach is None
     assert names["Bed"].reach == names["Chest"].reach == names["Stick"].reach == 20
     assert names["Air"].reach == NEVER
-    assert not [keyword.name for keyword in words.every if re.search(r"[_%.]|minecraft", keyword.name)]
+    assert not [
+        keyword.name for keyword in words.every if re.search(r"[_%.]|minecraft", keyword.name)
+    ]
 
 
 def _list(tmp_path: Path, text: str) -> Path:
@@ -77,7 +86,8 @@ def _list(tmp_path: Path, text: str) -> Path:
 
 def test_a_list_of_ones_own(tmp_path: Path) -> None:
     path = _list(
-        tmp_path, "# mine\nkeyword\tkind\trule\tforms\nRook\tpiece\nPawn\tpiece\tnear:7\tfoot soldier, peon\n\nMove\tterm\tnever\nKing\tpiece\tnear\n"
+        tmp_path,
+        "# mine\nkeyword\tkind\trule\tforms\nRook\tpiece\nPawn\tpiece\tnear:7\tfoot soldier, peon\n\nMove\tterm\tnever\nKing\tpiece\tnear\n",
     )
     assert read(path, 9) == [
         Keyword("Rook", "piece"),

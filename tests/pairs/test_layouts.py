@@ -33,7 +33,11 @@ MINEDOJO = {
             "type": "array",
             "minItems": 3,
             "maxItems": 3,
-            "items": [{"type": "string", "minLength": 1}, {"type": "number", "minimum": 0}, {"type": "number", "exclusiveMinimum": 0}],
+            "items": [
+                {"type": "string", "minLength": 1},
+                {"type": "number", "minimum": 0},
+                {"type": "number", "exclusiveMinimum": 0},
+            ],
         },
     },
 }
@@ -75,7 +79,10 @@ def test_minedojo(run: Run) -> None:
     data = json.loads(path.read_text())
     jsonschema.validate(data, MINEDOJO)
     flat = {(keyword, *clip) for keyword, clips in data.items() for clip in clips}
-    assert flat == {(row["keyword"], row["video_id"], row["clip_start_s"], row["clip_end_s"]) for row in _pairs(run)}
+    assert flat == {
+        (row["keyword"], row["video_id"], row["clip_start_s"], row["clip_end_s"])
+        for row in _pairs(run)
+    }
 
 
 def test_clip4mc(run: Run) -> None:
@@ -90,7 +97,9 @@ def test_clip4mc_needs_texts(run: Run, tmp_path: Path) -> None:
     other = replace(run, root=tmp_path)
     (tmp_path / "pairs").mkdir()
     rows = pq.read_table(run.root / "pairs")
-    empty = rows.set_column(rows.column_names.index("text"), "text", pa.nulls(rows.num_rows, pa.string()))
+    empty = rows.set_column(
+        rows.column_names.index("text"), "text", pa.nulls(rows.num_rows, pa.string())
+    )
     pq.write_table(empty, tmp_path / "pairs" / "pairs-00000-of-00001.parquet")
     with pytest.raises(FatalError, match="no text"):
         clip4mc.write(other)
@@ -133,10 +142,23 @@ def test_video2dataset_reads_the_clips(run: Run, tmp_path: Path) -> None:
     assert spec.loader is not None
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    reader = module.InputSharder(str(path), "parquet", "url", "caption", "clips", ["video_id", "captions"], 7, set(), str(tmp_path))
+    reader = module.InputSharder(
+        str(path),
+        "parquet",
+        "url",
+        "caption",
+        "clips",
+        ["video_id", "captions"],
+        7,
+        set(),
+        str(tmp_path),
+    )
     rows = [row for file, _ in reader for row in pa.ipc.open_file(file).read_all().to_pylist()]
     pairs = _pairs(run)
-    assert [row["url"] for row in rows] == [f"https://www.youtube.com/watch?v={video}" for video in sorted({row["video_id"] for row in pairs})]
+    assert [row["url"] for row in rows] == [
+        f"https://www.youtube.com/watch?v={video}"
+        for video in sorted({row["video_id"] for row in pairs})
+    ]
     assert [(row["video_id"], *clip) for row in rows for clip in row["clips"]] == [
         (row["video_id"], row["clip_start_s"], row["clip_end_s"]) for row in pairs
     ]

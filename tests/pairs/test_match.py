@@ -83,7 +83,11 @@ def test_finds_what_a_slow_obvious_matcher_finds_and_nothing_else(keywords, tool
             strict=True,
         )
     ]
-    expected = [(number, *hit) for number, row in enumerate(rows.to_pylist()) for hit in find(joined(row["cues"]), list(keywords.phrases))]
+    expected = [
+        (number, *hit)
+        for number, row in enumerate(rows.to_pylist())
+        for hit in find(joined(row["cues"]), list(keywords.phrases))
+    ]
     assert got == expected
 
 
@@ -103,14 +107,23 @@ def test_finds_what_a_slow_obvious_matcher_finds_and_nothing_else(keywords, tool
 def test_words(tools: Tools, said: str, expected: list[str]) -> None:
     raw = f" {said} ".encode()
     found = tools.matcher.find(raw)
-    assert [raw[start:end].decode() for start, end in zip(found.start.tolist(), found.end.tolist(), strict=True)] == expected
+    assert [
+        raw[start:end].decode()
+        for start, end in zip(found.start.tolist(), found.end.tolist(), strict=True)
+    ] == expected
 
 
 def test_a_phrase_may_cross_cues_but_not_videos(tools: Tools) -> None:
-    rows = transcripts(("a", "asr", [(0, 2, "look an iron"), (2, 2, "golem and an iron")]), ("b", "asr", [(0, 2, "golem here")]))
+    rows = transcripts(
+        ("a", "asr", [(0, 2, "look an iron"), (2, 2, "golem and an iron")]),
+        ("b", "asr", [(0, 2, "golem here")]),
+    )
     text = Text(rows)
     found = tools.matcher.find(text.raw)
-    assert [text.raw[start:end] for start, end in zip(found.start.tolist(), found.end.tolist(), strict=True)] == [b"iron golem"]
+    assert [
+        text.raw[start:end]
+        for start, end in zip(found.start.tolist(), found.end.tolist(), strict=True)
+    ] == [b"iron golem"]
 
 
 def test_no_keyword_at_all() -> None:

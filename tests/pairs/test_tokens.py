@@ -29,7 +29,17 @@ def test_known_encodings(counter: Tokens, text: str) -> None:
     assert counter.count(text) == len(KNOWN[text])
 
 
-@pytest.mark.parametrize("text", ["don't  CREEPER's (it's)", "我的世界 ok", "🎉 é ß", "a\u00a0b c\u3000d", "1234 5,6", "<|startoftext|>x"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "don't  CREEPER's (it's)",
+        "我的世界 ok",
+        "🎉 é ß",
+        "a\u00a0b c\u3000d",
+        "1234 5,6",
+        "<|startoftext|>x",
+    ],
+)
 def test_a_text_has_the_tokens_of_its_words(counter: Tokens, text: str) -> None:
     whole = Text(transcripts(("v", "asr", [(0, 1, text)])))
     counts = counter.of_words(whole.spaced, whole.words, np.ones(len(whole.words), bool))
@@ -40,5 +50,9 @@ def test_a_text_has_the_tokens_of_its_words(counter: Tokens, text: str) -> None:
 def test_only_wanted_words_are_counted(counter: Tokens) -> None:
     whole = Text(transcripts(("v", "asr", [(0, 1, "creeper oak creeper")])))
     known = dict(counter._known)
-    assert counter.of_words(whole.spaced, whole.words, np.array([False, False, True])).tolist() == [0, 0, counter.count("creeper")]
+    assert counter.of_words(whole.spaced, whole.words, np.array([False, False, True])).tolist() == [
+        0,
+        0,
+        counter.count("creeper"),
+    ]
     assert set(counter._known) - set(known) <= {b"creeper "}

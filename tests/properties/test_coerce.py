@@ -13,8 +13,20 @@ from kb.schema import coerce, table
 from kb.schema.decode import Reader
 from kb.schema.types import parse_type
 
-scalars = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()
-anything = st.recursive(scalars, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3), max_leaves=6)
+scalars = (
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text()
+)
+anything = st.recursive(
+    scalars,
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3)
+    ),
+    max_leaves=6,
+)
 counts = st.none() | st.integers(0, 2**63 - 1).map(str)
 STRING = {"type": "string"}
 
@@ -27,7 +39,9 @@ def digits(value: Any) -> bool:
 def test_counts_are_decimal_digits_and_nothing_else(values: list[Any]) -> None:
     column, bad = coerce.coerce(values, parse_type("int64"), STRING)
     assert column.to_pylist() == [int(value) if digits(value) else None for value in values]
-    assert [row for row, _ in bad] == [row for row, value in enumerate(values) if value is not None and not digits(value)]
+    assert [row for row, _ in bad] == [
+        row for row, value in enumerate(values) if value is not None and not digits(value)
+    ]
 
 
 @given(st.lists(st.tuples(*[st.integers(0, 10**6)] * 5)))
@@ -35,7 +49,9 @@ def test_durations_are_summed(parts: list[tuple[int, ...]]) -> None:
     texts = [f"P{w}W{d}DT{h}H{m}M{s}S" for w, d, h, m, s in parts]
     column, bad = coerce.coerce(texts, parse_type("int64"), STRING | {"format": "duration"})
     assert bad == []
-    assert column.to_pylist() == [(((w * 7 + d) * 24 + h) * 60 + m) * 60 + s for w, d, h, m, s in parts]
+    assert column.to_pylist() == [
+        (((w * 7 + d) * 24 + h) * 60 + m) * 60 + s for w, d, h, m, s in parts
+    ]
 
 
 @given(st.lists(anything))
@@ -69,7 +85,9 @@ def test_texts_hold_no_nul_and_no_surrogate(values: list[Any]) -> None:
     column, bad = coerce.texts(values)
     for value, got in zip(values, column.to_pylist(), strict=True):
         assert (got is not None) == isinstance(value, str)
-        assert got is None or (len(got) == len(value) and "\0" not in got and got.encode() is not None)
+        assert got is None or (
+            len(got) == len(value) and "\0" not in got and got.encode() is not None
+        )
     assert all("\0" not in text and len(text) <= 200 for _, text in bad)
 
 
@@ -84,7 +102,11 @@ def at(path: list[str], value: Any) -> Any:
 def test_any_value_in_any_place_costs_that_value_only(data: st.DataObject) -> None:
     reader = Reader(table("youtube/videos"), "videos")
     columns = [column for column in reader.columns if column.name != "video_id"]
-    path = data.draw(st.sampled_from([column.source.path.removeprefix("items[].").split(".") for column in columns]))
+    path = data.draw(
+        st.sampled_from(
+            [column.source.path.removeprefix("items[].").split(".") for column in columns]
+        )
+    )
     path = path[: data.draw(st.integers(1, len(path)))]
     value = data.draw(anything)
     other = {"id": "b", "statistics": {"viewCount": "5"}, "contentDetails": {"duration": "PT9S"}}
@@ -96,4 +118,10 @@ def test_any_value_in_any_place_costs_that_value_only(data: st.DataObject) -> No
     }
     ((rows, _),) = reader.tables([json.dumps(envelope).encode()], 10)
     a, b = rows.to_pylist()
-    assert (a["video_id"], b["video_id"], b["view_count"], b["duration_s"], b["problems"]) == ("a", "b", 5, 9, [])
+    assert (a["video_id"], b["video_id"], b["view_count"], b["duration_s"], b["problems"]) == (
+        "a",
+        "b",
+        5,
+        9,
+        [],
+    )

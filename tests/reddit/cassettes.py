@@ -30,7 +30,11 @@ def read(path: Path) -> list[Exchange]:
         request, response = entry["request"], entry["response"]
         address, form = urlsplit(request["uri"]), request["body"]
         form = form if isinstance(form, str) else (form or {}).get("string") or ""
-        headers = {name: values[0] for name, values in response["headers"].items() if name.lower() != "content-length"}
+        headers = {
+            name: values[0]
+            for name, values in response["headers"].items()
+            if name.lower() != "content-length"
+        }
         found.append(
             Exchange(
                 request["method"],
@@ -56,11 +60,22 @@ class Cassette(BaseAdapter):
     def send(self, request: requests.PreparedRequest, **options: Any) -> requests.Response:
         self.asked.append(request)
         path = unquote(urlsplit(request.url or "").path)
-        exchange = next((one for one in self.left if (one.method, one.path.rstrip("/")) == (request.method, path.rstrip("/"))), None)
+        exchange = next(
+            (
+                one
+                for one in self.left
+                if (one.method, one.path.rstrip("/")) == (request.method, path.rstrip("/"))
+            ),
+            None,
+        )
         assert exchange is not None, f"{request.method} {request.url} is not on the cassette"
         self.left.remove(exchange)
         response = requests.Response()
-        response.status_code, response.url, response.request = exchange.status, request.url or "", request
+        response.status_code, response.url, response.request = (
+            exchange.status,
+            request.url or "",
+            request,
+        )
         response.headers.update(exchange.headers)
         response._content = exchange.body.encode()
         return response

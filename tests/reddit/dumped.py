@@ -13,7 +13,9 @@ from kb.store import rawlog
 
 
 def run_in(root, **options):
-    return Run(load_settings(dotenv=False), load_profile("minecraft"), root, **{"workers": 1, **options})
+    return Run(
+        load_settings(dotenv=False), load_profile("minecraft"), root, **{"workers": 1, **options}
+    )
 
 
 def post(key, **fields):
@@ -36,11 +38,18 @@ def write(path, lines, frames=1, cut=0):
     """A dump of JSON objects and bytes, in so many frames; `cut` bytes are missing at its end."""
     texts = [line if isinstance(line, bytes) else json.dumps(line).encode() for line in lines]
     size = max(1, -(-len(texts) // frames))
-    data = b"".join(zstandard.ZstdCompressor().compress(b"\n".join(texts[n : n + size]) + b"\n") for n in range(0, len(texts), size))
+    data = b"".join(
+        zstandard.ZstdCompressor().compress(b"\n".join(texts[n : n + size]) + b"\n")
+        for n in range(0, len(texts), size)
+    )
     path.write_bytes(data[: len(data) - cut])
     return path
 
 
 def imported(root):
     """Every thing in the raw log, as (kind, data)."""
-    return [(thing["kind"], thing["data"]) for envelope in rawlog.read(root, "reddit", "dumps") for thing in envelope.response["data"]["children"]]
+    return [
+        (thing["kind"], thing["data"])
+        for envelope in rawlog.read(root, "reddit", "dumps")
+        for thing in envelope.response["data"]["children"]
+    ]

@@ -63,14 +63,32 @@ def test_what_is_asked_for_has_its_form(path: str, answer: Any) -> None:
     ("path", "answer"),
     [
         *(("api/info/", answer) for answer in ODD),
-        *(("r/Minecraft/new", answer) for answer in [*ODD, [1, 2], {"reason": "private", "message": "Forbidden", "data": None}]),
+        *(
+            ("r/Minecraft/new", answer)
+            for answer in [
+                *ODD,
+                [1, 2],
+                {"reason": "private", "message": "Forbidden", "data": None},
+            ]
+        ),
         *(
             ("comments/a/", answer)
-            for answer in [*ODD, [listing(post("a"))], [listing(), listing()], [listing(post("a")), BUSY], [listing(post("a")), listing(5)]]
+            for answer in [
+                *ODD,
+                [listing(post("a"))],
+                [listing(), listing()],
+                [listing(post("a")), BUSY],
+                [listing(post("a")), listing(5)],
+            ]
         ),  # type: ignore[arg-type]
         *(
             ("api/morechildren/", answer)
-            for answer in [BUSY, listing(), {"json": {"data": {"things": None}}}, {"json": {"errors": [["RATELIMIT", "x"]]}}]
+            for answer in [
+                BUSY,
+                listing(),
+                {"json": {"data": {"things": None}}},
+                {"json": {"errors": [["RATELIMIT", "x"]]}},
+            ]
         ),
         ("api/morechildren/", {"json": {"errors": "busy"}}),
         ("api/info/", None),
@@ -82,7 +100,9 @@ def test_what_has_another_form_is_no_answer(path: str, answer: Any) -> None:
     assert problem(path, answer) != ""
 
 
-def test_a_message_in_place_of_info_makes_nothing_missing(few: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_message_in_place_of_info_makes_nothing_missing(
+    few: Work, monkeypatch: pytest.MonkeyPatch
+) -> None:
     few.crawl()
     few.filter()
     kept = few.table("clean", "reddit", "posts")
@@ -97,7 +117,9 @@ def test_a_message_in_place_of_info_makes_nothing_missing(few: Work, monkeypatch
     few.sandbox.faults.remove(fault)
     assert few.refresh()["crawled"] >= len(kept)
     few.filter()
-    assert {row["post_id"] for row in few.table("clean", "reddit", "posts")} == {row["post_id"] for row in kept}
+    assert {row["post_id"] for row in few.table("clean", "reddit", "posts")} == {
+        row["post_id"] for row in kept
+    }
 
 
 def test_nearly_everything_missing_is_worth_a_word_and_can_be_asked_again(
@@ -117,8 +139,12 @@ def test_nearly_everything_missing_is_worth_a_word_and_can_be_asked_again(
     assert caplog.text == ""
 
 
-@pytest.mark.parametrize("body", [BUSY, "[1,2]", '[{"kind": "Listing"}, {}]'], ids=["message", "list", "half"])
-def test_posts_and_listings_without_an_answer_are_read_by_the_next_run(few: Work, body: Any) -> None:
+@pytest.mark.parametrize(
+    "body", [BUSY, "[1,2]", '[{"kind": "Listing"}, {}]'], ids=["message", "list", "half"]
+)
+def test_posts_and_listings_without_an_answer_are_read_by_the_next_run(
+    few: Work, body: Any
+) -> None:
     listings = few.sandbox.faults.add("^/r/", status=200, body=body, times=None)
     assert few.crawl()["failed"] == 1
     few.sandbox.faults.remove(listings)
@@ -152,7 +178,9 @@ def test_a_service_that_only_sends_messages_is_down(few: Work) -> None:
 
 
 @pytest.mark.parametrize(("status", "failed", "missing"), [(410, 0, 1), (418, 1, 0), (400, 1, 0)])
-def test_an_odd_status_for_one_post_is_about_that_post(few: Work, status: int, failed: int, missing: int) -> None:
+def test_an_odd_status_for_one_post_is_about_that_post(
+    few: Work, status: int, failed: int, missing: int
+) -> None:
     key = list(few.world.posts)[4]
     few.sandbox.faults.add(f"^/comments/{key}/", status=status, body={"message": "no"}, times=None)
     summary = few.crawl()
@@ -175,14 +203,19 @@ def test_a_hundred_and_ninety_replies_below_each_other_are_read(few: Work) -> No
     for number in range(190):
         parent = f"t1_n{number - 1}" if number else f"t3_{key}"
         front.append(
-            json.dumps(listing(comment(f"n{number}", link_id=f"t3_{key}", parent_id=parent))).replace(
-                '"created_utc"', '"replies": REST, "created_utc"'
-            )
+            json.dumps(
+                listing(comment(f"n{number}", link_id=f"t3_{key}", parent_id=parent))
+            ).replace('"created_utc"', '"replies": REST, "created_utc"')
         )
     text = '""'
     for piece in reversed(front):
         text = piece.replace("REST", text)
-    few.sandbox.faults.add(f"^/comments/{key}/", status=200, body=f"[{json.dumps(listing(post(key)))}, {text}]", times=None)
+    few.sandbox.faults.add(
+        f"^/comments/{key}/",
+        status=200,
+        body=f"[{json.dumps(listing(post(key)))}, {text}]",
+        times=None,
+    )
     job = few.job()
     assert job.done("reddit", "crawl", "--quiet")["failed"] == 0
     job.done("reddit", "filter", "--quiet")

@@ -18,12 +18,42 @@ HASH = SCRUBBER.hash(NAME)
     "record",
     [
         {"author": NAME, "author_fullname": f"t2_{NAME}", "author_flair_text": NAME},
-        {"url": f"/user/{NAME}/comments/p1/my_title/", "url_overridden_by_dest": f"https://old.reddit.com/u/{NAME}"},
-        {"permalink": f"/r/u_{NAME}/comments/p1/my_title/", "link_permalink": f"https://www.reddit.com/user/{NAME}/comments/p1/"},
-        {"subreddit": f"u_{NAME}", "subreddit_name_prefixed": f"u/{NAME}", "domain": f"self.u_{NAME}"},
-        {"crosspost_parent_list": [{"subreddit": f"u_{NAME}", "link_url": f"https://reddit.com/user/{NAME}/comments/p1/?a=b"}]},
-        {"sr_detail": {"display_name": f"u_{NAME}", "title": NAME, "public_description": f"I am {NAME}", "url": f"/user/{NAME}/"}},
-        {"mod_reason_by": NAME, "mod_note": f"by {NAME}", "approved_by": NAME, "mod_reports": [["spam", NAME]], "awarders": [NAME]},
+        {
+            "url": f"/user/{NAME}/comments/p1/my_title/",
+            "url_overridden_by_dest": f"https://old.reddit.com/u/{NAME}",
+        },
+        {
+            "permalink": f"/r/u_{NAME}/comments/p1/my_title/",
+            "link_permalink": f"https://www.reddit.com/user/{NAME}/comments/p1/",
+        },
+        {
+            "subreddit": f"u_{NAME}",
+            "subreddit_name_prefixed": f"u/{NAME}",
+            "domain": f"self.u_{NAME}",
+        },
+        {
+            "crosspost_parent_list": [
+                {
+                    "subreddit": f"u_{NAME}",
+                    "link_url": f"https://reddit.com/user/{NAME}/comments/p1/?a=b",
+                }
+            ]
+        },
+        {
+            "sr_detail": {
+                "display_name": f"u_{NAME}",
+                "title": NAME,
+                "public_description": f"I am {NAME}",
+                "url": f"/user/{NAME}/",
+            }
+        },
+        {
+            "mod_reason_by": NAME,
+            "mod_note": f"by {NAME}",
+            "approved_by": NAME,
+            "mod_reports": [["spam", NAME]],
+            "awarders": [NAME],
+        },
         {"media": {"oembed": {"author_name": NAME, "author_url": f"https://youtube.com/{NAME}"}}},
     ],
 )
@@ -36,8 +66,16 @@ def test_a_name_is_hashed_wherever_it_stands(record: dict[str, Any]) -> None:
 
 
 def test_an_address_of_a_profile_keeps_its_form() -> None:
-    record = SCRUBBER.scrub({"url": f"https://www.reddit.com/user/{NAME}/comments/p1/a_title/", "subreddit_name_prefixed": f"u/{NAME}"})
-    assert record == {"url": f"https://www.reddit.com/user/{HASH}/comments/p1/a_title/", "subreddit_name_prefixed": f"u/{HASH}"}
+    record = SCRUBBER.scrub(
+        {
+            "url": f"https://www.reddit.com/user/{NAME}/comments/p1/a_title/",
+            "subreddit_name_prefixed": f"u/{NAME}",
+        }
+    )
+    assert record == {
+        "url": f"https://www.reddit.com/user/{HASH}/comments/p1/a_title/",
+        "subreddit_name_prefixed": f"u/{HASH}",
+    }
 
 
 def test_a_name_of_digits_that_came_as_a_number() -> None:

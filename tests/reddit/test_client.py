@@ -19,7 +19,11 @@ TOKEN = {"access_token": "sandbox-reddit-token", "expires_in": 86_400, "scope": 
 
 
 def rate(remaining: object, reset: object) -> dict[str, str]:
-    return {"x-ratelimit-used": "1000", "x-ratelimit-remaining": str(remaining), "x-ratelimit-reset": str(reset)}
+    return {
+        "x-ratelimit-used": "1000",
+        "x-ratelimit-remaining": str(remaining),
+        "x-ratelimit-reset": str(reset),
+    }
 
 
 @pytest.fixture
@@ -51,7 +55,14 @@ def test_a_token_that_can_not_be_read_is_asked_for_again(few: Work, body: Any) -
     assert fault.hits == 2
 
 
-@pytest.mark.parametrize(("body", "error"), [("{}", Unreachable), ({"error": 429}, Blocked), ({"error": "invalid_grant"}, CredentialRefused)])
+@pytest.mark.parametrize(
+    ("body", "error"),
+    [
+        ("{}", Unreachable),
+        ({"error": 429}, Blocked),
+        ({"error": "invalid_grant"}, CredentialRefused),
+    ],
+)
 def test_a_token_without_end(few: Work, body: Any, error: type[Exception]) -> None:
     few.section["listings"] = ("new", "hot", "rising")
     few.sandbox.faults.add("access_token", status=200, body=body, times=None)
@@ -60,8 +71,12 @@ def test_a_token_without_end(few: Work, body: Any, error: type[Exception]) -> No
 
 
 @pytest.mark.parametrize("status", [500, 429])
-def test_a_window_that_is_long_used_up_stops_the_run_with_the_time_to_come_back(few: Work, status: int) -> None:
-    fault = few.sandbox.faults.add("^/comments/", status=status, headers=rate(0.0, 400), after=1, times=None)
+def test_a_window_that_is_long_used_up_stops_the_run_with_the_time_to_come_back(
+    few: Work, status: int
+) -> None:
+    fault = few.sandbox.faults.add(
+        "^/comments/", status=status, headers=rate(0.0, 400), after=1, times=None
+    )
     for hits in (1, 2):
         with pytest.raises(Blocked, match=r"401 s, at 2026-11-20T12:06:4[01]Z") as stopped:
             few.crawl()
@@ -89,7 +104,9 @@ def test_a_short_wait_is_said_once(few: Work) -> None:
     assert said.lines == ["waiting 1 s for Reddit's window"]
 
 
-def test_seconds_that_are_rounded_down_let_no_request_through_too_early(few: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_seconds_that_are_rounded_down_let_no_request_through_too_early(
+    few: Work, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A window of three requests in 1.4 s, as the service counts them."""
     windows: list[list[float]] = [[]]
 
@@ -105,7 +122,9 @@ def test_seconds_that_are_rounded_down_let_no_request_through_too_early(few: Wor
     assert [len(window) for window in windows] == [3, 3, 1]
 
 
-@pytest.mark.parametrize("headers", [{}, rate("nan", 5), rate(0, "inf"), rate("", ""), {"x-ratelimit-remaining": "0"}])
+@pytest.mark.parametrize(
+    "headers", [{}, rate("nan", 5), rate(0, "inf"), rate("", ""), {"x-ratelimit-remaining": "0"}]
+)
 def test_headers_that_say_nothing_change_nothing(headers: dict[str, str]) -> None:
     limiter = Limiter(Pace(0))
     limiter.heed(headers)

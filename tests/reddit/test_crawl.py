@@ -9,7 +9,15 @@ from typing import Any
 
 import pytest
 
-from kb.core.errors import Blocked, CredentialRefused, FatalError, LimitReached, MissingCredential, OtherService, Unreachable
+from kb.core.errors import (
+    Blocked,
+    CredentialRefused,
+    FatalError,
+    LimitReached,
+    MissingCredential,
+    OtherService,
+    Unreachable,
+)
 from kb.reddit import parse
 from kb.sandbox.reddit import CLIENT, SECRET, TOKEN
 from kb.sandbox.subreddit import _PEOPLE, CASES
@@ -24,7 +32,9 @@ def things(work: Work) -> dict[str, dict[str, Any]]:
         reader = parse.Reader(kind, work.run().profile.reddit.links)
         for path in rawlog.segments(work.root, "reddit", kind):
             for _, line in rawlog.Frames(path):
-                found |= {row["fullname"]: row for row in reader.envelope(line) if row["state"] == "there"}
+                found |= {
+                    row["fullname"]: row for row in reader.envelope(line) if row["state"] == "there"
+                }
     return found
 
 
@@ -37,7 +47,11 @@ def test_every_post_and_comment_is_there_with_its_values(whole: Work) -> None:
     assert found.keys() == everything(whole)
     for key, post in whole.world.posts.items():
         row = found[f"t3_{key}"]
-        assert (row["title"], row["score"], row["num_comments"]) == (post["title"], post.get("score"), post["num_comments"])
+        assert (row["title"], row["score"], row["num_comments"]) == (
+            post["title"],
+            post.get("score"),
+            post["num_comments"],
+        )
     for key, comment in whole.world.comments.items():
         row = found[f"t1_{key}"]
         assert (row["text"], row["score"], row["parent_id"], row["post_id"]) == (
@@ -52,7 +66,10 @@ def test_pages_are_read_once_and_stubs_by_the_hundred(whole: Work) -> None:
     ledger = whole.sandbox.ledger
     pages = Counter(seen.path for seen in ledger.requests("^/comments/"))
     assert set(pages.values()) == {1}
-    deep, wide = list(whole.world.posts)[CASES.index("deep")], list(whole.world.posts)[CASES.index("wide")]
+    deep, wide = (
+        list(whole.world.posts)[CASES.index("deep")],
+        list(whole.world.posts)[CASES.index("wide")],
+    )
     assert sum(path.startswith(f"/comments/{deep}/_/") for path in pages) == 4  # ten replies a page
     assert len(ledger.requests("morechildren")) == 7  # 500 of 1,200 are on the page
     assert sum(path.startswith(f"/comments/{wide}/") for path in pages) == 1
@@ -71,7 +88,9 @@ def test_depths_of_a_deep_and_a_wide_tree(whole: Work) -> None:
 
 
 def test_odd_text_stays_as_far_as_arrow_can_hold_it(whole: Work) -> None:
-    row = next(row for row in whole.table("clean", "reddit", "posts") if row["title"].startswith("A tower"))
+    row = next(
+        row for row in whole.table("clean", "reddit", "posts") if row["title"].startswith("A tower")
+    )
     assert row["title"] == "A tower 🗼 مرحبا & <b>bold</b>"
     assert row["body"] == "tab\tand�nul and � alone"
 
@@ -101,12 +120,16 @@ def test_limit_counts_posts_and_the_next_run_goes_on(work: Work) -> None:
     assert stopped.value.summary["crawled"] == 7
     work.crawl()
     assert things(work).keys() == everything(work)
-    assert set(Counter(seen.path for seen in work.sandbox.ledger.requests("^/comments/")).values()) == {1}
+    assert set(
+        Counter(seen.path for seen in work.sandbox.ledger.requests("^/comments/")).values()
+    ) == {1}
 
 
 def test_since_and_until_bound_the_posts(work: Work) -> None:
     made = sorted(post["created_utc"] for post in work.world.posts.values())
-    summary = work.crawl(datetime.fromtimestamp(made[10], UTC), datetime.fromtimestamp(made[15], UTC))
+    summary = work.crawl(
+        datetime.fromtimestamp(made[10], UTC), datetime.fromtimestamp(made[15], UTC)
+    )
     assert summary["crawled"] == 5
 
 
@@ -122,7 +145,9 @@ def test_since_and_until_bound_the_posts(work: Work) -> None:
         {"path": "^/comments/", "status": 401, "times": 1, "after": 4},
         {"path": "access_token", "status": 503, "times": 2},
     ],
-    ids=lambda fault: f"{fault['path']} {fault.get('status') or ('reset' if fault.get('reset') else 'cut')}",
+    ids=lambda fault: (
+        f"{fault['path']} {fault.get('status') or ('reset' if fault.get('reset') else 'cut')}"
+    ),
 )
 def test_what_passes_leaves_no_gap(work: Work, fault: dict[str, Any]) -> None:
     planned = work.sandbox.faults.add(**fault)
@@ -158,7 +183,9 @@ def test_429_without_end_is_a_block_and_no_fact_about_a_post(work: Work) -> None
 
 
 def test_an_hour_of_retry_after_stops_at_once(work: Work) -> None:
-    fault = work.sandbox.faults.add("^/comments/", status=429, headers={"Retry-After": "3600"}, times=None)
+    fault = work.sandbox.faults.add(
+        "^/comments/", status=429, headers={"Retry-After": "3600"}, times=None
+    )
     with pytest.raises(Blocked, match="3600"):
         work.crawl()
     assert fault.hits == 1
@@ -186,7 +213,9 @@ def test_one_post_that_fails_is_counted_and_tried_again_by_the_next_run(work: Wo
 @pytest.mark.parametrize("status", [403, 404])
 def test_a_post_that_is_shut_or_gone_is_a_fact_and_no_failure(work: Work, status: int) -> None:
     post = list(work.world.posts)[4]
-    work.sandbox.faults.add(f"^/comments/{post}/", status=status, body={"message": "no", "error": status}, times=None)
+    work.sandbox.faults.add(
+        f"^/comments/{post}/", status=status, body={"message": "no", "error": status}, times=None
+    )
     summary = work.crawl()
     assert (summary["failed"], summary["missing"]) == (0, 1)
     work.filter()
@@ -198,11 +227,18 @@ def test_a_post_that_is_shut_or_gone_is_a_fact_and_no_failure(work: Work, status
 
 def test_stubs_that_lead_nowhere_are_missing(work: Work) -> None:
     wide = list(work.world.posts)[CASES.index("wide")]
-    lost = [key for key, comment in work.world.comments.items() if comment["link_id"] == f"t3_{wide}"][-3:]
-    work.sandbox.faults.add("morechildren", then=lambda seen: work.world.gone.update(f"t1_{key}" for key in lost))
+    lost = [
+        key for key, comment in work.world.comments.items() if comment["link_id"] == f"t3_{wide}"
+    ][-3:]
+    work.sandbox.faults.add(
+        "morechildren", then=lambda seen: work.world.gone.update(f"t1_{key}" for key in lost)
+    )
     work.crawl()
     work.filter()
-    rejected = {row["key"]: (row["stage"], row["reason"]) for row in work.table("clean", "reddit", "rejected")}
+    rejected = {
+        row["key"]: (row["stage"], row["reason"])
+        for row in work.table("clean", "reddit", "rejected")
+    }
     assert {rejected[f"t1_{key}"] for key in lost} == {("missing", "missing")}
 
 
@@ -221,7 +257,12 @@ def test_a_token_that_is_refused_again_and_again_ends(work: Work) -> None:
 
 
 def test_a_subreddit_that_does_not_exist(work: Work) -> None:
-    work.sandbox.faults.add("^/r/", status=403, body={"reason": "private", "message": "Forbidden", "error": 403}, times=None)
+    work.sandbox.faults.add(
+        "^/r/",
+        status=403,
+        body={"reason": "private", "message": "Forbidden", "error": 403},
+        times=None,
+    )
     with pytest.raises(FatalError, match="private"):
         work.crawl()
 
@@ -236,7 +277,11 @@ def test_no_service_is_exit_3(work: Work) -> None:
 def test_what_is_not_set_is_named_before_anything_is_sent_or_written(work: Work, name: str) -> None:
     run = work.run()
     settings = run.settings.model_copy(update={name: None})
-    for command in (lambda one: work.crawl(settings=one), lambda one: work.refresh(settings=one), lambda one: work.rebuild(settings=one)):
+    for command in (
+        lambda one: work.crawl(settings=one),
+        lambda one: work.refresh(settings=one),
+        lambda one: work.rebuild(settings=one),
+    ):
         with pytest.raises(MissingCredential, match=name.upper()):
             command(settings)
     assert len(work.sandbox.ledger) == 0
@@ -248,7 +293,11 @@ def test_another_host_is_refused(work: Work) -> None:
         work.crawl(limit=1)
     before = len(work.sandbox.ledger)
     with pytest.raises(OtherService):
-        work.crawl(settings=work.run().settings.model_copy(update={"kb_reddit_endpoint": "http://127.0.0.2:9"}))
+        work.crawl(
+            settings=work.run().settings.model_copy(
+                update={"kb_reddit_endpoint": "http://127.0.0.2:9"}
+            )
+        )
     assert len(work.sandbox.ledger) == before
 
 

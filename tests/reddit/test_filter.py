@@ -31,8 +31,14 @@ POSTS = [  # the post, then stage, reason, value, threshold; None: kept
     (post("nobodysays", over_18="LEFT OUT"), ("nsfw", "absent", None, None)),
     (post("nullsays", over_18=None), ("nsfw", "absent", None, None)),
     (post("perhaps", over_18="maybe"), ("nsfw", "malformed", "maybe", None)),
-    (post("del", selftext="[deleted]", removed_by_category="deleted"), ("removed", "deleted", None, None)),
-    (post("mod", selftext="[removed]", removed_by_category="moderator"), ("removed", "removed", None, None)),
+    (
+        post("del", selftext="[deleted]", removed_by_category="deleted"),
+        ("removed", "deleted", None, None),
+    ),
+    (
+        post("mod", selftext="[removed]", removed_by_category="moderator"),
+        ("removed", "removed", None, None),
+    ),
     (post("untitled", title="LEFT OUT"), ("removed", "absent", None, None)),
     (post("undated", created_utc="LEFT OUT"), ("missing", "absent", None, None)),
     (post("baddate", created_utc="yesterday"), ("missing", "malformed", "yesterday", None)),
@@ -45,7 +51,10 @@ COMMENTS = [
     (comment("c_mod", body="[removed]"), ("removed", "removed", None, None)),
     (comment("c_void", body="LEFT OUT"), ("removed", "absent", None, None)),
     (comment("c_low", link_id="t3_low", parent_id="t3_low"), ("post", "not_kept", None, None)),
-    (comment("c_lost", link_id="t3_nowhere", parent_id="t3_nowhere"), ("post", "absent", None, None)),
+    (
+        comment("c_lost", link_id="t3_nowhere", parent_id="t3_nowhere"),
+        ("post", "absent", None, None),
+    ),
     (comment("c_orphan", parent_id=17), ("missing", "malformed", "17", None)),
     (comment("c_root", parent_id="LEFT OUT"), ("missing", "absent", None, None)),
 ]
@@ -54,26 +63,48 @@ COMMENTS = [
 @pytest.fixture(scope="module")
 def judged(tmp_path_factory: pytest.TempPathFactory) -> Work:
     """The rows above as raw answers, filtered; and info that was asked for two more names, and a stub."""
-    with pytest.MonkeyPatch.context() as patch, Sandbox(small_world(1), services=["reddit"]) as sandbox:
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        Sandbox(small_world(1), services=["reddit"]) as sandbox,
+    ):
         patch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
         work = Work(sandbox, tmp_path_factory.mktemp("judged"))
-        stub = {"kind": "more", "data": {"id": "c_more", "children": ["c_more"], "parent_id": "t3_good", "count": 1}}
+        stub = {
+            "kind": "more",
+            "data": {"id": "c_more", "children": ["c_more"], "parent_id": "t3_good", "count": 1},
+        }
         write(work.root, "listings", {}, listing(*(thing for thing, _ in POSTS), *NAMELESS))
-        write(work.root, "comments", {"article": "good"}, [listing(*(thing for thing, _ in COMMENTS), stub)])
+        write(
+            work.root,
+            "comments",
+            {"article": "good"},
+            [listing(*(thing for thing, _ in COMMENTS), stub)],
+        )
         write(work.root, "info", {"id": "t3_gone,t1_c_gone", "posts": ["gone", "good"]}, listing())
         work.filtered = work.filter()
         return work
 
 
 def verdict(work: Work, name: str) -> dict[str, Any] | None:
-    return next((row for row in work.table("clean", "reddit", "rejected") if row["key"] == name), None)
+    return next(
+        (row for row in work.table("clean", "reddit", "rejected") if row["key"] == name), None
+    )
 
 
-GONE = [(post("gone"), ("missing", "missing", None, None)), (comment("c_gone"), ("missing", "missing", None, None))]
+GONE = [
+    (post("gone"), ("missing", "missing", None, None)),
+    (comment("c_gone"), ("missing", "missing", None, None)),
+]
 
 
-@pytest.mark.parametrize(("thing", "expected"), [*POSTS, *COMMENTS, *GONE], ids=lambda value: value["data"]["id"] if isinstance(value, dict) else "")
-def test_each_row_gets_its_verdict(judged: Work, thing: dict[str, Any], expected: tuple[Any, ...] | None) -> None:
+@pytest.mark.parametrize(
+    ("thing", "expected"),
+    [*POSTS, *COMMENTS, *GONE],
+    ids=lambda value: value["data"]["id"] if isinstance(value, dict) else "",
+)
+def test_each_row_gets_its_verdict(
+    judged: Work, thing: dict[str, Any], expected: tuple[Any, ...] | None
+) -> None:
     key, table = thing["data"]["id"], "posts" if thing["kind"] == "t3" else "comments"
     row = verdict(judged, f"{thing['kind']}_{key}")
     kept = {row[f"{table[:-1]}_id"] for row in judged.table("clean", "reddit", table)}
@@ -92,8 +123,14 @@ def test_each_row_gets_its_verdict(judged: Work, thing: dict[str, Any], expected
 
 @pytest.mark.parametrize(("reason", "value"), [("absent", None), ("malformed", "123456")])
 def test_what_has_no_readable_id_says_so(judged: Work, reason: str, value: str | None) -> None:
-    found = [row for row in judged.table("clean", "reddit", "rejected") if row["key"].startswith("t3_unknown-")]
-    assert [(row["stage"], row["value"]) for row in found if row["reason"] == reason] == [("missing", value)]
+    found = [
+        row
+        for row in judged.table("clean", "reddit", "rejected")
+        if row["key"].startswith("t3_unknown-")
+    ]
+    assert [(row["stage"], row["value"]) for row in found if row["reason"] == reason] == [
+        ("missing", value)
+    ]
 
 
 def test_a_stub_that_was_not_resolved_waits(judged: Work) -> None:
@@ -141,24 +178,53 @@ def test_each_case_of_the_subreddit_is_what_it_is(whole: Work) -> None:
     }
     for number, key in enumerate(list(whole.world.posts)[: len(CASES)]):
         case = CASES[number]
-        assert (key in kept) == (case not in ("low_score", "nsfw", "removed", "deleted", "no_score")), case
+        assert (key in kept) == (
+            case not in ("low_score", "nsfw", "removed", "deleted", "no_score")
+        ), case
         if case in types:
             assert (kept[key]["type"], kept[key]["link_kind"]) == types[case], case
     poll = kept[list(whole.world.posts)[CASES.index("poll")]]
     assert poll["poll_options"] == ["cobblestone", "oak & spruce"]
     crosspost = kept[list(whole.world.posts)[CASES.index("crosspost")]]
-    assert (crosspost["is_crosspost"], crosspost["source_url"]) == (True, "https://v.redd.it/zz9zz9")
+    assert (crosspost["is_crosspost"], crosspost["source_url"]) == (
+        True,
+        "https://v.redd.it/zz9zz9",
+    )
 
 
 def test_the_release_has_ids_and_figures_and_nothing_else(whole: Work) -> None:
     allowed = {
-        "posts": {"post_id", "type", "created_utc", "score", "num_comments", "upvote_ratio", "score_source", "fetched_at"},
-        "comments": {"comment_id", "post_id", "parent_id", "depth", "created_utc", "score", "score_source", "fetched_at"},
+        "posts": {
+            "post_id",
+            "type",
+            "created_utc",
+            "score",
+            "num_comments",
+            "upvote_ratio",
+            "score_source",
+            "fetched_at",
+        },
+        "comments": {
+            "comment_id",
+            "post_id",
+            "parent_id",
+            "depth",
+            "created_utc",
+            "score",
+            "score_source",
+            "fetched_at",
+        },
     }
     for name, columns in allowed.items():
-        found = [row for path in sorted((whole.root / "release" / "reddit").glob(f"{name}-*.parquet")) for row in rows_of(path)]
+        found = [
+            row
+            for path in sorted((whole.root / "release" / "reddit").glob(f"{name}-*.parquet"))
+            for row in rows_of(path)
+        ]
         assert set(found[0]) == columns
-        assert [row[f"{name[:-1]}_id"] for row in found] == [row[f"{name[:-1]}_id"] for row in whole.table("clean", "reddit", name)]
+        assert [row[f"{name[:-1]}_id"] for row in found] == [
+            row[f"{name[:-1]}_id"] for row in whole.table("clean", "reddit", name)
+        ]
     text = " ".join(texts(whole.root / "release").values())
     for row in whole.table("clean", "reddit", "posts"):
         assert json.dumps(row["title"])[1:-1] not in text
@@ -174,26 +240,58 @@ def rows_of(path: Path) -> list[dict[str, Any]]:
 
 def test_mine_dojos_list_is_the_published_form(whole: Work) -> None:
     found = json.loads((whole.root / "export" / "minedojo" / "reddit.json").read_text())
-    assert found == [{"id": row["post_id"], "type": row["type"]} for row in whole.table("clean", "reddit", "posts")]
+    assert found == [
+        {"id": row["post_id"], "type": row["type"]}
+        for row in whole.table("clean", "reddit", "posts")
+    ]
 
 
 def test_convokits_corpus_hangs_together(whole: Work) -> None:
     corpus = whole.root / "export" / "convokit"
-    assert {path.name for path in corpus.iterdir()} == {"utterances.jsonl", "speakers.json", "conversations.json", "corpus.json", "index.json"}
-    utterances = {row["id"]: row for row in map(json.loads, (corpus / "utterances.jsonl").read_text(encoding="utf-8").splitlines())}
-    speakers, conversations = json.loads((corpus / "speakers.json").read_text()), json.loads((corpus / "conversations.json").read_text())
-    posts, comments = whole.table("clean", "reddit", "posts"), whole.table("clean", "reddit", "comments")
+    assert {path.name for path in corpus.iterdir()} == {
+        "utterances.jsonl",
+        "speakers.json",
+        "conversations.json",
+        "corpus.json",
+        "index.json",
+    }
+    utterances = {
+        row["id"]: row
+        for row in map(
+            json.loads, (corpus / "utterances.jsonl").read_text(encoding="utf-8").splitlines()
+        )
+    }
+    speakers, conversations = (
+        json.loads((corpus / "speakers.json").read_text()),
+        json.loads((corpus / "conversations.json").read_text()),
+    )
+    posts, comments = (
+        whole.table("clean", "reddit", "posts"),
+        whole.table("clean", "reddit", "comments"),
+    )
     stand_ins = {key for key, row in utterances.items() if row["meta"]["placeholder"]}
-    assert stand_ins == {row["parent_id"][3:] for row in comments if row["depth"]} - {row["comment_id"] for row in comments}
+    assert stand_ins == {row["parent_id"][3:] for row in comments if row["depth"]} - {
+        row["comment_id"] for row in comments
+    }
     assert stand_ins, "nothing was filtered out of the middle of a tree"
-    assert all(utterances[key]["text"] == "" and utterances[key]["reply-to"] == utterances[key]["conversation_id"] for key in stand_ins)
-    assert all(row["reply-to"] in utterances for row in utterances.values() if row["reply-to"]), "ConvoKit walks no tree with a hole"
+    assert all(
+        utterances[key]["text"] == ""
+        and utterances[key]["reply-to"] == utterances[key]["conversation_id"]
+        for key in stand_ins
+    )
+    assert all(row["reply-to"] in utterances for row in utterances.values() if row["reply-to"]), (
+        "ConvoKit walks no tree with a hole"
+    )
     assert len(utterances) == len(posts) + len(comments) + len(stand_ins)
     assert set(conversations) == {row["post_id"] for row in posts}
     assert {row["speaker"] for row in utterances.values()} == set(speakers)
     for row in comments:
         utterance = utterances[row["comment_id"]]
-        assert (utterance["conversation_id"], utterance["reply-to"], utterance["text"]) == (row["post_id"], row["parent_id"][3:], row["body"])
+        assert (utterance["conversation_id"], utterance["reply-to"], utterance["text"]) == (
+            row["post_id"],
+            row["parent_id"][3:],
+            row["body"],
+        )
         assert utterance["timestamp"] == int(row["created_utc"].timestamp())
     for row in posts:
         utterance = utterances[row["post_id"]]
@@ -204,14 +302,22 @@ def test_convokits_corpus_hangs_together(whole: Work) -> None:
 def test_names_are_hashed_the_same_everywhere_and_only_here(whole: Work) -> None:
     by_name: dict[str, set[str]] = {}
     for row in whole.table("clean", "reddit", "comments"):
-        by_name.setdefault(whole.world.comments[row["comment_id"]]["author"], set()).add(row["author_hash"])
+        by_name.setdefault(whole.world.comments[row["comment_id"]]["author"], set()).add(
+            row["author_hash"]
+        )
     assert all(len(hashes) == 1 for hashes in by_name.values())
     assert len(set().union(*by_name.values())) == len(by_name) > 5
 
 
 def test_parse_says_what_a_request_named() -> None:
-    assert parse.asked_for("info", {"id": "t3_a,t1_b", "posts": ["a", "p"]}, 200) == [("t3_a", "a"), ("t1_b", "p")]
-    assert parse.asked_for("morechildren", {"link_id": "t3_p", "children": "b,c"}, 200) == [("t1_b", "p"), ("t1_c", "p")]
+    assert parse.asked_for("info", {"id": "t3_a,t1_b", "posts": ["a", "p"]}, 200) == [
+        ("t3_a", "a"),
+        ("t1_b", "p"),
+    ]
+    assert parse.asked_for("morechildren", {"link_id": "t3_p", "children": "b,c"}, 200) == [
+        ("t1_b", "p"),
+        ("t1_c", "p"),
+    ]
     assert parse.asked_for("comments", {"article": "p"}, 404) == [("t3_p", "p")]
     assert parse.asked_for("comments", {"article": "p", "comment": "c"}, 404) == []
     assert parse.asked_for("comments", {"article": "p"}, 403) == []

@@ -31,22 +31,42 @@ from tests.reddit.work import rows as read_rows
 
 def rows(root):
     links = load_profile("minecraft").reddit.links
-    return [row for envelope in rawlog.read(root, "reddit", "dumps") for row in parse.Reader("dumps", links).envelope(rawlog.encode(envelope))]
+    return [
+        row
+        for envelope in rawlog.read(root, "reddit", "dumps")
+        for row in parse.Reader("dumps", links).envelope(rawlog.encode(envelope))
+    ]
 
 
 def test_only_the_subreddit_and_no_name_stays(tmp_path):
     other = post("bbb", subreddit="gardening", title='all about "Minecraft"', author="tidy_pebble")
-    dump = write(tmp_path / "RS_2020-09.zst", [post("aaa"), other, post("ccc", subreddit="MINECRAFT")])
+    dump = write(
+        tmp_path / "RS_2020-09.zst", [post("aaa"), other, post("ccc", subreddit="MINECRAFT")]
+    )
     summary = import_dumps(run_in(tmp_path), [dump])
-    assert (summary["crawled"], summary["lines"], summary["bad_lines"], summary["requests"]) == (2, 3, 0, 0)
+    assert (summary["crawled"], summary["lines"], summary["bad_lines"], summary["requests"]) == (
+        2,
+        3,
+        0,
+        0,
+    )
     assert [data["id"] for _, data in imported(tmp_path)] == ["aaa", "ccc"]
-    assert not any(b"brisk_otter" in path.read_bytes() for path in tmp_path.rglob("*") if path.is_file() and path != dump)
+    assert not any(
+        b"brisk_otter" in path.read_bytes()
+        for path in tmp_path.rglob("*")
+        if path.is_file() and path != dump
+    )
     assert len(imported(tmp_path)[0][1]["author"]) == 32
 
 
 def test_a_space_after_the_colon_and_none(tmp_path):
     tight = json.dumps(post("tight"), separators=(",", ":")).encode()
-    assert import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [tight, post("wide")])])["crawled"] == 2
+    assert (
+        import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [tight, post("wide")])])[
+            "crawled"
+        ]
+        == 2
+    )
 
 
 def test_damaged_lines_are_counted_and_the_rest_is_taken(tmp_path):
@@ -59,7 +79,12 @@ def test_damaged_lines_are_counted_and_the_rest_is_taken(tmp_path):
         post("ccc"),
     ]
     summary = import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", lines)])
-    assert (summary["crawled"], summary["bad_lines"], summary["lines"], summary["truncated_files"]) == (3, 3, 6, 0)
+    assert (
+        summary["crawled"],
+        summary["bad_lines"],
+        summary["lines"],
+        summary["truncated_files"],
+    ) == (3, 3, 6, 0)
 
 
 def test_damage_far_behind_the_beginning_is_counted_and_the_first_place_is_said(tmp_path, capsys):
@@ -79,7 +104,10 @@ def test_damage_far_behind_the_beginning_is_counted_and_the_first_place_is_said(
     ]
     summary = import_dumps(run_in(tmp_path, progress=Plain()), [write(tmp_path / "RS.zst", lines)])
     assert (summary["crawled"], summary["lines"], summary["bad_lines"]) == (1, len(lines), 4)
-    assert f"left out 4 damaged lines, the first at byte {len(before) * (len(other) + 1)} " in capsys.readouterr().err
+    assert (
+        f"left out 4 damaged lines, the first at byte {len(before) * (len(other) + 1)} "
+        in capsys.readouterr().err
+    )
 
 
 def test_objects_that_are_broken_inside_count_in_a_file_of_the_subreddit(tmp_path):
@@ -88,26 +116,44 @@ def test_objects_that_are_broken_inside_count_in_a_file_of_the_subreddit(tmp_pat
 
 
 @pytest.mark.parametrize("order", [1, -1])
-@pytest.mark.parametrize(("own", "others"), [(None, None), ("t5_2r05i", "t5_2qhw1"), ("t5_2r05i", "t5_2r05i"), (7, [7])])
+@pytest.mark.parametrize(
+    ("own", "others"), [(None, None), ("t5_2r05i", "t5_2qhw1"), ("t5_2r05i", "t5_2r05i"), (7, [7])]
+)
 def test_every_spelling_of_the_name_in_any_order(tmp_path, order, own, others):
     other = post("x", subreddit="gardening", selftext="leaf " * 200, subreddit_id=others)
     named = [
-        post(key, subreddit=name, subreddit_id=own) for key, name in zip("abcd", ("Minecraft", "minecraft", "MineCraft", "MINECRAFT"), strict=True)
+        post(key, subreddit=name, subreddit_id=own)
+        for key, name in zip(
+            "abcd", ("Minecraft", "minecraft", "MineCraft", "MINECRAFT"), strict=True
+        )
     ]
     lines = [named[0], *[other] * 3_000, *named[1:3], *[other] * 3_000, named[3]]
     import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", lines[::order])])
     assert sorted(data["id"] for _, data in imported(tmp_path)) == ["a", "b", "c", "d"]
 
 
-@pytest.mark.parametrize("said", ["1700000000000", "²", "٣", -1, 1e300, "9" * 30, float("nan"), True])
+@pytest.mark.parametrize(
+    "said", ["1700000000000", "²", "٣", -1, 1e300, "9" * 30, float("nan"), True]
+)
 def test_a_date_of_reading_that_is_none_is_null(tmp_path, said):
-    import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [post("odd", retrieved_on=said), post("good")])])
-    assert {row["fullname"]: row["fetched_at"] for row in rows(tmp_path)} == {"t3_odd": None, "t3_good": "2020-09-14T16:13:20Z"}
+    import_dumps(
+        run_in(tmp_path),
+        [write(tmp_path / "RS.zst", [post("odd", retrieved_on=said), post("good")])],
+    )
+    assert {row["fullname"]: row["fetched_at"] for row in rows(tmp_path)} == {
+        "t3_odd": None,
+        "t3_good": "2020-09-14T16:13:20Z",
+    }
 
 
 @pytest.mark.parametrize("depth", [300, 3_000, 200_000])
 def test_a_line_nested_without_end_is_damaged(tmp_path, depth):
-    deep = b'{"id": "q", "subreddit": "Minecraft", "title": "t", "x": ' + b"[" * depth + b"]" * depth + b"}"
+    deep = (
+        b'{"id": "q", "subreddit": "Minecraft", "title": "t", "x": '
+        + b"[" * depth
+        + b"]" * depth
+        + b"}"
+    )
     summary = import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [deep, post("good")])])
     assert (summary["crawled"], summary["bad_lines"]) == (1, 1)
 
@@ -116,18 +162,29 @@ def test_a_line_nested_without_end_is_damaged(tmp_path, depth):
 def test_a_record_whose_date_cannot_be_read_is_left_to_the_filter(tmp_path, made):
     dump = write(tmp_path / "RS.zst", [post("odd", created_utc=made)])
     assert import_dumps(run_in(tmp_path), [dump])["crawled"] == 1
-    assert import_dumps(run_in(tmp_path), [dump], since=datetime(2020, 1, 1, tzinfo=UTC))["crawled"] == 1
+    assert (
+        import_dumps(run_in(tmp_path), [dump], since=datetime(2020, 1, 1, tzinfo=UTC))["crawled"]
+        == 1
+    )
 
 
 def test_several_frames_in_one_file(tmp_path):
-    assert import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [post(f"p{n}") for n in range(50)], frames=7)])["crawled"] == 50
+    assert (
+        import_dumps(
+            run_in(tmp_path),
+            [write(tmp_path / "RS.zst", [post(f"p{n}") for n in range(50)], frames=7)],
+        )["crawled"]
+        == 50
+    )
 
 
 @pytest.mark.parametrize("frames", [1, 5])
 def test_a_cut_off_frame_is_named_and_what_came_before_stays(tmp_path, frames, capsys):
     rng = os.urandom(40_000).hex()
     lines = [post(f"p{n}", selftext=rng[n * 200 : n * 200 + 900]) for n in range(300)]
-    summary = import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", lines, frames=frames, cut=9)])
+    summary = import_dumps(
+        run_in(tmp_path), [write(tmp_path / "RS.zst", lines, frames=frames, cut=9)]
+    )
     assert summary["truncated_files"] == 1
     assert summary["crawled"] == len(imported(tmp_path)) < 300
 
@@ -154,18 +211,37 @@ def test_fields_of_old_dumps(tmp_path):
         "created_utc": "1300000100",
         "score": 2,
     }
-    import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [old]), write(tmp_path / "RC.zst", [comment])])
+    import_dumps(
+        run_in(tmp_path), [write(tmp_path / "RS.zst", [old]), write(tmp_path / "RC.zst", [comment])]
+    )
     found = {row["fullname"]: row for row in rows(tmp_path)}
     first = found["t3_old1"]
-    assert (first["title"], first["text"], first["created_utc"], first["author_hash"]) == ("Iron & gold <3", "a > b", 1_300_000_000, None)
+    assert (first["title"], first["text"], first["created_utc"], first["author_hash"]) == (
+        "Iron & gold <3",
+        "a > b",
+        1_300_000_000,
+        None,
+    )
     assert first["fetched_at"] == "2011-03-14T07:06:40Z"
     # a dump that doesn't say when it was read
-    assert (found["t1_c1"]["text"], found["t1_c1"]["fetched_at"], found["t1_c1"]["live"]) == ("yes & no", None, False)
+    assert (found["t1_c1"]["text"], found["t1_c1"]["fetched_at"], found["t1_c1"]["live"]) == (
+        "yes & no",
+        None,
+        False,
+    )
 
 
 def test_each_record_has_its_own_date_of_reading_or_none(tmp_path):
     never = {"retrieved_on": None}
-    import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [post("n1", **never), post("n2", retrieved_on=1_600_000_000, upvote_ratio="0.95")])])
+    import_dumps(
+        run_in(tmp_path),
+        [
+            write(
+                tmp_path / "RS.zst",
+                [post("n1", **never), post("n2", retrieved_on=1_600_000_000, upvote_ratio="0.95")],
+            )
+        ],
+    )
     found = {row["post_id"]: row for row in rows(tmp_path)}
     assert (found["n1"]["fetched_at"], found["n2"]["fetched_at"]) == (None, "2020-09-13T12:26:40Z")
     assert (found["n2"]["upvote_ratio"], found["n2"]["found"]) == (0.95, [])
@@ -173,18 +249,33 @@ def test_each_record_has_its_own_date_of_reading_or_none(tmp_path):
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_where_no_date_is_said_the_later_dump_counts_in_whatever_order_they_came(tmp_path, order):
-    early = write(tmp_path / "RS_2020-01.zst", [post("a", score=10, retrieved_on=None), post("a", score=11, retrieved_on=None)])
-    late = write(tmp_path / "RS_2024-01.zst", [post("a", score=98, retrieved_on=None), *[post("b")] * 300, post("a", score=99, retrieved_on=None)])
+    early = write(
+        tmp_path / "RS_2020-01.zst",
+        [post("a", score=10, retrieved_on=None), post("a", score=11, retrieved_on=None)],
+    )
+    late = write(
+        tmp_path / "RS_2024-01.zst",
+        [
+            post("a", score=98, retrieved_on=None),
+            *[post("b")] * 300,
+            post("a", score=99, retrieved_on=None),
+        ],
+    )
     for dump in (early, late)[::order]:
         import_dumps(run_in(tmp_path), [dump])
     profile = load_profile("minecraft")
     profile = profile.model_copy(update={"toxicity": Toxicity(toxicity="off")})
     assert run_clean(replace(run_in(tmp_path), profile=profile), "reddit")["duplicates"] == 302
-    assert [(row["post_id"], row["score"]) for row in read_rows(tmp_path / "clean" / "reddit" / "posts")] == [("a", 99), ("b", 7)]
+    assert [
+        (row["post_id"], row["score"]) for row in read_rows(tmp_path / "clean" / "reddit" / "posts")
+    ] == [("a", 99), ("b", 7)]
 
 
 def test_emoji_right_to_left_nul_and_lone_surrogates(tmp_path):
-    import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [post("odd", title="🗼 مرحبا a\0b \ud83d end")])])
+    import_dumps(
+        run_in(tmp_path),
+        [write(tmp_path / "RS.zst", [post("odd", title="🗼 مرحبا a\0b \ud83d end")])],
+    )
     assert [row["title"] for row in rows(tmp_path)] == ["🗼 مرحبا a\ufffdb \ufffd end"]
 
 
@@ -196,7 +287,9 @@ def test_a_second_import_of_the_same_file_takes_nothing(tmp_path):
 
 
 def test_limit_goes_on_where_it_stopped(tmp_path):
-    dumps = [write(tmp_path / f"RS_{n}.zst", [post(f"f{n}p{m}") for m in range(30)]) for n in range(2)]
+    dumps = [
+        write(tmp_path / f"RS_{n}.zst", [post(f"f{n}p{m}") for m in range(30)]) for n in range(2)
+    ]
     for taken in (25, 25):
         with pytest.raises(LimitReached) as stopped:
             import_dumps(run_in(tmp_path, limit=25), dumps)
@@ -204,15 +297,28 @@ def test_limit_goes_on_where_it_stopped(tmp_path):
         lines = stopped.value.summary["lines"]
     assert lines == 50, "lines behind the last thing taken were counted"
     assert import_dumps(run_in(tmp_path), dumps)["crawled"] == 10
-    assert sorted(data["id"] for _, data in imported(tmp_path)) == sorted(f"f{n}p{m}" for n in range(2) for m in range(30))
+    assert sorted(data["id"] for _, data in imported(tmp_path)) == sorted(
+        f"f{n}p{m}" for n in range(2) for m in range(30)
+    )
 
 
 def test_since_until_and_tombstones(tmp_path):
     tombstones.add(tmp_path, "reddit", [("t3_gone", "named")])
     dump = write(
-        tmp_path / "RS.zst", [post("early", created_utc=10), post("in", created_utc=20), post("gone", created_utc=21), post("late", created_utc=30)]
+        tmp_path / "RS.zst",
+        [
+            post("early", created_utc=10),
+            post("in", created_utc=20),
+            post("gone", created_utc=21),
+            post("late", created_utc=30),
+        ],
     )
-    import_dumps(run_in(tmp_path), [dump], since=datetime.fromtimestamp(20, UTC), until=datetime.fromtimestamp(30, UTC))
+    import_dumps(
+        run_in(tmp_path),
+        [dump],
+        since=datetime.fromtimestamp(20, UTC),
+        until=datetime.fromtimestamp(30, UTC),
+    )
     assert [data["id"] for _, data in imported(tmp_path)] == ["in"]
 
 
@@ -226,19 +332,30 @@ def test_a_file_that_is_no_dump_is_wrong_usage_and_nothing_is_written(tmp_path, 
 
 def test_sigkill_then_the_same_command_takes_each_once(tmp_path):
     """Killed between segments and within one; three times, then to the end."""
-    dump = write(tmp_path / "RS.zst", [post(f"p{n:05d}", selftext=os.urandom(300).hex()) for n in range(8_000)], frames=3)
+    dump = write(
+        tmp_path / "RS.zst",
+        [post(f"p{n:05d}", selftext=os.urandom(300).hex()) for n in range(8_000)],
+        frames=3,
+    )
     program = (
         "import sys; from kb.reddit.importing import Job, import_file; print('go', flush=True);"
         "import_file(Job(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'), 0, 60_000))"
     )
     folder = rawlog.folder(tmp_path, "reddit", "dumps")
     for segments in (1, 3, 6):
-        child = subprocess.Popen([sys.executable, "-c", program, str(dump), str(tmp_path)], stdout=subprocess.PIPE)
-        while child.poll() is None and len(list(folder.glob("*.zst")) if folder.is_dir() else []) < segments:
+        child = subprocess.Popen(
+            [sys.executable, "-c", program, str(dump), str(tmp_path)], stdout=subprocess.PIPE
+        )
+        while (
+            child.poll() is None
+            and len(list(folder.glob("*.zst")) if folder.is_dir() else []) < segments
+        ):
             time.sleep(0.001)
         child.send_signal(signal.SIGKILL)
         child.wait()
-    assert import_file(Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)).done
+    assert import_file(
+        Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
+    ).done
     ids = [data["id"] for _, data in imported(tmp_path)]
     assert sorted(ids) == [f"p{n:05d}" for n in range(8_000)]
     assert places.load(tmp_path, places.name_of(dump, 0.0, float("inf"))).lines == 8_000
@@ -250,7 +367,14 @@ LINE = some.one_of(
         some.text("abc", min_size=1, max_size=5),
         some.sampled_from(["Minecraft", "minecraft", "mINECRAFT", "pics", "MinecraftBuilds"]),
     ),
-    some.binary(max_size=20).filter(lambda line: b"\n" not in line and b"\r" not in line and line.strip() and not line.strip().startswith(b"{")),
+    some.binary(max_size=20).filter(
+        lambda line: (
+            b"\n" not in line
+            and b"\r" not in line
+            and line.strip()
+            and not line.strip().startswith(b"{")
+        )
+    ),
 )
 
 
@@ -258,9 +382,15 @@ LINE = some.one_of(
 def test_search_finds_what_reading_every_line_finds(lines, start):
     chunk = b"".join(line + b"\n" for line in lines)
     found = Search("Minecraft")(Chunk(start, b"x" + chunk + b"x", 1, len(chunk) + 1))
-    wanted = [json.loads(line)["id"] for line in lines if line.startswith(b"{") and json.loads(line)["subreddit"].lower() == "minecraft"]
+    wanted = [
+        json.loads(line)["id"]
+        for line in lines
+        if line.startswith(b"{") and json.loads(line)["subreddit"].lower() == "minecraft"
+    ]
     assert [record["id"] for _, record in found.records] == wanted
     assert found.lines == len(lines)
     bad = [n for n, line in enumerate(lines) if not line.startswith(b"{")]
     assert found.bad_lines == len(bad)
-    assert found.first_bad == (start + sum(len(line) + 1 for line in lines[: bad[0]]) if bad else None)
+    assert found.first_bad == (
+        start + sum(len(line) + 1 for line in lines[: bad[0]]) if bad else None
+    )

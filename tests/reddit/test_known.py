@@ -27,16 +27,32 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_the_newest_answer_counts_whatever_kind_it_is_of(work: Work) -> None:
-    deleted, removed = post("taken", selftext="[deleted]"), comment("back", link_id="t3_taken", body="[removed]")
+    deleted, removed = (
+        post("taken", selftext="[deleted]"),
+        comment("back", link_id="t3_taken", body="[removed]"),
+    )
     write(work.root, "dumps", {}, listing(post("undated"), deleted, removed), None)
-    write(work.root, "info", {"id": "t3_taken,t1_lost", "posts": ["taken", ""]}, listing(), "2026-03-01T00:00:00Z")
-    live = (post("taken"), comment("lost", link_id="t3_undated"), comment("back", link_id="t3_taken"))
+    write(
+        work.root,
+        "info",
+        {"id": "t3_taken,t1_lost", "posts": ["taken", ""]},
+        listing(),
+        "2026-03-01T00:00:00Z",
+    )
+    live = (
+        post("taken"),
+        comment("lost", link_id="t3_undated"),
+        comment("back", link_id="t3_taken"),
+    )
     write(work.root, "listings", {}, listing(*live), "2026-02-01T00:00:00Z")
     with known(work.run()) as things:
         rows = {row["fullname"]: row for part in things for row in part.to_pylist()}
         assert len(list(things)) > 1, "one bucket shows nothing"
     months = {name: row["fetched_at"] and row["fetched_at"].month for name, row in rows.items()}
-    assert {name: (row["post_id"], row["there"], row["gone"], row["live"], months[name]) for name, row in rows.items()} == {
+    assert {
+        name: (row["post_id"], row["there"], row["gone"], row["live"], months[name])
+        for name, row in rows.items()
+    } == {
         "t3_undated": ("undated", True, None, False, None),
         "t3_taken": ("taken", False, None, True, 3),
         "t1_back": ("taken", True, None, True, 2),
@@ -50,7 +66,11 @@ def test_comments_go_with_their_post_whenever_it_went(work: Work) -> None:
     below = [comment(f"below_{key}", link_id=f"t3_{key}") for key in ("now", "old", "stays")]
     write(work.root, "comments", {"article": "now"}, listing(*below))
     tombstones.add(work.root, "reddit", [("t3_old", "named")])
-    assert collect(work.run(), None) == {"t3_now": "deleted", "t1_below_now": "post", "t1_below_old": "post"}
+    assert collect(work.run(), None) == {
+        "t3_now": "deleted",
+        "t1_below_now": "post",
+        "t1_below_old": "post",
+    }
 
 
 def test_posts_are_asked_for_first_then_comments_post_by_post(work: Work, tmp_path: Path) -> None:

@@ -24,8 +24,17 @@ THINGS = {  # what is in each cassette: state and kind → how many different on
     "TestComment.test_invalid": {"missing t1": 1},
     "TestComment.test_parent__chain": {"there t1": 32, "there t3": 1},
     "TestComment.test_refresh__deleted_comment": {"there t1": 1, "there t3": 1},
-    "TestComment.test_refresh__with_reply_sort_and_limit": {"there t1": 4, "there t3": 1, "stub t1": 6},
-    "TestCommentForest.test_replace__all": {"there t1": 541, "there t3": 1, "stub t1": 24, "missing t1": 2},
+    "TestComment.test_refresh__with_reply_sort_and_limit": {
+        "there t1": 4,
+        "there t3": 1,
+        "stub t1": 6,
+    },
+    "TestCommentForest.test_replace__all": {
+        "there t1": 541,
+        "there t3": 1,
+        "stub t1": 24,
+        "missing t1": 2,
+    },
     "TestCommentForest.test_replace__on_direct_comment": {"there t1": 146, "there t3": 1},
     "TestListingGenerator.test_exhaust_items": {"there t1": 990, "there t3": 11},
     "TestReddit.test_info": {"there t1": 100, "there t3": 97, "missing t3": 3},
@@ -48,7 +57,11 @@ THINGS = {  # what is in each cassette: state and kind → how many different on
 
 
 def _kind(exchange: Exchange) -> str:
-    for part, kind in (("api/info", "info"), ("morechildren", "morechildren"), ("/comments/", "comments")):
+    for part, kind in (
+        ("api/info", "info"),
+        ("morechildren", "morechildren"),
+        ("/comments/", "comments"),
+    ):
         if part in exchange.path:
             return kind if not exchange.path.startswith("/r/") else "listings"
     return "listings"
@@ -67,7 +80,14 @@ def rows(recorded: Path) -> Callable[[str], list[Row]]:
             if kind == "comments":
                 params["article"] = exchange.path.split("/")[2]
             found += parse.Reader(kind, LINKS).envelope(
-                encode(Envelope("2026-01-01T00:00:00Z", Request(exchange.path, params), 200, json.loads(exchange.body)))
+                encode(
+                    Envelope(
+                        "2026-01-01T00:00:00Z",
+                        Request(exchange.path, params),
+                        200,
+                        json.loads(exchange.body),
+                    )
+                )
             )
         return found
 
@@ -79,9 +99,13 @@ def one(found: list[Row], name: str) -> Row:
 
 
 @pytest.mark.parametrize("name", THINGS)
-def test_every_thing_of_every_answer_is_a_row_without_a_problem(rows: Callable[[str], list[Row]], name: str) -> None:
+def test_every_thing_of_every_answer_is_a_row_without_a_problem(
+    rows: Callable[[str], list[Row]], name: str
+) -> None:
     found = rows(name)
-    different = {(row["state"], row["fullname"]) for row in found if not row["fullname"].startswith("t5_")}
+    different = {
+        (row["state"], row["fullname"]) for row in found if not row["fullname"].startswith("t5_")
+    }
     assert Counter(f"{state} {full[:2]}" for state, full in different) == THINGS[name]
     assert [row["found"] for row in found if row["found"]] == []
     assert all(row["post_id"] for row in found if row["state"] != "missing")
@@ -96,8 +120,15 @@ def test_a_forest_is_whole_after_its_stubs(rows: Callable[[str], list[Row]]) -> 
     found = rows("TestCommentForest.test_replace__all")
     known = {row["fullname"] for row in found if row["state"] != "stub"}
     assert {row["fullname"] for row in found if row["state"] == "stub"} - known == set()
-    deep = depths((row["fullname"][3:], row["parent_id"]) for row in found if row["state"] == "there" and "parent_id" in row)
-    assert (max(value for value in deep.values() if value is not None), None in deep.values()) == (11, False)
+    deep = depths(
+        (row["fullname"][3:], row["parent_id"])
+        for row in found
+        if row["state"] == "there" and "parent_id" in row
+    )
+    assert (max(value for value in deep.values() if value is not None), None in deep.values()) == (
+        11,
+        False,
+    )
 
 
 def test_a_chain_read_from_the_bottom_up(rows: Callable[[str], list[Row]]) -> None:
@@ -108,22 +139,45 @@ def test_a_chain_read_from_the_bottom_up(rows: Callable[[str], list[Row]]) -> No
 
 def test_names_that_info_leaves_out_are_missing(rows: Callable[[str], list[Row]]) -> None:
     found = rows("TestReddit.test_info")
-    assert {row["fullname"] for row in found if row["state"] == "missing" and row["fullname"][:2] != "t5"} == {"t3_5dec66", "t3_5dec67", "t3_5dec68"}
-    assert Counter(row.get("gone") for row in found if row["state"] == "there") == {None: 180, "deleted": 9, "removed": 8}
+    assert {
+        row["fullname"]
+        for row in found
+        if row["state"] == "missing" and row["fullname"][:2] != "t5"
+    } == {"t3_5dec66", "t3_5dec67", "t3_5dec68"}
+    assert Counter(row.get("gone") for row in found if row["state"] == "there") == {
+        None: 180,
+        "deleted": 9,
+        "removed": 8,
+    }
     assert rows("TestComment.test_invalid")[0]["fullname"] == "t1_0"
 
 
 def test_types_of_a_page_of_today(rows: Callable[[str], list[Row]]) -> None:
     found = rows("TestSubmission.test_hide_multiple_in_batches")
-    assert Counter(row["type"] for row in found) == {"image": 50, "video": 25, "gallery": 14, "text": 6, "link": 5}
-    assert Counter(row["link_kind"] for row in found) == {"image": 50, "video": 25, "general": 5, None: 20}
+    assert Counter(row["type"] for row in found) == {
+        "image": 50,
+        "video": 25,
+        "gallery": 14,
+        "text": 6,
+        "link": 5,
+    }
+    assert Counter(row["link_kind"] for row in found) == {
+        "image": 50,
+        "video": 25,
+        "general": 5,
+        None: 20,
+    }
     assert all(0 <= row["upvote_ratio"] <= 1 for row in found)
     assert all(row["source_url"] for row in found if row["type"] != "text")
 
 
 def test_a_poll(rows: Callable[[str], list[Row]]) -> None:
     row = one(rows("TestSubreddit.test_submit_poll"), "t3_ga3hiq")
-    assert (row["type"], row["poll_options"], row["source_url"]) == ("poll", ["Yes", "No", "3", "4", "5", "6"], None)
+    assert (row["type"], row["poll_options"], row["source_url"]) == (
+        "poll",
+        ["Yes", "No", "3", "4", "5", "6"],
+        None,
+    )
     assert (row["title"], row["created_utc"], row["upvote_ratio"]) == ("Test Poll", 1588137715, 1.0)
 
 
@@ -148,13 +202,24 @@ def test_what_was_deleted_or_removed(rows: Callable[[str], list[Row]]) -> None:
     assert one(found, "t1_d1680wu")["parent_id"] == "t1_d1616q2"
     assert one(found, "t1_d1616q2")["author_hash"] is None
     row = one(rows("TestSubreddit.test_submit__url_selftext"), "t3_1kh35wk")
-    assert (row["type"], row["link_kind"], row["gone"], row["gone_value"]) == ("link", "general", "removed", "reddit")
+    assert (row["type"], row["link_kind"], row["gone"], row["gone_value"]) == (
+        "link",
+        "general",
+        "removed",
+        "reddit",
+    )
     assert row["source_url"] == "https://praw.readthedocs.org/en/stable/"
 
 
 def test_a_comment(rows: Callable[[str], list[Row]]) -> None:
     row = rows("TestComment.test_attributes")[0]
-    assert (row["fullname"], row["post_id"], row["parent_id"], row["score"], row["created_utc"]) == (
+    assert (
+        row["fullname"],
+        row["post_id"],
+        row["parent_id"],
+        row["score"],
+        row["created_utc"],
+    ) == (
         "t1_cklhv0f",
         "2gmzqe",
         "t1_cklfmye",
@@ -190,7 +255,11 @@ def _authors(value: Any) -> set[str]:
         return found.union(*map(_authors, value)) if value else found
     if isinstance(value, dict):
         for name, inner in value.items():
-            if name in ("author", "link_author", "author_fullname") and isinstance(inner, str) and inner != "[deleted]":
+            if (
+                name in ("author", "link_author", "author_fullname")
+                and isinstance(inner, str)
+                and inner != "[deleted]"
+            ):
                 found.add(inner)
             else:
                 found |= _authors(inner)

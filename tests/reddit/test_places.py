@@ -39,7 +39,10 @@ def test_another_span_is_another_import(tmp_path, capsys):
     assert import_dumps(run, [dump])["crawled"] == 100
     capsys.readouterr()
     assert import_dumps(run, [dump])["crawled"] == 0
-    assert "RS.zst: imported before (100 posts and comments); --again reads it once more" in capsys.readouterr().err
+    assert (
+        "RS.zst: imported before (100 posts and comments); --again reads it once more"
+        in capsys.readouterr().err
+    )
     assert len(ids(tmp_path)) == 150
     assert set(ids(tmp_path)) == {one["id"] for one in DAYS}
 
@@ -54,7 +57,10 @@ def test_again_writes_over_nothing(tmp_path):
 
 
 def test_again_goes_on_where_it_was_stopped(tmp_path):
-    dumps = [write(tmp_path / f"RS_{n}.zst", [post(f"f{n}p{m:02d}") for m in range(30)]) for n in range(2)]
+    dumps = [
+        write(tmp_path / f"RS_{n}.zst", [post(f"f{n}p{m:02d}") for m in range(30)])
+        for n in range(2)
+    ]
     import_dumps(run_in(tmp_path), dumps)
     taken = []
     for _ in range(3):
@@ -90,7 +96,9 @@ def test_a_dump_that_is_given_twice_is_read_once(tmp_path, capsys):
     dump = write(tmp_path / "RS.zst", DAYS)
     (tmp_path / "copy").mkdir()
     shutil.copy(dump, tmp_path / "copy" / "RS.zst")
-    summary = import_dumps(run_in(tmp_path, workers=2, progress=Plain()), [dump, dump, tmp_path / "copy" / "RS.zst"])
+    summary = import_dumps(
+        run_in(tmp_path, workers=2, progress=Plain()), [dump, dump, tmp_path / "copy" / "RS.zst"]
+    )
     assert (summary["crawled"], len(ids(tmp_path))) == (100, 100)
     assert capsys.readouterr().err.count("the same dump as") == 2
 
@@ -100,11 +108,24 @@ def test_a_signal_ends_it_within_a_dump(tmp_path, workers, number):
     text = os.urandom(15_000).hex()
     lines = [post(f"p{n:06d}", selftext=text[n % 29_000 : n % 29_000 + 900]) for n in range(15_000)]
     dumps = [write(tmp_path / f"RS_{n}.zst", lines) for n in range(workers)]
-    words = ["reddit", "import", *map(str, dumps), "--data", str(tmp_path / "data"), "--workers", str(workers), "--json"]
+    words = [
+        "reddit",
+        "import",
+        *map(str, dumps),
+        "--data",
+        str(tmp_path / "data"),
+        "--workers",
+        str(workers),
+        "--json",
+    ]
     # A shell without job control starts background jobs with SIGINT ignored, and children inherit that.
     program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from kb.cli import main; main()"
     child = subprocess.Popen(
-        [sys.executable, "-c", program, *words], env=clean_environment(), text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [sys.executable, "-c", program, *words],
+        env=clean_environment(),
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
     )
     base = rawlog.folder(tmp_path / "data", "reddit", "dumps")
     while child.poll() is None and not any(base.glob(".*.part")):
@@ -116,7 +137,10 @@ def test_a_signal_ends_it_within_a_dump(tmp_path, workers, number):
     assert 0 < summary["crawled"] == len(imported(tmp_path / "data")) < 15_000 * workers
     assert {"lines", "bad_lines", "truncated_files", "requests", "stopped"} <= summary.keys()
     assert not list(base.glob(".*"))
-    assert import_dumps(run_in(tmp_path / "data"), dumps)["crawled"] == 15_000 * workers - summary["crawled"]
+    assert (
+        import_dumps(run_in(tmp_path / "data"), dumps)["crawled"]
+        == 15_000 * workers - summary["crawled"]
+    )
     assert set(ids(tmp_path / "data")) == {one["id"] for one in lines}
 
 
@@ -124,7 +148,17 @@ def test_a_request_to_stop_reaches_a_worker_while_it_skips(tmp_path):
     dump = write(tmp_path / "RS.zst", DAYS)
     job = Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 40)
     import_file(job)
-    left = import_file(Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, lease=str(tmp_path / "gone")))
+    left = import_file(
+        Job(
+            str(tmp_path),
+            str(dump),
+            "Minecraft",
+            0.0,
+            float("inf"),
+            0,
+            lease=str(tmp_path / "gone"),
+        )
+    )
     assert (left.things, left.done) == (40, False)
     assert import_file(job).things == 80
 
@@ -141,7 +175,13 @@ def test_a_stop_before_the_first_file_says_so(tmp_path):
 
 def test_what_a_killed_import_left_is_noted_or_gone_before_a_purge(tmp_path):
     """Killed between note and rename, and within a segment: the purge reaches the first, the second is read again."""
-    dump = write(tmp_path / "RS.zst", [post(f"p{n:05d}", title=f"TITLE{n:05d}", selftext=os.urandom(300).hex()) for n in range(4_000)])
+    dump = write(
+        tmp_path / "RS.zst",
+        [
+            post(f"p{n:05d}", title=f"TITLE{n:05d}", selftext=os.urandom(300).hex())
+            for n in range(4_000)
+        ],
+    )
     import_file(Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 300))
     name = places.name_of(dump, 0.0, float("inf"))
     place, base = places.load(tmp_path, name), rawlog.folder(tmp_path, "reddit", "dumps")

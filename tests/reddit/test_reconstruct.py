@@ -47,15 +47,24 @@ def plain(found: list[dict[str, object]]) -> list[dict[str, object]]:
 def test_a_release_comes_back_whole_at_the_price_that_was_promised(whole: Work, far: Work) -> None:
     since = len(far.sandbox.ledger)
     summary = far.rebuild(released(whole))
-    posts, comments = whole.table("clean", "reddit", "posts"), whole.table("clean", "reddit", "comments")
-    asked = [seen for seen in far.sandbox.ledger.requests(since=since) if "access_token" not in seen.path]
+    posts, comments = (
+        whole.table("clean", "reddit", "posts"),
+        whole.table("clean", "reddit", "comments"),
+    )
+    asked = [
+        seen for seen in far.sandbox.ledger.requests(since=since) if "access_token" not in seen.path
+    ]
     assert len(asked) == summary["requests"] - 1 <= packed(len(posts), len(comments))
     assert plain(rows(far.place / "out" / "posts")) == plain(posts)
     assert plain(rows(far.place / "out" / "comments")) == plain(comments)
     assert pq.read_table(far.place / "out" / "missing.parquet").num_rows == 0
     for name in ("posts", "comments"):
         for part in (far.place / "out" / name).iterdir():
-            assert pq.read_schema(part).remove_metadata().equals(table(f"reddit/{name}").arrow().remove_metadata())
+            assert (
+                pq.read_schema(part)
+                .remove_metadata()
+                .equals(table(f"reddit/{name}").arrow().remove_metadata())
+            )
 
 
 def test_hashes_are_of_this_root_alone_and_no_name_is_written(whole: Work, far: Work) -> None:
@@ -75,32 +84,56 @@ def test_what_is_gone_is_named_with_its_reason_and_no_failure(tmp_path: Path) ->
     with Sandbox(world, services=["reddit"]) as sandbox:
         work = Work(sandbox, tmp_path)
         posts, comments = list(world.reddit.posts), list(world.reddit.comments)
-        live = [key for key in comments if world.reddit.comments[key]["body"] not in ("[deleted]", "[removed]")]
+        live = [
+            key
+            for key in comments
+            if world.reddit.comments[key]["body"] not in ("[deleted]", "[removed]")
+        ]
         world.reddit.gone |= {f"t3_{posts[0]}", f"t1_{live[0]}"}
         world.reddit.removed |= {f"t3_{posts[1]}", f"t1_{live[1]}"}
         ids = tmp_path / "ids.txt"
-        ids.write_text("\n".join([f"t3_{key}" for key in posts] + [f"t1_{key}" for key in comments] + ["t1_zzzzzz", "t3_zzzzzz", "t3_zzzzzz", ""]))
+        ids.write_text(
+            "\n".join(
+                [f"t3_{key}" for key in posts]
+                + [f"t1_{key}" for key in comments]
+                + ["t1_zzzzzz", "t3_zzzzzz", "t3_zzzzzz", ""]
+            )
+        )
         summary = work.rebuild(ids)
-    missing = {row["key"]: row["reason"] for row in pq.read_table(tmp_path / "out" / "missing.parquet").to_pylist()}
+    missing = {
+        row["key"]: row["reason"]
+        for row in pq.read_table(tmp_path / "out" / "missing.parquet").to_pylist()
+    }
     answered = {f"t3_{row['post_id']}" for row in rows(tmp_path / "out" / "posts")} | {
         f"t1_{row['comment_id']}" for row in rows(tmp_path / "out" / "comments")
     }
     assert not answered & missing.keys()
     assert answered | missing.keys() == {line for line in ids.read_text().split("\n") if line}
     assert summary["missing"] == len(missing)
-    assert {missing[name] for name in ("t1_zzzzzz", "t3_zzzzzz", f"t3_{posts[0]}", f"t1_{live[0]}")} == {"missing"}
+    assert {
+        missing[name] for name in ("t1_zzzzzz", "t3_zzzzzz", f"t3_{posts[0]}", f"t1_{live[0]}")
+    } == {"missing"}
     assert {missing[f"t3_{posts[1]}"], missing[f"t1_{live[1]}"]} == {"removed"}
     assert Counter(missing.values())["malformed"] == 1  # the post without a score
-    orphan = [row for row in rows(tmp_path / "out" / "comments") if row["parent_id"] == f"t1_{live[0]}"]
+    orphan = [
+        row for row in rows(tmp_path / "out" / "comments") if row["parent_id"] == f"t1_{live[0]}"
+    ]
     assert all(row["depth"] is None for row in orphan)
 
 
 def test_mine_dojos_list_brings_whole_trees(whole: Work, far: Work) -> None:
     far.rebuild(whole.root / "export" / "minedojo" / "reddit.json")
-    assert plain(rows(far.place / "out" / "posts")) == plain(whole.table("clean", "reddit", "posts"))
-    assert plain(rows(far.place / "out" / "comments")) == plain(whole.table("clean", "reddit", "comments"))
+    assert plain(rows(far.place / "out" / "posts")) == plain(
+        whole.table("clean", "reddit", "posts")
+    )
+    assert plain(rows(far.place / "out" / "comments")) == plain(
+        whole.table("clean", "reddit", "comments")
+    )
     assert max(row["depth"] for row in rows(far.place / "out" / "comments")) == 39
-    missing = {row["key"]: row["reason"] for row in pq.read_table(far.place / "out" / "missing.parquet").to_pylist()}
+    missing = {
+        row["key"]: row["reason"]
+        for row in pq.read_table(far.place / "out" / "missing.parquet").to_pylist()
+    }
     assert set(missing.values()) == {"deleted", "removed"}
 
 
@@ -109,31 +142,45 @@ def test_a_published_post_that_is_gone_is_missing(work: Work) -> None:
     posts = list(work.world.posts)
     ids.write_text(json.dumps([{"id": posts[0], "type": "text"}, {"id": "zzzzz", "type": "image"}]))
     assert work.rebuild(ids)["posts"] == 1
-    assert pq.read_table(work.place / "out" / "missing.parquet").to_pylist() == [{"key": "t3_zzzzz", "reason": "missing"}]
+    assert pq.read_table(work.place / "out" / "missing.parquet").to_pylist() == [
+        {"key": "t3_zzzzz", "reason": "missing"}
+    ]
 
 
-def test_an_answered_reconstruction_asks_nothing_and_again_asks_anew(whole: Work, far: Work) -> None:
+def test_an_answered_reconstruction_asks_nothing_and_again_asks_anew(
+    whole: Work, far: Work
+) -> None:
     first = far.rebuild(released(whole))
     since = len(far.sandbox.ledger)
     assert far.rebuild(released(whole)) == {**first, "requests": 0}
     assert len(far.sandbox.ledger) == since
     assert far.rebuild(released(whole), again=True)["requests"] == first["requests"]
-    assert [path.name for path in (far.place / "out").iterdir() if path.name.startswith(".work")] == []
+    assert [
+        path.name for path in (far.place / "out").iterdir() if path.name.startswith(".work")
+    ] == []
 
 
-def test_killed_in_the_middle_only_what_was_in_flight_is_asked_again(whole: Work, far: Work) -> None:
+def test_killed_in_the_middle_only_what_was_in_flight_is_asked_again(
+    whole: Work, far: Work
+) -> None:
     since = len(far.sandbox.ledger)
     held = far.sandbox.faults.add("api/info", after=5, hold=True)
-    child = far.job().start("reddit", "reconstruct", "--ids", str(released(whole)), "--out", str(far.place / "out"))
+    child = far.job().start(
+        "reddit", "reconstruct", "--ids", str(released(whole)), "--out", str(far.place / "out")
+    )
     assert held.arrived.wait(60)
     child.send_signal(signal.SIGKILL)
     child.communicate()
     held.release()
     assert not (far.place / "out" / "posts").exists()
     far.rebuild(released(whole))
-    asked = Counter(seen.args["id"] for seen in far.sandbox.ledger.requests("api/info", since=since))
+    asked = Counter(
+        seen.args["id"] for seen in far.sandbox.ledger.requests("api/info", since=since)
+    )
     assert sorted(asked.values()) == [1] * (len(asked) - 1) + [2]
-    assert plain(rows(far.place / "out" / "comments")) == plain(whole.table("clean", "reddit", "comments"))
+    assert plain(rows(far.place / "out" / "comments")) == plain(
+        whole.table("clean", "reddit", "comments")
+    )
 
 
 def test_a_request_that_fails_is_counted_and_tried_by_the_next_run(whole: Work, far: Work) -> None:
@@ -149,9 +196,16 @@ def test_a_request_that_fails_is_counted_and_tried_by_the_next_run(whole: Work, 
 
 
 def test_one_python_call_yields_typed_rows(whole: Work, tmp_path: Path) -> None:
-    key, comment = whole.table("clean", "reddit", "posts")[0]["post_id"], whole.table("clean", "reddit", "comments")[0]
+    key, comment = (
+        whole.table("clean", "reddit", "posts")[0]["post_id"],
+        whole.table("clean", "reddit", "comments")[0],
+    )
     settings = {name.lower(): value for name, value in whole.sandbox.settings().items()}
-    found = list(kb.reddit.reconstruct([f"t3_{key}", f"t1_{comment['comment_id']}", "t3_zzzz"], kb_data=tmp_path, **settings))
+    found = list(
+        kb.reddit.reconstruct(
+            [f"t3_{key}", f"t1_{comment['comment_id']}", "t3_zzzz"], kb_data=tmp_path, **settings
+        )
+    )
     assert [type(row).__name__ for row in found] == ["Post", "Comment", "Missing"]
     assert (found[0].post_id, found[0].title) == (key, whole.world.posts[key]["title"])
     assert (found[1].body, found[1].created_utc) == (comment["body"], comment["created_utc"])
@@ -174,7 +228,9 @@ def test_the_call_has_its_name_whatever_was_imported_before() -> None:
         ("reddit.json", "[", "can't be read"),
     ],
 )
-def test_a_file_of_no_use_is_said_before_anything_is_sent(work: Work, name: str, text: str, says: str) -> None:
+def test_a_file_of_no_use_is_said_before_anything_is_sent(
+    work: Work, name: str, text: str, says: str
+) -> None:
     path = work.place / name
     path.write_text(text)
     with pytest.raises(SettingError, match=says):
@@ -182,8 +238,19 @@ def test_a_file_of_no_use_is_said_before_anything_is_sent(work: Work, name: str,
     assert len(work.sandbox.ledger) == 0
 
 
-@pytest.mark.parametrize("name", ["posts/mine.txt", "comments/part-00000.parquet", "posts/part-00000.parquet/mine.txt", "posts", "comments/.notes"])
-def test_a_folder_with_other_files_is_refused_before_anything_is_sent(work: Work, name: str) -> None:
+@pytest.mark.parametrize(
+    "name",
+    [
+        "posts/mine.txt",
+        "comments/part-00000.parquet",
+        "posts/part-00000.parquet/mine.txt",
+        "posts",
+        "comments/.notes",
+    ],
+)
+def test_a_folder_with_other_files_is_refused_before_anything_is_sent(
+    work: Work, name: str
+) -> None:
     ids, mine = work.place / "ids.txt", work.place / "out" / name
     ids.write_text(f"t3_{next(iter(work.world.posts))}")
     mine.parent.mkdir(parents=True)
@@ -207,7 +274,9 @@ def test_a_file_beside_its_own_tables_is_refused_too(work: Work) -> None:
     assert mine.exists()
 
 
-@pytest.mark.parametrize("lost", ["posts", "comments", "missing.parquet", "posts/part-00000.parquet"])
+@pytest.mark.parametrize(
+    "lost", ["posts", "comments", "missing.parquet", "posts/part-00000.parquet"]
+)
 def test_tables_that_were_removed_are_asked_for_again(work: Work, lost: str) -> None:
     ids, path = work.place / "ids.txt", work.place / "out" / lost
     ids.write_text(f"t3_{next(iter(work.world.posts))}\nt3_nowhere")
@@ -248,7 +317,9 @@ def test_the_same_ids_are_the_same_reconstruction_in_whatever_form(work: Work) -
 def test_ids_of_released_tables_and_of_keys(tmp_path: Path) -> None:
     pq.write_table(pa.table({"comment_id": ["a1", "a2"], "post_id": ["p", "p"]}), tmp_path / "c")
     pq.write_table(pa.table({"post_id": ["p", "q"]}), tmp_path / "p.parquet")
-    pq.write_table(pa.table({"key": ["t3_p", "t1_a"], "reason": ["x", "y"]}), tmp_path / "k.parquet")
+    pq.write_table(
+        pa.table({"key": ["t3_p", "t1_a"], "reason": ["x", "y"]}), tmp_path / "k.parquet"
+    )
     assert list(read_wanted(tmp_path / "c").names) == ["t1_a1", "t1_a2"]
     assert list(read_wanted(tmp_path / "p.parquet").names) == ["t3_p", "t3_q"]
     assert list(read_wanted(tmp_path / "k.parquet").names) == ["t3_p", "t1_a"]

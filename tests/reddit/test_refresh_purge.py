@@ -31,14 +31,27 @@ def tiny(tmp_path: Path) -> Any:
 
 
 def asked(work: Work, since: int) -> list[str]:
-    return [name for seen in work.sandbox.ledger.requests("api/info", since=since) for name in seen.args["id"].split(",")]
+    return [
+        name
+        for seen in work.sandbox.ledger.requests("api/info", since=since)
+        for name in seen.args["id"].split(",")
+    ]
 
 
 def test_nothing_is_due_before_its_time(tiny: Work) -> None:
-    assert tiny.refresh() == {"source": "reddit", "crawled": 0, "missing": 0, "failed": 0, "requests": 0, "left": 0}
+    assert tiny.refresh() == {
+        "source": "reddit",
+        "crawled": 0,
+        "missing": 0,
+        "failed": 0,
+        "requests": 0,
+        "left": 0,
+    }
 
 
-def test_what_is_old_is_read_again_by_the_hundred_and_the_newer_score_wins(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_old_is_read_again_by_the_hundred_and_the_newer_score_wins(
+    tiny: Work, monkeypatch: pytest.MonkeyPatch
+) -> None:
     tiny.filter()
     post = tiny.table("clean", "reddit", "posts")[0]["post_id"]
     tiny.world.posts[post]["score"] = 77_777
@@ -69,11 +82,17 @@ def test_dumps_are_read_again_at_once(tmp_path: Path) -> None:
         # The last three posts of the archive are gone by now.
         lost = {f"t3_{key}" for key in dumped.keys() - live.keys()}
         assert 0 < len(lost) <= 3
-        assert lost <= {row["key"] for row in work.table("clean", "reddit", "rejected") if row["stage"] == "missing"}
+        assert lost <= {
+            row["key"]
+            for row in work.table("clean", "reddit", "rejected")
+            if row["stage"] == "missing"
+        }
         assert {row["score_source"] for row in live.values()} == {"live"}
 
 
-def test_a_refresh_that_was_stopped_asks_only_for_the_rest(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refresh_that_was_stopped_asks_only_for_the_rest(
+    tiny: Work, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("KB_NOW", LATER)
     with pytest.raises(LimitReached) as stopped:
         tiny.refresh(limit=30)
@@ -84,7 +103,12 @@ def test_a_refresh_that_was_stopped_asks_only_for_the_rest(tiny: Work, monkeypat
     assert tiny.refresh()["failed"] > 0
     tiny.sandbox.faults.remove(fault)
     tiny.refresh()
-    good = [name for seen in tiny.sandbox.ledger.requests("api/info") if seen.status == 200 for name in seen.args["id"].split(",")]
+    good = [
+        name
+        for seen in tiny.sandbox.ledger.requests("api/info")
+        if seen.status == 200
+        for name in seen.args["id"].split(",")
+    ]
     assert len(good) == len(set(good))
     assert tiny.refresh()["crawled"] == 0
 
@@ -95,12 +119,16 @@ def test_a_purge_leaves_no_trace_in_any_file(tiny: Work, monkeypatch: pytest.Mon
     talk = [
         key
         for key, comment in world.comments.items()
-        if comment["link_id"][3:] not in (text, image, link) and comment["body"] not in ("[deleted]", "[removed]")
+        if comment["link_id"][3:] not in (text, image, link)
+        and comment["body"] not in ("[deleted]", "[removed]")
     ]
     leaves = [key for key in talk if f"t1_{key}" not in world.replies][:2]
     # What can be told from everything else in the world.
     for number, key in enumerate((text, image, link)):
-        world.posts[key] |= {"title": f"Unmistakable title {number}", "selftext": f"Unmistakable text {number}"}
+        world.posts[key] |= {
+            "title": f"Unmistakable title {number}",
+            "selftext": f"Unmistakable text {number}",
+        }
     for number, key in enumerate(leaves):
         world.comments[key]["body"] = f"Unmistakable comment {number} 🗼"
     monkeypatch.setenv("KB_NOW", "2026-12-25T12:00:00Z")
@@ -110,7 +138,10 @@ def test_a_purge_leaves_no_trace_in_any_file(tiny: Work, monkeypatch: pytest.Mon
         tiny.export(layout)
     tiny.rebuild(out=tiny.root / "export" / "reconstructed")
     everywhere = " ".join(texts(tiny.root).values())
-    assert all(f"Unmistakable {what}" in everywhere for what in ("title 0", "text 0", "comment 0", "comment 1"))
+    assert all(
+        f"Unmistakable {what}" in everywhere
+        for what in ("title 0", "text 0", "comment 0", "comment 1")
+    )
 
     world.gone |= {f"t3_{text}", f"t1_{leaves[0]}"}
     world.removed |= {f"t3_{image}", f"t1_{leaves[1]}"}
@@ -128,14 +159,22 @@ def test_a_purge_leaves_no_trace_in_any_file(tiny: Work, monkeypatch: pytest.Mon
         for key in (text, image, link, *leaves, *below):
             assert key not in found, f"{key} in {path}"
     reasons = {row["key"]: row["reason"] for row in tombstone_rows(tiny)}
-    assert {name: reasons[name] for name in names} == dict(zip(names, ("missing", "removed", "named", "missing", "removed"), strict=True))
+    assert {name: reasons[name] for name in names} == dict(
+        zip(names, ("missing", "removed", "named", "missing", "removed"), strict=True)
+    )
 
     # It does not come back: not by another round, nor by a dump that holds it, nor by another filter.
     since = len(tiny.sandbox.ledger)
     tiny.crawl(again=True)
-    assert not [seen for seen in tiny.sandbox.ledger.requests("^/comments/", since=since) if link in seen.path]
+    assert not [
+        seen
+        for seen in tiny.sandbox.ledger.requests("^/comments/", since=since)
+        if link in seen.path
+    ]
     tiny.filter()
-    assert not set(names) & {f"t3_{row['post_id']}" for row in tiny.table("clean", "reddit", "posts")}
+    assert not set(names) & {
+        f"t3_{row['post_id']}" for row in tiny.table("clean", "reddit", "posts")
+    }
     assert "Unmistakable" not in " ".join(texts(tiny.root).values())
     assert tiny.purge()["purged"] == 0
 
@@ -148,13 +187,19 @@ def tombstone_rows(work: Work) -> list[dict[str, Any]]:
 
 def test_replies_to_a_purged_comment_stay(tiny: Work) -> None:
     deep = list(tiny.world.posts)[CASES.index("deep")]
-    chain = [key for key, comment in tiny.world.comments.items() if comment["link_id"] == f"t3_{deep}"]
+    chain = [
+        key for key, comment in tiny.world.comments.items() if comment["link_id"] == f"t3_{deep}"
+    ]
     ids = tiny.place / "ids"
     ids.write_text(f"t1_{chain[2]}")
     tiny.purge(ids)
     tiny.filter()
     rows = {row["comment_id"]: row["depth"] for row in tiny.table("clean", "reddit", "comments")}
-    gone = [key for key, comment in tiny.world.comments.items() if comment["body"] in ("[deleted]", "[removed]")]
+    gone = [
+        key
+        for key, comment in tiny.world.comments.items()
+        if comment["body"] in ("[deleted]", "[removed]")
+    ]
     assert chain[2] not in rows
     for key in chain[3:]:
         assert key in rows or key in gone
@@ -167,21 +212,33 @@ def test_a_purge_that_was_cut_off_goes_on(tiny: Work, monkeypatch: pytest.Monkey
     ids = tiny.place / "ids"
     ids.write_text(f"t3_{post}")
     with monkeypatch.context() as patch:
-        patch.setattr(store, "drop_rows", lambda *arguments: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr(
+            store, "drop_rows", lambda *arguments: (_ for _ in ()).throw(KeyboardInterrupt)
+        )
         with pytest.raises(KeyboardInterrupt):
             tiny.purge(ids)
     assert store.unfinished(tiny.root, "reddit")
     tiny.purge()
-    assert post not in {row["post_id"] for name in ("posts", "comments") for row in tiny.table("clean", "reddit", name)}
+    assert post not in {
+        row["post_id"]
+        for name in ("posts", "comments")
+        for row in tiny.table("clean", "reddit", name)
+    }
     assert not store.unfinished(tiny.root, "reddit")
 
 
 @pytest.mark.parametrize("known_from", ["raw", "address"])
 def test_a_crosspost_shows_nothing_of_a_purged_parent(tiny: Work, known_from: str) -> None:
     crosspost, parent = list(tiny.world.posts)[CASES.index("crosspost")], "zz9zz9"
-    shown = {"raw": f"https://v.redd.it/{parent}", "address": f"https://www.reddit.com/gallery/{parent}"}[known_from]
+    shown = {
+        "raw": f"https://v.redd.it/{parent}",
+        "address": f"https://www.reddit.com/gallery/{parent}",
+    }[known_from]
     post = tiny.world.posts[crosspost]
-    post |= {"url": shown, "crosspost_parent_list": [{**post["crosspost_parent_list"][0], "url": shown}]}
+    post |= {
+        "url": shown,
+        "crosspost_parent_list": [{**post["crosspost_parent_list"][0], "url": shown}],
+    }
     whole = tiny.place / "whole.txt"
     whole.write_text(f"t3_{crosspost}\n")
     tiny.rebuild(whole, tiny.root / "export" / "reconstructed")
@@ -196,8 +253,15 @@ def test_a_crosspost_shows_nothing_of_a_purged_parent(tiny: Work, known_from: st
     ids.write_text(f"t3_{parent}\n")
     tiny.purge(ids)
     assert not [path for path, found in tiny.text().items() if shown in found]
-    row = next(row for row in tiny.table("export", "reconstructed", "posts") if row["post_id"] == crosspost)
-    assert (row["is_crosspost"], row["type"], row["source_url"], row["link_kind"]) == (True, "text", None, None)
+    row = next(
+        row for row in tiny.table("export", "reconstructed", "posts") if row["post_id"] == crosspost
+    )
+    assert (row["is_crosspost"], row["type"], row["source_url"], row["link_kind"]) == (
+        True,
+        "text",
+        None,
+        None,
+    )
     if known_from == "raw":
         after = tiny.table("clean", "reddit", "posts")
         assert crosspost in {row["post_id"] for row in after}
@@ -218,8 +282,16 @@ def thing(kind: str, key: str, **fields: Any) -> dict[str, Any]:
     return {"kind": kind, "data": {"id": key, "name": f"{kind}_{key}", **fields}}
 
 
-COMMENT = thing("t1", "c", link_id="t3_p", replies=listing(thing("t1", "d", link_id="t3_p", replies="")))
-SHARED = thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[{"id": "p", "title": "t"}], url="/r/M/comments/p/title/")
+COMMENT = thing(
+    "t1", "c", link_id="t3_p", replies=listing(thing("t1", "d", link_id="t3_p", replies=""))
+)
+SHARED = thing(
+    "t3",
+    "x",
+    crosspost_parent="t3_p",
+    crosspost_parent_list=[{"id": "p", "title": "t"}],
+    url="/r/M/comments/p/title/",
+)
 
 
 @pytest.mark.parametrize(
@@ -232,14 +304,29 @@ SHARED = thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[{"id":
             {"t3_p"},
             ({"after": ""}, listing(thing("t3", "q"), after="t3_q")),
         ),
-        ("listings", {}, listing(SHARED), {"t3_p"}, ({}, listing(thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[])))),
-        ("comments", {"article": "p"}, [listing(thing("t3", "p")), listing(COMMENT)], {"t3_p"}, None),
+        (
+            "listings",
+            {},
+            listing(SHARED),
+            {"t3_p"},
+            ({}, listing(thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[]))),
+        ),
+        (
+            "comments",
+            {"article": "p"},
+            [listing(thing("t3", "p")), listing(COMMENT)],
+            {"t3_p"},
+            None,
+        ),
         (
             "comments",
             {"article": "p", "comment": "c"},
             [listing(thing("t3", "p")), listing(COMMENT)],
             {"t1_c"},
-            ({"article": "p"}, [listing(thing("t3", "p")), listing(thing("t1", "d", link_id="t3_p", replies=""))]),
+            (
+                {"article": "p"},
+                [listing(thing("t3", "p")), listing(thing("t1", "d", link_id="t3_p", replies=""))],
+            ),
         ),
         (
             "comments",
@@ -253,18 +340,53 @@ SHARED = thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[{"id":
             {"article": "p"},
             [listing(thing("more", "a", children=["a", "b"], parent_id="t3_p"))],
             {"t1_a"},
-            ({"article": "p"}, [listing({"kind": "more", "data": {"id": "b", "name": "t1_b", "children": ["b"], "parent_id": "t3_p"}})]),
+            (
+                {"article": "p"},
+                [
+                    listing(
+                        {
+                            "kind": "more",
+                            "data": {
+                                "id": "b",
+                                "name": "t1_b",
+                                "children": ["b"],
+                                "parent_id": "t3_p",
+                            },
+                        }
+                    )
+                ],
+            ),
         ),
-        ("comments", {"article": "p"}, [listing(thing("more", "a", children=["a"], parent_id="t3_p"))], {"t1_a"}, ({"article": "p"}, [listing()])),
+        (
+            "comments",
+            {"article": "p"},
+            [listing(thing("more", "a", children=["a"], parent_id="t3_p"))],
+            {"t1_a"},
+            ({"article": "p"}, [listing()]),
+        ),
         ("comments", {"article": "p"}, None, {"t3_p"}, None),
         (
             "morechildren",
             {"link_id": "t3_p", "children": "c,e"},
             {"json": {"errors": [], "data": {"things": [COMMENT]}}},
             {"t1_c"},
-            ({"link_id": "t3_p", "children": "e"}, {"json": {"errors": [], "data": {"things": [thing("t1", "d", link_id="t3_p", replies="")]}}}),
+            (
+                {"link_id": "t3_p", "children": "e"},
+                {
+                    "json": {
+                        "errors": [],
+                        "data": {"things": [thing("t1", "d", link_id="t3_p", replies="")]},
+                    }
+                },
+            ),
         ),
-        ("morechildren", {"link_id": "t3_p", "children": "c"}, {"json": {"data": {"things": [COMMENT]}}}, {"t3_p"}, None),
+        (
+            "morechildren",
+            {"link_id": "t3_p", "children": "c"},
+            {"json": {"data": {"things": [COMMENT]}}},
+            {"t3_p"},
+            None,
+        ),
         (
             "info",
             {"id": "t3_p,t1_c,t1_z", "posts": ["p", "p", "q"]},
@@ -276,11 +398,18 @@ SHARED = thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[{"id":
         ("dumps", {}, listing(thing("t3", "p"), thing("t1", "c", link_id="t3_p")), {"t3_p"}, None),
     ],
 )
-def test_what_strip_leaves(kind: str, params: dict[str, Any], answer: Any, keys: set[str], expected: Any) -> None:
+def test_what_strip_leaves(
+    kind: str, params: dict[str, Any], answer: Any, keys: set[str], expected: Any
+) -> None:
     left = strip(kind, Envelope("2026-01-01T00:00:00Z", Request(kind, params), 200, answer), keys)
     assert (None if left is None else (left.request.params, left.response)) == expected
 
 
 def test_an_envelope_without_the_keys_is_the_same_object() -> None:
-    envelope = Envelope(None, Request("comments/p", {"article": "p"}), 200, [listing(thing("t3", "p")), listing(COMMENT)])
+    envelope = Envelope(
+        None,
+        Request("comments/p", {"article": "p"}),
+        200,
+        [listing(thing("t3", "p")), listing(COMMENT)],
+    )
     assert strip("comments", envelope, {"t3_other", "t1_other"}) is envelope

@@ -67,11 +67,18 @@ def play(monkeypatch: pytest.MonkeyPatch) -> Callable[[list[Exchange]], Cassette
 
 
 def settings() -> object:
-    return load_settings(dotenv=False, reddit_client_id="an-app", reddit_client_secret="a-secret", kb_contact="me@example.org")
+    return load_settings(
+        dotenv=False,
+        reddit_client_id="an-app",
+        reddit_client_secret="a-secret",
+        kb_contact="me@example.org",
+    )
 
 
 @pytest.mark.parametrize("name", APP_ONLY)
-def test_each_recorded_answer_has_its_consequence(recorded: Path, play: Callable[[list[Exchange]], Cassette], name: str) -> None:
+def test_each_recorded_answer_has_its_consequence(
+    recorded: Path, play: Callable[[list[Exchange]], Cassette], name: str
+) -> None:
     exchanges = read(recorded / "reddit" / f"{name}.json")
     cassette, ledger = play(exchanges), []
 
@@ -99,27 +106,50 @@ def test_each_recorded_answer_has_its_consequence(recorded: Path, play: Callable
         else:
             with pytest.raises(ItemFinal) as final:
                 ask()
-            assert final.value.reason == {302: "redirect", 301: "redirect", 403: "forbidden", 404: "not_found"}[exchange.status]
+            assert (
+                final.value.reason
+                == {302: "redirect", 301: "redirect", 403: "forbidden", 404: "not_found"}[
+                    exchange.status
+                ]
+            )
     assert cassette.left == []
     # A ledger row for every request, before it was sent; tokens cost no unit.
-    assert [(units, outcome) for _, units, outcome in ledger] == [(int("access_token" not in one.path), str(one.status)) for one in exchanges]
+    assert [(units, outcome) for _, units, outcome in ledger] == [
+        (int("access_token" not in one.path), str(one.status)) for one in exchanges
+    ]
     for request in cassette.asked:
         assert request.headers["User-Agent"].startswith(AGENT)
         assert "me@example.org" in request.headers["User-Agent"]
         assert "secret" not in (request.url or "")
 
 
-def test_a_recorded_post_through_the_whole_reconstruction(recorded: Path, play: Callable[[list[Exchange]], Cassette], tmp_path: Path) -> None:
+def test_a_recorded_post_through_the_whole_reconstruction(
+    recorded: Path, play: Callable[[list[Exchange]], Cassette], tmp_path: Path
+) -> None:
     cassette = play(read(recorded / "reddit" / "TestSubmission.test_comments.json"))
     ids = tmp_path / "reddit.json"
     ids.write_text('[{"id": "2gmzqe", "type": "text"}]')
     profile = load_profile("minecraft")
-    profile = profile.model_copy(update={"reddit": profile.section("reddit").model_copy(update={"requests_per_minute": 1e9})})
-    summary = rebuild(Run(settings=settings(), profile=profile, root=tmp_path / "data"), ids, tmp_path / "out")
-    assert (summary["posts"], summary["comments"], summary["missing"], summary["requests"]) == (1, 2, 0, 2)
+    profile = profile.model_copy(
+        update={"reddit": profile.section("reddit").model_copy(update={"requests_per_minute": 1e9})}
+    )
+    summary = rebuild(
+        Run(settings=settings(), profile=profile, root=tmp_path / "data"), ids, tmp_path / "out"
+    )
+    assert (summary["posts"], summary["comments"], summary["missing"], summary["requests"]) == (
+        1,
+        2,
+        0,
+        2,
+    )
     assert cassette.left == []
     post, (first, second) = rows(tmp_path / "out" / "posts")[0], rows(tmp_path / "out" / "comments")
-    assert (post["post_id"], post["type"], post["score"], post["num_comments"]) == ("2gmzqe", "text", 11, 2)
+    assert (post["post_id"], post["type"], post["score"], post["num_comments"]) == (
+        "2gmzqe",
+        "text",
+        11,
+        2,
+    )
     assert {first["depth"], second["depth"]} == {0, 1}
     assert {first["post_id"], second["post_id"]} == {"2gmzqe"}
 

@@ -55,11 +55,15 @@ def test_a_finished_crawl_says_so(paged: Work) -> None:
     assert len(said.lines) == 1
 
 
-def test_a_new_round_ends_by_time_where_there_is_an_order_by_time_and_nowhere_else(paged: Work) -> None:
+def test_a_new_round_ends_by_time_where_there_is_an_order_by_time_and_nowhere_else(
+    paged: Work,
+) -> None:
     posts = list(paged.world.posts)
     for number, key in enumerate(posts):
         # Old ones first in `top`, then those among the newer sixty that `new` does not show any more.
-        paged.world.posts[key]["score"] = 10_000 if number < 15 else 9_000 if 60 <= number < 80 else 1
+        paged.world.posts[key]["score"] = (
+            10_000 if number < 15 else 9_000 if 60 <= number < 80 else 1
+        )
     paged.crawl()
     since = len(paged.sandbox.ledger)
     paged.crawl(again=True)
@@ -67,7 +71,9 @@ def test_a_new_round_ends_by_time_where_there_is_an_order_by_time_and_nowhere_el
     since = len(paged.sandbox.ledger)
     paged.world.gone = {f"t3_{key}" for key in posts[75:]}
     paged.crawl(again=True)
-    assert listed(paged, "new", since) == 2, "fifteen are new, and the page that has the last of them reaches behind them"
+    assert listed(paged, "new", since) == 2, (
+        "fifteen are new, and the page that has the last of them reaches behind them"
+    )
     paged.world.gone = set()
     since = len(paged.sandbox.ledger)
     paged.crawl(again=True)
@@ -102,9 +108,14 @@ def behind(work: Work) -> list[str]:
 
 
 @pytest.mark.parametrize("what", ["stub", "error"])
-def test_a_stub_that_can_not_be_resolved_has_failed_and_does_not_wait(wide: Work, what: str) -> None:
+def test_a_stub_that_can_not_be_resolved_has_failed_and_does_not_wait(
+    wide: Work, what: str
+) -> None:
     keys = behind(wide)
-    stub = {"kind": "more", "data": {"id": keys[0], "name": f"t1_{keys[0]}", "parent_id": "t3_x", "children": keys}}
+    stub = {
+        "kind": "more",
+        "data": {"id": keys[0], "name": f"t1_{keys[0]}", "parent_id": "t3_x", "children": keys},
+    }
     body = {"json": {"errors": [], "data": {"things": [stub]}}} if what == "stub" else SAYS_NO
     fault = wide.sandbox.faults.add("morechildren", status=200, body=body, times=None)
     summary = wide.crawl()
@@ -125,7 +136,9 @@ def test_a_stub_that_can_not_be_resolved_has_failed_and_does_not_wait(wide: Work
 
 
 def test_what_is_not_asked_for_yet_still_waits(wide: Work) -> None:
-    fault = wide.sandbox.faults.add("morechildren", status=429, headers={"Retry-After": "3600"}, times=None)
+    fault = wide.sandbox.faults.add(
+        "morechildren", status=429, headers={"Retry-After": "3600"}, times=None
+    )
     with pytest.raises(Exception, match="3600"):
         wide.crawl()
     wide.sandbox.faults.remove(fault)

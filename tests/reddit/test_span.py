@@ -33,14 +33,27 @@ def moment(seconds: float) -> datetime:
 def sorted_posts(work: Work) -> set[str]:
     work.filter()
     kept = {row["post_id"] for row in work.table("clean", "reddit", "posts")}
-    return kept | {row["key"][3:] for row in work.table("clean", "reddit", "rejected") if row["key"].startswith("t3_")}
+    return kept | {
+        row["key"][3:]
+        for row in work.table("clean", "reddit", "rejected")
+        if row["key"].startswith("t3_")
+    }
 
 
 def test_what_lies_outside_is_left_out_until_a_crawl_reads_it(few: Work) -> None:
     times = made(few)
-    within = {key for key, post in few.world.posts.items() if times[100] <= post["created_utc"] < times[105]}
+    within = {
+        key
+        for key, post in few.world.posts.items()
+        if times[100] <= post["created_utc"] < times[105]
+    }
     summary = few.crawl(moment(times[100]), moment(times[105]))
-    assert (summary["crawled"], summary["missing"], summary["failed"], summary["pending"]) == (5, 0, 0, 0)
+    assert (summary["crawled"], summary["missing"], summary["failed"], summary["pending"]) == (
+        5,
+        0,
+        0,
+        0,
+    )
     assert summary["outside"] == summary["posts"] - 5 > 0
     assert sorted_posts(few) == within
     before = len(few.sandbox.ledger)
@@ -48,7 +61,9 @@ def test_what_lies_outside_is_left_out_until_a_crawl_reads_it(few: Work) -> None
     assert len(few.sandbox.ledger) == before, "the same span is finished"
     assert few.crawl(moment(times[95]), moment(times[100]))["crawled"] == 5
     assert few.crawl()["outside"] == 0
-    assert sorted_posts(few) == few.world.posts.keys(), "the rest of the listing as well, which ended at --since"
+    assert sorted_posts(few) == few.world.posts.keys(), (
+        "the rest of the listing as well, which ended at --since"
+    )
     comments = {row["comment_id"] for row in few.table("clean", "reddit", "comments")}
     comments |= {row["key"][3:] for row in few.table("clean", "reddit", "rejected")}
     assert few.world.comments.keys() <= comments
@@ -66,13 +81,17 @@ def test_limit_counts_what_lies_inside(few: Work) -> None:
     times = made(few)
     with pytest.raises(LimitReached):
         few.crawl(moment(times[100]), moment(times[105]), limit=4)
-    assert few.crawl(moment(times[100]), moment(times[105]), limit=1)["crawled"] == 1, "and the end of it is no limit"
+    assert few.crawl(moment(times[100]), moment(times[105]), limit=1)["crawled"] == 1, (
+        "and the end of it is no limit"
+    )
 
 
 def test_a_post_outside_whose_page_is_shut_is_counted(few: Work) -> None:
     oldest = min(few.world.posts, key=lambda key: few.world.posts[key]["created_utc"])
     few.crawl(moment(made(few)[1]))
-    few.sandbox.faults.add(f"^/comments/{oldest}/", status=403, body={"message": "no", "error": 403}, times=None)
+    few.sandbox.faults.add(
+        f"^/comments/{oldest}/", status=403, body={"message": "no", "error": 403}, times=None
+    )
     few.crawl()
     summary = few.filter()
     assert (summary["failed"], summary["pending"]) == (1, 0)
@@ -81,14 +100,34 @@ def test_a_post_outside_whose_page_is_shut_is_counted(few: Work) -> None:
 
 @pytest.mark.parametrize(
     ("at", "since", "until", "expected"),
-    [(5, None, None, False), (5, 5, 6, False), (5, 6, None, True), (5, None, 5, True), (5.5, 5, 5.5, True), (None, 6, 7, False), ("5", 6, 7, False)],
+    [
+        (5, None, None, False),
+        (5, 5, 6, False),
+        (5, 6, None, True),
+        (5, None, 5, True),
+        (5.5, 5, 5.5, True),
+        (None, 6, 7, False),
+        ("5", 6, 7, False),
+    ],
 )
 def test_since_is_inside_and_until_is_not(at: Any, since: Any, until: Any, expected: bool) -> None:
     assert tree.outside(at, since, until) is expected
 
 
 def test_a_listing_of_a_span_holds_rows_of_that_span_alone(whole: Work) -> None:
-    answer = listing(post("early", created_utc=10.0), post("good", created_utc=20.0), post("late", created_utc=30.0), post("odd", created_utc=None))
-    line = encode(Envelope("2026-01-01T00:00:00Z", Request("r/M/new", {"limit": 100, "since": 20.0, "until": 30.0}), 200, answer))
+    answer = listing(
+        post("early", created_utc=10.0),
+        post("good", created_utc=20.0),
+        post("late", created_utc=30.0),
+        post("odd", created_utc=None),
+    )
+    line = encode(
+        Envelope(
+            "2026-01-01T00:00:00Z",
+            Request("r/M/new", {"limit": 100, "since": 20.0, "until": 30.0}),
+            200,
+            answer,
+        )
+    )
     rows = parse.Reader("listings", whole.run().profile.reddit.links).envelope(line)
     assert [row["fullname"] for row in rows] == ["t3_good", "t3_odd"]

@@ -17,7 +17,11 @@ from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import NOW, Work, rows
 
-RUDE, PLAIN, ONLY = "you are a stupid idiot", "how to build a house in minecraft", "how to find a diamond"
+RUDE, PLAIN, ONLY = (
+    "you are a stupid idiot",
+    "how to build a house in minecraft",
+    "how to find a diamond",
+)
 SHARED, BELOW = "the creeper explodes near the player", "this is below a rude title"
 POSTS = [
     post("good", title=PLAIN, selftext=SHARED),
@@ -36,7 +40,10 @@ COMMENTS = [
 
 def scored_work(place: Path) -> Any:
     """The rows above, filtered with the tiny model."""
-    with pytest.MonkeyPatch.context() as patch, Sandbox(small_world(1), services=["reddit"]) as sandbox:
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        Sandbox(small_world(1), services=["reddit"]) as sandbox,
+    ):
         patch.setenv("KB_NOW", NOW)
         work = Work(sandbox, place, scored=True)
         write(work.root, "listings", {}, listing(*POSTS))
@@ -77,8 +84,13 @@ def test_a_rude_title_body_or_comment_is_rejected_by_its_stage(judged: Work) -> 
 
 def test_kept_rows_have_every_category_and_the_largest(judged: Work) -> None:
     by_text = scores(judged)
-    posts, comments = judged.table("clean", "reddit", "posts"), judged.table("clean", "reddit", "comments")
-    texts = [(row, "toxicity_title", row["title"]) for row in posts] + [(row, "toxicity_body", row["body"]) for row in (*posts, *comments)]
+    posts, comments = (
+        judged.table("clean", "reddit", "posts"),
+        judged.table("clean", "reddit", "comments"),
+    )
+    texts = [(row, "toxicity_title", row["title"]) for row in posts] + [
+        (row, "toxicity_body", row["body"]) for row in (*posts, *comments)
+    ]
     assert len(texts) == 5
     for row, column, text in texts:
         found = {name: row[f"{column}_{name}"] for name in CATEGORIES}
@@ -86,7 +98,9 @@ def test_kept_rows_have_every_category_and_the_largest(judged: Work) -> None:
             assert (row[column], set(found.values())) == (None, {None})
         else:
             assert found == {name: by_text[text_hash(text)][name] for name in CATEGORIES}
-            assert [name for name, score in found.items() if score is None] == ["sexual_explicit"], "no class of this model"
+            assert [name for name, score in found.items() if score is None] == [
+                "sexual_explicit"
+            ], "no class of this model"
             assert row[column] == max(score for score in found.values() if score is not None) <= 0.5
 
 

@@ -50,7 +50,11 @@ def test_addresses(address: str, kind: str) -> None:
     assert CLASSIFY(address) == kind
 
 
-SELF = {"is_self": True, "permalink": "/r/M/comments/a/t/", "url": "https://www.reddit.com/r/M/comments/a/t/"}
+SELF = {
+    "is_self": True,
+    "permalink": "/r/M/comments/a/t/",
+    "url": "https://www.reddit.com/r/M/comments/a/t/",
+}
 FILM = {"is_self": False, "is_video": True, "url": "https://v.redd.it/x"}
 
 
@@ -61,19 +65,46 @@ FILM = {"is_self": False, "is_video": True, "url": "https://v.redd.it/x"}
         ({**SELF, "is_self": None}, ("text", None, None)),
         ({"is_self": False, "url": None}, ("text", None, None)),
         ({**SELF, "poll_data": {"options": [{"text": "a"}]}}, ("poll", None, None)),
-        ({"is_gallery": True, "url": "https://www.reddit.com/gallery/a"}, ("gallery", None, "https://www.reddit.com/gallery/a")),
-        ({"url": "https://www.reddit.com/gallery/a"}, ("gallery", None, "https://www.reddit.com/gallery/a")),
+        (
+            {"is_gallery": True, "url": "https://www.reddit.com/gallery/a"},
+            ("gallery", None, "https://www.reddit.com/gallery/a"),
+        ),
+        (
+            {"url": "https://www.reddit.com/gallery/a"},
+            ("gallery", None, "https://www.reddit.com/gallery/a"),
+        ),
         (FILM, ("video", "video", "https://v.redd.it/x")),
-        ({"url": "https://i.redd.it/a.png", "post_hint": "link"}, ("image", "image", "https://i.redd.it/a.png")),
-        ({"url": "https://a.org/x", "url_overridden_by_dest": "https://i.redd.it/a.png"}, ("image", "image", "https://i.redd.it/a.png")),
+        (
+            {"url": "https://i.redd.it/a.png", "post_hint": "link"},
+            ("image", "image", "https://i.redd.it/a.png"),
+        ),
+        (
+            {"url": "https://a.org/x", "url_overridden_by_dest": "https://i.redd.it/a.png"},
+            ("image", "image", "https://i.redd.it/a.png"),
+        ),
         ({"url": "https://notes.example/a"}, ("link", "general", "https://notes.example/a")),
-        ({"url": "https://v.redd.it/y", "crosspost_parent_list": [FILM]}, ("video", "video", "https://v.redd.it/x")),
+        (
+            {"url": "https://v.redd.it/y", "crosspost_parent_list": [FILM]},
+            ("video", "video", "https://v.redd.it/x"),
+        ),
         ({"url": "/r/M/comments/a/t/", "crosspost_parent_list": [SELF]}, ("text", None, None)),
-        ({"url": "https://a.org/x", "crosspost_parent_list": []}, ("link", "general", "https://a.org/x")),
-        ({"url": "https://a.org/x", "crosspost_parent": "t3_gone"}, ("link", "general", "https://a.org/x")),
-        ({"url": "/gallery/gone", "crosspost_parent": "t3_gone"}, ("gallery", None, "/gallery/gone")),
+        (
+            {"url": "https://a.org/x", "crosspost_parent_list": []},
+            ("link", "general", "https://a.org/x"),
+        ),
+        (
+            {"url": "https://a.org/x", "crosspost_parent": "t3_gone"},
+            ("link", "general", "https://a.org/x"),
+        ),
+        (
+            {"url": "/gallery/gone", "crosspost_parent": "t3_gone"},
+            ("gallery", None, "/gallery/gone"),
+        ),
         ({"url": "/r/M/comments/gone/t/", "crosspost_parent": "t3_gone"}, ("text", None, None)),
-        ({"url": "https://www.reddit.com/r/M/comments/b/t/"}, ("link", "general", "https://www.reddit.com/r/M/comments/b/t/")),
+        (
+            {"url": "https://www.reddit.com/r/M/comments/b/t/"},
+            ("link", "general", "https://www.reddit.com/r/M/comments/b/t/"),
+        ),
     ],
 )
 def test_types(post: dict[str, Any], expected: tuple[str, str | None, str | None]) -> None:
@@ -83,7 +114,10 @@ def test_types(post: dict[str, Any], expected: tuple[str, str | None, str | None
 def test_crossposts_and_polls() -> None:
     assert is_crosspost({"crosspost_parent": "t3_a"})
     assert not is_crosspost({"crosspost_parent_list": []})
-    assert poll_options({"poll_data": {"options": [{"text": "oak"}, {"text": "spruce"}, 3]}}) == ["oak", "spruce"]
+    assert poll_options({"poll_data": {"options": [{"text": "oak"}, {"text": "spruce"}, 3]}}) == [
+        "oak",
+        "spruce",
+    ]
     assert poll_options({"crosspost_parent_list": [{"poll_data": {"options": []}}]}) == []
     assert poll_options(SELF) is None
 
@@ -97,12 +131,21 @@ def test_crossposts_and_polls() -> None:
         ({"body": "[removed]"}, ("removed", "[removed]")),
         ({"body": "[ Removed by Reddit ]"}, ("removed", "[ Removed by Reddit ]")),
         ({"selftext": "", "removed_by_category": "moderator"}, ("removed", "moderator")),
-        ({"selftext": "", "removed_by_category": "automod_filtered"}, ("removed", "automod_filtered")),
+        (
+            {"selftext": "", "removed_by_category": "automod_filtered"},
+            ("removed", "automod_filtered"),
+        ),
         ({"selftext": "", "removed_by_category": "deleted"}, ("deleted", "deleted")),
         ({"selftext": "[deleted]", "removed_by_category": "author"}, ("deleted", "author")),
         ({"selftext": "", "title": "[deleted by user]"}, ("deleted", "[deleted by user]")),
-        ({"selftext": "", "title": "[ Removed by moderator ]"}, ("removed", "[ Removed by moderator ]")),
-        ({"selftext": "words", "is_robot_indexable": False}, ("removed", "is_robot_indexable is false")),
+        (
+            {"selftext": "", "title": "[ Removed by moderator ]"},
+            ("removed", "[ Removed by moderator ]"),
+        ),
+        (
+            {"selftext": "words", "is_robot_indexable": False},
+            ("removed", "is_robot_indexable is false"),
+        ),
     ],
 )
 def test_who_took_it_away(thing: dict[str, Any], expected: tuple[str, str] | None) -> None:

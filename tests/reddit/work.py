@@ -34,7 +34,9 @@ class Work:
     crawled: Summary
     filtered: Summary
 
-    def __init__(self, sandbox: Sandbox, place: Path, *, scored: bool = False, **section: Any) -> None:
+    def __init__(
+        self, sandbox: Sandbox, place: Path, *, scored: bool = False, **section: Any
+    ) -> None:
         """`scored`: by the sandbox's tiny model, else not at all. `section`: values of the profile's [reddit] that are not the shipped ones."""
         self.scored, self.section = scored, section
         self.sandbox, self.place, self.root = sandbox, place, place / "data"
@@ -43,12 +45,18 @@ class Work:
     def run(self, **options: Any) -> Run:
         """The run of a command with these common options."""
         values = self.sandbox.settings(model=self.scored)
-        settings = load_settings(dotenv=False, kb_data=self.root, **{name.lower(): value for name, value in values.items()})
+        settings = load_settings(
+            dotenv=False,
+            kb_data=self.root,
+            **{name.lower(): value for name, value in values.items()},
+        )
         profile = load_profile("minecraft")
         reddit = profile.section("reddit").model_copy(update=self.section)
         toxicity = profile.toxicity if self.scored else Toxicity(toxicity="off")
         profile = profile.model_copy(update={"toxicity": toxicity, "reddit": reddit})
-        return replace(Run(settings=settings, profile=profile, root=self.root, workers=1), **options)
+        return replace(
+            Run(settings=settings, profile=profile, root=self.root, workers=1), **options
+        )
 
     def job(self) -> Job:
         """The same data root for `kb` processes."""
@@ -86,12 +94,18 @@ class Work:
 
 def rows(folder: Path) -> list[dict[str, Any]]:
     """All rows of a folder of Parquet files."""
-    return [row for path in sorted(folder.glob("*.parquet")) for row in pq.read_table(path).to_pylist()]
+    return [
+        row for path in sorted(folder.glob("*.parquet")) for row in pq.read_table(path).to_pylist()
+    ]
 
 
 def texts(folder: Path) -> dict[str, str]:
     """What stands in every file, decompressed, by path."""
-    return {str(path.relative_to(folder)): _text(path) for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(folder)): _text(path)
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
 
 
 def _text(path: Path) -> str:
@@ -99,5 +113,10 @@ def _text(path: Path) -> str:
         return json.dumps(pq.read_table(path).to_pylist(), default=str, ensure_ascii=False)
     if ".zst" in path.name:
         with path.open("rb") as file:
-            return zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True).read().decode()
+            return (
+                zstandard.ZstdDecompressor()
+                .stream_reader(file, read_across_frames=True)
+                .read()
+                .decode()
+            )
     return path.read_bytes().decode("utf-8", "replace")

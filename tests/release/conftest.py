@@ -23,7 +23,12 @@ SECRETS = {
 
 def a_run(root: Path, profile: str | Path = "minecraft", **settings: object) -> Run:
     """A run with invented secrets, so that the gate has something to look for."""
-    return Run(load_settings(dotenv=False, **{**SECRETS, **settings}), load_profile(profile), root, workers=1)
+    return Run(
+        load_settings(dotenv=False, **{**SECRETS, **settings}),
+        load_profile(profile),
+        root,
+        workers=1,
+    )
 
 
 @pytest.fixture(autouse=True)

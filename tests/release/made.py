@@ -283,9 +283,14 @@ def archived(root: Path) -> None:
     from kb.export import wiki_tar
     from tests.release.conftest import a_run
 
-    for column, what in (("pages/screenshot_path", b"screenshot of %d"), ("images/path", b"picture %d")):
+    for column, what in (
+        ("pages/screenshot_path", b"screenshot of %d"),
+        ("images/path", b"picture %d"),
+    ):
         short, _, name = column.partition("/")
-        for row in pq.read_table(root / "clean" / "wiki" / short / "part-00000.parquet", columns=["page_id", name]).to_pylist():
+        for row in pq.read_table(
+            root / "clean" / "wiki" / short / "part-00000.parquet", columns=["page_id", name]
+        ).to_pylist():
             if row[name]:
                 (root / row[name]).parent.mkdir(parents=True, exist_ok=True)
                 (root / row[name]).write_bytes(what % row["page_id"])
@@ -296,4 +301,9 @@ def released(root: Path, name: str, part: Path, rows_per_shard: int = 40) -> Non
     """What an export does: the released columns as sorted shards; videos come in more than one."""
     declared = table(name)
     folder = root / "release" / declared.source
-    sorted_shards([part], folder, declared, rows_per_shard=rows_per_shard if name == "youtube/videos" else 10**6)
+    sorted_shards(
+        [part],
+        folder,
+        declared,
+        rows_per_shard=rows_per_shard if name == "youtube/videos" else 10**6,
+    )

@@ -27,7 +27,9 @@ from tests.release.conftest import a_run
 from tests.release.made import rows
 
 SOURCES = ("youtube", "wiki", "reddit", "pairs")
-TABLES = [name for name, declared in tables().items() if declared.released and declared.source in SOURCES]
+TABLES = [
+    name for name, declared in tables().items() if declared.released and declared.source in SOURCES
+]
 
 
 @pytest.fixture(scope="session")
@@ -38,12 +40,16 @@ def downloaded(released: Path, tmp_path_factory: pytest.TempPathFactory) -> Iter
         patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
         root = Path(shutil.copytree(released, folder / "root"))
         url = service.servers["zenodo"].url
-        summary = publish(a_run(root, kb_zenodo_endpoint=url, zenodo_token=TOKEN), "zenodo", publish=True)
+        summary = publish(
+            a_run(root, kb_zenodo_endpoint=url, zenodo_token=TOKEN), "zenodo", publish=True
+        )
         for source, shown in summary["sources"].items():
             record = requests.get(f"{url}/api/records/{shown['id']}", timeout=10).json()
             (folder / source).mkdir()
             for file in record["files"]:
-                (folder / source / file["key"]).write_bytes(requests.get(file["links"]["self"], timeout=10).content)
+                (folder / source / file["key"]).write_bytes(
+                    requests.get(file["links"]["self"], timeout=10).content
+                )
         shutil.rmtree(root)
     return folder
 
@@ -75,7 +81,14 @@ def test_sha256sum(downloaded: Path, source: str) -> None:
 @pytest.mark.parametrize("name", TABLES)
 def test_duckdb(downloaded: Path, expected: dict[str, int], name: str) -> None:
     key = ", ".join(tables()[name].key)
-    found = duckdb.connect().execute(f"SELECT count(*), count(DISTINCT ({key})) FROM read_parquet(?)", [shards(downloaded, name)]).fetchone()
+    found = (
+        duckdb.connect()
+        .execute(
+            f"SELECT count(*), count(DISTINCT ({key})) FROM read_parquet(?)",
+            [shards(downloaded, name)],
+        )
+        .fetchone()
+    )
     assert found == (expected[name], expected[name])
 
 
@@ -101,7 +114,9 @@ def test_kb_query(released: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_pyarrow_finds_types_nulls_and_descriptions(downloaded: Path, expected: dict[str, int], name: str) -> None:
+def test_pyarrow_finds_types_nulls_and_descriptions(
+    downloaded: Path, expected: dict[str, int], name: str
+) -> None:
     import pyarrow.dataset as ds
 
     files = sorted(Path(shards(downloaded, name)).parent.glob(Path(shards(downloaded, name)).name))
@@ -131,9 +146,13 @@ def datasets(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_hugging_face_datasets(downloaded: Path, expected: dict[str, int], datasets: Any, name: str) -> None:
+def test_hugging_face_datasets(
+    downloaded: Path, expected: dict[str, int], datasets: Any, name: str
+) -> None:
     source, _, table = name.partition("/")
-    found = datasets.load_dataset(str(downloaded / source), table, split="train", cache_dir=os.environ["HF_DATASETS_CACHE"])
+    found = datasets.load_dataset(
+        str(downloaded / source), table, split="train", cache_dir=os.environ["HF_DATASETS_CACHE"]
+    )
     assert found.num_rows == expected[name]
     assert found.column_names == tables()[name].names(released=True)
 
@@ -151,7 +170,9 @@ def test_card_names_licence_tags_and_one_default(downloaded: Path) -> None:
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_mlcroissant_loads_every_record(downloaded: Path, expected: dict[str, int], name: str) -> None:
+def test_mlcroissant_loads_every_record(
+    downloaded: Path, expected: dict[str, int], name: str
+) -> None:
     mlcroissant = pytest.importorskip("mlcroissant")
     source, _, table = name.partition("/")
     found = list(mlcroissant.Dataset(str(downloaded / source / "croissant.json")).records(table))
@@ -166,7 +187,10 @@ def test_croissant_is_valid_and_says_who_is_concerned(downloaded: Path, source: 
     assert list(metadata.ctx.issues.errors) == []
     assert list(metadata.ctx.issues.warnings) == []
     raw = json.loads((downloaded / source / "croissant.json").read_text())
-    assert raw["conformsTo"] == ["http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0"]
+    assert raw["conformsTo"] == [
+        "http://mlcommons.org/croissant/1.1",
+        "http://mlcommons.org/croissant/RAI/1.0",
+    ]
     assert metadata.data_biases
     assert metadata.data_collection
     assert metadata.personal_sensitive_information
@@ -175,14 +199,22 @@ def test_croissant_is_valid_and_says_who_is_concerned(downloaded: Path, source: 
         if file["@type"] == "cr:FileObject":
             path = downloaded / source / file["contentUrl"]
             assert file["contentSize"] == f"{path.stat().st_size} B"
-            assert f"{file['sha256']}  {path.name}" in (downloaded / source / "SHA256SUMS").read_text()
-    described = {field["name"]: field["description"] for records in raw["recordSet"] for field in records["field"]}
+            assert (
+                f"{file['sha256']}  {path.name}" in (downloaded / source / "SHA256SUMS").read_text()
+            )
+    described = {
+        field["name"]: field["description"]
+        for records in raw["recordSet"]
+        for field in records["field"]
+    }
     assert all(described.values())
 
 
 @pytest.mark.parametrize("source", SOURCES)
 def test_cffconvert(downloaded: Path, source: str) -> None:
-    command = shutil.which("cffconvert", path=f"{Path(__import__('sys').executable).parent}:{os.environ['PATH']}")
+    command = shutil.which(
+        "cffconvert", path=f"{Path(__import__('sys').executable).parent}:{os.environ['PATH']}"
+    )
     if command is None:
         skip_or_fail("cffconvert is not installed")
     valid = subprocess.run(
@@ -198,10 +230,15 @@ def test_cffconvert(downloaded: Path, source: str) -> None:
 @pytest.mark.parametrize("source", SOURCES)
 def test_a_sample_of_rows_that_belong_together(downloaded: Path, source: str) -> None:
     samples = sorted((downloaded / source).glob("sample-*.parquet"))
-    assert [path.stem.removeprefix("sample-") for path in samples] == [name.partition("/")[2] for name in TABLES if name.startswith(f"{source}/")]
+    assert [path.stem.removeprefix("sample-") for path in samples] == [
+        name.partition("/")[2] for name in TABLES if name.startswith(f"{source}/")
+    ]
     if source == "wiki":
         pages, elements = (
-            set(pq.read_table(downloaded / "wiki" / f"sample-{name}.parquet")["page_id"].to_pylist()) for name in ("pages", "elements")
+            set(
+                pq.read_table(downloaded / "wiki" / f"sample-{name}.parquet")["page_id"].to_pylist()
+            )
+            for name in ("pages", "elements")
         )
         assert pages == elements
 
@@ -215,7 +252,12 @@ def test_no_text_of_reddit_or_transcripts_leaves(downloaded: Path) -> None:
     )
     for source in ("reddit", "pairs"):
         for path in (downloaded / source).glob("*.parquet"):
-            values = {value for column in pq.read_table(path).itercolumns() for value in column.to_pylist() if isinstance(value, str)}
+            values = {
+                value
+                for column in pq.read_table(path).itercolumns()
+                for value in column.to_pylist()
+                if isinstance(value, str)
+            }
             assert not values & set(texts)
 
 
@@ -230,7 +272,9 @@ def test_tombstones_have_their_columns_even_without_rows(downloaded: Path) -> No
 
 
 @pytest.mark.parametrize("source", SOURCES)
-def test_datasheet_answers_every_question_with_measured_figures(downloaded: Path, source: str) -> None:
+def test_datasheet_answers_every_question_with_measured_figures(
+    downloaded: Path, source: str
+) -> None:
     text = (downloaded / source / "DATASHEET.md").read_text(encoding="utf-8")
     for heading in (
         "Motivation",

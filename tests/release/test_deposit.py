@@ -70,7 +70,11 @@ def send(
 
 
 def puts(service: Sandbox) -> list[str]:
-    return [seen.path.rpartition("/")[2] for seen in service.ledger.requests("/api/files/") if seen.method == "PUT"]
+    return [
+        seen.path.rpartition("/")[2]
+        for seen in service.ledger.requests("/api/files/")
+        if seen.method == "PUT"
+    ]
 
 
 def test_a_draft_for_each_folder_with_every_file(root: Path, service: Sandbox) -> None:
@@ -85,7 +89,9 @@ def test_a_draft_for_each_folder_with_every_file(root: Path, service: Sandbox) -
         }
         assert deposit.metadata["license"] == {"wiki": "cc-by-nc-sa-3.0"}.get(source, "cc-by-4.0")
         assert deposit.metadata["title"].startswith("Minecraft")
-    assert not any(path.read_bytes().count(TOKEN.encode()) for path in root.rglob("*") if path.is_file())
+    assert not any(
+        path.read_bytes().count(TOKEN.encode()) for path in root.rglob("*") if path.is_file()
+    )
     assert not any(TOKEN in f"{seen.path}?{seen.query}" for seen in service.ledger.requests())
 
 
@@ -130,16 +136,22 @@ def test_a_killed_upload_goes_on_with_the_same_draft(root: Path, service: Sandbo
         str(root),
     ]
     environment = {**os.environ, **service.settings(), "KB_NOW": "2026-11-10T00:00:00Z"}
-    process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
     assert held.arrived.wait(60)
     process.kill()
     process.communicate()
     held.release()
-    done = subprocess.run([*command, "--json"], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [*command, "--json"], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120
+    )
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1])["drafts"] == 1
     assert len(store(service).by_id) == 1
-    assert set(next(iter(store(service).by_id.values())).files) == {path.name for path in (root / "release" / "pairs").iterdir()}
+    assert set(next(iter(store(service).by_id.values())).files) == {
+        path.name for path in (root / "release" / "pairs").iterdir()
+    }
     assert TOKEN not in done.stderr + done.stdout
 
 
@@ -159,11 +171,15 @@ def test_a_publication_whose_answer_was_lost_is_not_repeated(root: Path, service
 
 
 def test_damaged_upload_is_sent_again_and_not_for_ever(root: Path, service: Sandbox) -> None:
-    service.faults.add("/api/files/", method="PUT", status=201, body={"checksum": "md5:" + "0" * 32})
+    service.faults.add(
+        "/api/files/", method="PUT", status=201, body={"checksum": "md5:" + "0" * 32}
+    )
     assert send(root, service)["drafts"] == 1
     assert len(puts(service)) == len(set(puts(service))) + 1
     (root / "release" / "pairs" / "SHA256SUMS").touch()
-    service.faults.add("/api/files/", method="PUT", times=None, status=201, body={"checksum": "md5:" + "0" * 32})
+    service.faults.add(
+        "/api/files/", method="PUT", times=None, status=201, body={"checksum": "md5:" + "0" * 32}
+    )
     store(service).by_id.clear()
     with pytest.raises(FatalError, match="arrived damaged 5 times"):
         send(root, service)
@@ -218,26 +234,39 @@ def test_refused_metadata_is_said_field_by_field(root: Path, service: Sandbox) -
             "errors": [{"field": "metadata.creators", "message": "Invalid ORCID."}],
         },
     )
-    with pytest.raises(FatalError, match=r"refused \(400\): Validation error\.; metadata\.creators: Invalid ORCID\."):
+    with pytest.raises(
+        FatalError,
+        match=r"refused \(400\): Validation error\.; metadata\.creators: Invalid ORCID\.",
+    ):
         send(root, service, publish=True)
     assert not any(deposit.submitted for deposit in store(service).by_id.values())
 
 
 def test_another_licence_than_ours_is_never_published(root: Path, service: Sandbox) -> None:
-    service.faults.add("/api/deposit/depositions/", method="PUT", status=200, body={"metadata": {"license": "cc-zero"}})
+    service.faults.add(
+        "/api/deposit/depositions/",
+        method="PUT",
+        status=200,
+        body={"metadata": {"license": "cc-zero"}},
+    )
     with pytest.raises(FatalError, match=r"took the licence 'cc-zero' instead of 'cc-by-4.0'"):
         send(root, service, publish=True)
     assert service.ledger.requests("/actions/publish") == []
 
 
-def test_deposit_metadata_without_licence_is_refused_by_the_gate(root: Path, service: Sandbox) -> None:
+def test_deposit_metadata_without_licence_is_refused_by_the_gate(
+    root: Path, service: Sandbox
+) -> None:
     path = root / "release" / "pairs" / "zenodo.json"
     body = json.loads(path.read_text())
     del body["metadata"]["license"]
     path.write_text(json.dumps(body))
     with pytest.raises(ReleaseRefused) as caught:
         send(root, service)
-    assert "licence: pairs/zenodo.json: names no licence; Zenodo would take CC0" in caught.value.problems  # type: ignore[attr-defined]
+    assert (
+        "licence: pairs/zenodo.json: names no licence; Zenodo would take CC0"
+        in caught.value.problems
+    )  # type: ignore[attr-defined]
     assert service.ledger.requests() == []
 
 
@@ -245,7 +274,9 @@ def test_a_folder_that_changed_since_the_gate_is_refused(root: Path, service: Sa
     (root / "release" / "pairs" / "README.md").write_text("mine")
     with pytest.raises(ReleaseRefused) as caught:
         send(root, service)
-    assert caught.value.problems == ["checksum: pairs/README.md: differs from SHA256SUMS; export it again"]  # type: ignore[attr-defined]
+    assert caught.value.problems == [
+        "checksum: pairs/README.md: differs from SHA256SUMS; export it again"
+    ]  # type: ignore[attr-defined]
 
 
 def test_token_goes_to_no_other_host(root: Path, service: Sandbox) -> None:
@@ -277,7 +308,9 @@ def test_changed_release_becomes_a_new_version(root: Path, service: Sandbox) -> 
     shutil.rmtree(root / "release" / "pairs")
     build(root, sources=("pairs",), n=70)
     profile = root / "mine.toml"
-    profile.write_text('name = "minecraft"\ntitle = "Minecraft"\n[release]\nversion = "1.1.0"\n[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\n')
+    profile.write_text(
+        'name = "minecraft"\ntitle = "Minecraft"\n[release]\nversion = "1.1.0"\n[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\n'
+    )
     run = a_run(root, profile, kb_zenodo_endpoint=service.servers["zenodo"].url, zenodo_token=TOKEN)
     others = [root / "release" / name for name in ("youtube", "wiki", "reddit")]
     for folder in others:
@@ -289,9 +322,12 @@ def test_changed_release_becomes_a_new_version(root: Path, service: Sandbox) -> 
     assert second.concept == store(service).by_id[first].concept
     assert second.metadata["version"] == "1.1.0"
     assert {name: hashlib.sha256(data).hexdigest() for name, data in second.files.items()} == {
-        path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in (root / "release" / "pairs").iterdir()
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in (root / "release" / "pairs").iterdir()
     }
-    assert summary["uploaded"] < len(second.files)  # what did not change was taken over by the service
+    assert summary["uploaded"] < len(
+        second.files
+    )  # what did not change was taken over by the service
 
 
 def test_an_open_draft_of_a_new_version_is_used(root: Path, service: Sandbox) -> None:
@@ -323,7 +359,9 @@ def test_release_of_the_tiny_model_goes_to_loopback_only(root: Path, service: Sa
     assert send(root, service, only="youtube")["drafts"] == 1
     with pytest.raises(ReleaseRefused) as caught:
         send(root, "https://sandbox.zenodo.org", only="youtube")
-    assert caught.value.problems[0].startswith("sandbox model: youtube: scored with the sandbox's tiny model")  # type: ignore[attr-defined]
+    assert caught.value.problems[0].startswith(
+        "sandbox model: youtube: scored with the sandbox's tiny model"
+    )  # type: ignore[attr-defined]
     shutil.rmtree(folder)  # the mark stays with the folder, whatever happens to the scores
     with pytest.raises(ReleaseRefused):
         send(root, "https://sandbox.zenodo.org", only="youtube")
@@ -340,7 +378,10 @@ def test_too_many_files_for_a_record(root: Path, service: Sandbox) -> None:
         (folder / f"extra-{number}.tar").write_bytes(b"x")
     with pytest.raises(ReleaseRefused) as caught:
         send(root, service)
-    assert any(line.startswith("size: pairs: 110 files, a record takes 100") for line in caught.value.problems)  # type: ignore[attr-defined]
+    assert any(
+        line.startswith("size: pairs: 110 files, a record takes 100")
+        for line in caught.value.problems
+    )  # type: ignore[attr-defined]
 
 
 def test_second_publisher_is_told_of_the_first(root: Path, service: Sandbox) -> None:
@@ -355,7 +396,9 @@ def test_a_publication_that_was_never_noted_is_not_repeated(root: Path, service:
     draft = send(root, service)["sources"]["pairs"]["id"]
     state = (root / "state" / "deposits.json").read_text()
     send(root, service, publish=True)
-    (root / "state" / "deposits.json").write_text(state)  # killed between the publication and its note
+    (root / "state" / "deposits.json").write_text(
+        state
+    )  # killed between the publication and its note
     sent = len(puts(service))
     for _ in range(2):
         again = send(root, service, publish=True)
@@ -365,15 +408,23 @@ def test_a_publication_that_was_never_noted_is_not_repeated(root: Path, service:
     assert service.ledger.requests("/actions/newversion") == []
 
 
-def test_a_draft_published_by_hand_with_other_files_gets_a_new_version(root: Path, service: Sandbox) -> None:
+def test_a_draft_published_by_hand_with_other_files_gets_a_new_version(
+    root: Path, service: Sandbox
+) -> None:
     draft = send(root, service)["sources"]["pairs"]["id"]
     deposit = store(service).by_id[draft]
-    deposit.files["README.md"], deposit.submitted, deposit.metadata["doi"] = b"other", True, "10.5072/by-hand"
+    deposit.files["README.md"], deposit.submitted, deposit.metadata["doi"] = (
+        b"other",
+        True,
+        "10.5072/by-hand",
+    )
     again = send(root, service, publish=True)
     assert (again["published"], again["uploaded"], len(store(service).by_id)) == (1, 1, 2)
 
 
-def test_a_folder_that_fails_is_named_and_so_is_what_is_public(root: Path, service: Sandbox) -> None:
+def test_a_folder_that_fails_is_named_and_so_is_what_is_public(
+    root: Path, service: Sandbox
+) -> None:
     service.faults.add(
         "/api/deposit/depositions/",
         method="PUT",
@@ -392,9 +443,18 @@ def test_a_folder_that_fails_is_named_and_so_is_what_is_public(root: Path, servi
 
 
 @pytest.mark.parametrize(
-    "entry", ["null", "[1]", '{"127.0.0.1/pairs": 5}', '{"127.0.0.1/pairs": {"id": null}}', '{"127.0.0.1/pairs": {"published": "x"}}']
+    "entry",
+    [
+        "null",
+        "[1]",
+        '{"127.0.0.1/pairs": 5}',
+        '{"127.0.0.1/pairs": {"id": null}}',
+        '{"127.0.0.1/pairs": {"published": "x"}}',
+    ],
 )
-def test_a_damaged_state_is_a_line_and_nothing_is_sent(root: Path, service: Sandbox, entry: str) -> None:
+def test_a_damaged_state_is_a_line_and_nothing_is_sent(
+    root: Path, service: Sandbox, entry: str
+) -> None:
     (root / "state").mkdir(exist_ok=True)
     (root / "state" / "deposits.json").write_text(entry)
     with pytest.raises(DamagedData, match=r"deposits\.json is damaged"):
@@ -404,11 +464,19 @@ def test_a_damaged_state_is_a_line_and_nothing_is_sent(root: Path, service: Sand
 
 def test_anothers_deposit_in_the_state_is_no_bad_token(root: Path, service: Sandbox) -> None:
     send(root, service)
-    service.faults.add("/api/deposit/depositions/", status=403, body={"status": 403, "message": "Permission denied."})
-    with pytest.raises(FatalError, match=r"pairs: the deposit service refused \(403\): Permission denied\.") as caught:
+    service.faults.add(
+        "/api/deposit/depositions/",
+        status=403,
+        body={"status": 403, "message": "Permission denied."},
+    )
+    with pytest.raises(
+        FatalError, match=r"pairs: the deposit service refused \(403\): Permission denied\."
+    ) as caught:
         send(root, service)
     assert "another account's" in caught.value.hint
-    service.faults.add("/api/deposit/depositions/", status=401, body={"status": 401, "message": "no"})
+    service.faults.add(
+        "/api/deposit/depositions/", status=401, body={"status": 401, "message": "no"}
+    )
     with pytest.raises(CredentialRefused, match="does not accept ZENODO_TOKEN"):
         send(root, service)
 
@@ -417,7 +485,9 @@ def test_root_with_api_and_a_root_that_is_none(root: Path, service: Sandbox) -> 
     url = service.servers["zenodo"].url
     assert send(root, f"{url}/api")["drafts"] == 1
     (root / "state" / "deposits.json").unlink()
-    with pytest.raises(FatalError, match=f"pairs: there is no deposit API at {url}/elsewhere") as caught:
+    with pytest.raises(
+        FatalError, match=f"pairs: there is no deposit API at {url}/elsewhere"
+    ) as caught:
         send(root, f"{url}/elsewhere")
     assert "KB_ZENODO_ENDPOINT" in caught.value.hint
 
@@ -431,7 +501,11 @@ def test_a_limit_without_a_time_is_a_short_wait(root: Path, service: Sandbox) ->
 
 def test_a_limit_with_a_date(root: Path, service: Sandbox) -> None:
     def until(seconds: int) -> dict[str, str]:
-        return {"Retry-After": format_datetime(datetime.now(UTC) + timedelta(seconds=seconds), usegmt=True)}
+        return {
+            "Retry-After": format_datetime(
+                datetime.now(UTC) + timedelta(seconds=seconds), usegmt=True
+            )
+        }
 
     service.faults.add("/api/deposit", status=429, headers=until(3))
     started = monotonic()
@@ -463,17 +537,41 @@ def test_an_upload_ends_in_the_midst_of_a_file(tmp_path: Path, service: Sandbox)
     assert client.files(draft["id"]) == {}
     (tmp_path / "empty").touch()
     client.upload(draft["links"]["bucket"], file, md5(file), lambda size: None)
-    client.upload(draft["links"]["bucket"], tmp_path / "empty", md5(tmp_path / "empty"), lambda size: None)
-    assert {name: one["filesize"] for name, one in client.files(draft["id"]).items()} == {"large.tar": 64 << 20, "empty": 0}
+    client.upload(
+        draft["links"]["bucket"], tmp_path / "empty", md5(tmp_path / "empty"), lambda size: None
+    )
+    assert {name: one["filesize"] for name, one in client.files(draft["id"]).items()} == {
+        "large.tar": 64 << 20,
+        "empty": 0,
+    }
 
 
-def test_command_says_where_each_draft_is(root: Path, service: Sandbox, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_says_where_each_draft_is(
+    root: Path,
+    service: Sandbox,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     from kb.cli.app import main
 
     for name, value in service.settings().items():
         monkeypatch.setenv(name, value)
     with pytest.raises(SystemExit) as left:
-        main(["release", "publish", "--to", "zenodo-sandbox", "--data", str(root), "--quiet", "--only", "pairs"])
+        main(
+            [
+                "release",
+                "publish",
+                "--to",
+                "zenodo-sandbox",
+                "--data",
+                str(root),
+                "--quiet",
+                "--only",
+                "pairs",
+            ]
+        )
     assert left.value.code == 0
     number, url = next(iter(store(service).by_id)), service.servers["zenodo"].url
-    assert capsys.readouterr().out.splitlines()[0] == f"pairs  draft  {number}  {url}/deposit/{number}"
+    assert (
+        capsys.readouterr().out.splitlines()[0] == f"pairs  draft  {number}  {url}/deposit/{number}"
+    )

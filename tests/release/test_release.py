@@ -20,10 +20,16 @@ from tests.release.made import build
 
 
 def content(root: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(root)): path.read_bytes() for path in sorted((root / "release").rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(root)): path.read_bytes()
+        for path in sorted((root / "release").rglob("*"))
+        if path.is_file()
+    }
 
 
-def test_same_bytes_twice_later_and_with_more_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_same_bytes_twice_later_and_with_more_workers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     first, second = tmp_path / "a", tmp_path / "elsewhere" / "b"
     release(a_run(build(first)))
     monkeypatch.setenv("KB_NOW", "2026-11-20T11:11:11Z")
@@ -66,7 +72,9 @@ def test_wiki_that_names_no_licence_takes_the_profiles(tmp_path: Path) -> None:
             row["license"] = None
 
     profile = tmp_path / "mine.toml"
-    profile.write_text('name = "mine"\ntitle = "Mine"\n[release.licenses]\nwiki = "CC-BY-NC-SA-3.0"\n')
+    profile.write_text(
+        'name = "mine"\ntitle = "Mine"\n[release.licenses]\nwiki = "CC-BY-NC-SA-3.0"\n'
+    )
     release(a_run(build(tmp_path, edit, ("wiki",)), profile))
     assert "CC-BY-NC-SA-3.0" in (tmp_path / "release" / "wiki" / "LICENSE").read_text()
 
@@ -80,7 +88,9 @@ def test_tombstones_follow_and_reach_the_pairs(tmp_path: Path) -> None:
     tombstones.add(tmp_path, "youtube", [("vid-gone", "deleted")])
     release(a_run(tmp_path))
     for source in ("youtube", "pairs"):
-        assert pq.read_table(tmp_path / "release" / source / "tombstones.parquet")["key"].to_pylist() == ["vid-gone"]
+        assert pq.read_table(tmp_path / "release" / source / "tombstones.parquet")[
+            "key"
+        ].to_pylist() == ["vid-gone"]
     assert "1 keys were removed" in (tmp_path / "release" / "youtube" / "DATASHEET.md").read_text()
 
 
@@ -99,8 +109,14 @@ def test_sample_is_bounded_and_whole_groups(tmp_path: Path) -> None:
     total = sum(path.stat().st_size for path in folder.data)
     written = sample.write(folder, total / 4 / 1e6)
     assert sum(path.stat().st_size for path in written) <= total / 4
-    posts = set(pq.read_table(tmp_path / "release" / "reddit" / "sample-posts.parquet")["post_id"].to_pylist())
-    comments = pq.read_table(tmp_path / "release" / "reddit" / "sample-comments.parquet")["post_id"].to_pylist()
+    posts = set(
+        pq.read_table(tmp_path / "release" / "reddit" / "sample-posts.parquet")[
+            "post_id"
+        ].to_pylist()
+    )
+    comments = pq.read_table(tmp_path / "release" / "reddit" / "sample-comments.parquet")[
+        "post_id"
+    ].to_pylist()
     assert set(comments) == posts
     assert len(comments) == 3 * len(posts)
 
@@ -118,7 +134,10 @@ def test_wiki_archives_belong_to_the_release(tmp_path: Path) -> None:
     build(tmp_path, sources=("wiki",))
     release(a_run(tmp_path))
     raw = json.loads((tmp_path / "release" / "wiki" / "croissant.json").read_text())
-    assert any(file["@id"] == "images-00000-of-00001.tar" and file["encodingFormat"] == "application/x-tar" for file in raw["distribution"])
+    assert any(
+        file["@id"] == "images-00000-of-00001.tar" and file["encodingFormat"] == "application/x-tar"
+        for file in raw["distribution"]
+    )
     assert "images-00000-of-00001.tar" in (tmp_path / "release" / "wiki" / "SHA256SUMS").read_text()
 
 
@@ -146,9 +165,13 @@ def test_names_and_orcids_reach_citation_and_deposit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("written", "sent"), [("de", "deu"), ("deu", "deu"), ("qq", None)])
-def test_language_of_the_profile_reaches_the_deposit(tmp_path: Path, written: str, sent: str | None) -> None:
+def test_language_of_the_profile_reaches_the_deposit(
+    tmp_path: Path, written: str, sent: str | None
+) -> None:
     profile = tmp_path / "mine.toml"
-    profile.write_text(f'name = "mine"\ntitle = "Mine"\n[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\nlanguage = "{written}"\n')
+    profile.write_text(
+        f'name = "mine"\ntitle = "Mine"\n[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\nlanguage = "{written}"\n'
+    )
     release(a_run(build(tmp_path, sources=("pairs",), n=10), profile))
     folder = tmp_path / "release" / "pairs"
     assert json.loads((folder / "zenodo.json").read_text())["metadata"].get("language") == sent
@@ -164,6 +187,10 @@ def test_duties_are_those_of_the_licence(tmp_path: Path, spdx: str, alike: bool)
     release(a_run(build(tmp_path, edit, ("wiki",), n=10)))
     folder = tmp_path / "release" / "wiki"
     head = (folder / "LICENSE").read_text().partition("-" * 72)[0]
-    for text in (head, json.loads((folder / "zenodo.json").read_text())["metadata"]["description"], (folder / "README.md").read_text()):
+    for text in (
+        head,
+        json.loads((folder / "zenodo.json").read_text())["metadata"]["description"],
+        (folder / "README.md").read_text(),
+    ):
         assert ("alike" in text or "under the same licence" in text) is alike
         assert KNOWN[spdx].short in text

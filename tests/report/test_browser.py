@@ -53,7 +53,9 @@ def test_readable_without_scrolling_sideways(browser: Any, page: Path, name: str
         {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile},
     )
     browser.get(page.as_uri())
-    assert browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    assert browser.execute_script(
+        "return document.documentElement.scrollWidth <= window.innerWidth"
+    )
     pictures = browser.execute_script(
         "return [...document.querySelectorAll('figure img')].map(i => [i.complete, i.naturalWidth, i.getBoundingClientRect().width, i.alt.length])"
     )
@@ -61,7 +63,10 @@ def test_readable_without_scrolling_sideways(browser: Any, page: Path, name: str
     assert all(complete and natural > 0 and alt > 20 for complete, natural, _, alt in pictures)
     assert all(shown <= width for _, _, shown, _ in pictures)
     # Ten points of a figure's own width: what a label's letters measure on the screen.
-    assert min(shown / natural * 10 * 96 / 72 for _, natural, shown, _ in pictures if natural < 1000) >= 8
+    assert (
+        min(shown / natural * 10 * 96 / 72 for _, natural, shown, _ in pictures if natural < 1000)
+        >= 8
+    )
     assert browser.execute_script("return getComputedStyle(document.body).fontSize") == "16px"
 
 
@@ -69,7 +74,11 @@ def test_asks_the_network_for_nothing_and_logs_no_error(browser: Any, page: Path
     browser.get_log("performance")
     browser.get_log("browser")
     browser.get(page.as_uri())
-    asked = [entry["message"] for entry in browser.get_log("performance") if '"Network.requestWillBeSent"' in entry["message"]]
+    asked = [
+        entry["message"]
+        for entry in browser.get_log("performance")
+        if '"Network.requestWillBeSent"' in entry["message"]
+    ]
     assert not [message for message in asked if '"url":"http' in message]
     assert browser.get_log("browser") == []
 

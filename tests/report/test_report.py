@@ -87,8 +87,16 @@ def test_durations_end_at_the_percentile_of_the_profile(root: Path) -> None:
     data, profile = Data(a_run(root)), load_profile("minecraft")
     figure = figures.durations(data, profile)
     files = [str(path) for path in (root / "clean" / "youtube" / "videos").glob("*.parquet")]
-    limit = duckdb.connect().execute("SELECT quantile_disc(duration_s, 0.85) FROM read_parquet(?)", [files]).fetchone()[0]
-    shown = duckdb.connect().execute("SELECT count(*) FROM read_parquet(?) WHERE duration_s <= ?", [files, limit]).fetchone()[0]
+    limit = (
+        duckdb.connect()
+        .execute("SELECT quantile_disc(duration_s, 0.85) FROM read_parquet(?)", [files])
+        .fetchone()[0]
+    )
+    shown = (
+        duckdb.connect()
+        .execute("SELECT count(*) FROM read_parquet(?) WHERE duration_s <= ?", [files, limit])
+        .fetchone()[0]
+    )
     assert figure is not None
     assert sum(n for _, n in figure.rows) == shown
     assert 0.84 <= shown / 120 <= 0.87
@@ -119,7 +127,11 @@ def test_quota_adds_up_by_day(root: Path) -> None:
     figure = figures.quota(Data(a_run(root)), load_profile("minecraft"))
     assert figure is not None
     assert sorted(tuple(row) for row in figure.rows) == sorted(
-        [(f"2026-11-0{day}", f"youtube {bucket}", day * units) for day in (1, 2, 3) for bucket, units in (("general", 5), ("search", 1))]
+        [
+            (f"2026-11-0{day}", f"youtube {bucket}", day * units)
+            for day in (1, 2, 3)
+            for bucket, units in (("general", 5), ("search", 1))
+        ]
     )
 
 
@@ -132,7 +144,10 @@ def test_pair_lengths_count_every_pair(root: Path) -> None:
 def test_word_cloud_counts_rows_not_mentions(root: Path) -> None:
     data = Data(a_run(root))
     found = dict(data.words("reddit/posts", ("title", "body"), set(), 200))
-    texts = [set(re.findall(r"[a-z]+", f"{row['title']} {row['body']}")) for row in rows(120)["reddit/posts"]]
+    texts = [
+        set(re.findall(r"[a-z]+", f"{row['title']} {row['body']}"))
+        for row in rows(120)["reddit/posts"]
+    ]
     assert found["honey"] == sum("honey" in words for words in texts)
 
 
@@ -141,7 +156,10 @@ def test_missing_sources_are_said_in_a_line(tmp_path: Path) -> None:
     summary = report(a_run(tmp_path))
     page = (tmp_path / "report" / "index.html").read_text()
     assert summary["without"] == "Wiki, Reddit, Video-text pairs, Services"
-    assert "No data of Reddit yet: run `kb reddit crawl` or `kb reddit import`, then `kb reddit filter`." in page
+    assert (
+        "No data of Reddit yet: run `kb reddit crawl` or `kb reddit import`, then `kb reddit filter`."
+        in page
+    )
     assert "No data of YouTube" not in page
 
 
@@ -154,7 +172,9 @@ def test_what_people_wrote_is_text_and_never_markup(tmp_path: Path) -> None:
     def edit(name: str, made: list[dict]) -> None:  # type: ignore[type-arg]
         for row in made:
             if name == "reddit/posts":
-                row["title"] = '<script>alert("x")</script><img src=http://evil.example/x.png onerror=alert(1)>'
+                row["title"] = (
+                    '<script>alert("x")</script><img src=http://evil.example/x.png onerror=alert(1)>'
+                )
 
     build(tmp_path, edit, sources=("reddit",), export=False, n=10)
     report(a_run(tmp_path))
@@ -207,7 +227,9 @@ def test_a_damaged_file_is_named(tmp_path: Path) -> None:
 
     build(tmp_path, sources=("wiki", "pairs"), export=False, n=10)
     with Data(a_run(tmp_path)) as data:
-        shots = [tmp_path / row[0] for row in data.rows("wiki/pages", "SELECT screenshot_path FROM {t}")]
+        shots = [
+            tmp_path / row[0] for row in data.rows("wiki/pages", "SELECT screenshot_path FROM {t}")
+        ]
     for shot in shots:
         shot.parent.mkdir(parents=True, exist_ok=True)
         Image.effect_noise((1280, 900), 64).save(shot)

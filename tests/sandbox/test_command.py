@@ -46,9 +46,13 @@ def test_a_command_gets_the_settings_and_its_exit_code_is_ours() -> None:
         timeout=60,
     )
     assert (done.returncode, done.stdout) == (7, "/tmp/some where\n")
-    killed = subprocess.run([*KB, "--", "sh", "-c", "kill -KILL $$"], capture_output=True, timeout=60)
+    killed = subprocess.run(
+        [*KB, "--", "sh", "-c", "kill -KILL $$"], capture_output=True, timeout=60
+    )
     assert killed.returncode == 128 + signal.SIGKILL
-    absent = subprocess.run([*KB, "--", "no-such-command"], capture_output=True, text=True, timeout=60)
+    absent = subprocess.run(
+        [*KB, "--", "no-such-command"], capture_output=True, text=True, timeout=60
+    )
     assert (absent.returncode, absent.stderr) == (2, "kb: no-such-command: no such command\n")
 
 

@@ -30,11 +30,18 @@ def pages(call: Any, **arguments: Any) -> list[dict[str, Any]]:
 
 def test_every_upload_of_a_channel_is_listed_fifty_a_page(services: Sandbox, data_api: Any) -> None:
     channel = services.world.youtube.channels[0]
-    answers = pages(data_api.playlistItems().list, part="contentDetails", playlistId=channel.uploads, maxResults=50)
+    answers = pages(
+        data_api.playlistItems().list,
+        part="contentDetails",
+        playlistId=channel.uploads,
+        maxResults=50,
+    )
     assert [len(answer["items"]) for answer in answers] == [50, 50, 31]
     ids = [item["contentDetails"]["videoId"] for answer in answers for item in answer["items"]]
     assert set(ids) == {video.id for video in channel.videos}
-    assert len(ids) == len(set(ids)) + 1  # an upload while paging shifts one entry onto the next page again
+    assert (
+        len(ids) == len(set(ids)) + 1
+    )  # an upload while paging shifts one entry onto the next page again
     assert services.ledger.units() == 3
 
 
@@ -42,17 +49,36 @@ def test_search_finds_channels_up_to_five_hundred() -> None:
     from kb.sandbox.world import World
 
     with Sandbox(World(n_channels=640, n_videos=0), services=["youtube"]) as services:
-        answers = pages(make_client(services).search().list, part="snippet", q="Minecraft", type="channel", maxResults=50)
+        answers = pages(
+            make_client(services).search().list,
+            part="snippet",
+            q="Minecraft",
+            type="channel",
+            maxResults=50,
+        )
         assert sum(len(answer["items"]) for answer in answers) == 500
         assert services.ledger.units("search") == len(answers) == 10
         assert services.ledger.units("general") == 0
-        assert make_client(services).search().list(part="snippet", q="chess", type="channel").execute()["items"] == []
+        assert (
+            make_client(services)
+            .search()
+            .list(part="snippet", q="chess", type="channel")
+            .execute()["items"]
+            == []
+        )
 
 
 def test_videos_leave_out_what_is_gone_and_hidden(services: Sandbox, data_api: Any) -> None:
     world = services.world.youtube
-    gone, hidden, plain = (world.of_case(name)[0] for name in ("gone between listing and reading", "likes hidden", "manual"))
-    answer = data_api.videos().list(part="id,statistics", id=f"{plain.id},{gone.id},{hidden.id}").execute()
+    gone, hidden, plain = (
+        world.of_case(name)[0]
+        for name in ("gone between listing and reading", "likes hidden", "manual")
+    )
+    answer = (
+        data_api.videos()
+        .list(part="id,statistics", id=f"{plain.id},{gone.id},{hidden.id}")
+        .execute()
+    )
     assert [item["id"] for item in answer["items"]] == [plain.id, hidden.id]
     assert set(answer["items"][0]) == {"kind", "etag", "id", "statistics"}
     assert "likeCount" not in answer["items"][1]["statistics"]
@@ -68,41 +94,73 @@ def test_videos_leave_out_what_is_gone_and_hidden(services: Sandbox, data_api: A
         ("manual", {}, (None, None)),
     ],
 )
-def test_the_embed_has_the_shape_of_the_video(services: Sandbox, data_api: Any, name: str, frame: dict[str, int], size: tuple[str, str]) -> None:
+def test_the_embed_has_the_shape_of_the_video(
+    services: Sandbox, data_api: Any, name: str, frame: dict[str, int], size: tuple[str, str]
+) -> None:
     video = services.world.youtube.of_case(name)[0]
-    player = data_api.videos().list(part="player", id=video.id, **frame).execute()["items"][0]["player"]
+    player = (
+        data_api.videos().list(part="player", id=video.id, **frame).execute()["items"][0]["player"]
+    )
     assert (player.get("embedWidth"), player.get("embedHeight")) == size
 
 
 def test_text_that_json_can_only_escape_travels(services: Sandbox, data_api: Any) -> None:
-    for name in ("NUL in the title", "lone surrogate in the title", "right-to-left title", "emoji in the title"):
+    for name in (
+        "NUL in the title",
+        "lone surrogate in the title",
+        "right-to-left title",
+        "emoji in the title",
+    ):
         video = services.world.youtube.of_case(name)[0]
-        assert data_api.videos().list(part="snippet", id=video.id).execute()["items"][0]["snippet"]["title"] == video.title
+        assert (
+            data_api.videos()
+            .list(part="snippet", id=video.id)
+            .execute()["items"][0]["snippet"]["title"]
+            == video.title
+        )
 
 
 def refusal(call: Any) -> tuple[int, str]:
     with pytest.raises(HttpError) as caught:
         call.execute()
-    return caught.value.status_code, json.loads(caught.value.content)["error"]["errors"][0]["reason"]
+    return caught.value.status_code, json.loads(caught.value.content)["error"]["errors"][0][
+        "reason"
+    ]
 
 
 def test_refusals_are_googles(services: Sandbox, data_api: Any) -> None:
     world, ids = services.world, list(services.world.youtube.videos)
-    assert refusal(data_api.playlistItems().list(part="snippet", playlistId=world.youtube.channels[4].uploads)) == (
+    assert refusal(
+        data_api.playlistItems().list(part="snippet", playlistId=world.youtube.channels[4].uploads)
+    ) == (
         404,
         "playlistNotFound",
     )
-    assert refusal(data_api.playlistItems().list(part="snippet", playlistId="UULF" + world.youtube.channels[5].id[2:])) == (404, "playlistNotFound")
-    assert refusal(data_api.videos().list(part="snippet", id=",".join(ids[:51]))) == (400, "invalidFilters")
+    assert refusal(
+        data_api.playlistItems().list(
+            part="snippet", playlistId="UULF" + world.youtube.channels[5].id[2:]
+        )
+    ) == (404, "playlistNotFound")
+    assert refusal(data_api.videos().list(part="snippet", id=",".join(ids[:51]))) == (
+        400,
+        "invalidFilters",
+    )
     assert refusal(data_api.videos().list(part="nothing", id=ids[0])) == (400, "unknownPart")
-    assert refusal(data_api.search().list(part="snippet", q="x", type="channel", maxResults=51)) == (
+    assert refusal(
+        data_api.search().list(part="snippet", q="x", type="channel", maxResults=51)
+    ) == (
         400,
         "invalidParameter",
     )
-    assert refusal(make_client(services, "wrong").videos().list(part="snippet", id=ids[0])) == (400, "keyInvalid")
+    assert refusal(make_client(services, "wrong").videos().list(part="snippet", id=ids[0])) == (
+        400,
+        "keyInvalid",
+    )
 
 
-def test_each_bucket_ends_with_its_own_answer_and_begins_again_the_next_pacific_day(services: Sandbox, data_api: Any) -> None:
+def test_each_bucket_ends_with_its_own_answer_and_begins_again_the_next_pacific_day(
+    services: Sandbox, data_api: Any
+) -> None:
     from datetime import UTC, datetime
 
     world, one = services.world, next(iter(services.world.youtube.videos))
@@ -160,7 +218,11 @@ def lacking(real: Any, made: Any, path: str = "") -> list[str]:
         return [
             found
             for name in real
-            for found in ([f"{path}.{name} is absent"] if name not in made else lacking(real[name], made[name], f"{path}.{name}"))
+            for found in (
+                [f"{path}.{name} is absent"]
+                if name not in made
+                else lacking(real[name], made[name], f"{path}.{name}")
+            )
         ]
     if isinstance(real, list) and isinstance(made, list):
         return lacking(real[0], made[0], path + "[]") if real and made else []
@@ -191,24 +253,40 @@ GONE = {
             {"q": "Minecraft", "type": "channel", "part": "snippet", "maxResults": 3},
         ),
         ("channels/info_multiple.json", "channels", {"part": PARTS["channels"]}),
-        ("playlists/playlist_api_response.json", "playlists", {"part": "snippet,status,contentDetails"}),
-        ("playlist_items/playlist_items_paged_1.json", "playlistItems", {"part": PARTS["playlistItems"]}),
+        (
+            "playlists/playlist_api_response.json",
+            "playlists",
+            {"part": "snippet,status,contentDetails"},
+        ),
+        (
+            "playlist_items/playlist_items_paged_1.json",
+            "playlistItems",
+            {"part": PARTS["playlistItems"]},
+        ),
         ("videos/video_api_response.json", "videos", {"part": PARTS["videos"]}),
         ("videos/videos_info_multi.json", "videos", {"part": "snippet,player"}),
     ],
 )
-def test_answers_have_the_recorded_form(recorded: Path, services: Sandbox, data_api: Any, file: str, method: str, query: dict[str, Any]) -> None:
+def test_answers_have_the_recorded_form(
+    recorded: Path, services: Sandbox, data_api: Any, file: str, method: str, query: dict[str, Any]
+) -> None:
     channel = services.world.youtube.channels[0]
     more = {
         "channels": {"id": channel.id},
         "playlists": {"channelId": channel.id},
         "playlistItems": {"playlistId": channel.uploads},
     }
-    query |= more.get(method, {"id": services.world.youtube.of_case("manual")[0].id} if method == "videos" else {})
+    query |= more.get(
+        method, {"id": services.world.youtube.of_case("manual")[0].id} if method == "videos" else {}
+    )
     made = getattr(data_api, method)().list(**query).execute()
     made["items"] = [item for item in made["items"] if item["snippet"]["title"] != "Private video"]
     real = json.loads((recorded / "youtube" / file).read_text(encoding="utf-8"))
-    assert [line for line in lacking(form(real), form(made)) if not any(f".{name}" in line for name in GONE)] == []
+    assert [
+        line
+        for line in lacking(form(real), form(made))
+        if not any(f".{name}" in line for name in GONE)
+    ] == []
 
 
 @pytest.mark.parametrize(

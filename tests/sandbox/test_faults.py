@@ -29,7 +29,9 @@ def test_which_requests_a_fault_strikes(services: Sandbox) -> None:
 
 
 def test_a_burst_limit_strikes_what_comes_beyond_it(services: Sandbox) -> None:
-    services.faults.add("/watch", status=429, headers={"Retry-After": "1"}, burst=(3, 3600.0), times=None)
+    services.faults.add(
+        "/watch", status=429, headers={"Retry-After": "1"}, burst=(3, 3600.0), times=None
+    )
     assert statuses(services, 5) == [200, 200, 200, 429, 429]
 
 
@@ -42,7 +44,9 @@ def test_connections_break_and_bodies_are_cut(services: Sandbox) -> None:
         statuses(services, 1)
     whole = requests.get(root(services) + "/watch?v=x", timeout=10).content
     services.faults.add("/watch", cut=0.5, honest=True)
-    assert requests.get(root(services) + "/watch?v=x", timeout=10).content == whole[: len(whole) // 2]
+    assert (
+        requests.get(root(services) + "/watch?v=x", timeout=10).content == whole[: len(whole) // 2]
+    )
 
 
 def test_a_host_that_is_gone_comes_back_on_its_port(services: Sandbox) -> None:
@@ -80,11 +84,18 @@ def test_the_ledger_has_every_request_and_no_key(services: Sandbox) -> None:
 
 
 def test_another_process_sets_the_plan(services: Sandbox) -> None:
-    requests.post(root(services) + "/_sandbox/faults", json={"path": "/watch", "status": 418, "times": None}, timeout=10)
+    requests.post(
+        root(services) + "/_sandbox/faults",
+        json={"path": "/watch", "status": 418, "times": None},
+        timeout=10,
+    )
     assert statuses(services, 2) == [418, 418]
     requests.delete(root(services) + "/_sandbox/faults", timeout=10)
     assert statuses(services, 1) == [200]
-    assert [one["status"] for one in requests.get(root(services) + "/_sandbox/requests", timeout=10).json()] == [
+    assert [
+        one["status"]
+        for one in requests.get(root(services) + "/_sandbox/requests", timeout=10).json()
+    ] == [
         418,
         418,
         200,

@@ -24,14 +24,21 @@ def client(web: requests.Session) -> YouTubeTranscriptApi:
     return YouTubeTranscriptApi(http_client=web)
 
 
-def test_captions_come_as_the_world_says_them(services: Sandbox, client: YouTubeTranscriptApi) -> None:
+def test_captions_come_as_the_world_says_them(
+    services: Sandbox, client: YouTubeTranscriptApi
+) -> None:
     world = services.world.youtube
     video = world.of_case("manual before automatic")[0]
     tracks = {track.is_generated: track for track in client.list(video.id)}
     for generated, track in tracks.items():
-        said = world.cues(video, next(one for one in video.tracks if (one.kind == "asr") == generated))
+        said = world.cues(
+            video, next(one for one in video.tracks if (one.kind == "asr") == generated)
+        )
         assert [(cue.start, cue.duration, cue.text) for cue in track.fetch()] == said
-    assert [seen.path for seen in services.ledger.requests()[:2]] == ["/watch", "/youtubei/v1/player"]
+    assert [seen.path for seen in services.ledger.requests()[:2]] == [
+        "/watch",
+        "/youtubei/v1/player",
+    ]
 
 
 def test_automatic_cues_overlap_and_manual_ones_do_not(services: Sandbox) -> None:
@@ -39,17 +46,26 @@ def test_automatic_cues_overlap_and_manual_ones_do_not(services: Sandbox) -> Non
     for name, overlap in (("asr", True), ("manual", False)):
         video = world.of_case(name)[0]
         cues = world.cues(video, video.tracks[0])
-        assert any(first[0] + first[1] > second[0] + 0.01 for first, second in itertools.pairwise(cues)) is overlap
+        assert (
+            any(
+                first[0] + first[1] > second[0] + 0.01 for first, second in itertools.pairwise(cues)
+            )
+            is overlap
+        )
 
 
 def test_languages_and_translation(services: Sandbox, client: YouTubeTranscriptApi) -> None:
     world = services.world.youtube
-    assert [track.language_code for track in client.list(world.of_case("British English")[0].id)] == ["en-GB"]
+    assert [
+        track.language_code for track in client.list(world.of_case("British English")[0].id)
+    ] == ["en-GB"]
     german = world.of_case("translated from German")[0]
     original = client.list(german.id).find_transcript(["de"])
     translated = original.translate("en").fetch()
     assert translated.is_generated
-    assert [cue.text for cue in translated] == [text for _, _, text in world.cues(german, german.tracks[0], "en")]
+    assert [cue.text for cue in translated] == [
+        text for _, _, text in world.cues(german, german.tracks[0], "en")
+    ]
     stubborn = world.of_case("German that can't be translated")[0]
     with pytest.raises(api.NotTranslatable):
         client.list(stubborn.id).find_transcript(["de"]).translate("en")
@@ -64,7 +80,9 @@ def test_languages_and_translation(services: Sandbox, client: YouTubeTranscriptA
         ("age restricted", api.AgeRestricted),
     ],
 )
-def test_what_can_not_be_had(services: Sandbox, client: YouTubeTranscriptApi, case: str, error: type[Exception]) -> None:
+def test_what_can_not_be_had(
+    services: Sandbox, client: YouTubeTranscriptApi, case: str, error: type[Exception]
+) -> None:
     with pytest.raises(error):
         client.list(services.world.youtube.of_case(case)[0].id)
 
@@ -85,7 +103,9 @@ def test_blocks_are_seen_as_blocks(services: Sandbox, client: YouTubeTranscriptA
         client.list(video)
 
 
-def test_a_consent_wall_opens_to_its_cookie(services: Sandbox, client: YouTubeTranscriptApi) -> None:
+def test_a_consent_wall_opens_to_its_cookie(
+    services: Sandbox, client: YouTubeTranscriptApi
+) -> None:
     services.faults.add(
         "/watch",
         status=200,
@@ -110,11 +130,17 @@ def page_data(page: str, name: str) -> Any:
 
 
 def test_the_game_stands_in_the_pages_data(services: Sandbox, web: requests.Session) -> None:
-    for name, game in (("manual", "topic"), ("another game", "other"), ("no label, topic in the title", None)):
+    for name, game in (
+        ("manual", "topic"),
+        ("another game", "other"),
+        ("no label, topic in the title", None),
+    ):
         for video in services.world.youtube.of_case(name):
             page = web.get(f"https://www.youtube.com/watch?v={video.id}").text
             text = json.dumps(page_data(page, "ytInitialData"))
-            assert {key for key, (browse, _) in GAMES.items() if browse in text} == ({game} if game else set())
+            assert {key for key, (browse, _) in GAMES.items() if browse in text} == (
+                {game} if game else set()
+            )
 
 
 def test_the_player_answer_has_the_recorded_form(recorded: Path, services: Sandbox) -> None:
@@ -124,10 +150,18 @@ def test_the_player_answer_has_the_recorded_form(recorded: Path, services: Sandb
         (
             "youtube.innertube.json",
             "manual",
-            {"streamingData": ("formats", "adaptiveFormats"), "videoDetails": None, "captions": None},
+            {
+                "streamingData": ("formats", "adaptiveFormats"),
+                "videoDetails": None,
+                "captions": None,
+            },
         ),
         ("youtube_age_restricted.innertube.json", "age restricted", {"videoDetails": None}),
-        ("youtube_transcripts_disabled2.innertube.json", "no captions", {"streamingData": ("formats",)}),
+        (
+            "youtube_transcripts_disabled2.innertube.json",
+            "no captions",
+            {"streamingData": ("formats",)},
+        ),
     ):
         real = json.loads((folder / file).read_text(encoding="utf-8"))
         video = world.of_case(case)[0]
@@ -152,7 +186,11 @@ def test_the_player_answer_has_the_recorded_form(recorded: Path, services: Sandb
 def test_the_walls_have_the_marks_of_the_recorded_ones(recorded: Path) -> None:
     folder = recorded / "youtube" / "transcripts"
     for file, made, mark in (
-        ("youtube_consent_page.html", youtube_pages.consent_page(), 'action="https://consent.youtube.com/s"'),
+        (
+            "youtube_consent_page.html",
+            youtube_pages.consent_page(),
+            'action="https://consent.youtube.com/s"',
+        ),
         ("youtube_consent_page.html", youtube_pages.consent_page(), 'name="v" value="'),
         ("youtube_too_many_requests.html", youtube_pages.captcha_page(), 'class="g-recaptcha"'),
     ):
@@ -164,8 +202,12 @@ def test_the_walls_have_the_marks_of_the_recorded_ones(recorded: Path) -> None:
 def test_timed_text_has_the_recorded_form(recorded: Path) -> None:
     from defusedxml import ElementTree
 
-    real = ElementTree.fromstring((recorded / "youtube" / "transcripts" / "transcript.xml").read_text(encoding="utf-8"))
-    made = ElementTree.fromstring(youtube_web.timed_text([(0.0, 1.5, "don't <b>"), (1.5, 2.0, "a & b")]))
+    real = ElementTree.fromstring(
+        (recorded / "youtube" / "transcripts" / "transcript.xml").read_text(encoding="utf-8")
+    )
+    made = ElementTree.fromstring(
+        youtube_web.timed_text([(0.0, 1.5, "don't <b>"), (1.5, 2.0, "a & b")])
+    )
     assert made.tag == real.tag
     assert {(one.tag, *one.attrib) for one in made} == {(one.tag, *one.attrib) for one in real}
     assert made[0].text == "don&#x27;t &lt;b&gt;"  # escaped twice

@@ -9,7 +9,16 @@ import sys
 from kb.sandbox.cases import CASES
 from kb.sandbox.world import World
 
-STAGES = ["missing", "topic", "views", "aspect_ratio", "duration", "age_restricted", "toxicity", "transcript"]
+STAGES = [
+    "missing",
+    "topic",
+    "views",
+    "aspect_ratio",
+    "duration",
+    "age_restricted",
+    "toxicity",
+    "transcript",
+]
 _DIGEST = """
 import hashlib
 from kb.sandbox.world import World
@@ -21,7 +30,11 @@ print(hashlib.sha256(repr(held).encode("utf-8", "surrogatepass")).hexdigest())
 
 def digest(seed: int) -> str:
     world = World(seed).youtube
-    held = [(video, world.cues(video, track)) for video in world.videos.values() for track in video.tracks]
+    held = [
+        (video, world.cues(video, track))
+        for video in world.videos.values()
+        for track in video.tracks
+    ]
     return hashlib.sha256(repr(held).encode("utf-8", "surrogatepass")).hexdigest()
 
 

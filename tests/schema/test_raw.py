@@ -31,14 +31,22 @@ ALLOWED = {
     "maxItems",
     "additionalProperties",
 }
-FOLDERS = {"search": "youtube/search", "playlist_items": "youtube/playlist_items", "videos": "youtube/videos", "channels": "youtube/channels"}
+FOLDERS = {
+    "search": "youtube/search",
+    "playlist_items": "youtube/playlist_items",
+    "videos": "youtube/videos",
+    "channels": "youtube/channels",
+}
 
 
 def words(schema: Any) -> set[str]:
     found = set(schema)
     for inner in schema.get("properties", {}).values():
         found |= words(inner)
-    for inner in [*schema.get("prefixItems", []), *([schema["items"]] if "items" in schema else [])]:
+    for inner in [
+        *schema.get("prefixItems", []),
+        *([schema["items"]] if "items" in schema else []),
+    ]:
         found |= words(inner)
     return found
 
@@ -72,7 +80,9 @@ def reddit_answers(recorded: Path) -> Iterator[tuple[str, Any]]:
                 yield "morechildren", answer
             elif isinstance(answer, dict) and answer.get("kind") == "Listing":
                 children = answer["data"]["children"]
-                answer["data"]["children"] = [child for child in children if child["kind"] in ("t1", "t3", "more")]
+                answer["data"]["children"] = [
+                    child for child in children if child["kind"] in ("t1", "t3", "more")
+                ]
                 yield "info" if "/api/info" in uri else "listings", answer
 
 
@@ -83,7 +93,10 @@ def test_recorded_answers_of_reddit_have_no_unknown_key_and_no_problem(recorded:
         assert (found.problems, dict(found.unknown)) == ([], {})
         seen[kind] += 1
     assert set(seen) == {"comments", "info", "morechildren", "listings"}
-    retyped = {"kind": "Listing", "data": {"children": [{"kind": "t3", "data": {"id": "a", "score": "many", "aura": 1}}]}}
+    retyped = {
+        "kind": "Listing",
+        "data": {"children": [{"kind": "t3", "data": {"id": "a", "score": "many", "aura": 1}}]},
+    }
     found = raw.check("reddit/info", retyped)
     assert found.problems == ['data.children[0].data.score is "many", not integer or null']
     assert dict(found.unknown) == {"data.children[].data.aura": 1}
@@ -98,8 +111,14 @@ WIKI = {
 
 
 @pytest.mark.parametrize("kind", WIKI)
-def test_recorded_answers_of_a_wiki_have_no_unknown_key_and_no_problem(kind: str, recorded: Path) -> None:
-    paths = [path for path in sorted((recorded / "wiki" / "api").rglob("*.json")) if path.parent.name != "parse" and path.name.startswith(WIKI[kind])]
+def test_recorded_answers_of_a_wiki_have_no_unknown_key_and_no_problem(
+    kind: str, recorded: Path
+) -> None:
+    paths = [
+        path
+        for path in sorted((recorded / "wiki" / "api").rglob("*.json"))
+        if path.parent.name != "parse" and path.name.startswith(WIKI[kind])
+    ]
     assert paths
     for path in paths:
         found = raw.check(f"wiki/{kind}", json.loads(path.read_text(encoding="utf-8")))
@@ -118,7 +137,10 @@ def video(**change: Any) -> dict[str, Any]:
         (video(snippet={"title": 3}), "items[1].snippet.title is 3, not string"),
         (video(snippet="gone"), 'items[1].snippet is "gone", not object'),
         (video(statistics={"viewCount": 12}), "items[1].statistics.viewCount is 12, not string"),
-        (video(statistics={"viewCount": "-5"}), 'items[1].statistics.viewCount is "-5", which does not match ^[0-9]+$'),
+        (
+            video(statistics={"viewCount": "-5"}),
+            'items[1].statistics.viewCount is "-5", which does not match ^[0-9]+$',
+        ),
         (video(snippet={"tags": ["a", 1]}), "items[1].snippet.tags[1] is 1, not string"),
         (video(status={"embeddable": 1}), "items[1].status.embeddable is 1, not boolean"),
         ({"items": [{}]}, "items[0].id is missing"),
@@ -137,9 +159,19 @@ def test_unknown_keys_are_counted_not_refused() -> None:
 
 
 def test_the_fast_look_for_unknown_keys_sees_the_same(recorded: Path) -> None:
-    odd = video(snippet={"mood": 1, "thumbnails": {"vast": {}}}, contentDetails={"contentRating": {"x": 1}}, madeUp={"a": 1}) | {"more": 1}
-    answers = [("youtube/videos", odd), ("youtube/videos", "cut"), ("youtube/videos", {"items": "no list"})]
-    player = json.loads((recorded / "youtube/transcripts/youtube.innertube.json").read_text(encoding="utf-8"))
+    odd = video(
+        snippet={"mood": 1, "thumbnails": {"vast": {}}},
+        contentDetails={"contentRating": {"x": 1}},
+        madeUp={"a": 1},
+    ) | {"more": 1}
+    answers = [
+        ("youtube/videos", odd),
+        ("youtube/videos", "cut"),
+        ("youtube/videos", {"items": "no list"}),
+    ]
+    player = json.loads(
+        (recorded / "youtube/transcripts/youtube.innertube.json").read_text(encoding="utf-8")
+    )
     for kind, answer in [*answers, ("youtube/player", player)]:
         assert raw.unknown_keys(kind, answer) == raw.check(kind, answer).unknown
     assert raw.unknown_keys("youtube/player", player)["streamingData.adaptiveFormats[].url"] > 10
@@ -158,26 +190,52 @@ def test_pick_keeps_no_address_of_anything(name: str, recorded: Path) -> None:
     answer = json.loads((recorded / "youtube" / "transcripts" / name).read_text(encoding="utf-8"))
     kept = raw.pick("youtube/player", answer)
     text = json.dumps(kept)
-    assert not re.search(r"https?:|//|visitor|2001:db8|INNERTUBE|signature|trackingParams|expire", text, re.I)
+    assert not re.search(
+        r"https?:|//|visitor|2001:db8|INNERTUBE|signature|trackingParams|expire", text, re.I
+    )
     assert len(text) < 8_000
     assert kept["playabilityStatus"]["status"] == answer["playabilityStatus"]["status"]
     if name == "youtube.innertube.json":
-        assert max(form["width"] for form in kept["streamingData"]["adaptiveFormats"] if "width" in form) == 3840
+        assert (
+            max(
+                form["width"]
+                for form in kept["streamingData"]["adaptiveFormats"]
+                if "width" in form
+            )
+            == 3840
+        )
         tracks = kept["captions"]["playerCaptionsTracklistRenderer"]["captionTracks"]
         assert [track.get("kind") for track in tracks].count("asr") == 1
         assert len(tracks) == 9
 
 
 def test_pick_lets_nothing_in_under_a_declared_name() -> None:
-    sly = {"videoDetails": {"videoId": {"url": "https://x"}, "lengthSeconds": "5"}, "captions": "https://x"}
+    sly = {
+        "videoDetails": {"videoId": {"url": "https://x"}, "lengthSeconds": "5"},
+        "captions": "https://x",
+    }
     assert raw.pick("youtube/player", sly) == {"videoDetails": {"lengthSeconds": "5"}}
 
 
 def test_transcripts_outcome() -> None:
-    good = {"video_id": "a", "outcome": "ok", "kind": "asr", "language": "en", "cues": [[0.0, 1.5, "hi"]], "player": {"fps": 30}}
+    good = {
+        "video_id": "a",
+        "outcome": "ok",
+        "kind": "asr",
+        "language": "en",
+        "cues": [[0.0, 1.5, "hi"]],
+        "player": {"fps": 30},
+    }
     assert raw.check("youtube/transcripts", good).problems == []
-    assert raw.check("youtube/transcripts", good | {"cues": [[0.0, "x"]]}).problems == ["cues[0] has 2 items", 'cues[0][1] is "x", not number']
-    assert raw.check("youtube/transcripts", good | {"outcome": "maybe"}).problems[0].startswith('outcome is "maybe", none of')
+    assert raw.check("youtube/transcripts", good | {"cues": [[0.0, "x"]]}).problems == [
+        "cues[0] has 2 items",
+        'cues[0][1] is "x", not number',
+    ]
+    assert (
+        raw.check("youtube/transcripts", good | {"outcome": "maybe"})
+        .problems[0]
+        .startswith('outcome is "maybe", none of')
+    )
 
 
 def test_an_unknown_kind_names_the_known() -> None:
@@ -187,8 +245,12 @@ def test_an_unknown_kind_names_the_known() -> None:
 
 
 def test_schemas_are_valid_json_schema() -> None:
-    from jsonschema.validators import Draft7Validator  # the oldest the tests' library knows; the words used mean the same
+    from jsonschema.validators import (
+        Draft7Validator,
+    )  # the oldest the tests' library knows; the words used mean the same
 
     for path in (folder("schemas") / "raw").glob("*/*.json"):
         schema = json.loads(path.read_text(encoding="utf-8"))
-        Draft7Validator.check_schema({key: value for key, value in schema.items() if key != "$schema"})
+        Draft7Validator.check_schema(
+            {key: value for key, value in schema.items() if key != "$schema"}
+        )

@@ -32,9 +32,18 @@ CONTRACT = {
         " viewport_width device_pixel_ratio word_count toxicity",
         "",
     ),
-    "wiki/elements": ("page_id element_id parent_id kind tag region heading_level text x y width height visible reading_order", ""),
-    "wiki/cells": ("page_id table_id row_index column_index row_span column_span is_header text x y width height", ""),
-    "wiki/images": ("page_id element_id src path sha256 media_type width height alt_text caption frame_index frame_duration_ms license", ""),
+    "wiki/elements": (
+        "page_id element_id parent_id kind tag region heading_level text x y width height visible reading_order",
+        "",
+    ),
+    "wiki/cells": (
+        "page_id table_id row_index column_index row_span column_span is_header text x y width height",
+        "",
+    ),
+    "wiki/images": (
+        "page_id element_id src path sha256 media_type width height alt_text caption frame_index frame_duration_ms license",
+        "",
+    ),
     "reddit/posts": (
         "post_id type created_utc score num_comments upvote_ratio score_source fetched_at",
         "title body author_hash source_url link_kind is_crosspost poll_options",
@@ -73,7 +82,9 @@ def test_the_contract_s_columns(name: str) -> None:
 
 def test_reddit_releases_no_content() -> None:
     for name in ("reddit/posts", "reddit/comments"):
-        assert not [column.name for column in table(name).columns if column.content and column.released]
+        assert not [
+            column.name for column in table(name).columns if column.content and column.released
+        ]
     assert not table("youtube/transcripts").released
 
 
@@ -83,7 +94,9 @@ def test_origins_in_raw_answers_are_declared_there() -> None:
         for column in (*each.columns, *each.inputs):
             kind = f"{each.source}/{column.source.kind}"
             if kind in declared:
-                assert raw.at(kind, column.source.path) is not None, f"{each.name}.{column.name}: {column.source}"
+                assert raw.at(kind, column.source.path) is not None, (
+                    f"{each.name}.{column.name}: {column.source}"
+                )
 
 
 @pytest.mark.parametrize(
@@ -100,11 +113,15 @@ def test_origins_in_raw_answers_are_declared_there() -> None:
         ({"name": "A b"}, "`name` must be lower case"),
     ],
 )
-def test_a_wrong_column_is_named(tmp_path: Path, change: dict[str, str | None], message: str) -> None:
+def test_a_wrong_column_is_named(
+    tmp_path: Path, change: dict[str, str | None], message: str
+) -> None:
     block = {"name": "a", "type": "string", "doc": "Doc.", "from": "rule: made up"} | change
     lines = [f"{key} = {json.dumps(value)}" for key, value in block.items() if value is not None]
     path = tmp_path / "t.toml"
-    path.write_text('name = "x/t"\ndoc = "Doc."\nkey = ["a"]\nsort_by = ["a"]\n[[column]]\n' + "\n".join(lines))
+    path.write_text(
+        'name = "x/t"\ndoc = "Doc."\nkey = ["a"]\nsort_by = ["a"]\n[[column]]\n' + "\n".join(lines)
+    )
     with pytest.raises(SchemaMismatch) as caught:
         load_table(path)
     assert message in str(caught.value)
@@ -113,7 +130,16 @@ def test_a_wrong_column_is_named(tmp_path: Path, change: dict[str, str | None], 
 
 def test_wrong_keys_of_a_table_come_all_at_once() -> None:
     column = {"name": "a", "type": "string", "doc": "Doc.", "from": "rule: x"}
-    problems = check_table({"name": "x/t", "colum": 1, "key": ["b"], "sort_by": [], "partition_by": "c", "column": [column, column]})
+    problems = check_table(
+        {
+            "name": "x/t",
+            "colum": 1,
+            "key": ["b"],
+            "sort_by": [],
+            "partition_by": "c",
+            "column": [column, column],
+        }
+    )
     assert problems == [
         "unknown key 'colum'",
         "`doc` is missing or empty",
@@ -133,7 +159,11 @@ def test_an_unknown_table_names_the_known() -> None:
 def test_writing_an_undeclared_column_fails(tmp_path: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
     rows = make_rows("shared/failed", 3)
     with pytest.raises(SchemaMismatch, match="column 'extra' is not declared"):
-        write_table(tmp_path / "a.parquet", rows.append_column("extra", pa.array([1, 2, 3])), "shared/failed")
+        write_table(
+            tmp_path / "a.parquet",
+            rows.append_column("extra", pa.array([1, 2, 3])),
+            "shared/failed",
+        )
     with pytest.raises(SchemaMismatch, match="column 'reason' is missing"):
         write_table(tmp_path / "a.parquet", rows.drop_columns(["reason"]), "shared/failed")
     assert not list(tmp_path.iterdir())
@@ -141,24 +171,38 @@ def test_writing_an_undeclared_column_fails(tmp_path: Path, make_rows) -> None: 
 
 def test_conform_casts_orders_and_refuses(make_rows) -> None:  # type: ignore[no-untyped-def]
     rows = make_rows("wiki/cells", 2)
-    narrow = rows.set_column(rows.column_names.index("row_index"), "row_index", pa.array([0, 1], pa.int32()))
+    narrow = rows.set_column(
+        rows.column_names.index("row_index"), "row_index", pa.array([0, 1], pa.int32())
+    )
     shuffled = narrow.select(list(reversed(narrow.column_names)))
     done = conform("wiki/cells", shuffled)
     assert done.schema.equals(table("wiki/cells").arrow(), check_metadata=True)
     with pytest.raises(SchemaMismatch, match="column 'text' has 1 nulls and may have none"):
         conform("wiki/cells", make_rows("wiki/cells", 2, text=["a", None]))
     with pytest.raises(SchemaMismatch, match="column 'row_index' is double, not int64"):
-        conform("wiki/cells", rows.set_column(rows.column_names.index("row_index"), "row_index", pa.array([0.5, 1])))
+        conform(
+            "wiki/cells",
+            rows.set_column(rows.column_names.index("row_index"), "row_index", pa.array([0.5, 1])),
+        )
     nullable = make_rows("youtube/videos", 2, like_count=[None, 1], fps=[None, 30])
     assert conform("youtube/videos", nullable)["like_count"].null_count == 1
     # released tables need their own columns only
-    assert conform("youtube/videos", nullable.select(table("youtube/videos").names(released=True)), released=True).num_rows == 2
+    assert (
+        conform(
+            "youtube/videos",
+            nullable.select(table("youtube/videos").names(released=True)),
+            released=True,
+        ).num_rows
+        == 2
+    )
 
 
 @pytest.mark.parametrize("name", list(tables()))
 def test_row_schemas_hold_rows(name: str, make_rows) -> None:  # type: ignore[no-untyped-def]
     schema = row_schema(name)
-    assert schema.pop("$schema").endswith("2020-12/schema")  # newer than what the tests' library knows
+    assert schema.pop("$schema").endswith(
+        "2020-12/schema"
+    )  # newer than what the tests' library knows
     rows = make_rows(name, 2).to_pylist()
     for row in rows:
         jsonschema.validate(json.loads(json.dumps(row, default=str)), schema)
@@ -168,4 +212,6 @@ def test_row_schemas_hold_rows(name: str, make_rows) -> None:  # type: ignore[no
 
 def test_types_nest() -> None:
     kind = parse_type("list<struct<a: int64, b: list<struct<c: string>>>>").arrow()
-    assert kind == pa.list_(pa.struct([("a", pa.int64()), ("b", pa.list_(pa.struct([("c", pa.string())])))]))
+    assert kind == pa.list_(
+        pa.struct([("a", pa.int64()), ("b", pa.list_(pa.struct([("c", pa.string())])))])
+    )

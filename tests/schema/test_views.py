@@ -16,13 +16,33 @@ from kb.store.shards import write_table
 @pytest.fixture
 def root(tmp_path: Path, make_rows) -> Path:  # type: ignore[no-untyped-def]
     root = tmp_path / "it's [a] *root*"
-    write_table(root / "clean/youtube/videos/part-00000.parquet", make_rows("youtube/videos", 4), "youtube/videos")
-    write_table(root / "clean/youtube/videos/part-00001.parquet", make_rows("youtube/videos", 3), "youtube/videos")
-    write_table(root / "clean/youtube/rejected/part-00000.parquet", make_rows("shared/rejected", 2), "shared/rejected")
     write_table(
-        root / "release/youtube/videos-00000-of-00001.parquet", make_rows("youtube/videos", 5, released=True), "youtube/videos", released=True
+        root / "clean/youtube/videos/part-00000.parquet",
+        make_rows("youtube/videos", 4),
+        "youtube/videos",
     )
-    write_table(root / "release/reddit/posts-00000-of-00001.parquet", make_rows("reddit/posts", 6, released=True), "reddit/posts", released=True)
+    write_table(
+        root / "clean/youtube/videos/part-00001.parquet",
+        make_rows("youtube/videos", 3),
+        "youtube/videos",
+    )
+    write_table(
+        root / "clean/youtube/rejected/part-00000.parquet",
+        make_rows("shared/rejected", 2),
+        "shared/rejected",
+    )
+    write_table(
+        root / "release/youtube/videos-00000-of-00001.parquet",
+        make_rows("youtube/videos", 5, released=True),
+        "youtube/videos",
+        released=True,
+    )
+    write_table(
+        root / "release/reddit/posts-00000-of-00001.parquet",
+        make_rows("reddit/posts", 6, released=True),
+        "reddit/posts",
+        released=True,
+    )
     write_table(root / "pairs/part-00000.parquet", make_rows("pairs/pairs", 1), "pairs/pairs")
     tombstones.add(root, "youtube", [("gone", "named")])
     return root
@@ -40,13 +60,18 @@ def test_clean_and_release_and_bare_names(root: Path) -> None:
     assert rows(root, "SELECT count(*) FROM reddit_posts") == [(6,)]
     assert rows(root, "SELECT count(*) FROM pairs") == [(1,)]
     assert rows(root, "FROM youtube_tombstones SELECT key, reason") == [("gone", "named")]
-    assert rows(root, "SELECT stage, count(*) FROM youtube_rejected GROUP BY ALL ORDER BY ALL") == [("stage 00000", 1), ("stage 00001", 1)]
+    assert rows(root, "SELECT stage, count(*) FROM youtube_rejected GROUP BY ALL ORDER BY ALL") == [
+        ("stage 00000", 1),
+        ("stage 00001", 1),
+    ]
     assert "description" in {row[0] for row in rows(root, "DESCRIBE clean.youtube_videos")}
     assert "description" not in {row[0] for row in rows(root, "DESCRIBE release.youtube_videos")}
 
 
 def test_times_are_utc(root: Path) -> None:
-    assert rows(root, "SELECT fetched_at::VARCHAR FROM release.youtube_videos LIMIT 1")[0][0].endswith("+00")  # type: ignore[attr-defined]
+    assert rows(root, "SELECT fetched_at::VARCHAR FROM release.youtube_videos LIMIT 1")[0][
+        0
+    ].endswith("+00")  # type: ignore[attr-defined]
 
 
 def test_the_catalog(root: Path) -> None:
@@ -65,9 +90,21 @@ def test_the_catalog(root: Path) -> None:
 @pytest.mark.parametrize(
     ("sql", "said", "hint"),
     [
-        ("SELECT titel FROM youtube_videos", 'Referenced column "titel" not found in FROM clause! Candidate bindings: "title"', "--tables"),
-        ("SELECT * FROM youtube_video", "Table with name youtube_video does not exist! Did you mean", "clean.youtube_videos, release.reddit_posts"),
-        ("SELECT * FROM wiki_pages", "Table with name wiki_pages does not exist!", "clean.youtube_videos"),
+        (
+            "SELECT titel FROM youtube_videos",
+            'Referenced column "titel" not found in FROM clause! Candidate bindings: "title"',
+            "--tables",
+        ),
+        (
+            "SELECT * FROM youtube_video",
+            "Table with name youtube_video does not exist! Did you mean",
+            "clean.youtube_videos, release.reddit_posts",
+        ),
+        (
+            "SELECT * FROM wiki_pages",
+            "Table with name wiki_pages does not exist!",
+            "clean.youtube_videos",
+        ),
         ("SELEC 1", 'syntax error at or near "SELEC"', "--tables"),
         ("", "0 statements", ""),
         ("SELECT 1; SELECT 2", "2 statements", ""),
@@ -135,7 +172,10 @@ def test_pages_that_are_broken_name_their_file_also_while_rows_stream(root: Path
     data = bytearray(file.read_bytes())
     data[4:200] = b"\xff" * 196
     file.write_bytes(data)
-    with views.connect(root) as con, pytest.raises(DamagedData, match=r"part-00001\.parquet can't be read"):
+    with (
+        views.connect(root) as con,
+        pytest.raises(DamagedData, match=r"part-00001\.parquet can't be read"),
+    ):
         views.select(con, "FROM clean.youtube_videos", root=root).read_all()
 
 
@@ -156,4 +196,6 @@ def test_a_damaged_file_is_named(root: Path) -> None:
 
 def test_plain_duckdb_reads_the_same(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(root / "release" / "youtube")
-    assert duckdb.connect().sql("SELECT count(*) FROM read_parquet('videos-*.parquet')").fetchall() == [(5,)]
+    assert duckdb.connect().sql(
+        "SELECT count(*) FROM read_parquet('videos-*.parquet')"
+    ).fetchall() == [(5,)]

@@ -34,7 +34,10 @@ def test_items_are_taken_in_the_order_of_adding_and_once(tmp_path):
     assert frontier.add("video", ["c", "a", ("b", {"channel": 1})]) == 3
     assert frontier.add("video", ["a", "d"]) == 1
     assert [item.key for item in frontier.take("video", 2)] == ["c", "a"]
-    assert [(item.key, item.payload) for item in frontier.take("video", 9)] == [("b", {"channel": 1}), ("d", None)]
+    assert [(item.key, item.payload) for item in frontier.take("video", 9)] == [
+        ("b", {"channel": 1}),
+        ("d", None),
+    ]
     assert frontier.take("video") == []
 
 
@@ -64,7 +67,9 @@ def test_the_ledger_is_committed_before_anything_else(tmp_path):
     frontier = open_frontier(tmp_path)
     row = frontier.spend("general", 1, "videos.list", "2026-11-20")
     other = sqlite3.connect(tmp_path / "state" / "youtube.sqlite")
-    assert other.execute("SELECT bucket, units, outcome FROM ledger").fetchall() == [("general", 1, None)]
+    assert other.execute("SELECT bucket, units, outcome FROM ledger").fetchall() == [
+        ("general", 1, None)
+    ]
     frontier.outcome(row, "200")
     assert frontier.spent("general", "2026-11-20") == 1
 
@@ -103,7 +108,10 @@ with Recorder(root, "youtube", frontier, apply) as recorder:
 def test_sigkill_at_random_moments_loses_and_doubles_nothing(tmp_path):
     rng = random.Random(7)
     for turn in range(12):
-        child = subprocess.Popen([sys.executable, "-c", PROGRAM, str(tmp_path), os.path.dirname(__file__)], stdout=subprocess.PIPE)
+        child = subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, str(tmp_path), os.path.dirname(__file__)],
+            stdout=subprocess.PIPE,
+        )
         child.stdout.readline()
         if turn < 11:
             time.sleep(rng.uniform(0, 0.15))
@@ -111,7 +119,9 @@ def test_sigkill_at_random_moments_loses_and_doubles_nothing(tmp_path):
         child.wait()
     frontier = open_frontier(tmp_path)
     assert frontier.counts("video") == {"done": 400}
-    asked = [envelope.request.params["id"] for envelope in rawlog.read(tmp_path, "youtube", "videos")]
+    asked = [
+        envelope.request.params["id"] for envelope in rawlog.read(tmp_path, "youtube", "videos")
+    ]
     # An answer whose frame is whole is never asked for again; one that was in flight at a kill may be twice in the ledger.
     assert sorted(asked) == sorted(f"v{n}" for n in range(400))
     assert 400 <= frontier.requests()[0] <= 400 + 11
@@ -147,7 +157,10 @@ def test_replace_leaves_only_the_new_ones_in_their_order(tmp_path):
     frontier.done("info", "b")
     frontier.add("video", ["a"])
     assert frontier.replace("info", iter(["z", ("b", {"post": "p"})])) == 2
-    assert [(item.key, item.payload) for item in frontier.take("info", 9)] == [("z", None), ("b", {"post": "p"})]
+    assert [(item.key, item.payload) for item in frontier.take("info", 9)] == [
+        ("z", None),
+        ("b", {"post": "p"}),
+    ]
     assert frontier.counts("video") == {"todo": 1}
 
 
@@ -174,7 +187,9 @@ def test_a_root_keeps_to_its_services(tmp_path):
     identity.remember(tmp_path, "reddit", host="http://127.0.0.1:6000", subreddit="minecraft")
     # What was noted binds from the first answer on (tests/store/test_identity.py).
     segment = rawlog.Segment(rawlog.folder(tmp_path, "reddit", "listings"))
-    segment.append(rawlog.encode(rawlog.Envelope("2026-11-20T12:00:00Z", rawlog.Request("new", {}), 200, {})))
+    segment.append(
+        rawlog.encode(rawlog.Envelope("2026-11-20T12:00:00Z", rawlog.Request("new", {}), 200, {}))
+    )
     segment.close()
     with pytest.raises(OtherService, match="subreddit minecraft, not terraria"):
         identity.remember(tmp_path, "reddit", subreddit="terraria")

@@ -26,7 +26,9 @@ def test_another_host_is_refused_once_there_is_an_answer(tmp_path: Path) -> None
     answered(tmp_path)
     remember(tmp_path, "wiki", wiki="http://wiki.example:9000")  # ports aside
     for _ in range(2):
-        with pytest.raises(OtherService, match=r"holds wiki data of wiki wiki\.example, not other\.example") as refused:
+        with pytest.raises(
+            OtherService, match=r"holds wiki data of wiki wiki\.example, not other\.example"
+        ) as refused:
             remember(tmp_path, "wiki", wiki="http://other.example")
         assert refused.value.exit_code == 2
 
@@ -47,6 +49,10 @@ def test_a_crawl_of_a_dead_address_leaves_room_for_the_right_one(tmp_path: Path)
         job = Job(services, tmp_path)
         words = ("youtube", "crawl", "--only", "channels")
         job.profile(("[youtube]\n", "[youtube]\nmax_tries = 1\n"))
-        assert "no connection" in job.stopped(*words, code=3, KB_YOUTUBE_ENDPOINT="http://127.0.0.9:9")
+        assert "no connection" in job.stopped(
+            *words, code=3, KB_YOUTUBE_ENDPOINT="http://127.0.0.9:9"
+        )
         job.done(*words)
-        assert "holds youtube data" in job.stopped(*words, code=2, KB_YOUTUBE_ENDPOINT="http://127.0.0.9:9")
+        assert "holds youtube data" in job.stopped(
+            *words, code=2, KB_YOUTUBE_ENDPOINT="http://127.0.0.9:9"
+        )

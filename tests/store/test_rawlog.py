@@ -22,7 +22,12 @@ from kb.store.recorder import Recorder
 
 
 def envelope(number, text="x"):
-    return Envelope("2026-11-20T12:00:00Z", Request("videos", {"id": f"v{number}"}), 200, {"items": [{"id": f"v{number}", "text": text}]})
+    return Envelope(
+        "2026-11-20T12:00:00Z",
+        Request("videos", {"id": f"v{number}"}),
+        200,
+        {"items": [{"id": f"v{number}", "text": text}]},
+    )
 
 
 def written(root, count, close=True):
@@ -41,7 +46,9 @@ def test_one_envelope_a_line_and_a_zstd_frame(tmp_path):
         frame = zstandard.ZstdDecompressor().decompressobj()
         lines.append(frame.decompress(data))
         data = frame.unused_data
-    assert [json.loads(line)["request"] for line in lines] == [{"endpoint": "videos", "params": {"id": f"v{n}"}} for n in range(3)]
+    assert [json.loads(line)["request"] for line in lines] == [
+        {"endpoint": "videos", "params": {"id": f"v{n}"}} for n in range(3)
+    ]
     assert all(line.endswith(b"\n") and line.count(b"\n") == 1 for line in lines)
 
 
@@ -50,25 +57,43 @@ def test_the_open_segment_can_be_read_and_is_renamed_when_closed(tmp_path):
     segment.append(rawlog.encode(envelope(1)))
     [path] = rawlog.segments(tmp_path, "youtube", "videos")
     assert path.name.endswith(".ndjson.zst.open")
-    assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == ["v1"]
+    assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == [
+        "v1"
+    ]
     segment.close()
-    assert [path.name.endswith(".ndjson.zst") for path in rawlog.segments(tmp_path, "youtube", "videos")] == [True]
+    assert [
+        path.name.endswith(".ndjson.zst") for path in rawlog.segments(tmp_path, "youtube", "videos")
+    ] == [True]
 
 
 def test_a_secret_that_an_answer_repeats_is_not_kept(tmp_path):
     key = "not-a-real-key/0123456789"
-    answer = {"items": [], "selfLink": f"/search?q=a&key={quote(key, safe='')}", key: [{"key": key, "id": 12345678}], "other": "key=abc"}
-    want = {"items": [], "selfLink": "/search?q=a&key=***", "***": [{"key": "***", "id": 12345678}], "other": "key=abc"}
+    answer = {
+        "items": [],
+        "selfLink": f"/search?q=a&key={quote(key, safe='')}",
+        key: [{"key": key, "id": 12345678}],
+        "other": "key=abc",
+    }
+    want = {
+        "items": [],
+        "selfLink": "/search?q=a&key=***",
+        "***": [{"key": "***", "id": 12345678}],
+        "other": "key=abc",
+    }
     redact.know([key, "12345678", "items"])  # a short secret or a number is data's own
     try:
         seen = []
         frontier = Frontier(tmp_path / "state" / "youtube.sqlite")
-        with Recorder(tmp_path, "youtube", frontier, lambda _, kind, envelope: seen.append(envelope)) as recorder:
+        with Recorder(
+            tmp_path, "youtube", frontier, lambda _, kind, envelope: seen.append(envelope)
+        ) as recorder:
             seen.append(recorder.record("search", "search", {"q": "a"}, 200, answer))
         frontier.close()
     finally:
         redact.know([])
-    assert [envelope.response for envelope in (*seen, *rawlog.read(tmp_path, "youtube", "search"))] == [want] * 3
+    assert [
+        envelope.response for envelope in (*seen, *rawlog.read(tmp_path, "youtube", "search"))
+    ] == [want] * 3
 
 
 @pytest.mark.parametrize("bytes_left", [1, 5, 30])
@@ -77,7 +102,11 @@ def test_a_torn_frame_is_cut_and_the_whole_ones_stay(tmp_path, bytes_left):
     [path] = rawlog.segments(tmp_path, "youtube", "videos")
     path.write_bytes(path.read_bytes()[: offsets[2] + bytes_left])
     assert rawlog.recover(tmp_path, "youtube") == [f"videos/{rawlog.base_name(path)}"]
-    assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == ["v0", "v1", "v2"]
+    assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == [
+        "v0",
+        "v1",
+        "v2",
+    ]
     assert not list(path.parent.glob("*.open"))
 
 
@@ -109,7 +138,10 @@ def test_a_full_disk_leaves_no_half_frame(tmp_path):
     segment._file = whole
     segment.append(rawlog.encode(envelope(3)))
     segment.close()
-    assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == ["v1", "v3"]
+    assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == [
+        "v1",
+        "v3",
+    ]
 
 
 def test_segments_of_several_machines_are_read_as_one(tmp_path):
@@ -138,7 +170,9 @@ JSON = some.recursive(
 
 def held(value):
     if isinstance(value, str):
-        return "".join("\ufffd" if char == "\0" or "\ud800" <= char <= "\udfff" else char for char in value)
+        return "".join(
+            "\ufffd" if char == "\0" or "\ud800" <= char <= "\udfff" else char for char in value
+        )
     if isinstance(value, dict):
         return {held(key): held(inner) for key, inner in value.items()}
     return [held(inner) for inner in value] if isinstance(value, list) else value
@@ -150,7 +184,10 @@ def test_answers_are_verbatim_but_for_what_text_cannot_hold(response):
     assert msgspec.json.decode(line)["response"] == held(response)
 
 
-@given(some.lists(some.binary(min_size=1, max_size=3000), min_size=1, max_size=12), some.integers(0, 4000))
+@given(
+    some.lists(some.binary(min_size=1, max_size=3000), min_size=1, max_size=12),
+    some.integers(0, 4000),
+)
 def test_whole_frames_of_any_prefix(tmp_path_factory, lines, cut):
     path = tmp_path_factory.mktemp("frames") / "segment"
     frames = [zstandard.ZstdCompressor().compress(line) for line in lines]

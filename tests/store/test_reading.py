@@ -27,15 +27,22 @@ def test_a_path_is_no_pattern(tmp_path: Path) -> None:
     files = [a_file(tmp_path / name / "it's.parquet") for name in ("a?b", "a*b", ODD)]
     a_file(tmp_path / "axb" / "it's.parquet")
     for file in files:
-        assert duckdb.connect().execute(f"SELECT count(*) FROM {scan([file])}").fetchall() == [(5_000,)]
+        assert duckdb.connect().execute(f"SELECT count(*) FROM {scan([file])}").fetchall() == [
+            (5_000,)
+        ]
 
 
 def test_the_broken_file_of_many_is_named(tmp_path: Path) -> None:
-    good, bad = (a_file(tmp_path / "clean" / "wiki" / "pages" / f"part-{n}.parquet") for n in range(2))
+    good, bad = (
+        a_file(tmp_path / "clean" / "wiki" / "pages" / f"part-{n}.parquet") for n in range(2)
+    )
     data = bytearray(bad.read_bytes())
     data[60:1_000] = b"\xff" * 940  # pages are broken, the footer is not
     bad.write_bytes(data)
-    with pytest.raises(DamagedData, match=r"pages/part-1\.parquet can't be read") as caught, reading([good, bad]):
+    with (
+        pytest.raises(DamagedData, match=r"pages/part-1\.parquet can't be read") as caught,
+        reading([good, bad]),
+    ):
         duckdb.connect().execute(f"SELECT sum(x) FROM {scan([good, bad])}").fetchall()
     assert caught.value.hint == "run `kb wiki filter` again"
     with pytest.raises(DamagedData, match=r"part-1\.parquet"):
@@ -57,11 +64,17 @@ def test_an_error_of_another_cause_stays_what_it_is(tmp_path: Path) -> None:
     ("path", "said"),
     [
         ("clean/youtube/videos/part-0.parquet", "run `kb youtube filter` again"),
-        ("clean/pairs/release/raw/clean/reddit/posts/part-0.parquet", "run `kb reddit filter` again"),
+        (
+            "clean/pairs/release/raw/clean/reddit/posts/part-0.parquet",
+            "run `kb reddit filter` again",
+        ),
         ("pairs/pairs-00000-of-00001.parquet", "run `kb pairs --again`"),
         ("release/pairs/pairs-00000-of-00001.parquet", "run `kb pairs --again`"),
         ("release/wiki/pages-00000-of-00001.parquet", "run `kb wiki export` again"),
-        ("annotations/reddit/toxicity.parquet", "remove it, then run `kb reddit filter`: what it held is scored again"),
+        (
+            "annotations/reddit/toxicity.parquet",
+            "remove it, then run `kb reddit filter`: what it held is scored again",
+        ),
         ("raw/youtube/tombstones.parquet", "put it back from a copy"),
     ],
 )
@@ -78,6 +91,9 @@ def test_state_is_read_where_it_is(tmp_path: Path) -> None:
         assert read.counts("pages") == {"todo": 1}
     assert list(tmp_path.iterdir()) == [tmp_path / ODD]  # no file of a name cut off at a # or ?
     path.write_bytes(b"garbage")
-    with pytest.raises(DamagedData, match=r"wiki\.sqlite can't be read") as caught, state(path) as read:
+    with (
+        pytest.raises(DamagedData, match=r"wiki\.sqlite can't be read") as caught,
+        state(path) as read,
+    ):
         read.kinds()
     assert "the next run rebuilds it" in caught.value.hint

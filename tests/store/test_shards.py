@@ -31,9 +31,17 @@ def rejected(keys: list[str]) -> pa.Table:
 
 def cells(rows: list[tuple[int, int, int, int]]) -> pa.Table:
     columns = list(zip(*rows, strict=True))
-    data: dict[str, object] = {name: columns[i] for i, name in enumerate(["page_id", "table_id", "row_index", "column_index"])}
+    data: dict[str, object] = {
+        name: columns[i]
+        for i, name in enumerate(["page_id", "table_id", "row_index", "column_index"])
+    }
     size = len(rows)
-    data |= {"row_span": [1] * size, "column_span": [1] * size, "is_header": [False] * size, "text": [f"{row}" for row in rows]}
+    data |= {
+        "row_span": [1] * size,
+        "column_span": [1] * size,
+        "is_header": [False] * size,
+        "text": [f"{row}" for row in rows],
+    }
     data |= {name: [0.5] * size for name in ("x", "y", "width", "height")}
     return pa.table(data)
 
@@ -43,9 +51,15 @@ def test_settings_of_a_written_file(tmp_path: Path) -> None:
     shards.write_table(tmp_path / "a.parquet", rows, REJECTED)
     about = pq.read_metadata(tmp_path / "a.parquet")
     assert [about.row_group(i).num_rows for i in range(about.num_row_groups)] == [131_072, 10]
-    chunks = {about.row_group(0).column(i).path_in_schema: about.row_group(0).column(i) for i in range(about.num_columns)}
+    chunks = {
+        about.row_group(0).column(i).path_in_schema: about.row_group(0).column(i)
+        for i in range(about.num_columns)
+    }
     assert {chunk.compression for chunk in chunks.values()} == {"ZSTD"}
-    assert all(chunk.is_stats_set and chunk.has_column_index and chunk.has_offset_index for chunk in chunks.values())
+    assert all(
+        chunk.is_stats_set and chunk.has_column_index and chunk.has_offset_index
+        for chunk in chunks.values()
+    )
     assert "RLE_DICTIONARY" in chunks["stage"].encodings
     assert "RLE_DICTIONARY" not in chunks["key"].encodings
     schema = pq.read_schema(tmp_path / "a.parquet")
@@ -72,10 +86,16 @@ def test_pieces_of_any_size_give_the_same_file(tmp_path: Path) -> None:
 
 
 def test_a_failed_write_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), shards.ShardWriter(tmp_path / "a.parquet", REJECTED) as writer:
+    with (
+        pytest.raises(RuntimeError),
+        shards.ShardWriter(tmp_path / "a.parquet", REJECTED) as writer,
+    ):
         writer.write(rejected(["a"]))
         raise RuntimeError
-    with pytest.raises(SchemaMismatch), shards.ShardWriter(tmp_path / "a.parquet", REJECTED) as writer:
+    with (
+        pytest.raises(SchemaMismatch),
+        shards.ShardWriter(tmp_path / "a.parquet", REJECTED) as writer,
+    ):
         writer.write(pa.table({"key": ["a"]}))
     assert list(tmp_path.iterdir()) == []
 
@@ -90,9 +110,13 @@ def test_sorted_shards_whatever_the_parts(tmp_path: Path, layout: int) -> None:
     shards.write_table(whole, rejected(keys), REJECTED)
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
-    made = shards.sorted_shards(parts, tmp_path / "a", REJECTED, rows_per_shard=7_000, released=False)
+    made = shards.sorted_shards(
+        parts, tmp_path / "a", REJECTED, rows_per_shard=7_000, released=False
+    )
     shards.sorted_shards([whole], tmp_path / "b", REJECTED, rows_per_shard=7_000, released=False)
-    assert [shard.path.name for shard in made] == [f"rejected-{i:05d}-of-00003.parquet" for i in range(3)]
+    assert [shard.path.name for shard in made] == [
+        f"rejected-{i:05d}-of-00003.parquet" for i in range(3)
+    ]
     assert [shard.rows for shard in made] == [7_000, 7_000, 6_000]
     read = [key for shard in made for key in pq.read_table(shard.path)["key"].to_pylist()]
     assert read == keys
@@ -100,10 +124,17 @@ def test_sorted_shards_whatever_the_parts(tmp_path: Path, layout: int) -> None:
         assert shard.path.read_bytes() == (tmp_path / "b" / shard.path.name).read_bytes()
 
 
-def test_a_group_larger_than_what_is_read_ahead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_group_larger_than_what_is_read_ahead(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(merge, "ROWS_AHEAD", 8)
     monkeypatch.setattr(merge, "_LEAST", 4)
-    rows = [(page, 1, row, column) for page in (1, 2, 3, 9) for row in range(100 if page == 2 else 3) for column in range(2)]
+    rows = [
+        (page, 1, row, column)
+        for page in (1, 2, 3, 9)
+        for row in range(100 if page == 2 else 3)
+        for column in range(2)
+    ]
     random.Random(2).shuffle(rows)
     parts = [tmp_path / f"{index}.parquet" for index in range(3)]
     for index, path in enumerate(parts):
@@ -112,8 +143,14 @@ def test_a_group_larger_than_what_is_read_ahead(tmp_path: Path, monkeypatch: pyt
     more = [(2, 2, 5, 5), (1, 2, 5, 5)]
     shards.write_table(with_unsorted, cells(more), CELLS, sort=False)
     (tmp_path / "out").mkdir()
-    made = shards.sorted_shards([*parts, with_unsorted], tmp_path / "out", CELLS, rows_per_shard=1_000)
-    read = pq.read_table(made[0].path).select(["page_id", "table_id", "row_index", "column_index"]).to_pylist()
+    made = shards.sorted_shards(
+        [*parts, with_unsorted], tmp_path / "out", CELLS, rows_per_shard=1_000
+    )
+    read = (
+        pq.read_table(made[0].path)
+        .select(["page_id", "table_id", "row_index", "column_index"])
+        .to_pylist()
+    )
     assert [tuple(row.values()) for row in read] == sorted(rows + more)
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
@@ -123,7 +160,9 @@ def test_columns_are_derived_on_the_way(tmp_path: Path) -> None:
     shards.write_table(part, cells([(1, 1, 0, 0), (2, 1, 0, 0)]), CELLS)
 
     def shout(rows: pa.Table) -> pa.Table:
-        return rows.set_column(rows.column_names.index("text"), "text", pa.array(["X"] * rows.num_rows))
+        return rows.set_column(
+            rows.column_names.index("text"), "text", pa.array(["X"] * rows.num_rows)
+        )
 
     (tmp_path / "out").mkdir()
     made = shards.sorted_shards([part], tmp_path / "out", CELLS, rows_per_shard=10, change=shout)

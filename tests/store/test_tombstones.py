@@ -79,7 +79,9 @@ def test_nothing_is_written_where_nothing_was_purged(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_purged_video_is_in_no_table_after_another_machine_s_raw_folder_was_copied_here(tmp_path: Path) -> None:
+def test_a_purged_video_is_in_no_table_after_another_machine_s_raw_folder_was_copied_here(
+    tmp_path: Path,
+) -> None:
     with Sandbox(World(n_channels=9, n_videos=30), services=["youtube"]) as services:
         job, other = Job(services, tmp_path), tmp_path / "other"
         mine, theirs, *rest = services.world.youtube.videos
@@ -89,11 +91,17 @@ def test_a_purged_video_is_in_no_table_after_another_machine_s_raw_folder_was_co
         job.done("purge", "youtube", "--ids", ids(job, [mine]))
         copy_raw(other, job.root)
         job.done("youtube", "filter")
-    known = {row["key"] for name in ("rejected", "pending") for row in job.rows(f"SELECT key FROM clean.youtube_{name}")}
+    known = {
+        row["key"]
+        for name in ("rejected", "pending")
+        for row in job.rows(f"SELECT key FROM clean.youtube_{name}")
+    }
     known |= {row["video_id"] for row in job.rows("SELECT video_id FROM clean.youtube_videos")}
     assert len(known) > 20
     assert not known & {mine, theirs}
-    assert {mine, theirs} <= {row["key"] for row in job.rows("SELECT key FROM clean.youtube_tombstones")}
+    assert {mine, theirs} <= {
+        row["key"] for row in job.rows("SELECT key FROM clean.youtube_tombstones")
+    }
 
 
 def ids(job: Job, keys: Iterable[str]) -> str:

@@ -108,7 +108,9 @@ def pages(serve: Callable[[Any], str]) -> Pages:
 @pytest.fixture(scope="session")
 def section() -> Any:
     """[wiki] of the shipped profile with shorter limits, so that hostile pages end soon."""
-    return load_profile("minecraft").wiki.model_copy(update={"settle_seconds": 2.0, "page_seconds": 5.0})
+    return load_profile("minecraft").wiki.model_copy(
+        update={"settle_seconds": 2.0, "page_seconds": 5.0}
+    )
 
 
 @pytest.fixture(scope="session")
@@ -140,7 +142,11 @@ def look(pool: Pool, section: Any, tmp_path: Path) -> Callable[..., Any]:
     def capture_page(url: str, **options: Any) -> Any:
         picture = tmp_path / "screenshot.png"
         rules = {**section.rules, **options.pop("rules", {})}
-        found = pool.use(lambda browser: capture.capture(browser, url, picture, rules, max_height=section.max_page_height, **options))
+        found = pool.use(
+            lambda browser: capture.capture(
+                browser, url, picture, rules, max_height=section.max_page_height, **options
+            )
+        )
         found.picture = picture
         return found
 
@@ -159,7 +165,9 @@ def mediawiki(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     wiki.create()
     wiki.seed(seed.PAGES, drawn)
     shutil.copy(drawn / "sheet.png", wiki.images / "sheet.png")
-    wiki.edit("File:Tall.png", "A jar, under [https://creativecommons.org/licenses/by/4.0/ CC BY 4.0].")
+    wiki.edit(
+        "File:Tall.png", "A jar, under [https://creativecommons.org/licenses/by/4.0/ CC BY 4.0]."
+    )
     with wiki.serving():
         yield wiki
 
@@ -170,7 +178,13 @@ def run_on() -> Callable[..., Run]:
 
     def make(root: Path, url: str, *, wiki: dict[str, Any] | None = None, **options: Any) -> Run:
         profile = load_profile("minecraft")
-        profile = profile.model_copy(update={"wiki": profile.wiki.model_copy(update={"page_seconds": 20.0, "settle_seconds": 5.0, **(wiki or {})})})
+        profile = profile.model_copy(
+            update={
+                "wiki": profile.wiki.model_copy(
+                    update={"page_seconds": 20.0, "settle_seconds": 5.0, **(wiki or {})}
+                )
+            }
+        )
         settings = load_settings(dotenv=False, kb_wiki_url=url, kb_contact="test@example.org")
         return Run(settings=settings, profile=profile, root=root, **{"workers": 2, **options})
 

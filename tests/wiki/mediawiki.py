@@ -19,7 +19,15 @@ from pathlib import Path
 from xml.sax.saxutils import escape
 
 CODE = Path("/usr/share/mediawiki")
-PACKAGES = ("mediawiki", "php-cli", "php-sqlite3", "php-mbstring", "php-xml", "php-intl", "imagemagick")
+PACKAGES = (
+    "mediawiki",
+    "php-cli",
+    "php-sqlite3",
+    "php-mbstring",
+    "php-xml",
+    "php-intl",
+    "imagemagick",
+)
 
 SETTINGS = """<?php
 $wgServer = "@url"; $wgScriptPath = "/w"; $wgArticlePath = "/wiki/$1"; $wgSitename = "Kiln Valley Wiki";
@@ -76,7 +84,9 @@ def install() -> str | None:
         "env": {**os.environ, "DEBIAN_FRONTEND": "noninteractive"},
     }
     subprocess.run(["apt-get", "update", "-qq"], **quiet)
-    subprocess.run(["apt-get", "install", "-y", "-qq", "--no-install-recommends", *PACKAGES], **quiet)
+    subprocess.run(
+        ["apt-get", "install", "-y", "-qq", "--no-install-recommends", *PACKAGES], **quiet
+    )
     return missing()
 
 
@@ -103,7 +113,12 @@ class MediaWiki:
         self.robots("User-agent: *\nDisallow: /wiki/Special:\n")
 
     def _fill(self, name: str, text: str) -> None:
-        for key, value in (("@url", self.url), ("@data", self.data), ("@images", self.images), ("@code", CODE)):
+        for key, value in (
+            ("@url", self.url),
+            ("@data", self.data),
+            ("@images", self.images),
+            ("@code", CODE),
+        ):
             text = text.replace(key, str(value))
         (self.folder / name).write_text(text)
 
@@ -162,7 +177,14 @@ class MediaWiki:
 
     def seed(self, pages: dict[str, str], pictures: Path) -> None:
         """Put in pages and pictures, in the order given."""
-        self.php("importImages", "--comment", "own work", "--extensions", "png,gif,jpg,svg", str(pictures))
+        self.php(
+            "importImages",
+            "--comment",
+            "own work",
+            "--extensions",
+            "png,gif,jpg,svg",
+            str(pictures),
+        )
         (self.folder / "pages.xml").write_text(_dump(pages), encoding="utf-8")
         self.php("importDump", "--quiet", "--no-updates", str(self.folder / "pages.xml"))
 
@@ -175,7 +197,14 @@ class MediaWiki:
         """The wiki answers while the block runs; the process group of PHP is ended after it."""
         port = self.url.rsplit(":", 1)[1]
         process = subprocess.Popen(
-            ["php", "-S", f"127.0.0.1:{port}", "-t", str(self.folder), str(self.folder / "router.php")],
+            [
+                "php",
+                "-S",
+                f"127.0.0.1:{port}",
+                "-t",
+                str(self.folder),
+                str(self.folder / "router.php"),
+            ],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             env=self._env,
@@ -183,7 +212,10 @@ class MediaWiki:
         )
         try:
             for _ in range(300):
-                with contextlib.suppress(OSError), urllib.request.urlopen(f"{self.url}/robots.txt", timeout=5):
+                with (
+                    contextlib.suppress(OSError),
+                    urllib.request.urlopen(f"{self.url}/robots.txt", timeout=5),
+                ):
                     break
                 time.sleep(0.05)
             yield self
@@ -194,10 +226,18 @@ class MediaWiki:
 
 def _dump(pages: dict[str, str]) -> str:
     """MediaWiki's export format with one revision a page, dated one day after the other."""
-    parts = ['<mediawiki xmlns="http://www.mediawiki.org/xml/export-0.11/" version="0.11" xml:lang="en">']
+    parts = [
+        '<mediawiki xmlns="http://www.mediawiki.org/xml/export-0.11/" version="0.11" xml:lang="en">'
+    ]
     for day, (title, text) in enumerate(pages.items(), 1):
         css = title.endswith(".css"), title.endswith(".js")
-        model, shape = ("css", "text/css") if css[0] else ("javascript", "text/javascript") if css[1] else ("wikitext", "text/x-wiki")
+        model, shape = (
+            ("css", "text/css")
+            if css[0]
+            else ("javascript", "text/javascript")
+            if css[1]
+            else ("wikitext", "text/x-wiki")
+        )
         body = f'<model>{model}</model><format>{shape}</format><text xml:space="preserve">{escape(text)}</text>'
         parts.append(
             f"<page><title>{escape(title)}</title><ns>0</ns><revision><timestamp>2024-02-{day:02d}T09:00:00Z</timestamp>"

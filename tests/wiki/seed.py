@@ -107,7 +107,10 @@ text
 """,
     "Colours": FILLER
     + "\n"
-    + "".join(f'<p style="margin:0;height:600px;background:rgb({40 + 5 * n},{250 - 5 * n},{(n * 53) % 256})">Stripe {n}</p>\n' for n in range(40)),
+    + "".join(
+        f'<p style="margin:0;height:600px;background:rgb({40 + 5 * n},{250 - 5 * n},{(n * 53) % 256})">Stripe {n}</p>\n'
+        for n in range(40)
+    ),
     "Stub": "Too short.",
     "To be moved": "This page goes elsewhere. " + FILLER,
     "To be deleted": "This page is thrown away. " + FILLER,
@@ -123,8 +126,16 @@ def draw(folder: Path) -> None:
     Image.new("RGB", (300, 200), (60, 120, 90)).save(folder / "Flat.png")
     Image.new("RGB", (16, 16), (250, 10, 120)).save(folder / "Dot.png")
     frames = [Image.new("RGB", (64, 64), colour) for colour in COLOURS]
-    frames[0].save(folder / "Blink.gif", save_all=True, append_images=frames[1:3], duration=[300, 200, 100], loop=0)
-    frames[0].save(folder / "Spin.png", save_all=True, append_images=frames[1:2], duration=[500, 250], loop=0)
+    frames[0].save(
+        folder / "Blink.gif",
+        save_all=True,
+        append_images=frames[1:3],
+        duration=[300, 200, 100],
+        loop=0,
+    )
+    frames[0].save(
+        folder / "Spin.png", save_all=True, append_images=frames[1:2], duration=[500, 250], loop=0
+    )
     sheet = Image.new("RGB", (32, 32))
     for number, colour in enumerate(COLOURS):
         x, y = number % 2 * 16, number // 2 * 16

@@ -65,12 +65,18 @@ def test_licence(url, text, expected):
 @pytest.mark.parametrize(
     ("page", "expected"),
     [
-        ({"imageinfo": [{"extmetadata": {"LicenseShortName": {"value": "CC BY-SA 4.0"}}}]}, "CC-BY-SA-4.0"),
+        (
+            {"imageinfo": [{"extmetadata": {"LicenseShortName": {"value": "CC BY-SA 4.0"}}}]},
+            "CC-BY-SA-4.0",
+        ),
         ({"imageinfo": [{"extmetadata": {"LicenseShortName": {"value": "Fair use"}}}]}, "Fair use"),
         (
             {
                 "imageinfo": [{}],
-                "extlinks": [{"url": "https://x.example"}, {"url": "http://creativecommons.org/licenses/by/3.0/"}],
+                "extlinks": [
+                    {"url": "https://x.example"},
+                    {"url": "http://creativecommons.org/licenses/by/3.0/"},
+                ],
             },
             "CC-BY-3.0",
         ),
@@ -90,10 +96,22 @@ def test_read_titles(tmp_path, make_rows):
     assert read_titles(lines)[::2] == (["Iron Ore", "Gold"], 0)
     pq.write_table(make_rows("wiki/pages", 3, released=True, title=["A", "B", "A"]), parquet)
     assert read_titles(parquet).names == ["A", "B"]
-    minedojo.write_text(json.dumps({"metadata": {"url": "https://minecraft.fandom.com/wiki/Caf%C3%A9_%26_Bar", "title": "x"}}))
+    minedojo.write_text(
+        json.dumps(
+            {
+                "metadata": {
+                    "url": "https://minecraft.fandom.com/wiki/Caf%C3%A9_%26_Bar",
+                    "title": "x",
+                }
+            }
+        )
+    )
     assert read_titles(minedojo).names == ["Café & Bar"]
     # A byte order mark, addresses of either path, and lines that would ask for something else: two titles, none.
-    lines.write_text("\ufeffAlpha\nhttps://w.example/w/Iron_Ore\nhttp://w.example/w/index.php?title=Gold\nA|B\na\x1fC\n__\n" + "x" * 2000)
+    lines.write_text(
+        "\ufeffAlpha\nhttps://w.example/w/Iron_Ore\nhttp://w.example/w/index.php?title=Gold\nA|B\na\x1fC\n__\n"
+        + "x" * 2000
+    )
     assert read_titles(lines)[::2] == (["Alpha", "Iron Ore", "Gold"], 4)
     minedojo.write_text('\ufeff["B", {"title": "C"}, {"metadata": 3}, null, true]')
     assert read_titles(minedojo)[::2] == (["B", "C"], 3)

@@ -56,7 +56,9 @@ STRANGE = [
 
 @pytest.mark.parametrize("answer", STRANGE, ids=str)
 def test_an_answer_of_another_shape_is_no_answer(wiki, api, kept, answer) -> None:
-    wiki.hook = lambda request: Response(json.dumps(answer)) if request.path == "/w/api.php" else None
+    wiki.hook = lambda request: (
+        Response(json.dumps(answer)) if request.path == "/w/api.php" else None
+    )
     for ask in (
         api.site,
         lambda: list(api.listing(1, 0, {})),
@@ -64,7 +66,9 @@ def test_an_answer_of_another_shape_is_no_answer(wiki, api, kept, answer) -> Non
         lambda: api.details("1", ids=["1"]),
         lambda: api.files(["File:A.png"]),
     ):
-        with pytest.raises(Unreachable, match="the wiki gives no usable answer: the API's answer") as error:
+        with pytest.raises(
+            Unreachable, match="the wiki gives no usable answer: the API's answer"
+        ) as error:
             ask()
         assert error.value.exit_code == 3
     assert not kept
@@ -72,7 +76,9 @@ def test_an_answer_of_another_shape_is_no_answer(wiki, api, kept, answer) -> Non
 
 def test_html_instead_of_json_is_shown(wiki, api) -> None:
     wiki.hook = lambda request: Response("<html>\n checking your browser</html>")
-    with pytest.raises(Unreachable, match=r'/w/api.php gives no JSON but "<html> checking your browser</html>"'):
+    with pytest.raises(
+        Unreachable, match=r'/w/api.php gives no JSON but "<html> checking your browser</html>"'
+    ):
         api.site()
     wiki.hook = lambda request: {"error": {"code": "internal_api_error_Foo", "info": "x"}}
     with pytest.raises(Unreachable, match="internal_api_error_Foo"):
@@ -87,7 +93,10 @@ def test_a_list_that_goes_in_a_circle_ends(wiki, api, kept) -> None:
 
     def around(request):
         at = request.args.get("apcontinue", "")
-        return {"continue": {"apcontinue": steps[at], "continue": "-||"}, "query": {"allpages": [{"pageid": 1, "ns": 0, "title": f"A{at}"}]}}
+        return {
+            "continue": {"apcontinue": steps[at], "continue": "-||"},
+            "query": {"allpages": [{"pageid": 1, "ns": 0, "title": f"A{at}"}]},
+        }
 
     wiki.hook = around
     with pytest.raises(Unreachable, match="goes in a circle") as error:
@@ -97,12 +106,18 @@ def test_a_list_that_goes_in_a_circle_ends(wiki, api, kept) -> None:
     with pytest.raises(Unreachable, match="goes in a circle"):
         list(api.listing(1, 0, {"apcontinue": "B", "continue": "-||"}))
     assert len(kept) == 5
-    wiki.hook = lambda request: {"continue": {"pccontinue": "1|2", "continue": "||"}, "query": {"pages": [{"pageid": 1, "title": "Alpha"}]}}
+    wiki.hook = lambda request: {
+        "continue": {"pccontinue": "1|2", "continue": "||"},
+        "query": {"pages": [{"pageid": 1, "title": "Alpha"}]},
+    }
     with pytest.raises(Unreachable, match="goes in a circle"):
         api.details("1", titles=["Alpha"])
     # The same list again and again, with ever new steps.
     fresh = iter(range(1000))
-    wiki.hook = lambda request: {"continue": {"apcontinue": str(next(fresh))}, "query": {"allpages": [{"pageid": 1, "ns": 0, "title": "A"}]}}
+    wiki.hook = lambda request: {
+        "continue": {"apcontinue": str(next(fresh))},
+        "query": {"allpages": [{"pageid": 1, "ns": 0, "title": "A"}]},
+    }
     with pytest.raises(Unreachable, match="goes in a circle"):
         list(api.listing(1, 0, {}))
 

@@ -27,13 +27,20 @@ def check(found, expected: int) -> None:
         for element in texts:
             left, top, right, bottom = pixels(element["box"])
             inner = image.crop((left + 1, top + 1, right - 1, bottom - 1))
-            assert inner.getcolors(4) == [(inner.width * inner.height, COLOUR[int(element["text"])])], element
+            assert inner.getcolors(4) == [
+                (inner.width * inner.height, COLOUR[int(element["text"])])
+            ], element
 
 
 @pytest.mark.parametrize(("name", "count", "height"), [("short", 4, 50.5), ("tall", 60, 380)])
 def test_boxes_hold_their_colour(pages, look, name, count, height):
     body = "".join(block(n, f"height:{height}px;width:{300 + n}px") for n in range(count))
-    found = look(pages.put(f"/boxes/{name}", f"<!DOCTYPE html><body style='margin:7.3px'><div id=content>{body}</div>"))
+    found = look(
+        pages.put(
+            f"/boxes/{name}",
+            f"<!DOCTYPE html><body style='margin:7.3px'><div id=content>{body}</div>",
+        )
+    )
     check(found, count)
     assert (found.extraction["page"]["height"] > 20_000) == (name != "short")
 
@@ -46,14 +53,27 @@ def test_boxes_of_moved_and_fixed_things(pages, look):
         + block(3, "height:30px;width:200px;transform:translate(200px,5px)")
         + block(4, "height:9000px;width:100px;animation:grow 1s infinite")
     )
-    style = "<style>@keyframes grow { from { margin-left: 600px } to { margin-left: 900px } }</style>"
-    found = look(pages.put("/boxes/moved", f"<!DOCTYPE html>{style}<body style='margin:0'><div id=content>{body}</div>"))
+    style = (
+        "<style>@keyframes grow { from { margin-left: 600px } to { margin-left: 900px } }</style>"
+    )
+    found = look(
+        pages.put(
+            "/boxes/moved",
+            f"<!DOCTYPE html>{style}<body style='margin:0'><div id=content>{body}</div>",
+        )
+    )
     check(found, 4)
 
 
 def test_wide_page_is_pictured_whole(pages, look):
-    body = block(1, "height:30px;width:2400px") + block(2, "height:30px;width:200px;position:relative;left:2100px")
-    found = look(pages.put("/boxes/wide", f"<!DOCTYPE html><body style='margin:0'><div id=content>{body}</div>"))
+    body = block(1, "height:30px;width:2400px") + block(
+        2, "height:30px;width:200px;position:relative;left:2100px"
+    )
+    found = look(
+        pages.put(
+            "/boxes/wide", f"<!DOCTYPE html><body style='margin:0'><div id=content>{body}</div>"
+        )
+    )
     assert found.extraction["page"]["width"] == 2400
     assert found.extraction["page"]["viewport_width"] == 1280
     check(found, 2)

@@ -20,7 +20,9 @@ def start(programs: Programs, tmp_path: Path) -> Callable[[int], Callable[..., B
     def make(failures: int) -> Callable[..., Browser]:
         driver, count = tmp_path / "driver", tmp_path / "count"
         count.write_text("")
-        driver.write_text(f'#!/bin/sh\nprintf x >> "{count}"\n[ $(wc -c < "{count}") -gt {failures} ] || exit 1\nexec "{programs.driver}" "$@"\n')
+        driver.write_text(
+            f'#!/bin/sh\nprintf x >> "{count}"\n[ $(wc -c < "{count}") -gt {failures} ] || exit 1\nexec "{programs.driver}" "$@"\n'
+        )
         driver.chmod(0o755)
         return lambda watcher: Browser(
             Programs(programs.browser, str(driver), programs.version),
@@ -35,17 +37,23 @@ def start(programs: Programs, tmp_path: Path) -> Callable[[int], Callable[..., B
     return make
 
 
-def test_a_driver_whose_port_was_taken_is_started_again(start: Callable[[int], Callable[..., Browser]]) -> None:
+def test_a_driver_whose_port_was_taken_is_started_again(
+    start: Callable[[int], Callable[..., Browser]],
+) -> None:
     with Pool(start(STARTS - 1), 10) as pool:
         assert pool.use(lambda browser: browser.script("return 1 + 1")) == 2
 
 
-def test_a_driver_that_never_starts_is_missing(start: Callable[[int], Callable[..., Browser]]) -> None:
+def test_a_driver_that_never_starts_is_missing(
+    start: Callable[[int], Callable[..., Browser]],
+) -> None:
     with pytest.raises(MissingExtra, match="driver does not start"):
         Pool(start(STARTS), 10)
 
 
-def test_a_later_browser_that_does_not_start_costs_a_try_and_not_the_run(start: Callable[[int], Callable[..., Browser]]) -> None:
+def test_a_later_browser_that_does_not_start_costs_a_try_and_not_the_run(
+    start: Callable[[int], Callable[..., Browser]],
+) -> None:
     make = start(0)
     with Pool(make, 10) as pool:
         start(STARTS)

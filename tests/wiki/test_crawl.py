@@ -15,7 +15,14 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from kb.core.errors import Blocked, LimitReached, MissingExtra, OtherService, SettingError, Unreachable
+from kb.core.errors import (
+    Blocked,
+    LimitReached,
+    MissingExtra,
+    OtherService,
+    SettingError,
+    Unreachable,
+)
 from kb.core.pipeline import load, locate
 from kb.filters.clean import run_clean
 from kb.sandbox.server import Sandbox
@@ -60,7 +67,10 @@ def make_run(run_on, sandbox):
 def tables(run) -> dict[str, list[dict]]:
     """The clean tables, after filtering."""
     run_clean(run, "wiki")
-    return {name: pq.read_table(run.root / "clean" / "wiki" / name).to_pylist() for name in ("pages", "elements", "cells", "images", "rejected")}
+    return {
+        name: pq.read_table(run.root / "clean" / "wiki" / name).to_pylist()
+        for name in ("pages", "elements", "cells", "images", "rejected")
+    }
 
 
 @pytest.fixture(scope="module")
@@ -73,8 +83,17 @@ def whole(make_run, tmp_path_factory):
 
 def test_whole_crawl(whole, sandbox):
     _, summary, found = whole
-    assert (summary["crawled"], summary["failed"], summary["pending"], summary["pictures"]) == (12, 0, 0, 15)
-    assert {row["title"] for row in found["pages"]} >= {"Saltstone", "Île d'Écume & 岩島 (100%)", "Long pier"}
+    assert (summary["crawled"], summary["failed"], summary["pending"], summary["pictures"]) == (
+        12,
+        0,
+        0,
+        15,
+    )
+    assert {row["title"] for row in found["pages"]} >= {
+        "Saltstone",
+        "Île d'Écume & 岩島 (100%)",
+        "Long pier",
+    }
     assert [(row["key"], row["stage"]) for row in found["rejected"]] == [("31", "words")]
     agents = {seen.agent for seen in sandbox.ledger.requests("")}
     assert len(agents) == 1
@@ -127,7 +146,9 @@ def test_sigkill_and_resume_give_the_same_tables(whole, sandbox, faults, tmp_pat
         "--json",
     ]
     held = faults.add("/wiki/Long_pier", hold=True)
-    process = subprocess.Popen(command, env=env, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        command, env=env, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     assert held.arrived.wait(60)
     leaders = [pid for pid in descendants(process.pid) if "chromedriver" in name_of(pid)]
     families = {pid for leader in leaders for pid in descendants(leader)} | set(leaders)
@@ -137,7 +158,9 @@ def test_sigkill_and_resume_give_the_same_tables(whole, sandbox, faults, tmp_pat
     held.release()
     faults.clear()
     gone(families)
-    done = subprocess.run(command, env=env, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(
+        command, env=env, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1])["crawled"] == 12
     run = dataclasses.replace(whole[0], root=tmp_path)
@@ -179,9 +202,16 @@ def test_limit_and_goes_on(make_run, tmp_path):
     run = make_run(tmp_path / "data", limit=1, workers=1)
     with pytest.raises(LimitReached) as stopped:
         crawl(run, names)
-    assert (stopped.value.summary["crawled"], stopped.value.summary["pending"], stopped.value.exit_code) == (1, 2, 3)
+    assert (
+        stopped.value.summary["crawled"],
+        stopped.value.summary["pending"],
+        stopped.value.exit_code,
+    ) == (1, 2, 3)
     assert [row["title"] for row in tables(run)["pages"]] == ["Charts"]
-    assert pq.read_table(run.root / "clean/wiki/pending")["reason"].to_pylist() == ["render", "render"]
+    assert pq.read_table(run.root / "clean/wiki/pending")["reason"].to_pylist() == [
+        "render",
+        "render",
+    ]
     assert crawl(dataclasses.replace(run, limit=None), names)["new"] == 2
     assert len(tables(run)["pages"]) == 3
 
@@ -230,7 +260,9 @@ def test_what_was_purged_after_its_deletion_stays_away_for_good(whole, sandbox, 
     assert load(str(locate("purge"))).purge(run, "wiki", None)["purged"] == 1
     for _ in range(2):
         crawl(run)
-        assert {row["page_id"] for row in tables(run)["pages"]} == {row["page_id"] for row in whole[2]["pages"]} - {24}
+        assert {row["page_id"] for row in tables(run)["pages"]} == {
+            row["page_id"] for row in whole[2]["pages"]
+        } - {24}
         assert "24" in tombstones.keys(run.root, "wiki")
 
 
@@ -248,7 +280,9 @@ def test_page_that_hangs_is_tried_three_times_and_recorded(make_run, faults, tmp
     assert crawl(run, names)["failed"] == 1
     found = tables(run)
     assert [row["title"] for row in found["pages"]] == ["Saltstone"]
-    assert [(row["key"], row["stage"], row["reason"]) for row in found["rejected"]] == [("24", "render", "page_timeout")]
+    assert [(row["key"], row["stage"], row["reason"]) for row in found["rejected"]] == [
+        ("24", "render", "page_timeout")
+    ]
     faults.clear()
     assert crawl(run, names)["failed"] == 0
     assert {row["title"] for row in tables(run)["pages"]} == {"Saltstone", "Charts"}
@@ -257,7 +291,12 @@ def test_page_that_hangs_is_tried_three_times_and_recorded(make_run, faults, tmp
 def test_robots_and_crawl_delay(make_run, faults, tmp_path, sandbox):
     names = tmp_path / "titles.txt"
     names.write_text("Charts\nFog\n")
-    faults.add("/robots.txt", times=None, status=200, body="User-agent: *\nDisallow: /wiki/Charts\nCrawl-delay: 1\n")
+    faults.add(
+        "/robots.txt",
+        times=None,
+        status=200,
+        body="User-agent: *\nDisallow: /wiki/Charts\nCrawl-delay: 1\n",
+    )
     run = make_run(tmp_path / "data")
     start = len(sandbox.ledger.requests(""))
     crawl(run, names)
@@ -265,7 +304,9 @@ def test_robots_and_crawl_delay(make_run, faults, tmp_path, sandbox):
     assert not [seen for seen in asked if seen.path == "/wiki/Charts"]
     times = [seen.time for seen in asked if seen.path.startswith(("/wiki/", "/w/api.php"))]
     assert max(times) - min(times) > len(times) - 2  # a second between any two, whoever sends them
-    assert ("24", "robots", "disallowed") in {(row["key"], row["stage"], row["reason"]) for row in tables(run)["rejected"]}
+    assert ("24", "robots", "disallowed") in {
+        (row["key"], row["stage"], row["reason"]) for row in tables(run)["rejected"]
+    }
 
 
 def test_maxlag_is_waited_for(make_run, faults, sandbox, tmp_path):
@@ -306,7 +347,10 @@ def test_usage_errors_come_first(make_run, tmp_path, monkeypatch):
     with pytest.raises(MissingExtra, match="Chromium and chromedriver not found") as error:
         crawl(run)
     assert (error.value.exit_code, "apt-get install chromium" in error.value.hint) == (2, True)
-    for name, version in (("chromium", "Chromium 156.0.1"), ("chromedriver", "ChromeDriver 120.0.9")):
+    for name, version in (
+        ("chromium", "Chromium 156.0.1"),
+        ("chromedriver", "ChromeDriver 120.0.9"),
+    ):
         (fake / name).write_text(f"#!/bin/sh\necho '{version}'\n")
         (fake / name).chmod(0o755)
     chromium._find.cache_clear()
@@ -328,14 +372,20 @@ def test_purge_leaves_nothing(whole, make_run, sandbox, tmp_path):
     summary = purge.purge(run, "wiki", tmp_path / "ids.txt")
     assert summary["purged"] == 2
     assert tombstones.keys(root, "wiki") == {"22", "29"}
-    left = {page["title"] for page in pq.read_table(next(root.glob("release/wiki/pages-*"))).to_pylist()}
+    left = {
+        page["title"] for page in pq.read_table(next(root.glob("release/wiki/pages-*"))).to_pylist()
+    }
     assert {"Net loom", "Long pier"}.isdisjoint(left)
     assert "Saltstone" in left
     for path in root.rglob("*"):
         assert "Net_loom" not in path.name
     gone = {row["sha256"] for row in whole[2]["images"] if row["page_id"] == 22}
     assert not [path for path in (root / "raw/wiki/images").iterdir() if path.stem in gone]
-    assert b"Net loom" not in b"".join(rawlog.encode(e) for kind in rawlog.kinds(root, "wiki") for e in rawlog.read(root, "wiki", kind))
+    assert b"Net loom" not in b"".join(
+        rawlog.encode(e)
+        for kind in rawlog.kinds(root, "wiki")
+        for e in rawlog.read(root, "wiki", kind)
+    )
     kept = [row for row in whole[2]["pages"] if row["page_id"] not in (22, 29)]
     assert tables(run)["pages"] == kept
     assert crawl(dataclasses.replace(run, again=True))["new"] == 0
@@ -346,7 +396,9 @@ def test_a_wiki_that_refuses_us_is_no_fact_about_its_pages(make_run, faults, tmp
     names = tmp_path / "titles.txt"
     names.write_text("Fog\n")
     run = make_run(tmp_path / "data")
-    faults.add("/wiki/", after=1, times=None, status=403)  # the front page still shows where the API is
+    faults.add(
+        "/wiki/", after=1, times=None, status=403
+    )  # the front page still shows where the API is
     with pytest.raises(Blocked) as error:
         crawl(run, names)
     assert error.value.exit_code == 3
@@ -366,7 +418,12 @@ def crawl_left(run) -> int:
 
 
 def test_sigterm_finishes_the_page_in_hand(sandbox, faults, tmp_path):
-    env = {**os.environ, **sandbox.settings(), "KB_NOW": NOW, "PYTHONPATH": str(Path(__file__).parents[2])}
+    env = {
+        **os.environ,
+        **sandbox.settings(),
+        "KB_NOW": NOW,
+        "PYTHONPATH": str(Path(__file__).parents[2]),
+    }
     command = [
         sys.executable,
         "-m",
@@ -381,7 +438,9 @@ def test_sigterm_finishes_the_page_in_hand(sandbox, faults, tmp_path):
         "--quiet",
     ]
     held = faults.add("/wiki/Saltstone", hold=True)
-    process = subprocess.Popen(command, env=env, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    process = subprocess.Popen(
+        command, env=env, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
     assert held.arrived.wait(60)
     family = set(descendants(process.pid))
     process.send_signal(signal.SIGTERM)

@@ -22,7 +22,10 @@ CELLS = {
     "type": "object",
     "required": ["text", "bboxes"],
     "additionalProperties": False,
-    "properties": {"text": {"type": "array", "items": {"type": "string"}}, "bboxes": {"type": "array", "items": BOX}},
+    "properties": {
+        "text": {"type": "array", "items": {"type": "string"}},
+        "bboxes": {"type": "array", "items": BOX},
+    },
 }
 TEXT = {
     "type": "object",
@@ -79,7 +82,9 @@ def run(run_on, tmp_path, make_rows):
     images = root / "raw/wiki/images"
     images.mkdir(parents=True)
     Image.new("RGB", (30, 20), (9, 9, 9)).save(images / "aaaa.png")
-    (images / "bbbb.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg' width='9' height='9'><script>x</script></svg>")
+    (images / "bbbb.svg").write_text(
+        "<svg xmlns='http://www.w3.org/2000/svg' width='9' height='9'><script>x</script></svg>"
+    )
     for page in (1, 2):
         folder = root / f"raw/wiki/pages/{page}/5"
         folder.mkdir(parents=True)
@@ -159,10 +164,19 @@ def test_tars_tables_and_index_agree(run):
     folder = run.root / "release" / "wiki"
     index = [json.loads(line) for line in (folder / "index.ndjson").read_text().splitlines()]
     names = {f"{line['tar']}/{line['member']}" for line in index}
-    pages, images = (pq.read_table(folder / f"{name}-00000-of-00001.parquet") for name in ("pages", "images"))
-    assert pages["screenshot_path"].to_pylist() == [f"screenshots-00000-of-00001.tar/{n:09d}.png" for n in (1, 2)]
-    assert set(filter(None, images["path"].to_pylist())) == {f"images-00000-of-00001.tar/{name}" for name in ("aaaa.png", "bbbb.svg")}
-    assert {*pages["screenshot_path"].to_pylist(), *filter(None, images["path"].to_pylist())} <= names
+    pages, images = (
+        pq.read_table(folder / f"{name}-00000-of-00001.parquet") for name in ("pages", "images")
+    )
+    assert pages["screenshot_path"].to_pylist() == [
+        f"screenshots-00000-of-00001.tar/{n:09d}.png" for n in (1, 2)
+    ]
+    assert set(filter(None, images["path"].to_pylist())) == {
+        f"images-00000-of-00001.tar/{name}" for name in ("aaaa.png", "bbbb.svg")
+    }
+    assert {
+        *pages["screenshot_path"].to_pylist(),
+        *filter(None, images["path"].to_pylist()),
+    } <= names
     for line in index:
         data = (folder / line["tar"]).read_bytes()[line["offset"] : line["offset"] + line["size"]]
         assert hashlib.sha256(data).hexdigest() == line["sha256"]
@@ -243,6 +257,8 @@ def test_folder_name(url, expected):
 
 
 def test_long_names_stay_apart():
-    one, two = (minedojo_wiki.folder_name(f"https://w.example/wiki/{'é' * 300}{end}") for end in "ab")
+    one, two = (
+        minedojo_wiki.folder_name(f"https://w.example/wiki/{'é' * 300}{end}") for end in "ab"
+    )
     assert one != two
     assert max(len(part.encode()) for part in one.split("/")) < 255

@@ -15,13 +15,30 @@ from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.filters.clean import run_clean
 from kb.store import buckets, rawlog, tombstones
-from tests.wiki.made import FRIDAY, MONDAY, PICTURE, TUESDAY, WORDS, captured, many, page, put, refused, told
+from tests.wiki.made import (
+    FRIDAY,
+    MONDAY,
+    PICTURE,
+    TUESDAY,
+    WORDS,
+    captured,
+    many,
+    page,
+    put,
+    refused,
+    told,
+)
 
 
 def run_at(root: Path, **options: Any) -> Run:
     profile = load_profile("minecraft")
     off = profile.toxicity.model_copy(update={"toxicity": "off"})
-    return Run(load_settings(dotenv=False), profile.model_copy(update={"toxicity": off}), root, **{"workers": 1, **options})
+    return Run(
+        load_settings(dotenv=False),
+        profile.model_copy(update={"toxicity": off}),
+        root,
+        **{"workers": 1, **options},
+    )
 
 
 def rows(root: Path, name: str) -> list[dict[str, Any]]:
@@ -30,7 +47,10 @@ def rows(root: Path, name: str) -> list[dict[str, Any]]:
 
 def verdicts(root: Path) -> dict[str, tuple[Any, ...]]:
     """stage, reason, value and threshold by key; a pending page's reason alone."""
-    found = {row["key"]: tuple(row[name] for name in ("stage", "reason", "value", "threshold")) for row in rows(root, "rejected")}
+    found = {
+        row["key"]: tuple(row[name] for name in ("stage", "reason", "value", "threshold"))
+        for row in rows(root, "rejected")
+    }
     return found | {row["key"]: (row["reason"],) for row in rows(root, "pending")}
 
 
@@ -43,10 +63,30 @@ def root(tmp_path: Path) -> Path:
     """One page an answer."""
     root = tmp_path / "data"
     general = {"server": "//wiki.example", "script": "/w/index.php"}
-    put(root, "site", (MONDAY, {"query": {"general": general, "rightsinfo": {"url": "https://creativecommons.org/licenses/by-sa/4.0/"}}}))
-    absent = [{"ns": 0, "title": "Nowhere", "missing": True}, {"title": "Bad[", "invalid": True}, page(90, "Elsewhere", redirect=True)]
+    put(
+        root,
+        "site",
+        (
+            MONDAY,
+            {
+                "query": {
+                    "general": general,
+                    "rightsinfo": {"url": "https://creativecommons.org/licenses/by-sa/4.0/"},
+                }
+            },
+        ),
+    )
+    absent = [
+        {"ns": 0, "title": "Nowhere", "missing": True},
+        {"title": "Bad[", "invalid": True},
+        page(90, "Elsewhere", redirect=True),
+    ]
     names = ["Kept", "Hidden", "Broken", "Waiting", "Short"]
-    put(root, "pages", (MONDAY, told(*(page(number, name) for number, name in enumerate(names, 1)), *absent)))
+    put(
+        root,
+        "pages",
+        (MONDAY, told(*(page(number, name) for number, name in enumerate(names, 1)), *absent)),
+    )
     put(
         root,
         "renders",
@@ -55,7 +95,15 @@ def root(tmp_path: Path) -> Path:
         (MONDAY, refused(3, "Broken", "failed", "too_tall", 123456)),
         (MONDAY, captured(root, 5, "Short", text="Too short")),
     )
-    stored = {"sha256": "ab", "path": "raw/wiki/images/ab.png", "media_type": "image/png", "width": 3, "height": 2, "license": None, "frames": []}
+    stored = {
+        "sha256": "ab",
+        "path": "raw/wiki/images/ab.png",
+        "media_type": "image/png",
+        "width": 3,
+        "height": 2,
+        "license": None,
+        "frames": [],
+    }
     put(root, "files", (MONDAY, {"key": PICTURE, "outcome": "stored", "url": PICTURE, **stored}))
     return root
 
@@ -76,13 +124,22 @@ def test_every_page_has_one_answer(root: Path) -> None:
         "crawled": 8, "kept": 1, "rejected": 6, "failed": 0, "pending": 1, "missing": 3,
     }  # fmt: skip
     assert summary["stages"] == {"missing": 3, "render": 1, "robots": 1, "words": 1}
-    assert summary["tables"] == {"wiki/pages": 1, "wiki/elements": 4, "wiki/cells": 1, "wiki/images": 1}
+    assert summary["tables"] == {
+        "wiki/pages": 1,
+        "wiki/elements": 4,
+        "wiki/cells": 1,
+        "wiki/images": 1,
+    }
 
 
 def test_a_kept_page_has_its_tables(root: Path) -> None:
     run_clean(run_at(root), "wiki")
     (kept,) = rows(root, "pages")
-    assert (kept["license"], kept["word_count"], kept["page_height"]) == ("CC-BY-SA-4.0", len(WORDS.split()) + 1, 2000)
+    assert (kept["license"], kept["word_count"], kept["page_height"]) == (
+        "CC-BY-SA-4.0",
+        len(WORDS.split()) + 1,
+        2000,
+    )
     assert kept["contributors_url"] == "http://wiki.example/w/index.php?title=Kept&action=history"
     assert kept["screenshot_path"] == "raw/wiki/pages/1/1/screenshot.png"
     assert [(row["kind"], row["text"], row["reading_order"]) for row in rows(root, "elements")] == [
@@ -92,21 +149,39 @@ def test_a_kept_page_has_its_tables(root: Path) -> None:
         ("cell", "hot", 3),
     ]
     (image,) = rows(root, "images")
-    assert (image["path"], image["alt_text"], image["frame_index"]) == ("raw/wiki/images/ab.png", "A kiln", None)
+    assert (image["path"], image["alt_text"], image["frame_index"]) == (
+        "raw/wiki/images/ab.png",
+        "A kiln",
+        None,
+    )
 
 
 def test_the_newest_answer_wins(root: Path) -> None:
     # A new revision waits for its capture; a refused page is captured; an absent title gets a page; a redirect too.
-    put(root, "pages", (FRIDAY, told(page(1, "Kept", 7), page(6, "Nowhere"), page(90, "Elsewhere"))))
-    put(root, "renders", (FRIDAY, captured(root, 3, "Broken")), (FRIDAY, captured(root, 6, "Nowhere")), (FRIDAY, captured(root, 90, "Elsewhere")))
+    put(
+        root, "pages", (FRIDAY, told(page(1, "Kept", 7), page(6, "Nowhere"), page(90, "Elsewhere")))
+    )
+    put(
+        root,
+        "renders",
+        (FRIDAY, captured(root, 3, "Broken")),
+        (FRIDAY, captured(root, 6, "Nowhere")),
+        (FRIDAY, captured(root, 90, "Elsewhere")),
+    )
     # Segments of another machine may come later and say what was before.
-    put(root, "pages", (TUESDAY, told(page(1, "Kept", 3), {"ns": 0, "title": "Nowhere", "missing": True})))
+    put(
+        root,
+        "pages",
+        (TUESDAY, told(page(1, "Kept", 3), {"ns": 0, "title": "Nowhere", "missing": True})),
+    )
     put(root, "renders", (TUESDAY, captured(root, 1, "Kept", 3)))
     summary = run_clean(run_at(root), "wiki")
     assert titles(root) == {3: "Broken", 6: "Nowhere", 90: "Elsewhere"}
     assert verdicts(root)["1"] == ("render",)
     assert {"Nowhere", "Elsewhere", "3", "6"}.isdisjoint(verdicts(root))
-    assert summary["duplicates"] == 6  # of pages 1 (two) and 90, of titles Nowhere (two) and Elsewhere
+    assert (
+        summary["duplicates"] == 6
+    )  # of pages 1 (two) and 90, of titles Nowhere (two) and Elsewhere
 
 
 def test_pages_that_went_away_leave_the_tables(root: Path) -> None:
@@ -142,15 +217,25 @@ def test_unreadable_facts_of_the_wiki_are_rejected_with_what_was_found(root: Pat
 
 def test_unknown_keys_and_cut_off_files_are_counted(root: Path) -> None:
     put(root, "pages", (MONDAY, told(page(1, "Kept", mood="fine"))))
-    put(root, "titles", (MONDAY, {"query": {"allpages": [{"pageid": 1, "ns": 0, "title": "Kept", "aura": 1}]}}), (MONDAY, told()))
+    put(
+        root,
+        "titles",
+        (MONDAY, {"query": {"allpages": [{"pageid": 1, "ns": 0, "title": "Kept", "aura": 1}]}}),
+        (MONDAY, told()),
+    )
     last = rawlog.segments(root, "wiki", "titles")[-1]
     last.write_bytes(last.read_bytes()[:-5])
     summary = run_clean(run_at(root), "wiki")
-    assert summary["unknown_keys"] == {"pages.query.pages[].mood": 1, "titles.query.allpages[].aura": 1}
+    assert summary["unknown_keys"] == {
+        "pages.query.pages[].mood": 1,
+        "titles.query.allpages[].aura": 1,
+    }
     assert summary["truncated_files"] == 1
 
 
-def test_buckets_and_workers_change_no_row(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_buckets_and_workers_change_no_row(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     many(root, 60)
     names = ("pages", "elements", "cells", "images", "rejected", "pending")
     run_clean(run_at(root), "wiki")
@@ -166,7 +251,11 @@ def test_buckets_and_workers_change_no_row(root: Path, tmp_path: Path, monkeypat
 
 
 def digests(folder: Path) -> dict[str, str]:
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
 
 
 def test_a_lost_extraction_names_its_file_and_replaces_nothing(root: Path) -> None:

@@ -19,11 +19,18 @@ def bomb(width: int, height: int) -> bytes:
     """A PNG of one colour: small as a file, large when decoded."""
 
     def chunk(name: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        return (
+            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        )
 
     pack = zlib.compressobj(9)
     rows = b"".join(pack.compress(bytes(1 + width)) for _ in range(height)) + pack.flush()
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
+        + chunk(b"IDAT", rows)
+        + chunk(b"IEND", b"")
+    )
 
 
 def texts(found) -> list[str]:
@@ -39,7 +46,9 @@ def test_bomb_image(pages, look):
 
 
 def test_three_thousand_cells(pages, look):
-    rows = "".join("<tr>" + "".join(f"<td>{r}.{c}</td>" for c in range(30)) + "</tr>" for r in range(100))
+    rows = "".join(
+        "<tr>" + "".join(f"<td>{r}.{c}</td>" for c in range(30)) + "</tr>" for r in range(100)
+    )
     found = look(pages.put("/cells", f"{TEXT}<table>{rows}</table>"))
     cells = found.extraction["cells"]
     assert len(cells) == 3000
@@ -59,7 +68,10 @@ def test_infinite_animation_and_timers(pages, look):
 
 
 def test_page_that_grows_for_ever(pages, look):
-    body = TEXT + "<script>setInterval(() => document.body.append(Object.assign(document.createElement('p'), {textContent: 'more'})), 20)</script>"
+    body = (
+        TEXT
+        + "<script>setInterval(() => document.body.append(Object.assign(document.createElement('p'), {textContent: 'more'})), 20)</script>"
+    )
     found = look(pages.put("/growing", body))
     assert not found.settled
     assert found.extraction["page"]["height"] >= 1024
@@ -86,7 +98,11 @@ def test_endless_loop_is_ended_with_its_browser(pages, look, pool):
 
 def test_loop_that_starts_while_settling(pages, look):
     with pytest.raises(Retryable, match="page_timeout"):
-        look(pages.put("/late-loop", TEXT + "<script>setTimeout(() => { while (true) {} }, 100)</script>"))
+        look(
+            pages.put(
+                "/late-loop", TEXT + "<script>setTimeout(() => { while (true) {} }, 100)</script>"
+            )
+        )
 
 
 @pytest.mark.parametrize(
@@ -135,13 +151,16 @@ def test_dropped_pictures_and_styles_are_asked_again(pages, look, tmp_path):
 
     def flaky(request):
         tries.append(1)
-        return Response("busy", 503) if len(tries) == 1 else Response(data, content_type="image/png")
+        return (
+            Response("busy", 503) if len(tries) == 1 else Response(data, content_type="image/png")
+        )
 
     pages.put("/flaky.png", flaky)
     found = look(
         pages.put(
             "/flaky",
-            TEXT + "<img src=/flaky.png loading=lazy><div style='height:9000px'></div><img src=/flaky.png?far loading=lazy>",
+            TEXT
+            + "<img src=/flaky.png loading=lazy><div style='height:9000px'></div><img src=/flaky.png?far loading=lazy>",
         )
     )
     images = [e for e in found.extraction["elements"] if e["kind"] == "image"]

@@ -48,7 +48,9 @@ def query(run, sql):
     """Rows of a query over the clean tables as dicts."""
     con = duckdb.connect()
     for name in ("pages", "elements", "cells", "images"):
-        con.execute(f"CREATE VIEW {name} AS SELECT * FROM read_parquet('{run.root}/clean/wiki/{name}/*.parquet')")
+        con.execute(
+            f"CREATE VIEW {name} AS SELECT * FROM read_parquet('{run.root}/clean/wiki/{name}/*.parquet')"
+        )
     return con.sql(sql).to_arrow_table().to_pylist()
 
 
@@ -66,7 +68,9 @@ def test_every_page_is_answered(data):
     assert cleaned["crawled"] == cleaned["kept"] + cleaned["rejected"]
     assert {row["title"] for row in query(run, "SELECT title FROM pages")} == TITLES - {"Stub"}
     rejected = pq.read_table(run.root / "clean/wiki/rejected").to_pylist()
-    assert [(row["stage"], row["reason"], row["threshold"]) for row in rejected] == [("words", "below", "20")]
+    assert [(row["stage"], row["reason"], row["threshold"]) for row in rejected] == [
+        ("words", "below", "20")
+    ]
 
 
 def test_page_rows_name_revision_licence_and_contributors(data, mediawiki):
@@ -90,7 +94,16 @@ def test_grid_spans_and_nested_tables(data):
     tables = sorted({row["table_id"] for row in rows})
     assert len(tables) == 3
     first = [
-        (r["text"], r["row_index"], r["column_index"], r["row_span"], r["column_span"], r["is_header"]) for r in rows if r["table_id"] == tables[0]
+        (
+            r["text"],
+            r["row_index"],
+            r["column_index"],
+            r["row_span"],
+            r["column_span"],
+            r["is_header"],
+        )
+        for r in rows
+        if r["table_id"] == tables[0]
     ]
     assert first == [
         ("Kiln", 0, 0, 2, 1, True),
@@ -106,7 +119,9 @@ def test_grid_spans_and_nested_tables(data):
     texts = [row["text"] for row in rows]
     assert texts.count("deep one") == 1
     assert "before\nafter" in texts
-    inner = next(e for e in elements(run, "Grids", "kind = 'table'") if e["element_id"] == tables[2])
+    inner = next(
+        e for e in elements(run, "Grids", "kind = 'table'") if e["element_id"] == tables[2]
+    )
     holder = next(e for e in elements(run, "Grids") if e["element_id"] == inner["parent_id"])
     assert (holder["kind"], holder["text"]) == ("cell", "before\nafter")
 
@@ -140,7 +155,9 @@ def test_frames_of_gif_apng_and_scripts(data):
         """SELECT i.*, kind FROM images i JOIN pages p USING (page_id) JOIN elements e USING (page_id, element_id)
                          WHERE title = 'Frames' ORDER BY element_id, frame_index""",
     )
-    assert [(r["kind"], r["media_type"], r["frame_index"], r["frame_duration_ms"]) for r in rows] == [
+    assert [
+        (r["kind"], r["media_type"], r["frame_index"], r["frame_duration_ms"]) for r in rows
+    ] == [
         ("image", "image/gif", 0, 300),
         ("image", "image/gif", 1, 200),
         ("image", "image/gif", 2, 100),
@@ -160,7 +177,11 @@ def test_sprites_have_names_boxes_and_pixels(data):
         """SELECT e.text, e.width AS w, e.height AS h, i.* FROM elements e JOIN pages p USING (page_id) JOIN images i USING (page_id, element_id)
                          WHERE title = 'Icons' AND kind = 'sprite' ORDER BY reading_order""",
     )
-    assert [(r["text"], r["w"], r["h"]) for r in rows] == [("Clay", 16, 16), ("Ash", 16, 16), ("Salt", 16, 16)]
+    assert [(r["text"], r["w"], r["h"]) for r in rows] == [
+        ("Clay", 16, 16),
+        ("Ash", 16, 16),
+        ("Salt", 16, 16),
+    ]
     colours = []
     for row in rows:
         with Image.open(run.root / row["path"]) as picture:
@@ -185,7 +206,11 @@ def test_hidden_is_recorded_as_hidden(data):
 def test_regions_headings_and_no_chrome(data):
     run, *_ = data
     found = elements(run, "Regions", "kind in ('text', 'cell')")
-    assert {e["text"]: e["heading_level"] for e in found if e["heading_level"] and e["region"] == "content"} == {
+    assert {
+        e["text"]: e["heading_level"]
+        for e in found
+        if e["heading_level"] and e["region"] == "content"
+    } == {
         "Regions": 1,
         "First": 2,
         "Under first": 3,
@@ -222,7 +247,9 @@ def test_boxes_of_a_tall_wiki_page_hold_their_colour(data):
 def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     """Runs last: it changes the wiki."""
     run, *_ = data
-    before = {row["title"]: row["page_id"] for row in query(run, "SELECT title, page_id FROM pages")}
+    before = {
+        row["title"]: row["page_id"] for row in query(run, "SELECT title, page_id FROM pages")
+    }
     shown = sum(1 for _ in rawlog.read(run.root, "wiki", "renders"))
     mediawiki.edit(
         "Grids",
@@ -239,7 +266,9 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     drawn = mediawiki.folder / "redrawn"
     drawn.mkdir()
     Image.new("RGB", (333, 222), (1, 2, 3)).save(drawn / "Flat.png")
-    mediawiki.php("importImages", "--overwrite", "--comment", "redrawn", "--extensions", "png", str(drawn))
+    mediawiki.php(
+        "importImages", "--overwrite", "--comment", "redrawn", "--extensions", "png", str(drawn)
+    )
     assert crawl(run)["new"] == 0
     again = crawl(dataclasses.replace(run, again=True))
     assert again["new"] == 3
@@ -250,7 +279,8 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     assert "To be deleted" not in rows
     # A picture that was replaced under its name is fetched again, without showing its pages again.
     sizes = query(
-        run, "SELECT DISTINCT i.width, i.height FROM images i JOIN pages p USING (page_id) WHERE src LIKE '%/Flat.png' AND title = 'Pictures'"
+        run,
+        "SELECT DISTINCT i.width, i.height FROM images i JOIN pages p USING (page_id) WHERE src LIKE '%/Flat.png' AND title = 'Pictures'",
     )
     assert sizes == [{"width": 333, "height": 222}]
     assert "To be moved" not in rows

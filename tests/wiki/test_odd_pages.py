@@ -36,9 +36,17 @@ def run(wiki, run_on, tmp_path, monkeypatch):
 def filtered(run):
     """(summary, kept titles, verdict by key)."""
     summary = run_clean(run, "wiki")
-    assert summary["crawled"] == sum(summary[name] for name in ("kept", "rejected", "failed", "pending"))
-    found = {row["key"]: (row["stage"], row["reason"]) for row in pq.read_table(run.root / "clean/wiki/rejected").to_pylist()}
-    found |= {row["key"]: ("failed", row["reason"]) for row in pq.read_table(run.root / "clean/wiki/failed").to_pylist()}
+    assert summary["crawled"] == sum(
+        summary[name] for name in ("kept", "rejected", "failed", "pending")
+    )
+    found = {
+        row["key"]: (row["stage"], row["reason"])
+        for row in pq.read_table(run.root / "clean/wiki/rejected").to_pylist()
+    }
+    found |= {
+        row["key"]: ("failed", row["reason"])
+        for row in pq.read_table(run.root / "clean/wiki/failed").to_pylist()
+    }
     return summary, sorted(pq.read_table(run.root / "clean/wiki/pages")["title"].to_pylist()), found
 
 
@@ -47,12 +55,16 @@ def test_every_line_of_a_file_of_titles_is_counted(wiki, run, tmp_path):
         wiki.add(key, title)
     wiki.add(9, "Redir", redirect=True)
     names = tmp_path / "titles.txt"
-    names.write_text(f"\ufeffAlpha\nbeta\nGamma|Delta\nwp:Foo\nRedir\nNope\nLost\n\n# note\n{wiki.url}/wiki/Delta\n")
+    names.write_text(
+        f"\ufeffAlpha\nbeta\nGamma|Delta\nwp:Foo\nRedir\nNope\nLost\n\n# note\n{wiki.url}/wiki/Delta\n"
+    )
 
     def without_lost(request):
         answer = wiki.api(request) if "titles" in request.args else None
         if answer:
-            answer["query"]["pages"] = [page for page in answer["query"]["pages"] if page["title"] != "Lost"]
+            answer["query"]["pages"] = [
+                page for page in answer["query"]["pages"] if page["title"] != "Lost"
+            ]
         return answer
 
     wiki.hook = without_lost
@@ -62,7 +74,11 @@ def test_every_line_of_a_file_of_titles_is_counted(wiki, run, tmp_path):
     }  # fmt: skip
     found, kept, odd = filtered(run)
     assert (kept, found["unknown_keys"]) == (["Alpha", "Beta", "Delta"], {})
-    absent = {"wp:Foo": ("missing", "interwiki"), "Redir": ("missing", "redirect"), "Nope": ("missing", "missing")}
+    absent = {
+        "wp:Foo": ("missing", "interwiki"),
+        "Redir": ("missing", "redirect"),
+        "Nope": ("missing", "missing"),
+    }
     assert odd == {**absent, "Lost": ("failed", "unanswered")}
     wiki.hook = lambda request: None
     assert crawl(run, names)["failed"] == 0
@@ -86,12 +102,20 @@ def test_what_became_a_redirect_is_found_by_its_id_and_is_no_row(wiki, run):
     assert crawl(dataclasses.replace(run, again=True))["gone"] == 1
     assert filtered(run)[1:] == (["Beta"], {})
     # An answer that is none is no fact: not in a new round, and not for a purge after it.
-    wiki.hook = lambda request: {"batchcomplete": True} if request.args.get("list") or "pageids" in request.args else None
+    wiki.hook = lambda request: (
+        {"batchcomplete": True} if request.args.get("list") or "pageids" in request.args else None
+    )
     with pytest.raises(Unreachable):
         crawl(dataclasses.replace(run, again=True))
     wiki.hook = lambda request: {"query": {"allpages": []}} if request.args.get("list") else None
     odd = {"query": {"pages": [{"pageid": 2, "ns": 0, "title": "Beta"}]}}
-    wiki.hook = lambda request: {"query": {"allpages": []}} if request.args.get("list") else odd if "pageids" in request.args else None
+    wiki.hook = lambda request: (
+        {"query": {"allpages": []}}
+        if request.args.get("list")
+        else odd
+        if "pageids" in request.args
+        else None
+    )
     crawl(dataclasses.replace(run, again=True))
     assert load(str(locate("purge"))).purge(run, "wiki", None)["purged"] == 1
     assert filtered(run)[1:] == (["Beta"], {})
@@ -109,7 +133,11 @@ def test_a_page_that_will_not_be_shown_is_final(wiki, run):
     assert {name: summary[name] for name in ("crawled", "rejected", "failed", "robots", "gone")} == {
         "crawled": 1, "rejected": 2, "failed": 0, "robots": 1, "gone": 0,
     }  # fmt: skip
-    verdicts = {"7": ("render", "too_tall"), "8": ("render", "http_404"), "9": ("robots", "disallowed")}
+    verdicts = {
+        "7": ("render", "too_tall"),
+        "8": ("render", "http_404"),
+        "9": ("robots", "disallowed"),
+    }
     assert filtered(run)[2] == verdicts
     assert crawl(run)["requests"] == 0
     wiki.shown()
@@ -118,13 +146,18 @@ def test_a_page_that_will_not_be_shown_is_final(wiki, run):
     crawl(dataclasses.replace(run, again=True))
     assert wiki.shown() == ["Gone_from_the_shelf"]
     # A profile that allows more shows it at once, a new revision in the next round.
-    higher = run.profile.model_copy(update={"wiki": run.profile.wiki.model_copy(update={"max_page_height": 130_000})})
+    higher = run.profile.model_copy(
+        update={"wiki": run.profile.wiki.model_copy(update={"max_page_height": 130_000})}
+    )
     assert crawl(dataclasses.replace(run, profile=higher))["rejected"] == 0
     assert wiki.shown() == ["Tall"]
     wiki.pages[7] |= {"html": f"<p>{WORDS}</p>", "revid": 71}
     crawl(dataclasses.replace(run, again=True))
     assert wiki.shown() == ["Tall"]
-    assert filtered(run)[1:] == (["Alpha", "Gone from the shelf", "Tall"], {"9": ("robots", "disallowed")})
+    assert filtered(run)[1:] == (
+        ["Alpha", "Gone from the shelf", "Tall"],
+        {"9": ("robots", "disallowed")},
+    )
 
 
 def test_purge_counts_what_it_knows(wiki, run, tmp_path):
@@ -135,16 +168,31 @@ def test_purge_counts_what_it_knows(wiki, run, tmp_path):
     crawl(run, names)
     ids = tmp_path / "data.json"
     purge = load(str(locate("purge"))).purge
-    ids.write_text("\ufeff" + json.dumps([{"metadata": {"title": "Alpha", "url": f"{wiki.url}/wiki/Alpha"}}], indent=1))
+    ids.write_text(
+        "\ufeff"
+        + json.dumps([{"metadata": {"title": "Alpha", "url": f"{wiki.url}/wiki/Alpha"}}], indent=1)
+    )
     summary = purge(run, "wiki", ids)
-    assert {name: summary[name] for name in ("purged", "unknown", "bad_lines")} == {"purged": 1, "unknown": 0, "bad_lines": 0}
+    assert {name: summary[name] for name in ("purged", "unknown", "bad_lines")} == {
+        "purged": 1,
+        "unknown": 0,
+        "bad_lines": 0,
+    }
     assert filtered(run)[1] == ["Beta", "Eps", "Gamma", "Zeta"]
-    raw = [rawlog.encode(envelope).lower() for kind in rawlog.kinds(run.root, "wiki") for envelope in rawlog.read(run.root, "wiki", kind)]
+    raw = [
+        rawlog.encode(envelope).lower()
+        for kind in rawlog.kinds(run.root, "wiki")
+        for envelope in rawlog.read(run.root, "wiki", kind)
+    ]
     assert not [line for line in raw if b"alpha" in line]  # the way it was asked for, too
     lines = tmp_path / "ids.txt"
     lines.write_text("\ufeffbeta\n5\nNope\nNever heard of\n{\n\x00\nA|B\n")
     summary = purge(run, "wiki", lines)
-    assert {name: summary[name] for name in ("purged", "unknown", "bad_lines")} == {"purged": 3, "unknown": 1, "bad_lines": 3}
+    assert {name: summary[name] for name in ("purged", "unknown", "bad_lines")} == {
+        "purged": 3,
+        "unknown": 1,
+        "bad_lines": 3,
+    }
     assert tombstones.keys(run.root, "wiki") == {"1", "2", "5", "Nope", "Never heard of"}
     assert filtered(run)[1:] == (["Gamma", "Zeta"], {})
     for text in ("{", '{"a": '):

@@ -42,7 +42,16 @@ def test_inspect(data, expected):
     assert (found.media_type, found.width, found.height, found.frames) == expected
 
 
-@pytest.mark.parametrize("data", [b"", b"<html><body>Not found</body></html>", b"GIF", picture("PNG")[:20], b"\x89PNG\r\n\x1a\nrubbish"])
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"<html><body>Not found</body></html>",
+        b"GIF",
+        picture("PNG")[:20],
+        b"\x89PNG\r\n\x1a\nrubbish",
+    ],
+)
 def test_no_picture(data):
     assert inspect(data, 10_000) is None
 
@@ -61,7 +70,11 @@ def test_large_pictures_are_not_decoded():
 def test_cut_off_animation_keeps_the_frames_that_are_there():
     data = picture("GIF", (64, 64), frames=4, duration=[100, 200, 300, 400])
     found = inspect(data[: len(data) * 6 // 10], 10_000)
-    assert found is None or (1 <= len(found.frames) < 4 and found.frames == (100, 200, 300)[: len(found.frames)]) or found.frames == ()
+    assert (
+        found is None
+        or (1 <= len(found.frames) < 4 and found.frames == (100, 200, 300)[: len(found.frames)])
+        or found.frames == ()
+    )
 
 
 def test_the_type_is_in_the_bytes_not_in_the_name():
@@ -80,9 +93,15 @@ def test_png_writer_joins_tiles(tmp_path):
 
 
 def test_png_writer_counts_rows(tmp_path):
-    with pytest.raises(Retryable, match="screenshot_size"), PngWriter(tmp_path / "x.png", 4, 9) as png:
+    with (
+        pytest.raises(Retryable, match="screenshot_size"),
+        PngWriter(tmp_path / "x.png", 4, 9) as png,
+    ):
         png.add(Image.new("RGB", (4, 8)))
-    with pytest.raises(Retryable, match="screenshot_size"), PngWriter(tmp_path / "x.png", 4, 9) as png:
+    with (
+        pytest.raises(Retryable, match="screenshot_size"),
+        PngWriter(tmp_path / "x.png", 4, 9) as png,
+    ):
         png.add(Image.new("RGB", (5, 9)))
 
 
@@ -97,7 +116,10 @@ class Repeating:
         import base64
 
         clip = params["clip"]
-        rows = [(clip["y"] + n) % self.limit if clip["height"] > screenshot.STRIP else clip["y"] + n for n in range(clip["height"])]
+        rows = [
+            (clip["y"] + n) % self.limit if clip["height"] > screenshot.STRIP else clip["y"] + n
+            for n in range(clip["height"])
+        ]
         image = Image.new("RGB", (clip["width"], clip["height"]))
         start = rows[0]
         image.paste(self.page.crop((0, start, clip["width"], start + clip["height"])), (0, 0))

@@ -37,7 +37,10 @@ def job(few: Sandbox, tmp_path: Path) -> Job:
 @pytest.fixture(scope="session")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
     """The whole world crawled, scored, filtered and exported; read only."""
-    if importlib.util.find_spec("torch") is None or importlib.util.find_spec("transformers") is None:
+    if (
+        importlib.util.find_spec("torch") is None
+        or importlib.util.find_spec("transformers") is None
+    ):
         skip_or_fail("the extra `toxicity` is not installed")
     with Sandbox(World(), services=["youtube"]) as sandbox:
         job = Job(sandbox, tmp_path_factory.mktemp("whole"), toxicity=True)

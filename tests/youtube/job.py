@@ -19,10 +19,17 @@ NOW = "2026-11-20T12:00:00Z"
 class Job:
     """One data root and one sandbox. `toxicity` False: a profile that scores no text, so that no model is loaded."""
 
-    def __init__(self, sandbox: Sandbox, place: Path, *, toxicity: bool = False, **env: str) -> None:
+    def __init__(
+        self, sandbox: Sandbox, place: Path, *, toxicity: bool = False, **env: str
+    ) -> None:
         self.sandbox, self.place, self.root = sandbox, place, place / "data"
         place.mkdir(parents=True, exist_ok=True)
-        self.env = clean_environment() | sandbox.settings(model=toxicity) | {"KB_DATA": str(self.root), "KB_NOW": NOW} | env
+        self.env = (
+            clean_environment()
+            | sandbox.settings(model=toxicity)
+            | {"KB_DATA": str(self.root), "KB_NOW": NOW}
+            | env
+        )
         if not toxicity:
             self.profile(('toxicity = "on"', 'toxicity = "off"'))
 
@@ -62,19 +69,25 @@ class Job:
             out, err = child.communicate(timeout=timeout)
         except subprocess.TimeoutExpired:
             child.kill()
-            raise AssertionError(f"kb {' '.join(words)} hangs: {child.communicate()[1][-2000:]}") from None
+            raise AssertionError(
+                f"kb {' '.join(words)} hangs: {child.communicate()[1][-2000:]}"
+            ) from None
         return subprocess.CompletedProcess(words, child.returncode, out, err)
 
     def done(self, *words: str, code: int = 0, **env: str) -> dict[str, Any]:
         """The summary of `kb WORDS --json`, which must end with `code`."""
         result = self.kb(*words, "--json", **env)
-        assert result.returncode == code, f"kb {' '.join(words)} ended with {result.returncode}:\n{result.stderr[-3000:]}"
+        assert result.returncode == code, (
+            f"kb {' '.join(words)} ended with {result.returncode}:\n{result.stderr[-3000:]}"
+        )
         return json.loads(result.stdout.splitlines()[-1]) if result.stdout else {}
 
     def stopped(self, *words: str, code: int, **env: str) -> str:
         """The one line of a `kb WORDS` that ends with `code`, and no traceback."""
         result = self.kb(*words, **env)
-        assert result.returncode == code, f"kb {' '.join(words)} ended with {result.returncode}:\n{result.stderr[-3000:]}"
+        assert result.returncode == code, (
+            f"kb {' '.join(words)} ended with {result.returncode}:\n{result.stderr[-3000:]}"
+        )
         assert "Traceback" not in result.stderr
         lines = [line for line in result.stderr.splitlines() if line.startswith("kb: ")]
         assert len(lines) == 1, result.stderr
@@ -89,12 +102,18 @@ class Job:
 
     def released(self) -> list[dict[str, Any]]:
         """The released videos without the time that they were read at."""
-        return self.rows("SELECT * EXCLUDE (fetched_at) FROM release.youtube_videos ORDER BY video_id")
+        return self.rows(
+            "SELECT * EXCLUDE (fetched_at) FROM release.youtube_videos ORDER BY video_id"
+        )
 
     def digests(self, *parts: str) -> dict[str, str]:
         """sha256 by path of every file below a folder of the data root."""
         top = self.root.joinpath(*parts)
-        return {str(path.relative_to(top)): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(top.rglob("*")) if path.is_file()}
+        return {
+            str(path.relative_to(top)): hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in sorted(top.rglob("*"))
+            if path.is_file()
+        }
 
     def raw(self, kind: str) -> list[dict[str, Any]]:
         """Every envelope of a raw kind."""
@@ -103,7 +122,9 @@ class Job:
         found = []
         for path in sorted((self.root / "raw" / "youtube" / kind).glob("*.ndjson.zst*")):
             with path.open("rb") as file:
-                text = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True).read()
+                text = (
+                    zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True).read()
+                )
             found += [json.loads(line) for line in text.splitlines()]
         return found
 
@@ -115,5 +136,7 @@ def plain_units(sandbox: Sandbox) -> int:
         return -(-count // 50)
 
     world = sandbox.world.youtube
-    lists = sum(max(1, pages(len(channel.entries))) if channel.listed else 1 for channel in world.channels)
+    lists = sum(
+        max(1, pages(len(channel.entries))) if channel.listed else 1 for channel in world.channels
+    )
     return lists + pages(len(world.videos))

@@ -53,7 +53,9 @@ def run_with(sandbox: Sandbox, root: Path, wait: bool = False, **limits: int) ->
     profile = load_profile("minecraft")
     assert profile.youtube is not None
     profile = profile.model_copy(update={"youtube": profile.youtube.model_copy(update=limits)})
-    settings = load_settings(dotenv=False, **{key.lower(): value for key, value in sandbox.settings(model=False).items()})
+    settings = load_settings(
+        dotenv=False, **{key.lower(): value for key, value in sandbox.settings(model=False).items()}
+    )
     return Run(settings=settings, profile=profile, root=root, workers=2, wait=wait)
 
 
@@ -71,12 +73,21 @@ def test_wait_with_a_set_date_sees_the_next_day(job: Job) -> None:
     job.sandbox.faults.add("/v3/videos", status=status, body=body)
     assert job.done(*CRAWL, "--wait", KB_NOW="2026-11-21T07:59:58Z")["left"] == 0
     with sqlite3.connect(job.root / "state" / "youtube.sqlite") as state:
-        days = state.execute("SELECT DISTINCT day FROM ledger WHERE bucket = 'general' ORDER BY day").fetchall()
+        days = state.execute(
+            "SELECT DISTINCT day FROM ledger WHERE bucket = 'general' ORDER BY day"
+        ).fetchall()
     assert days == [("2026-11-20",), ("2026-11-21",)]
 
 
-def test_wait_goes_on_after_each_reset_and_never_overspends(few: Sandbox, tmp_path: Path, days: Days) -> None:
-    summary = youtube.crawl(run_with(few, tmp_path, wait=True, units_per_day=UNITS, searches_per_day=SEARCHES), None, None, None)
+def test_wait_goes_on_after_each_reset_and_never_overspends(
+    few: Sandbox, tmp_path: Path, days: Days
+) -> None:
+    summary = youtube.crawl(
+        run_with(few, tmp_path, wait=True, units_per_day=UNITS, searches_per_day=SEARCHES),
+        None,
+        None,
+        None,
+    )
     assert (summary["left"], summary["failed"]) == (0, 0)
     with sqlite3.connect(tmp_path / "state" / "youtube.sqlite") as state:
         rows = state.execute("SELECT bucket, day, sum(units) FROM ledger GROUP BY bucket, day")
@@ -90,4 +101,7 @@ def test_wait_goes_on_after_each_reset_and_never_overspends(few: Sandbox, tmp_pa
     midnight = datetime.fromisoformat(last).replace(tzinfo=PACIFIC)
     assert timedelta(0) <= days.time - midnight < timedelta(minutes=2)
     # What one day's quota does whole is the same as what many days did.
-    assert youtube.crawl(run_with(few, tmp_path / "whole"), None, None, None)["crawled"] == summary["crawled"]
+    assert (
+        youtube.crawl(run_with(few, tmp_path / "whole"), None, None, None)["crawled"]
+        == summary["crawled"]
+    )

@@ -35,8 +35,15 @@ def check(job: Job) -> None:
     world = job.sandbox.world.youtube
     read = {item["id"] for envelope in job.raw("videos") for item in envelope["response"]["items"]}
     assert read == {video.id for video in world.videos.values() if video.in_api}
-    had = {envelope["response"]["video_id"]: envelope["response"] for envelope in job.raw("transcripts")}  # the newest wins
-    kept = {video.id: video.case.kind for video in world.videos.values() if video.case.stage in (None, "toxicity")}
+    had = {
+        envelope["response"]["video_id"]: envelope["response"]
+        for envelope in job.raw("transcripts")
+    }  # the newest wins
+    kept = {
+        video.id: video.case.kind
+        for video in world.videos.values()
+        if video.case.stage in (None, "toxicity")
+    }
     assert {key: had[key]["kind"] for key in kept} == kept
 
 
@@ -77,7 +84,9 @@ def test_a_spent_search_bucket_does_not_keep_the_rest_from_going_on(job: Job) ->
     job.sandbox.world.quota["search"] = 1
     line = job.stopped(*CRAWL, code=3)
     assert "search" in line
-    assert job.sandbox.ledger.units() == plain_units(job.sandbox)  # the first keyword finds every channel
+    assert job.sandbox.ledger.units() == plain_units(
+        job.sandbox
+    )  # the first keyword finds every channel
     job.sandbox.world.quota["search"] = 100
     finish(job)
     assert job.sandbox.ledger.units("search") == 4
@@ -96,7 +105,10 @@ def test_the_ledger_never_overruns_what_the_profile_allows_a_day(job: Job) -> No
 def test_what_passes_is_tried_again(job: Job) -> None:
     """Bursts, 5xx, broken connections and truncated bodies, each somewhere on the way of one crawl."""
     now = {"Retry-After": "0"}
-    burst, burst_429, down = (make() for make in (youtube_errors.burst, youtube_errors.burst_429, youtube_errors.unavailable))
+    burst, burst_429, down = (
+        make()
+        for make in (youtube_errors.burst, youtube_errors.burst_429, youtube_errors.unavailable)
+    )
     for path, what in (
         ("/v3/search", {"status": burst[0], "body": burst[1], "headers": now}),
         ("/v3/search", {"after": 2, "cut": 0.6, "honest": True}),
@@ -160,10 +172,22 @@ def test_a_service_that_is_down_stops_the_run(job: Job) -> None:
         {"path": "/player", "status": 200, "body": youtube_player.bot_answer()},
         {"path": "/timedtext", "status": 429, "headers": {"Retry-After": "0"}},
         {"path": "/watch", "status": 429, "headers": {"Retry-After": "7200"}},
-        {"path": "/watch", "status": 302, "headers": {"Location": "https://consent.youtube.com/m?continue=x"}},
+        {
+            "path": "/watch",
+            "status": 302,
+            "headers": {"Location": "https://consent.youtube.com/m?continue=x"},
+        },
         {"path": "/watch", "status": 302, "headers": {"Location": "/sorry/index"}},
     ],
-    ids=["captcha", "consent wall", "bot", "429", "429 for hours", "sent to the consent wall", "sent to the captcha"],
+    ids=[
+        "captcha",
+        "consent wall",
+        "bot",
+        "429",
+        "429 for hours",
+        "sent to the consent wall",
+        "sent to the captcha",
+    ],
 )
 def test_a_block_stops_the_run_and_is_no_fact_about_a_video(job: Job, what: dict[str, Any]) -> None:
     no_patience(job)
@@ -199,7 +223,9 @@ def test_a_signal_finishes_the_item_in_hand(job: Job, number: int) -> None:
     assert [line for line in err.splitlines() if line.startswith("kb: stopped")]
     finish(job)
     assert job.sandbox.ledger.units() == plain_units(job.sandbox)  # nothing was asked twice
-    assert len({seen.about for seen in job.sandbox.ledger.requests("/watch")}) == len(job.sandbox.ledger.requests("/watch"))
+    assert len({seen.about for seen in job.sandbox.ledger.requests("/watch")}) == len(
+        job.sandbox.ledger.requests("/watch")
+    )
 
 
 def test_the_key_is_in_no_process_list_and_no_debug_log(job: Job) -> None:
@@ -207,9 +233,15 @@ def test_the_key_is_in_no_process_list_and_no_debug_log(job: Job) -> None:
     job.sandbox.faults.add("/v3/search", reset=True)
     child = job.start(*CRAWL, "--debug")
     assert held.arrived.wait(60)
-    seen = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=False).stdout if Path("/bin/ps").exists() else ""
+    seen = (
+        subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=False).stdout
+        if Path("/bin/ps").exists()
+        else ""
+    )
     seen += Path(f"/proc/{child.pid}/cmdline").read_text()
-    job.sandbox.faults.add("/v3/videos", status=400, body=youtube_errors.key_invalid()[1], times=None)
+    job.sandbox.faults.add(
+        "/v3/videos", status=400, body=youtube_errors.key_invalid()[1], times=None
+    )
     held.release()
     out, err = child.communicate(timeout=120)
     assert KEY not in seen + out + err

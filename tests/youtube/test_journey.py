@@ -25,9 +25,16 @@ def test_every_video_gets_the_verdict_of_its_case(whole: Job) -> None:
     found = verdicts(whole)
     wrong = []
     for video in whole.sandbox.world.youtube.videos.values():
-        row, wanted = found.get(video.id, {"stage": "nothing", "reason": None}), video.case.stage or "kept"
-        if row["stage"] != wanted or (video.case.reason and video.case.reason not in ("none", row["reason"])):
-            wrong.append(f"{video.case.name}: {row['stage']} ({row['reason']}, {row.get('value')}) instead of {wanted} ({video.case.reason})")
+        row, wanted = (
+            found.get(video.id, {"stage": "nothing", "reason": None}),
+            video.case.stage or "kept",
+        )
+        if row["stage"] != wanted or (
+            video.case.reason and video.case.reason not in ("none", row["reason"])
+        ):
+            wrong.append(
+                f"{video.case.name}: {row['stage']} ({row['reason']}, {row.get('value')}) instead of {wanted} ({video.case.reason})"
+            )
     assert Counter(wrong) == {}
     assert len(found) == len(whole.sandbox.world.youtube.videos)
 
@@ -39,7 +46,10 @@ def test_what_is_kept_says_why_and_how(whole: Job) -> None:
         if case.stage is None:
             for video in world.of_case(case.name):
                 row = rows[video.id]
-                assert (row["topic_evidence"], row["transcript_kind"]) == (case.evidence, case.kind), case.name
+                assert (row["topic_evidence"], row["transcript_kind"]) == (
+                    case.evidence,
+                    case.kind,
+                ), case.name
 
 
 def test_released_columns_are_the_worlds_values(whole: Job) -> None:
@@ -86,7 +96,10 @@ def test_word_counts_and_cues_are_those_that_were_said(whole: Job) -> None:
             cues = rows[video.id]["cues"]
             assert [cue["text"] for cue in cues] == [text for _, _, text in said]
             assert counts[video.id] == sum(len(text.split()) for _, _, text in said)
-            assert all(first["start_s"] + first["duration_s"] <= second["start_s"] + 0.001 for first, second in itertools.pairwise(cues))
+            assert all(
+                first["start_s"] + first["duration_s"] <= second["start_s"] + 0.001
+                for first, second in itertools.pairwise(cues)
+            )
 
 
 def test_units_are_what_was_promised_and_no_more(whole: Job) -> None:
@@ -104,7 +117,11 @@ def test_no_video_is_asked_for_twice_and_only_the_promising_ones_are_watched(who
     watched = Counter(seen.about for seen in ledger.requests("/watch"))
     assert set(watched.values()) == {1}
     cheap = {"missing", "views", "aspect_ratio", "duration"}
-    expected = {video.id for video in world.videos.values() if video.case.stage not in cheap and video.rating is None and video.category_id == "20"}
+    expected = {
+        video.id
+        for video in world.videos.values()
+        if video.case.stage not in cheap and video.rating is None and video.category_id == "20"
+    }
     assert set(watched) == expected
 
 
@@ -116,7 +133,10 @@ def test_counts_add_up(whole: Job) -> None:
         == len(whole.sandbox.world.youtube.videos)
     )
     assert (summary["failed"], summary["pending"]) == (0, 0)
-    assert summary["kept"] == sum(case.stage is None for case in (video.case for video in whole.sandbox.world.youtube.videos.values()))
+    assert summary["kept"] == sum(
+        case.stage is None
+        for case in (video.case for video in whole.sandbox.world.youtube.videos.values())
+    )
 
 
 def test_a_finished_crawl_asks_nothing(whole: Job) -> None:
@@ -126,17 +146,33 @@ def test_a_finished_crawl_asks_nothing(whole: Job) -> None:
 
 
 def test_raw_data_hold_answers_and_nothing_of_the_visitor(whole: Job) -> None:
-    found = {kind: whole.raw(kind) for kind in ("search", "playlist_items", "videos", "transcripts")}
+    found = {
+        kind: whole.raw(kind) for kind in ("search", "playlist_items", "videos", "transcripts")
+    }
     world = whole.sandbox.world.youtube
-    assert {len(envelope["response"].get("items", [])) for envelope in found["videos"]} <= set(range(51))
-    titles = {item["id"]: item["snippet"]["title"] for envelope in found["videos"] for item in envelope["response"]["items"]}
+    assert {len(envelope["response"].get("items", [])) for envelope in found["videos"]} <= set(
+        range(51)
+    )
+    titles = {
+        item["id"]: item["snippet"]["title"]
+        for envelope in found["videos"]
+        for item in envelope["response"]["items"]
+    }
     video = world.of_case("markup in the title")[0]
     assert titles[video.id] == video.title
     for envelope in (one for kind in found.values() for one in kind):
         assert set(envelope) == {"fetched_at", "request", "status", "response"}
         assert set(envelope["request"]) == {"endpoint", "params"}
     text = str(found["transcripts"])
-    for forbidden in ("googlevideo", "visitorData", "signature", "2001:db8", "sandbox_page_key", "baseUrl", "http"):
+    for forbidden in (
+        "googlevideo",
+        "visitorData",
+        "signature",
+        "2001:db8",
+        "sandbox_page_key",
+        "baseUrl",
+        "http",
+    ):
         assert forbidden not in text
 
 
@@ -149,7 +185,11 @@ def test_the_key_is_nowhere(whole: Job) -> None:
 
 
 def test_nothing_of_a_transcript_is_released(whole: Job) -> None:
-    said = {cue["text"] for row in whole.rows("SELECT cues FROM clean.youtube_transcripts LIMIT 5") for cue in row["cues"]}
+    said = {
+        cue["text"]
+        for row in whole.rows("SELECT cues FROM clean.youtube_transcripts LIMIT 5")
+        for cue in row["cues"]
+    }
     names = [path.name for path in (whole.root / "release" / "youtube").iterdir()]
     assert not [name for name in names if "transcripts" in name]
     text = str(whole.released())

@@ -135,18 +135,34 @@ def test_nul_and_lone_surrogates_become_replacement_characters() -> None:
 
 
 def test_retyped_parents_cost_one_record_only() -> None:
-    items = [GOOD | {"id": "a", "snippet": None}, GOOD | {"id": "b", "snippet": "gone"}, GOOD | {"id": "c"}, "not a record", None]
+    items = [
+        GOOD | {"id": "a", "snippet": None},
+        GOOD | {"id": "b", "snippet": "gone"},
+        GOOD | {"id": "c"},
+        "not a record",
+        None,
+    ]
     got = rows(line(items, "a,b,c"))
     assert [row["video_id"] for row in got] == ["a", "b", "c"]
     assert got[0]["title"] is None
     assert got[0]["problems"] == []
-    assert {problem["column"] for problem in got[1]["problems"]} >= {"title", "category_id", "published_at"}
+    assert {problem["column"] for problem in got[1]["problems"]} >= {
+        "title",
+        "category_id",
+        "published_at",
+    }
     assert got[2]["problems"] == []
 
 
 def test_missing_ids() -> None:
     got = rows(line([GOOD], "a,b,c"), line([], ["d"]), line(None, "e"))
-    assert [(row["video_id"], row["missing"]) for row in got] == [("a", False), ("b", True), ("c", True), ("d", True), ("e", True)]
+    assert [(row["video_id"], row["missing"]) for row in got] == [
+        ("a", False),
+        ("b", True),
+        ("c", True),
+        ("d", True),
+        ("e", True),
+    ]
     assert parse.missing({"id": "a,b"}, {"items": [GOOD]}) == ["b"]
     assert parse.requested({"id": ""}) == [] == parse.requested({})
 
@@ -157,11 +173,18 @@ def test_an_item_without_a_readable_id_counts_as_missing() -> None:
 
 
 def test_batches_are_bounded_and_say_the_same() -> None:
-    lines = [line([GOOD | {"id": f"{number}-{index}"} for index in range(50)], f"{number}-0,gone{number}") for number in range(20)]
+    lines = [
+        line(
+            [GOOD | {"id": f"{number}-{index}"} for index in range(50)], f"{number}-0,gone{number}"
+        )
+        for number in range(20)
+    ]
     small = list(parse.videos(lines, 100))
     assert max(table.num_rows for table in small) <= 149
     key = lambda row: row["video_id"]  # noqa: E731
-    assert sorted([row for table in small for row in table.to_pylist()], key=key) == sorted(rows(*lines), key=key)
+    assert sorted([row for table in small for row in table.to_pylist()], key=key) == sorted(
+        rows(*lines), key=key
+    )
     assert len({str(table.schema) for table in small}) == 1
 
 
@@ -174,12 +197,22 @@ def test_a_line_that_is_no_envelope() -> None:
 def test_transcripts_of_every_outcome() -> None:
     def outcome(**response: Any) -> bytes:
         return json.dumps(
-            {"fetched_at": "2026-11-20T12:00:00Z", "request": {"endpoint": "transcript", "params": {}}, "status": 200, "response": response}
+            {
+                "fetched_at": "2026-11-20T12:00:00Z",
+                "request": {"endpoint": "transcript", "params": {}},
+                "status": 200,
+                "response": response,
+            }
         ).encode()
 
     lines = [
         outcome(
-            video_id="a", outcome="ok", kind="asr", language="en", cues=[[0, 1.5, "hi"], [1, 2, "a\x00b"]], player={"fps": 60, "game_label_id": "UC1"}
+            video_id="a",
+            outcome="ok",
+            kind="asr",
+            language="en",
+            cues=[[0, 1.5, "hi"], [1, 2, "a\x00b"]],
+            player={"fps": 60, "game_label_id": "UC1"},
         ),
         outcome(video_id="b", outcome="disabled", player=None),
         outcome(video_id="c", outcome="ok", kind="manual", language="en-GB", cues=[[0, "x", "y"]]),
@@ -187,10 +220,20 @@ def test_transcripts_of_every_outcome() -> None:
     ]
     table = pa.concat_tables(parse.transcripts(lines))
     # What has no words in it, or can't be read, is no transcript.
-    assert assemble({"transcripts": table}, words=word_count_of_lists)["youtube/transcripts"]["video_id"].to_pylist() == ["a"]
+    assert assemble({"transcripts": table}, words=word_count_of_lists)["youtube/transcripts"][
+        "video_id"
+    ].to_pylist() == ["a"]
     a, b, c, d = table.to_pylist()
-    assert a["cues"] == [{"start_s": 0.0, "duration_s": 1.5, "text": "hi"}, {"start_s": 1.0, "duration_s": 2.0, "text": "a\ufffdb"}]
-    assert (a["player_fps"], a["game_label_id"], a["player_width"], a["problems"]) == (60, "UC1", None, [])
+    assert a["cues"] == [
+        {"start_s": 0.0, "duration_s": 1.5, "text": "hi"},
+        {"start_s": 1.0, "duration_s": 2.0, "text": "a\ufffdb"},
+    ]
+    assert (a["player_fps"], a["game_label_id"], a["player_width"], a["problems"]) == (
+        60,
+        "UC1",
+        None,
+        [],
+    )
     assert (b["outcome"], b["cues"], b["kind"]) == ("disabled", None, None)
     assert b["problems"] == []
     assert c["cues"] is None

@@ -14,7 +14,11 @@ def traces(job: Job, key: str) -> set[str]:
     """Folders of the data root where a video is still named, raw segments looked into."""
     found = set()
     for path in job.root.rglob("*"):
-        if path.is_file() and not path.name.startswith("tombstones") and key.encode() in path.read_bytes():
+        if (
+            path.is_file()
+            and not path.name.startswith("tombstones")
+            and key.encode() in path.read_bytes()
+        ):
             found.add(str(path.relative_to(job.root)))
     for kind in ("playlist_items", "videos", "transcripts"):
         if any(key in str(envelope) for envelope in job.raw(kind)):
@@ -25,13 +29,22 @@ def traces(job: Job, key: str) -> set[str]:
 @pytest.fixture
 def finished(job: Job) -> Job:
     """A job whose videos are crawled, filtered, exported in two layouts, paired."""
-    for words in (("youtube", "crawl"), ("youtube", "filter"), ("youtube", "export"), ("youtube", "export", "--format", "minedojo"), ("pairs",)):
+    for words in (
+        ("youtube", "crawl"),
+        ("youtube", "filter"),
+        ("youtube", "export"),
+        ("youtube", "export", "--format", "minedojo"),
+        ("pairs",),
+    ):
         job.done(*words)
     return job
 
 
 def kept(job: Job) -> list[str]:
-    return [row["video_id"] for row in job.rows("SELECT video_id FROM clean.youtube_videos ORDER BY video_id")]
+    return [
+        row["video_id"]
+        for row in job.rows("SELECT video_id FROM clean.youtube_videos ORDER BY video_id")
+    ]
 
 
 def ids_file(job: Job, *keys: str) -> str:
@@ -45,13 +58,18 @@ def test_named_videos_leave_every_folder_and_stay_away(finished: Job) -> None:
     paired = {row["video_id"] for row in job.rows("SELECT DISTINCT video_id FROM clean.pairs")}
     named = [next(key for key in before if key in paired), before[-1]]
     assert traces(job, named[0])
-    vanished = {row["key"] for row in job.rows("SELECT key FROM clean.youtube_rejected WHERE stage = 'missing'")}
+    vanished = {
+        row["key"]
+        for row in job.rows("SELECT key FROM clean.youtube_rejected WHERE stage = 'missing'")
+    }
     summary = job.done("purge", "youtube", "--ids", ids_file(job, *named, "no id"))
     assert (summary["purged"], summary["bad_lines"]) == (len({*named, *vanished}), 1)
     for key in (*named, *vanished):
         assert traces(job, key) == set()
     assert kept(job) == [key for key in before if key not in named]
-    reasons = {row["key"]: row["reason"] for row in job.rows("SELECT key, reason FROM youtube_tombstones")}
+    reasons = {
+        row["key"]: row["reason"] for row in job.rows("SELECT key, reason FROM youtube_tombstones")
+    }
     assert reasons == dict.fromkeys(vanished, "vanished") | dict.fromkeys(named, "named")
     # Neither the channel's list nor the user's own list of ids brings them back.
     job.done("youtube", "crawl", "--again")

@@ -25,13 +25,19 @@ def test_what_is_too_old_is_read_again_fifty_a_unit(job: Job) -> None:
     assert paths == {"videos"}  # no transcript is asked for again
     assert summary["units"] == -(-summary["crawled"] // 50)
     job.done("youtube", "filter", KB_NOW=LATER)
-    assert job.rows(f"SELECT view_count FROM clean.youtube_videos WHERE video_id = '{changed}'") == [{"view_count": 424242}]
-    assert job.rows(f"SELECT stage FROM clean.youtube_rejected WHERE key = '{gone}'") == [{"stage": "missing"}]
+    assert job.rows(
+        f"SELECT view_count FROM clean.youtube_videos WHERE video_id = '{changed}'"
+    ) == [{"view_count": 424242}]
+    assert job.rows(f"SELECT stage FROM clean.youtube_rejected WHERE key = '{gone}'") == [
+        {"stage": "missing"}
+    ]
     assert job.done("status", KB_NOW=LATER)["too_old"] == 0
     assert job.done("refresh", "youtube", KB_NOW=LATER)["crawled"] == 0
 
     job.done("purge", "youtube", KB_NOW=LATER)
-    assert job.rows(f"SELECT count(*) AS n FROM clean.youtube_rejected WHERE key = '{gone}'") == [{"n": 0}]
+    assert job.rows(f"SELECT count(*) AS n FROM clean.youtube_rejected WHERE key = '{gone}'") == [
+        {"n": 0}
+    ]
 
 
 def test_wait_sleeps_through_a_burst_and_ends_whole(job: Job) -> None:
@@ -40,7 +46,13 @@ def test_wait_sleeps_through_a_burst_and_ends_whole(job: Job) -> None:
         status=429,
         times=1,
         headers={"Retry-After": "1"},
-        body={"error": {"code": 429, "errors": [{"reason": "rateLimitExceeded"}], "message": "slow down"}},
+        body={
+            "error": {
+                "code": 429,
+                "errors": [{"reason": "rateLimitExceeded"}],
+                "message": "slow down",
+            }
+        },
     )
     job.done(*CRAWL, "--wait")
     check(job)

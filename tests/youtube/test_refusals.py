@@ -15,14 +15,19 @@ from tests.youtube.job import Job
 from tests.youtube.test_faults import CRAWL, finish, no_patience
 
 SORRY = {"status": 403, "body": "<html>Sorry... automated queries</html>"}
-ODD = {"status": 400, "body": {"error": {"code": 400, "message": "m", "errors": [{"reason": "badRequest"}]}}}
+ODD = {
+    "status": 400,
+    "body": {"error": {"code": 400, "message": "m", "errors": [{"reason": "badRequest"}]}},
+}
 TIMEOUT = {"status": 408, "body": "<html>Request Timeout</html>"}
 BURST = {"status": 429, "body": youtube_errors.burst_429()[1]}
 LATER = "2027-01-10T12:00:00Z"
 
 
 @pytest.mark.parametrize("what", [TIMEOUT, ODD], ids=["408", "400"])
-def test_an_odd_answer_fails_a_pack_of_videos_and_drops_none(job: Job, what: dict[str, Any]) -> None:
+def test_an_odd_answer_fails_a_pack_of_videos_and_drops_none(
+    job: Job, what: dict[str, Any]
+) -> None:
     no_patience(job).stopped(*CRAWL, "--limit", "5", code=3)
     job.sandbox.faults.add("/v3/videos", times=None, **what)
     summary = job.done(*CRAWL)
@@ -36,7 +41,9 @@ def test_an_odd_answer_drops_no_keyword(job: Job) -> None:
     no_patience(job).sandbox.faults.add("/v3/search", times=2, **ODD)
     assert job.done(*CRAWL)["failed"] == 1
     finish(job)
-    assert len([seen for seen in job.sandbox.ledger.requests("/v3/search") if seen.status == 200]) == 4
+    assert (
+        len([seen for seen in job.sandbox.ledger.requests("/v3/search") if seen.status == 200]) == 4
+    )
 
 
 @pytest.mark.parametrize("path", ["/v3/search", "/v3/playlistItems", "/v3/videos"])
@@ -52,18 +59,26 @@ def test_what_an_earlier_version_dropped_is_asked_for(job: Job) -> None:
     job.stopped(*CRAWL, "--only", "channels", "--limit", "1", code=3)
     frontier = Frontier(job.root / "state" / "youtube.sqlite")
     frontier.add(VIDEOS, list(job.sandbox.world.youtube.videos)[:1])
-    lost = {kind: [next(iter(frontier.items(kind, "todo")))[0]] for kind in (SEARCHES, UPLOADS, VIDEOS)}
+    lost = {
+        kind: [next(iter(frontier.items(kind, "todo")))[0]] for kind in (SEARCHES, UPLOADS, VIDEOS)
+    }
     for kind, keys in lost.items():
         frontier.mark(kind, keys, "skipped", "http_408")
     frontier.close()
     finish(job)
     frontier = Frontier(job.root / "state" / "youtube.sqlite", readonly=True)
-    assert {kind: frontier.get(kind, key)[0] for kind, (key,) in lost.items()} == dict.fromkeys(lost, "done")  # type: ignore[index]
+    assert {kind: frontier.get(kind, key)[0] for kind, (key,) in lost.items()} == dict.fromkeys(
+        lost, "done"
+    )  # type: ignore[index]
     frontier.close()
 
 
-@pytest.mark.parametrize("what", [BURST, {"status": 403, "body": youtube_errors.burst()[1]}], ids=["429", "403"])
-def test_a_burst_without_end_is_a_block_and_found_out_by_one_request(job: Job, what: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "what", [BURST, {"status": 403, "body": youtube_errors.burst()[1]}], ids=["429", "403"]
+)
+def test_a_burst_without_end_is_a_block_and_found_out_by_one_request(
+    job: Job, what: dict[str, Any]
+) -> None:
     no_patience(job).sandbox.faults.add("/v3/videos", times=None, **what)
     file = job.place / "ids.txt"
     file.write_text("\n".join(list(job.sandbox.world.youtube.videos)[:10]))
@@ -84,7 +99,9 @@ def test_a_refresh_is_blocked_as_well_and_counts_what_failed(job: Job) -> None:
     summary = job.done("refresh", "youtube", code=3, KB_NOW=LATER)
     assert (summary["failed"], summary["left"], len(job.sandbox.ledger)) == (0, total, before + 2)
     job.sandbox.faults.remove(fault)
-    job.sandbox.faults.add("/v3/videos", times=None, status=404, body=youtube_errors.no_playlist()[1])
+    job.sandbox.faults.add(
+        "/v3/videos", times=None, status=404, body=youtube_errors.no_playlist()[1]
+    )
     assert job.done("refresh", "youtube", KB_NOW=LATER)["failed"] == total
     job.sandbox.faults.clear()
     assert job.done("refresh", "youtube", KB_NOW=LATER)["crawled"] == total
@@ -99,7 +116,9 @@ def test_a_refresh_is_blocked_as_well_and_counts_what_failed(job: Job) -> None:
     ],
     ids=["429", "captcha", "429 for hours"],
 )
-def test_after_a_block_one_video_finds_out_whether_it_stands(job: Job, what: dict[str, Any], back: str) -> None:
+def test_after_a_block_one_video_finds_out_whether_it_stands(
+    job: Job, what: dict[str, Any], back: str
+) -> None:
     no_patience(job)
     job.done(*CRAWL, "--only", "channels")
     job.done(*CRAWL, "--only", "uploads")
@@ -112,7 +131,9 @@ def test_after_a_block_one_video_finds_out_whether_it_stands(job: Job, what: dic
     job.sandbox.faults.clear()
     finish(job)
     with sqlite3.connect(job.root / "state" / "youtube.sqlite") as state:
-        assert state.execute("SELECT count(*) FROM cursors WHERE name LIKE '%blocked'").fetchone() == (0,)
+        assert state.execute(
+            "SELECT count(*) FROM cursors WHERE name LIKE '%blocked'"
+        ).fetchone() == (0,)
 
 
 @pytest.mark.parametrize(
@@ -136,9 +157,24 @@ def test_one_odd_watch_page_is_one_failed_video(job: Job, what: dict[str, Any]) 
 
 
 def test_an_empty_track_is_no_transcript(job: Job) -> None:
-    video = next(video for video in job.sandbox.world.youtube.of_case("manual") if [track.kind for track in video.tracks] == [""])
-    job.sandbox.faults.add(f"/timedtext.*{video.id}", times=None, status=200, body='<transcript><text start="0" dur="1"> </text></transcript>')
+    video = next(
+        video
+        for video in job.sandbox.world.youtube.of_case("manual")
+        if [track.kind for track in video.tracks] == [""]
+    )
+    job.sandbox.faults.add(
+        f"/timedtext.*{video.id}",
+        times=None,
+        status=200,
+        body='<transcript><text start="0" dur="1"> </text></transcript>',
+    )
     job.done(*CRAWL)
-    assert [one["response"]["outcome"] for one in job.raw("transcripts") if one["response"]["video_id"] == video.id] == ["none"]
+    assert [
+        one["response"]["outcome"]
+        for one in job.raw("transcripts")
+        if one["response"]["video_id"] == video.id
+    ] == ["none"]
     job.done("youtube", "filter")
-    assert job.rows(f"SELECT stage, reason FROM clean.youtube_rejected WHERE key = '{video.id}'") == [{"stage": "transcript", "reason": "none"}]
+    assert job.rows(
+        f"SELECT stage, reason FROM clean.youtube_rejected WHERE key = '{video.id}'"
+    ) == [{"stage": "transcript", "reason": "none"}]

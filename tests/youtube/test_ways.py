@@ -78,7 +78,15 @@ def test_the_site_below_a_path(tmp_path: Path) -> None:
 
     def below(environ: dict[str, Any], start: Any) -> Any:
         path = environ["PATH_INFO"]
-        return inner(environ | {"PATH_INFO": path.removeprefix("/mirror/yt") if path.startswith("/mirror/yt/") else "/nowhere"}, start)
+        return inner(
+            environ
+            | {
+                "PATH_INFO": path.removeprefix("/mirror/yt")
+                if path.startswith("/mirror/yt/")
+                else "/nowhere"
+            },
+            start,
+        )
 
     sandbox.servers["youtube"] = Server(below)
     with sandbox:
@@ -98,13 +106,24 @@ def test_a_list_that_goes_round_ends_with_a_warning(job: Job) -> None:
     def page(environ: dict[str, Any]) -> bytes:
         token = parse_qs(environ["QUERY_STRING"]).get("pageToken", [""])[0]
         items = [{"contentDetails": {"videoId": key}} for key in keys]
-        return json.dumps({"items": items, "nextPageToken": {"": "A", "A": "B", "B": "A"}[token]}).encode()
+        return json.dumps(
+            {"items": items, "nextPageToken": {"": "A", "A": "B", "B": "A"}[token]}
+        ).encode()
 
     job.sandbox.faults.add(f"/playlistItems.*UU{channel.id[2:]}", times=None, status=200, body=page)
     result = job.kb(*CRAWL)
     assert result.returncode == 0, result.stderr
     assert "goes round" in result.stderr
-    assert len([seen for seen in job.sandbox.ledger.requests("/playlistItems") if channel.id[2:] in seen.query]) < 8
+    assert (
+        len(
+            [
+                seen
+                for seen in job.sandbox.ledger.requests("/playlistItems")
+                if channel.id[2:] in seen.query
+            ]
+        )
+        < 8
+    )
     check(job)
 
 
@@ -136,12 +155,22 @@ def test_no_shorts_costs_one_unit_more_for_a_list_that_is_not_there(tmp_path: Pa
         job.done(*CRAWL, "--only", "channels")
         job.done(*CRAWL, "--only", "uploads")
         job.done(*CRAWL, "--only", "metadata")
-        asked = {key for seen in sandbox.ledger.requests("/v3/videos") for key in seen.args["id"].split(",")}
+        asked = {
+            key
+            for seen in sandbox.ledger.requests("/v3/videos")
+            for key in seen.args["id"].split(",")
+        }
         world = sandbox.world.youtube
         fallback = world.channels[5]
-        assert asked == {video.id for video in world.videos.values() if not video.short or video.channel is fallback}
+        assert asked == {
+            video.id
+            for video in world.videos.values()
+            if not video.short or video.channel is fallback
+        }
         missing = [seen for seen in sandbox.ledger.requests("/playlistItems") if seen.status == 404]
-        assert len(missing) == 3  # two UULF lists and, of the channel without uploads list, its UU list
+        assert (
+            len(missing) == 3
+        )  # two UULF lists and, of the channel without uploads list, its UU list
 
 
 def test_a_new_round_reads_only_what_is_new(job: Job) -> None:
@@ -154,13 +183,21 @@ def test_a_new_round_reads_only_what_is_new(job: Job) -> None:
     job.done(*CRAWL, "--again")
     asked = job.sandbox.ledger.requests(since=before)
     assert not [seen for seen in asked if seen.path in ("/watch",) and seen.about != moved.id]
-    assert len([seen for seen in asked if seen.path.endswith("/playlistItems")]) == len(world.channels)
+    assert len([seen for seen in asked if seen.path.endswith("/playlistItems")]) == len(
+        world.channels
+    )
     check(job)
 
 
 @pytest.mark.parametrize(
     "words",
-    [("--part", "3/2"), ("--only", "nothing"), ("--ids", "/no/such/file"), ("--ids", "/dev/null"), ("--ids", __file__, "--only", "channels")],
+    [
+        ("--part", "3/2"),
+        ("--only", "nothing"),
+        ("--ids", "/no/such/file"),
+        ("--ids", "/dev/null"),
+        ("--ids", __file__, "--only", "channels"),
+    ],
 )
 def test_wrong_usage_sends_and_writes_nothing(job: Job, words: tuple[str, ...]) -> None:
     job.stopped(*CRAWL, *words, code=2)

@@ -121,7 +121,11 @@ def main(folder: Path) -> None:
     shown: dict[str, str] = {}
 
     def add(name: str, kind: str) -> None:
-        name = " ".join(re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name.replace("_", " ")).split())
+        name = " ".join(
+            re.sub(
+                r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name.replace("_", " ")
+            ).split()
+        )
         if 2 < len(name) < 40 and not SKIP.search(name):
             kinds.setdefault(name.casefold(), kind)
             shown[name.casefold()] = name[:1].upper() + name[1:]
@@ -138,8 +142,12 @@ def main(folder: Path) -> None:
         add(name.title(), "structure")
     for name in sorted(words(DIMENSIONS)):
         add(name, "dimension")
-    print("# Names of the game, made by make_keywords.py from minecraft-data; structures, dimensions, spoken forms and rules by hand.")
-    print("# A rule is for everyday words: near = counts when an unmistakable keyword is close, never = counted, but makes no pair.")
+    print(
+        "# Names of the game, made by make_keywords.py from minecraft-data; structures, dimensions, spoken forms and rules by hand."
+    )
+    print(
+        "# A rule is for everyday words: near = counts when an unmistakable keyword is close, never = counted, but makes no pair."
+    )
     print("keyword\tkind\trule\tforms")
     order = [kind for kind, _ in KINDS] + ["structure", "dimension"]
     near, never = words(NEAR), words(NEVER)

@@ -27,7 +27,9 @@ from kb.core.resources import folder
 class Profile(Section):
     """A whole profile. Sections that a domain has no use for may be left out."""
 
-    name: str = Field(pattern=r"^[a-z0-9][a-z0-9_-]*$", description="short name, used in file names and titles")
+    name: str = Field(
+        pattern=r"^[a-z0-9][a-z0-9_-]*$", description="short name, used in file names and titles"
+    )
     title: str = Field(description="the domain's name for people, e.g. Minecraft")
     seed: int = Field(0, description="seed of every random choice")
     youtube: YouTube | None = None
@@ -37,13 +39,18 @@ class Profile(Section):
     toxicity: Toxicity = Toxicity()
     release: Release = Release()
     report: Report = Report()
-    path: Path = Field(Path(), exclude=True, description="the file it was read from; set when loading")
+    path: Path = Field(
+        Path(), exclude=True, description="the file it was read from; set when loading"
+    )
 
     def section(self, source: str) -> Any:
         """The section of a source. Raises ProfileError when the profile has none."""
         value = getattr(self, source)
         if value is None:
-            raise ProfileError(f"profile {self.name!r} has no section [{source}]", hint=f"add [{source}] to {self.path}")
+            raise ProfileError(
+                f"profile {self.name!r} has no section [{source}]",
+                hint=f"add [{source}] to {self.path}",
+            )
         return value
 
     def beside(self, name: str) -> Path:
@@ -78,4 +85,7 @@ def _find(name: str) -> Path:
     known = sorted(path.parent.name for path in profiles.glob("*/profile.toml"))
     if name in known:
         return profiles / name / "profile.toml"
-    raise ProfileError(f"there is no profile {name!r}", hint=f"known: {', '.join(known)}; or give a path to a .toml file")
+    raise ProfileError(
+        f"there is no profile {name!r}",
+        hint=f"known: {', '.join(known)}; or give a path to a .toml file",
+    )

@@ -13,7 +13,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 class Section(BaseModel):
     """A table of the profile. Frozen, so that a run can't change its own rules."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, str_strip_whitespace=True, allow_inf_nan=False
+    )
 
 
 def explain(error: ValidationError, model: type[BaseModel]) -> str:
@@ -28,7 +30,11 @@ def _problem(problem: Any, model: type[BaseModel]) -> str:
     if kind == "extra_forbidden":
         names = list(_fields(model, parents))
         close = difflib.get_close_matches(str(last), names, n=1, cutoff=0.5)
-        return f"unknown key '{key}'" + (f", did you mean '{close[0]}'?" if close else f"; known keys: {', '.join(sorted(names))}")
+        return f"unknown key '{key}'" + (
+            f", did you mean '{close[0]}'?"
+            if close
+            else f"; known keys: {', '.join(sorted(names))}"
+        )
     if kind == "missing":
         return f"'{key}' is missing"
     message = problem["msg"].removeprefix("Value error, ")
@@ -36,7 +42,9 @@ def _problem(problem: Any, model: type[BaseModel]) -> str:
     found = problem.get("input")
     line = f"'{key}' is {found!r}: {message[:1].lower()}{message[1:]}"
     if kind == "literal_error" and isinstance(found, str):
-        close = difflib.get_close_matches(found, [part.strip("' ") for part in allowed.replace(" or ", ",").split(",")], n=1)
+        close = difflib.get_close_matches(
+            found, [part.strip("' ") for part in allowed.replace(" or ", ",").split(",")], n=1
+        )
         line += f" (did you mean {close[0]!r}?)" if close else ""
     return line
 

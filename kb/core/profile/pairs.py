@@ -12,18 +12,39 @@ from kb.core.profile.base import Section
 class Pairs(Section):
     """The pairs part of a profile (MineDojo paper, data collection appendix: video-text pairs)."""
 
-    keyword_files: tuple[str, ...] = Field((), description="keyword lists (.tsv), beside the profile")
-    include: tuple[str, ...] = Field((), description="further phrases to match; their kind is `phrase`")
-    exclude: tuple[str, ...] = Field((), description="phrases that are never a match, nor the keywords inside them")
-    near_words: int = Field(20, ge=1, le=1000, description="words around an everyday word in which an unmistakable keyword must stand")
-    min_tokens: int = Field(16, ge=3, le=77, description="CLIP tokens of a text, start and end tokens counted")
-    max_tokens: int = Field(77, ge=3, le=77, description="CLIP tokens of a text, start and end tokens counted")
+    keyword_files: tuple[str, ...] = Field(
+        (), description="keyword lists (.tsv), beside the profile"
+    )
+    include: tuple[str, ...] = Field(
+        (), description="further phrases to match; their kind is `phrase`"
+    )
+    exclude: tuple[str, ...] = Field(
+        (), description="phrases that are never a match, nor the keywords inside them"
+    )
+    near_words: int = Field(
+        20,
+        ge=1,
+        le=1000,
+        description="words around an everyday word in which an unmistakable keyword must stand",
+    )
+    min_tokens: int = Field(
+        16, ge=3, le=77, description="CLIP tokens of a text, start and end tokens counted"
+    )
+    max_tokens: int = Field(
+        77, ge=3, le=77, description="CLIP tokens of a text, start and end tokens counted"
+    )
     center: Literal["segment", "grown"] = Field(
-        "segment", description="the clip's centre is drawn inside the cues that hold the phrase, or inside the grown text (VideoCLIP)"
+        "segment",
+        description="the clip's centre is drawn inside the cues that hold the phrase, or inside the grown text (VideoCLIP)",
     )
     min_clip_s: float = Field(8, gt=0, le=3600, description="seconds")
     max_clip_s: float = Field(16, gt=0, le=3600, description="seconds")
-    min_gap_s: float = Field(0, ge=-3600, le=3600, description="seconds between two clips of a video; negative: they may overlap by that much")
+    min_gap_s: float = Field(
+        0,
+        ge=-3600,
+        le=3600,
+        description="seconds between two clips of a video; negative: they may overlap by that much",
+    )
     max_pairs_per_video: int = Field(0, ge=0, description="pairs of one video, 0 for all")
 
     @field_validator("include", "exclude")

@@ -14,25 +14,49 @@ class Links(Section):
     where only some pages are films: the path starts with one of these.
     """
 
-    image_endings: tuple[str, ...] = Field(("jpg", "jpeg", "png", "gif", "webp", "bmp"), description="file endings of pictures")
-    video_endings: tuple[str, ...] = Field(("gifv", "mp4", "webm", "mov"), description="file endings of films")
-    image_hosts: tuple[str, ...] = Field(("i.redd.it", "preview.redd.it", "i.reddituploads.com", "imgur.com"), description="hosts that show pictures")
-    video_hosts: tuple[str, ...] = Field(("v.redd.it", "streamable.com", "gfycat.com"), description="hosts that show films")
-    video_paths: dict[str, tuple[str, ...]] = Field(default_factory=dict, description="by host, the beginnings of paths that are films")
+    image_endings: tuple[str, ...] = Field(
+        ("jpg", "jpeg", "png", "gif", "webp", "bmp"), description="file endings of pictures"
+    )
+    video_endings: tuple[str, ...] = Field(
+        ("gifv", "mp4", "webm", "mov"), description="file endings of films"
+    )
+    image_hosts: tuple[str, ...] = Field(
+        ("i.redd.it", "preview.redd.it", "i.reddituploads.com", "imgur.com"),
+        description="hosts that show pictures",
+    )
+    video_hosts: tuple[str, ...] = Field(
+        ("v.redd.it", "streamable.com", "gfycat.com"), description="hosts that show films"
+    )
+    video_paths: dict[str, tuple[str, ...]] = Field(
+        default_factory=dict, description="by host, the beginnings of paths that are films"
+    )
 
 
 class Reddit(Section):
     """The Reddit part of a profile (MineDojo paper, data collection appendix: Reddit)."""
 
     subreddit: str = Field(pattern=r"^[A-Za-z0-9_]{2,21}$", description="name without r/")
-    search: tuple[str, ...] = Field((), description="words searched in the subreddit, beside its listings")
-    listings: tuple[str, ...] = Field(("new", "top", "controversial", "hot", "rising"), description="listings that are read")
-    spans: tuple[str, ...] = Field(("all", "year", "month", "week", "day", "hour"), description="time spans of top and controversial")
+    search: tuple[str, ...] = Field(
+        (), description="words searched in the subreddit, beside its listings"
+    )
+    listings: tuple[str, ...] = Field(
+        ("new", "top", "controversial", "hot", "rising"), description="listings that are read"
+    )
+    spans: tuple[str, ...] = Field(
+        ("all", "year", "month", "week", "day", "hour"),
+        description="time spans of top and controversial",
+    )
     min_score: int = Field(5, description="points of a post")
     links: Links = Links()
-    max_age_days: int = Field(30, ge=1, description="live figures older than this are read again by `kb refresh reddit`")
-    requests_per_minute: float = Field(100, gt=0, description="most requests a minute towards the public service")
-    max_tries: int = Field(5, ge=1, le=20, description="tries of one request before its items count as failed")
+    max_age_days: int = Field(
+        30, ge=1, description="live figures older than this are read again by `kb refresh reddit`"
+    )
+    requests_per_minute: float = Field(
+        100, gt=0, description="most requests a minute towards the public service"
+    )
+    max_tries: int = Field(
+        5, ge=1, le=20, description="tries of one request before its items count as failed"
+    )
 
     @field_validator("listings")
     @classmethod

@@ -14,27 +14,61 @@ class Creator(Section):
 
     name: str = Field(min_length=1, description="family name, given name; or the group's name")
     affiliation: str | None = Field(None, description="where they work")
-    orcid: str | None = Field(None, pattern=r"^\d{4}-\d{4}-\d{4}-\d{3}[\dX]$", description="ORCID id")
+    orcid: str | None = Field(
+        None, pattern=r"^\d{4}-\d{4}-\d{4}-\d{3}[\dX]$", description="ORCID id"
+    )
 
 
 class Release(Section):
     """The release part of a profile (Zenodo deposit metadata; Datasheets for Datasets)."""
 
-    version: str = Field("1.0.0", pattern=r"^\d+\.\d+\.\d+$", description="version of the data: raise it for each published release")
-    creators: tuple[Creator, ...] = Field((Creator(name="Lorebase contributors"),), min_length=1, description="who made the data set")
-    homepage: str | None = Field(None, pattern=r"^https?://\S+$", description="address of the project's page")
-    contact: str | None = Field(None, description="where removal requests and questions go; default: the project's page")
-    keywords: tuple[str, ...] = Field((), description="search words of the deposit, besides the domain's name")
-    communities: tuple[str, ...] = Field((), description="Zenodo communities that the deposit is offered to")
+    version: str = Field(
+        "1.0.0",
+        pattern=r"^\d+\.\d+\.\d+$",
+        description="version of the data: raise it for each published release",
+    )
+    creators: tuple[Creator, ...] = Field(
+        (Creator(name="Lorebase contributors"),), min_length=1, description="who made the data set"
+    )
+    homepage: str | None = Field(
+        None, pattern=r"^https?://\S+$", description="address of the project's page"
+    )
+    contact: str | None = Field(
+        None, description="where removal requests and questions go; default: the project's page"
+    )
+    keywords: tuple[str, ...] = Field(
+        (), description="search words of the deposit, besides the domain's name"
+    )
+    communities: tuple[str, ...] = Field(
+        (), description="Zenodo communities that the deposit is offered to"
+    )
     licenses: dict[str, str] = Field(
         {"youtube": "CC-BY-4.0", "reddit": "CC-BY-4.0", "pairs": "CC-BY-4.0"},
         description="SPDX id of each folder's licence; the wiki's own licence is used when its pages name one",
     )
-    rows_per_shard: int = Field(1_048_576, ge=1_000, description="rows of one released Parquet file; the last one has the rest")
-    max_age_days: int | None = Field(None, ge=1, description="rows read longer ago are refused; a source's own max_age_days comes first")
-    emails_per_thousand: float = Field(0.2, ge=0, description="rows with an e-mail address that are tolerated, per 1,000 rows of a table")
-    phones_per_thousand: float = Field(0.5, ge=0, description="rows with a phone number that are tolerated, per 1,000 rows of a table")
-    sample_mb: float = Field(4.0, gt=0, le=50, description="size of the sample beside the shards, in megabytes")
+    rows_per_shard: int = Field(
+        1_048_576,
+        ge=1_000,
+        description="rows of one released Parquet file; the last one has the rest",
+    )
+    max_age_days: int | None = Field(
+        None,
+        ge=1,
+        description="rows read longer ago are refused; a source's own max_age_days comes first",
+    )
+    emails_per_thousand: float = Field(
+        0.2,
+        ge=0,
+        description="rows with an e-mail address that are tolerated, per 1,000 rows of a table",
+    )
+    phones_per_thousand: float = Field(
+        0.5,
+        ge=0,
+        description="rows with a phone number that are tolerated, per 1,000 rows of a table",
+    )
+    sample_mb: float = Field(
+        4.0, gt=0, le=50, description="size of the sample beside the shards, in megabytes"
+    )
 
     @field_validator("licenses")
     @classmethod

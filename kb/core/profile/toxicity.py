@@ -22,8 +22,12 @@ class Thresholds(Section):
 class Toxicity(Section):
     """How texts are scored. Scores are kept, so that a changed threshold scores nothing again."""
 
-    toxicity: Literal["on", "off"] = Field("on", description="off: no text is scored; the release gate reports it")
-    thresholds: Thresholds = Field(Thresholds(), description="the largest score that is kept, per source")
+    toxicity: Literal["on", "off"] = Field(
+        "on", description="off: no text is scored; the release gate reports it"
+    )
+    thresholds: Thresholds = Field(
+        Thresholds(), description="the largest score that is kept, per source"
+    )
 
     @model_validator(mode="before")
     @classmethod

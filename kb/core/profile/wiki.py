@@ -28,10 +28,15 @@ class Markup(Section):
         " .mw-indicators, .mw-portlet, .vector-page-toolbar, .toctogglespan, .mw-cite-backlink, .mw-empty-elt, .mw-collapsible-toggle",
         description="edit links and other tools that are no text of the page",
     )
-    regions: dict[str, str] = Field(default_factory=lambda: dict(_REGIONS), description="region name to selector; the innermost wins")
+    regions: dict[str, str] = Field(
+        default_factory=lambda: dict(_REGIONS),
+        description="region name to selector; the innermost wins",
+    )
     sprite: str = Field(".sprite", description="icons shown as a CSS background")
     sprite_image: str = Field(".sprite-file", description="spans that hold an icon as an image")
-    animation: str = Field(".animated", description="elements whose children are shown in turn by a script")
+    animation: str = Field(
+        ".animated", description="elements whose children are shown in turn by a script"
+    )
     animation_active: str = Field("animated-active", description="class of the child that is shown")
 
     @field_validator("regions")
@@ -39,7 +44,9 @@ class Markup(Section):
     def _known(cls, value: dict[str, str]) -> dict[str, str]:
         unknown = set(value) - set(_REGIONS)
         if unknown:
-            raise ValueError(f"has unknown regions {', '.join(sorted(unknown))}; known: {', '.join(_REGIONS)}")
+            raise ValueError(
+                f"has unknown regions {', '.join(sorted(unknown))}; known: {', '.join(_REGIONS)}"
+            )
         return value
 
 
@@ -47,19 +54,39 @@ class Wiki(Section):
     """The wiki part of a profile (MineDojo paper, data collection appendix: Wiki)."""
 
     url: str = Field(description="the wiki's root; its API is found from the page's EditURI link")
-    hosts: tuple[str, ...] = Field((), description="other hosts of the wiki's pictures, style sheets and scripts")
-    namespaces: tuple[int, ...] = Field((), description="namespaces to read; default: those that the wiki calls content")
+    hosts: tuple[str, ...] = Field(
+        (), description="other hosts of the wiki's pictures, style sheets and scripts"
+    )
+    namespaces: tuple[int, ...] = Field(
+        (), description="namespaces to read; default: those that the wiki calls content"
+    )
     min_words: int = Field(20, ge=0, description="words of visible text, cells included")
     viewport_width: int = Field(1280, ge=320, le=4096, description="CSS px")
     viewport_height: int = Field(1024, ge=320, le=4096, description="CSS px")
-    settle_seconds: float = Field(10, gt=0, le=120, description="a page that still moves is measured as it is after this long")
-    page_seconds: float = Field(60, ge=5, le=600, description="a page that takes longer counts as hung")
+    settle_seconds: float = Field(
+        10, gt=0, le=120, description="a page that still moves is measured as it is after this long"
+    )
+    page_seconds: float = Field(
+        60, ge=5, le=600, description="a page that takes longer counts as hung"
+    )
     max_page_height: int = Field(100_000, ge=1000, description="CSS px; taller pages are rejected")
-    max_elements: int = Field(100_000, ge=1000, description="elements of a page; pages with more are rejected")
-    max_pixels: int = Field(64_000_000, ge=1, description="pictures with more are stored as they are and never decoded")
-    max_file_bytes: int = Field(200_000_000, ge=1, description="larger picture files are not fetched")
-    max_tries: int = Field(3, ge=1, le=10, description="tries of one page before it counts as not captured")
-    seconds_between: float = Field(1.0, ge=0, description="politeness towards a public wiki: pause between requests without a crawl-delay")
+    max_elements: int = Field(
+        100_000, ge=1000, description="elements of a page; pages with more are rejected"
+    )
+    max_pixels: int = Field(
+        64_000_000, ge=1, description="pictures with more are stored as they are and never decoded"
+    )
+    max_file_bytes: int = Field(
+        200_000_000, ge=1, description="larger picture files are not fetched"
+    )
+    max_tries: int = Field(
+        3, ge=1, le=10, description="tries of one page before it counts as not captured"
+    )
+    seconds_between: float = Field(
+        1.0,
+        ge=0,
+        description="politeness towards a public wiki: pause between requests without a crawl-delay",
+    )
     markup: Markup = Markup()
 
     @field_validator("url")
