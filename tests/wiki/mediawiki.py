@@ -1,4 +1,3 @@
-# ruff: noqa: E501  (markup of other languages)
 """A real MediaWiki on loopback: Debian's packages, SQLite, PHP's own server. Seeded in one import.
 
 Run as a script it installs the packages (root and apt needed): `python tests/wiki/mediawiki.py`.

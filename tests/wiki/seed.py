@@ -1,4 +1,3 @@
-# ruff: noqa: E501  (markup of other languages)
 """Own-written pages of an invented valley of kilns, each for a point of the crawl; given under CC0 1.0."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-# ruff: noqa: E501  (markup of other languages)
 """Pages that mean harm, or don't know better: each ends with a clear record, and no process stays."""
 
 from __future__ import annotations
