@@ -1,6 +1,7 @@
 """The import arrows of the design, read from the source text:
 
-cli → pipelines → {youtube, wiki, reddit, annotate, filters, pairs, export, release, report} → {net, store, schema} → core
+cli → pipelines → {youtube, wiki, reddit, annotate, filters, pairs, export, release, report, query}
+    → store → {schema, net} → core
 """
 
 from __future__ import annotations
@@ -16,14 +17,19 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCES = {"youtube", "wiki", "reddit"}
 ROOMS = SOURCES | {"annotate", "filters", "pairs", "export", "release", "report"}
 GROUND = {"net", "store", "schema"}
+ASKING = {"query"}  # over the ground alone; only commands and pipelines ask it
 
 # room -> the rooms that it may import (itself always)
 ALLOWED: dict[str, set[str]] = {
     "core": set(),
-    **{room: GROUND | {"core"} for room in GROUND | ROOMS},
+    "schema": {"core"},
+    "net": {"core"},
+    "store": {"schema", "net", "core"},
+    **{room: GROUND | {"core"} for room in ROOMS},
+    "query": {"store", "schema", "core"},
     "sandbox": ROOMS | GROUND | {"core"},
-    "cli": ROOMS | GROUND | {"core", "sandbox"},
-    "pipelines": ROOMS | GROUND | {"core", "sandbox"},
+    "cli": ROOMS | ASKING | GROUND | {"core", "sandbox"},
+    "pipelines": ROOMS | ASKING | GROUND | {"core", "sandbox"},
 }
 
 # Standard library and light packages only: what `kb --help` may load.

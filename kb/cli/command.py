@@ -77,13 +77,14 @@ def command(
     resumable: bool = True,
     main: bool = False,
     needs_data: bool = False,
+    cls: type[Command] = Command,
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Declare a command of `app`.
 
     `raw`: pass Options instead of a Run. `resumable`: a signal lets the item in hand be finished;
     otherwise it ends the command at once (queries, servers). `main`: what the group itself does when
     none of its commands is named. `needs_data`: it works on what was collected, so that a data root that
-    is not there is a mistake, and is not made.
+    is not there is a mistake, and is not made. `cls`: how it reads its arguments.
     """
 
     def declare(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -92,7 +93,7 @@ def command(
         if main:
             app.callback(invoke_without_command=True, cls=Group, epilog=epilog)(wrapped)
         else:
-            app.command(name, cls=Command, epilog=epilog)(wrapped)
+            app.command(name, cls=cls, epilog=epilog)(wrapped)
         return function
 
     return declare

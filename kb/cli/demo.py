@@ -124,16 +124,16 @@ def _command(step: str) -> Any:
 
 
 def _queries(queries: list[tuple[str, str, list[str]]], root: Path) -> None:
-    from kb.cli.query import as_table
-    from kb.schema import views
+    from kb.query import connect, found, select
+    from kb.query.write import for_people
 
-    held = {f"{view.schema}.{view.name}" for view in views.found(root)}
-    with contextlib.closing(views.connect(root)) as db:
+    held = {view.full for view in found(root)}
+    with contextlib.closing(connect(root)) as db:
         for question, sql, needed in queries:
             if held.issuperset(needed):
                 print(f"\n== {question}")
                 print(f'kb query --data {root} "{" ".join(sql.split())}"')
-                sys.stdout.writelines(as_table(views.select(db, sql)))
+                sys.stdout.writelines(for_people(select(db, sql)))
 
 
 def _say(options: Options, text: str) -> None:

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import sys
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kb.cli.answer import as_csv, as_json, as_table
-from kb.cli.command import command, group
+from kb.cli.command import Command, command, group
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from kb.cli.options import Options
+    from kb.core.context import Run
+    from kb.query import Listed
 
 app = group("SQL over the tables of the data root, by DuckDB.")
 
@@ -28,83 +30,163 @@ class Format(StrEnum):
     table = "table"
     csv = "csv"
     json = "json"
+    ndjson = "ndjson"
     parquet = "parquet"
+
+
+class SqlCommand(Command):
+    """SQL may begin with a comment, which otherwise would be taken for an option."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """The arguments, the comments before a query left out."""
+        return super().parse_args(ctx, [_uncommented(one) for one in args])
+
+
+def _uncommented(argument: str) -> str:
+    if not argument.startswith("--") or not ("\n" in argument or argument.startswith("-- ")):
+        return argument
+    from kb.query.statements import without_comments
+
+    return without_comments(argument)
 
 
 @command(
     app,
     raw=True,
     resumable=False,
+    cls=SqlCommand,
     examples=[
         "kb query --tables",
         'kb query "SELECT title, view_count FROM youtube_videos ORDER BY view_count DESC LIMIT 5"',
         'kb query "SELECT stage, count(*) FROM clean.youtube_rejected GROUP BY stage" --format csv',
-        'kb query "FROM release.reddit_posts" --format parquet --out posts.parquet',
+        'kb query "FROM release.reddit_posts" --out posts.parquet',
+        "kb query --file question.sql --out answer.csv",
     ],
 )
 def query(
     options: Options,
     sql: Annotated[
-        str | None, typer.Argument(metavar="SQL", help="A query; views are named SOURCE_TABLE.")
+        str | None,
+        typer.Argument(
+            metavar="SQL", help="One query; views are named SOURCE_TABLE. -: from standard input."
+        ),
+    ] = None,
+    file: Annotated[
+        Path | None,
+        typer.Option(
+            "--file", metavar="FILE", help="Read the query from there; -: standard input."
+        ),
     ] = None,
     tables: Annotated[
         bool, typer.Option("--tables", help="List the views and what they hold.")
     ] = False,
     format: Annotated[
-        Format, typer.Option("--format", help="How results are printed; --json is --format json.")
-    ] = Format.table,
+        Format | None,
+        typer.Option(
+            "--format",
+            help="How results are written; it wins over --out's suffix. --json is --format json."
+            " [default: by --out's suffix, else table]",
+        ),
+    ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Write there instead of to stdout.")
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help="Write there instead of to stdout, as its suffix says:"
+            " .csv .json .ndjson .jsonl .parquet .txt. Its folder has to be there.",
+        ),
     ] = None,
 ) -> None:
-    """Run SQL over the data root's tables.
+    """Run one SQL query over the data root's tables. It only reads.
 
-    Schemas clean and release hold one view a table (clean.reddit_posts, release.youtube_videos);
-    the bare name is the clean one where it exists, else the released one. --limit N gives the
-    first N rows, with exit code 0.
+    Schemas clean and release hold one view a table (clean.reddit_posts, release.youtube_videos),
+    restored what a reconstruction brought back, links the entities; a bare name is the clean one
+    where it exists, else the released, else the restored one. Times are UTC. --limit N gives the
+    first N rows, with exit code 0. DIR of --data may be the folder of a reconstruction as well.
     """
     from kb.core.errors import UsageError
-    from kb.schema import views
+    from kb.query import connect, select
+    from kb.query.write import choose, write
 
-    if tables == (sql is not None):
+    if [tables, sql is not None, file is not None].count(True) != 1:
         raise UsageError(
-            "give a query, or --tables", hint='for example: kb query "FROM youtube_videos LIMIT 5"'
+            "give one of a query, --file and --tables",
+            hint='for example: kb query "FROM youtube_videos LIMIT 5"',
         )
-    if format == Format.parquet and out is None and sys.stdout.isatty():
-        raise UsageError(
-            "Parquet is no text for a terminal", hint="add --out FILE, or redirect stdout"
-        )
-    if out is not None and out.is_dir():
-        raise UsageError(f"--out {out} is a folder", hint="name a file in it")
+    asked = format or (Format.json if options.json else None)
+    chosen = choose(asked, out)
+    if not tables:
+        sql = _read(sql, file)
     run = options.make_run()
-    if options.json and format == Format.table:
-        format = Format.json
-    with contextlib.closing(views.connect(run.root)) as db:
+    _there(run)
+    with contextlib.closing(connect(run.root)) as db:
         if tables:
-            catalog = views.catalog(run.root)
-            if not catalog:
-                run.progress.say(
-                    f"no tables in {run.root} yet: run a crawl and its filter first, or `kb demo`"
-                )
-            answer = _listing(catalog)
+            answer = _listing(_catalog(run), for_people=chosen == Format.table)
         else:
-            answer = views.select(db, sql or "", root=run.root, text=format != Format.parquet)
-        _write(_first(answer, options.limit) if options.limit else answer, format, out)
+            answer = select(db, sql or "", root=run.root, text=chosen != Format.parquet)
+        write(_first(answer, options.limit) if options.limit else answer, chosen, out)
 
 
-def _listing(catalog: list[tuple[str, str, int, str]]) -> pa.RecordBatchReader:
+def _read(sql: str | None, file: Path | None) -> str:
+    """The query as it was typed, or what the file or standard input holds. Raises UsageError."""
+    from kb.core.errors import UsageError
+
+    if sql is not None and sql != "-":
+        return sql
+    try:
+        if file is None or str(file) == "-":
+            return sys.stdin.buffer.read().decode("utf-8-sig")
+        return file.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise UsageError(f"--file {file}: {error.strerror}", hint="check the name") from None
+    except UnicodeDecodeError:
+        raise UsageError(f"{file or 'standard input'} is no text in UTF-8") from None
+
+
+def _there(run: Run) -> None:
+    """Raise UsageError for a data root that was named and is not there, with the nearest name."""
+    from kb.core.errors import UsageError
+    from kb.core.settings import Settings
+
+    if run.root.is_dir() or run.settings.kb_data == Settings.model_fields["kb_data"].default:
+        return
+    beside = run.root.parent
+    names = [path.name for path in beside.iterdir() if path.is_dir()] if beside.is_dir() else []
+    near = difflib.get_close_matches(run.root.name, names, 1)
+    raise UsageError(
+        f"there is no such folder {run.root}",
+        hint=f"did you mean {run.settings.kb_data.with_name(near[0])}?"
+        if near
+        else "check --data and KB_DATA, or run a crawl first",
+    )
+
+
+def _catalog(run: Run) -> list[Listed]:
+    from kb.query import catalog
+    from kb.query.nearest import advice
+
+    found = catalog(run.root)
+    if not found:
+        run.progress.say(f"no tables in {run.root} yet: {advice(run.root)}")
+    return found
+
+
+def _listing(found: list[Listed], *, for_people: bool) -> pa.RecordBatchReader:
+    """The catalog as an answer; for people schema and view in one word, as they are typed."""
     import pyarrow as pa
 
-    names = ("schema", "view", "rows", "about")
-    columns = list(zip(*catalog, strict=True)) or [[] for _ in names]
-    types = (pa.string(), pa.string(), pa.int64(), pa.string())
-    table = pa.table(
-        {
-            name: pa.array(column, kind)
-            for name, column, kind in zip(names, columns, types, strict=True)
-        }
-    )
-    return table.to_reader()
+    types = {"rows": pa.int64(), "columns": pa.int64()}
+    lines = [view._asdict() for view in found]
+    head = ["schema", "view", "rows", "columns", "about"]
+    if for_people:
+        head[:2] = ["table"]
+        lines = [{**line, "table": f"{line['schema']}.{line['view']}"} for line in lines]
+    columns = {
+        name: pa.array([line[name] for line in lines], types.get(name, pa.string()))
+        for name in head
+    }
+    return pa.table(columns).to_reader()
 
 
 def _first(answer: pa.RecordBatchReader, rows: int) -> pa.RecordBatchReader:
@@ -119,48 +201,3 @@ def _first(answer: pa.RecordBatchReader, rows: int) -> pa.RecordBatchReader:
                 return
 
     return pa.RecordBatchReader.from_batches(answer.schema, batches())
-
-
-def _write(answer: pa.RecordBatchReader, format: Format, out: Path | None) -> None:
-    if format == Format.parquet:
-        if out is None:
-            _write_parquet(answer, sys.stdout.buffer)
-        else:
-            with _opened(out) as path, path.open("wb") as file:
-                _write_parquet(answer, file)
-        return
-    lines = {Format.table: as_table, Format.csv: as_csv, Format.json: as_json}[format](answer)
-    if out is None:
-        sys.stdout.writelines(lines)
-        sys.stdout.flush()
-        return
-    with _opened(out) as path, path.open("w", encoding="utf-8") as file:
-        file.writelines(lines)
-
-
-def _write_parquet(answer: pa.RecordBatchReader, file: IO[bytes]) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    from kb.core.errors import UsageError
-
-    try:
-        with pq.ParquetWriter(file, answer.schema, compression="zstd") as writer:
-            for batch in answer:
-                writer.write_batch(batch)
-    except pa.ArrowNotImplementedError as error:
-        raise UsageError(
-            f"Parquet can't hold a column of this answer: {error}",
-            hint="cast it to text: NAME::VARCHAR",
-        ) from None
-
-
-def _opened(out: Path) -> contextlib.AbstractContextManager[Path]:
-    """Where to write: a device or pipe as it is, a file as a whole that takes its place (that of what a link points to)."""
-    from kb.store.atomic import writing
-
-    return (
-        contextlib.nullcontext(out)
-        if out.exists() and not out.is_file()
-        else writing(out.resolve())
-    )

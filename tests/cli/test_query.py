@@ -245,12 +245,15 @@ def test_out_names_a_file_a_link_or_a_pipe(kb: Any, tmp_path: Path) -> None:
     assert (tmp_path / "pipe").is_fifo()
 
 
-@pytest.mark.parametrize("arguments", [("query", "SELECT 1"), ("query", "--tables"), ("status",)])
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [(("query", "SELECT 1"), 2), (("query", "--tables"), 2), (("status",), 0)],
+)
 def test_a_root_that_is_not_there_stays_so(
-    kb: Any, tmp_path: Path, arguments: tuple[str, ...]
+    kb: Any, tmp_path: Path, arguments: tuple[str, ...], code: int
 ) -> None:
     answer = kb(*arguments, "--data", "nowhere")
-    assert answer.returncode == 0
+    assert answer.returncode == code
     assert list(tmp_path.iterdir()) == []
 
 

@@ -95,10 +95,10 @@ class Job:
 
     def rows(self, sql: str) -> list[dict[str, Any]]:
         """The answer of `kb query`, asked in this process."""
-        from kb.schema import views
+        from kb import query
 
-        with views.connect(self.root) as db:
-            return views.select(db, sql).read_all().to_pylist()
+        with query.connect(self.root) as db:
+            return query.select(db, sql).read_all().to_pylist()
 
     def released(self) -> list[dict[str, Any]]:
         """The released videos without the time that they were read at."""

@@ -7,8 +7,8 @@ from pathlib import Path
 import duckdb
 import pytest
 
+from kb import query
 from kb.core.errors import DamagedData, UsageError
-from kb.schema import views
 from kb.store import tombstones
 from kb.store.shards import write_table
 
@@ -49,8 +49,8 @@ def root(tmp_path: Path, make_rows) -> Path:  # type: ignore[no-untyped-def]
 
 
 def rows(root: Path, sql: str) -> list[tuple[object, ...]]:
-    with views.connect(root) as con:
-        return [tuple(row.values()) for row in views.select(con, sql).read_all().to_pylist()]
+    with query.connect(root) as con:
+        return [tuple(row.values()) for row in query.select(con, sql).read_all().to_pylist()]
 
 
 def test_clean_and_release_and_bare_names(root: Path) -> None:
@@ -75,7 +75,7 @@ def test_times_are_utc(root: Path) -> None:
 
 
 def test_the_catalog(root: Path) -> None:
-    listing = views.catalog(root)
+    listing = query.catalog(root)
     assert [row[:3] for row in listing] == [
         ("clean", "pairs", 1),
         ("clean", "youtube_rejected", 2),
@@ -97,13 +97,13 @@ def test_the_catalog(root: Path) -> None:
         ),
         (
             "SELECT * FROM youtube_video",
-            "Table with name youtube_video does not exist! Did you mean",
-            "clean.youtube_videos, release.reddit_posts",
+            "Table with name youtube_video does not exist! Did you mean youtube_videos or ",
+            "--tables",
         ),
         (
             "SELECT * FROM wiki_pages",
             "Table with name wiki_pages does not exist!",
-            "clean.youtube_videos",
+            "`kb wiki crawl`, then `kb wiki filter`",
         ),
         ("SELEC 1", 'syntax error at or near "SELEC"', "--tables"),
         ("", "0 statements", ""),
@@ -173,25 +173,25 @@ def test_pages_that_are_broken_name_their_file_also_while_rows_stream(root: Path
     data[4:200] = b"\xff" * 196
     file.write_bytes(data)
     with (
-        views.connect(root) as con,
+        query.connect(root) as con,
         pytest.raises(DamagedData, match=r"part-00001\.parquet can't be read"),
     ):
-        views.select(con, "FROM clean.youtube_videos", root=root).read_all()
+        query.select(con, "FROM clean.youtube_videos", root=root).read_all()
 
 
 def test_an_empty_root_says_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(UsageError) as caught:
         rows(tmp_path, "FROM youtube_videos")
     assert "no tables yet" in caught.value.hint
-    assert views.catalog(tmp_path) == []
+    assert query.catalog(tmp_path) == []
 
 
 def test_a_damaged_file_is_named(root: Path) -> None:
     (root / "clean/youtube/rejected/part-00000.parquet").write_bytes(b"no parquet")
     with pytest.raises(DamagedData, match="rejected"):
-        views.connect(root)
+        query.connect(root)
     with pytest.raises(DamagedData, match="rejected"):
-        views.catalog(root)
+        query.catalog(root)
 
 
 def test_plain_duckdb_reads_the_same(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:

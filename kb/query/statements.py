@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+
+import duckdb
+import duckdb.sqltypes
 
 from kb.core.errors import UsageError
 
-if TYPE_CHECKING:
-    import duckdb
-    import duckdb.sqltypes
-
+_COMMENTS = re.compile(r"\A(?:\s*--[^\n]*(?:\n|\Z))+")
 _READS = {"select", "from", "with", "values", "(", "pivot", "pivot_wider", "describe", "summarize"}
 # DuckDB's names of types that Arrow or Parquet lacks, or holds as bytes of DuckDB's own.
 _NO_ARROW = {
@@ -27,14 +26,21 @@ _NO_ARROW = {
 }
 
 
-def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
-    """Raises UsageError for anything but one query, and what DuckDB raises for what it can't parse."""
-    import duckdb
+def without_comments(sql: str) -> str:
+    """The query without the `--` lines before it, which an option parser takes for options."""
+    return _COMMENTS.sub("", sql)
 
+
+def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
+    """Raise UsageError for anything but one query, and what DuckDB raises if it can't parse it."""
     kinds = duckdb.StatementType
     statements = con.extract_statements(sql)
+    if not statements:
+        raise UsageError("0 statements: there is no query in it", hint="give one query")
     if len(statements) != 1:
-        raise UsageError(f"{len(statements)} statements; kb query runs one")
+        raise UsageError(
+            f"{len(statements)} statements; kb query runs one", hint="give each its own command"
+        )
     kind = statements[0].type
     words = _words(sql)
     at, first = next(words, (0, ""))
@@ -63,8 +69,6 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
 
 def _words(sql: str) -> Iterator[tuple[int, str]]:
     """(offset in bytes, word in lower case) of each token that is no comment."""
-    import duckdb
-
     raw = sql.encode()
     for at, kind in duckdb.tokenize(sql):
         found = re.match(rb"\w+|.", raw[at:], re.DOTALL)
@@ -122,7 +126,8 @@ def _held(kind: duckdb.sqltypes.DuckDBPyType, wanted: set[str]) -> str:
         return f"{_held(children['child'], wanted)}[{children.get('size', '')}]"
     if kind.id == "map":
         return f"MAP({_held(children['key'], wanted)}, {_held(children['value'], wanted)})"
-    return f"STRUCT({', '.join(f'{_quoted(name)} {_held(child, wanted)}' for name, child in children.items())})"
+    fields = [f"{_quoted(name)} {_held(child, wanted)}" for name, child in children.items()]
+    return f"STRUCT({', '.join(fields)})"
 
 
 def _quoted(name: str) -> str:

@@ -1,56 +1,60 @@
-"""Rows of an answer as text: aligned columns, CSV, JSON. Times as in the data, 2026-11-20T12:00:00Z."""
+"""Rows of an answer as text: aligned columns, CSV, JSON. Times as in the data, 2026-11-20T12:00:00Z.
+
+CSV and JSON hold the data exactly. The table is for people: numbers in full, long texts cut, and
+what would act on a terminal written out.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterator
 from datetime import date, datetime, timedelta
-from typing import TYPE_CHECKING, Any
+from decimal import Decimal
+from typing import Any
 
+import orjson
+import pyarrow as pa
+import pyarrow.types as types
+from rich.cells import cell_len, set_cell_size
+
+from kb.core import terminal
 from kb.core.errors import UsageError
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-_TABLE_ROWS = 100  # rows shown by --format table
-_CELL = 60  # characters of a cell shown by --format table
+TABLE_ROWS = 100  # rows that a table for people shows
+_CELL = 60  # columns of a terminal that a text in it may take
+_LONGEST = 40  # digits of a number that are written without an exponent
 _CYCLE = 146_097  # days of the 400 years after which the calendar repeats
 _A_DAY = {"s": 86_400, "ms": 86_400 * 10**3, "us": 86_400 * 10**6, "ns": 86_400 * 10**9}
 
 
 def as_table(answer: pa.RecordBatchReader) -> Iterator[str]:
-    """Aligned columns; long values are cut and rows beyond a hundred counted, and it says so."""
-    head = answer.schema.names
+    """Aligned columns; long texts are cut and rows beyond a hundred counted, and it says so."""
+    head = [terminal.one_line(name) for name in answer.schema.names]
     shown, total = [], 0
-    for row in _rows(answer):
+    for row in rows(answer):
         total += 1
-        if total <= _TABLE_ROWS:
+        if total <= TABLE_ROWS:
             shown.append([_cell(value) for value in row])
-    numeric = [_is_number(field.type) for field in answer.schema]
-    widths = [
-        max(len(name), *(len(row[i]) for row in shown)) if shown else len(name)
-        for i, name in enumerate(head)
-    ]
+    right = [is_number(field.type) for field in answer.schema]
+    widths = [max(map(cell_len, column)) for column in zip(head, *shown, strict=True)]
     for cells in (head, ["-" * width for width in widths], *shown):
-        yield (
-            "  ".join(
-                cell.rjust(width) if right else cell.ljust(width)
-                for cell, width, right in zip(cells, widths, numeric, strict=True)
-            ).rstrip()
-            + "\n"
-        )
+        yield "  ".join(map(_padded, cells, widths, right)).rstrip() + "\n"
     if total > len(shown):
-        yield f"... {total:,} rows in all; --format csv prints every one\n"
+        yield more(total)
+
+
+def more(total: int) -> str:
+    """The line under a table that does not show every row."""
+    return f"... {total:,} rows in all; --format csv prints every one\n"
 
 
 def as_csv(answer: pa.RecordBatchReader) -> Iterator[str]:
     """A head line and a line a row; lists and structs as JSON."""
-    import csv
-    import io
-
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(answer.schema.names)
-    for row in _rows(answer):
+    for row in rows(answer):
         writer.writerow(
             [_dump(value) if isinstance(value, (dict, list)) else _plain(value) for value in row]
         )
@@ -65,28 +69,36 @@ def as_json(answer: pa.RecordBatchReader) -> Iterator[str]:
     """One array of objects, in one line."""
     names = answer.schema.names
     before = "["
-    for row in _rows(answer):
+    for row in rows(answer):
         yield before + _dump(dict(zip(names, row, strict=True)))
         before = ","
     yield "[]\n" if before == "[" else "]\n"
 
 
-def _rows(answer: pa.RecordBatchReader) -> Iterator[list[Any]]:
+def as_ndjson(answer: pa.RecordBatchReader) -> Iterator[str]:
+    """An object a line."""
+    names = answer.schema.names
+    for row in rows(answer):
+        yield _dump(dict(zip(names, row, strict=True))) + "\n"
+
+
+def rows(answer: pa.RecordBatchReader) -> Iterator[list[Any]]:
     for batch in answer:
         yield from zip(
             *(
-                _values(name, column)
+                values(name, column)
                 for name, column in zip(batch.schema.names, batch.columns, strict=True)
             ),
             strict=True,
         )
 
 
-def _values(name: str, column: pa.Array) -> list[Any]:
-    """Python's values; times that Python has no value for (year 20000, infinity) make their column text."""
-    import pyarrow as pa
-
+def values(name: str, column: pa.Array) -> list[Any]:
+    """Python's values; times that Python lacks (year 20000, infinity) make their column text."""
     kind = column.type
+    if types.is_float32(kind):  # 0.12, not the digits that a longer float has of it
+        digits = column.cast(pa.string()).to_pylist()
+        return [None if text is None else float(text) for text in digits]
     if pa.types.is_timestamp(kind) and kind.unit == "ns":  # finer than Python's
         return [
             _moment(value, kind.unit, "Z" if kind.tz else "")
@@ -133,41 +145,49 @@ def _moment(value: int | None, unit: str, zone: str) -> str | None:
     return f"{_day(days, -1)}T{timedelta(seconds=seconds)!s:0>8}{fraction}{zone}"
 
 
-def _is_number(kind: pa.DataType) -> bool:
-    import pyarrow.types as types
-
+def is_number(kind: pa.DataType) -> bool:
+    """Whether values of an Arrow type stand on the right of their column."""
     return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
+
+
+def _padded(cell: str, width: int, right: bool) -> str:
+    space = " " * (width - cell_len(cell))
+    return space + cell if right else cell + space
 
 
 def _cell(value: Any) -> str:
     if value is None:
         return ""
-    text = " ".join(_text(value).split())
-    return text if len(text) <= _CELL else text[: _CELL - 1] + "…"
+    text = people(value)
+    if isinstance(value, (int, float, Decimal)) or cell_len(text) <= _CELL:
+        return text
+    return set_cell_size(text, _CELL - 1).rstrip() + "…"
 
 
-def _text(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}" if abs(value) < 1e6 else f"{value:.0f}"
-    if isinstance(value, (dict, list)):
-        return _dump(value)
-    return str(_plain(value))
+def people(value: Any) -> str:
+    """A value in one line that is safe on a terminal; numbers in full."""
+    if isinstance(value, (float, Decimal)):
+        return _number(value)
+    text = _dump(value) if isinstance(value, (dict, list)) else str(_plain(value))
+    return terminal.one_line(" ".join(text.split()))
+
+
+def _number(value: float | Decimal) -> str:
+    text = str(value)
+    if "e" not in text.lower():
+        return text
+    full = f"{Decimal(text):f}"
+    return full if len(full) <= _LONGEST else text
 
 
 def _dump(value: Any) -> str:
-    import orjson
-
     return orjson.dumps(
         value, default=_as_number_or_text, option=orjson.OPT_UTC_Z | orjson.OPT_NON_STR_KEYS
     ).decode()
 
 
 def _as_number_or_text(value: Any) -> Any:
-    """Sums of integers and literals with a point are decimals in DuckDB; JSON's integers have any number of digits."""
-    from decimal import Decimal
-
-    import orjson
-
+    """Sums and literals with a point are decimals in DuckDB; JSON's integers have any length."""
     if isinstance(value, Decimal):
         return (
             orjson.Fragment(str(int(value))) if value == value.to_integral_value() else float(value)

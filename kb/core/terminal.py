@@ -1,0 +1,34 @@
+"""Text of others on a terminal: what would act on it is shown instead.
+
+Titles, names, keys of answers and messages of services may hold escape sequences, C1 controls,
+marks that turn the direction of writing, and line breaks that forge a line. None of them reaches
+a terminal, a log line or an error as it is; files keep the data exactly.
+"""
+
+from __future__ import annotations
+
+_DIRECTION = "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+_BREAKS = "\u2028\u2029"
+_NAMED = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
+
+
+def _escape(number: int) -> str:
+    if chr(number) in _NAMED:
+        return _NAMED[chr(number)]
+    return f"\\x{number:02x}" if number < 0x100 else f"\\u{number:04x}"
+
+
+# C0, DEL, C1, direction, line separators, and halves of characters, which no stream can encode.
+_ACTS = [*range(0x20), *range(0x7F, 0xA0), *map(ord, _DIRECTION + _BREAKS), *range(0xD800, 0xE000)]
+_ONE_LINE = {number: _escape(number) for number in _ACTS}
+_LINES = {number: text for number, text in _ONE_LINE.items() if chr(number) not in "\n\t"}
+
+
+def one_line(text: str) -> str:
+    """The text in one line, with everything that a terminal would obey written out (`\\x1b`)."""
+    return text.translate(_ONE_LINE)
+
+
+def lines(text: str) -> str:
+    """The same where line breaks are the program's own, as in a traceback."""
+    return text.translate(_LINES)

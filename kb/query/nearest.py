@@ -1,0 +1,111 @@
+"""A name that is not there: the nearest ones that are, or what has to be run to have it."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+import shlex
+from collections.abc import Iterable
+from pathlib import Path
+
+import duckdb
+
+from kb.core.errors import UsageError
+from kb.query.views import SCHEMAS, SOURCES, found, names
+from kb.schema.tables import tables
+
+_TABLE = re.compile(r'Table with name "?([^"!]+?)"? does not exist')
+_COLUMN = re.compile(r'Values list "[^"]*" does not have a column named "([^"]+)"')
+_LISTS = "`kb query --tables` lists the views"
+
+
+def unknown(
+    con: duckdb.DuckDBPyConnection, sql: str, error: Exception, root: Path | None
+) -> UsageError | None:
+    """What to say of a table or column that is not there; None when the error is of another kind."""
+    text = str(error)
+    if missing := _TABLE.search(text):
+        return _table(con, missing[1], text.splitlines()[0], root)
+    if missing := _COLUMN.search(text):
+        near = close(missing[1], _columns(con, sql))
+        return UsageError(f"{one_line(error)}{_guess(near)}", hint=_LISTS)
+    return None
+
+
+def close(name: str, there: Iterable[str]) -> list[str]:
+    """At most three names that are like it, the nearest first."""
+    by_lower = {one.lower(): one for one in there}
+    return [by_lower[one] for one in difflib.get_close_matches(name.lower(), by_lower, 3)]
+
+
+def one_line(error: Exception) -> str:
+    """DuckDB's message without its drawing of the query; of its guesses the nearest three."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    if not lines:
+        return type(error).__name__
+    starts = ("Did you mean", "Candidate bindings", "Candidate functions", "Candidate Entries")
+    guesses = [line for line in lines[1:] if line.startswith(starts) and "duckdb_" not in line]
+    return " ".join([lines[0], *(", ".join(line.split(", ")[:3]) for line in guesses)])
+
+
+def advice(root: Path) -> str:
+    """What to type where there are no tables yet."""
+    demo = root / "demo"
+    if any(found(demo)):
+        return f"the demo's are there: kb query --data {shown(demo)} --tables"
+    return "run a crawl and its filter first, or `make demo`"
+
+
+def shown(path: Path) -> str:
+    """A path as one types it: from here where it is below here."""
+    here = os.path.relpath(path)
+    return shlex.quote(str(path) if here.startswith("..") else here)
+
+
+def _table(con: duckdb.DuckDBPyConnection, name: str, said: str, root: Path | None) -> UsageError:
+    views = list(_views(con))
+    schema, _, short = name.rpartition(".")
+    full = [f"{one}.{view}" for one, view in views]
+    if schema:
+        near = [one for one in full if one.endswith(f".{short}")] or close(name, full)
+    else:
+        near = close(name, {view for _, view in views})
+    said = said.partition(" because ")[0].rstrip("!")
+    if not views:
+        return UsageError(f"{said}!", hint=f"no tables yet: {advice(root or Path('data'))}")
+    return UsageError(f"{said}!{_guess(near)}", hint=(not near and _how(short, schema)) or _LISTS)
+
+
+def _how(short: str, schema: str) -> str:
+    """The commands that make a declared table which has no files yet."""
+    if schema == "restored":
+        return "`kb reddit reconstruct` makes it"
+    source = short.partition("_")[0]
+    known = {names(declared) for declared in tables().values() if declared.source in SOURCES}
+    if short not in known:
+        return ""
+    if source == "pairs":
+        return "`kb pairs` makes it"
+    if schema == "release":
+        return f"`kb {source} export` makes it"
+    return f"`kb {source} crawl`, then `kb {source} filter` make it"
+
+
+def _guess(near: list[str]) -> str:
+    return f" Did you mean {' or '.join(near)}?" if near else ""
+
+
+def _views(con: duckdb.DuckDBPyConnection) -> list[tuple[str, str]]:
+    sql = "SELECT schema_name, view_name FROM duckdb_views() WHERE list_contains(?, schema_name)"
+    return [(schema, view) for schema, view in con.execute(sql, [list(SCHEMAS)]).fetchall()]
+
+
+def _columns(con: duckdb.DuckDBPyConnection, sql: str) -> list[str]:
+    """Columns of the views that the query names."""
+    words = set(re.findall(r"\w+", sql))
+    rows = con.execute(
+        "SELECT DISTINCT column_name FROM duckdb_columns() WHERE list_contains(?, table_name)",
+        [sorted(words)],
+    )
+    return [name for (name,) in rows.fetchall()]
