@@ -167,11 +167,9 @@ class Scores:
         return path
 
     def _connect(self) -> duckdb.DuckDBPyConnection:
-        import duckdb
+        from kb.store import database
 
-        con = duckdb.connect()
-        con.execute("SET enable_progress_bar = false")
-        return con
+        return database.connect(Path(self.folder))
 
     def _files(self) -> str:
         """SQL of all rows; files of an earlier version may lack a category."""

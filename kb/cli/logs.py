@@ -8,6 +8,7 @@ import sys
 import warnings
 from typing import Any
 
+from kb.core import terminal
 from kb.net import redact
 
 
@@ -15,8 +16,8 @@ class Stderr:
     """Writes to whatever sys.stderr is now, so that lines go above a live progress display."""
 
     def msg(self, text: str) -> None:
-        """One redacted line."""
-        print(redact.text(text), file=sys.stderr, flush=True)
+        """One redacted line, or several where it holds a traceback."""
+        print(terminal.lines(redact.text(text)), file=sys.stderr, flush=True)
 
     log = debug = info = warn = warning = error = critical = exception = fatal = msg
 
@@ -27,13 +28,22 @@ class Handler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """One redacted line; never raises."""
         try:
-            print(
-                redact.text(f"{record.levelname.lower()}: {record.name}: {self.format(record)}"),
-                file=sys.stderr,
-                flush=True,
-            )
+            said, _, trace = self.format(record).partition("\nTraceback ")
+            line = f"{record.levelname.lower()}: {record.name}: {said}"
+            text = terminal.one_line(redact.text(line))
+            if trace:
+                text += "\n" + terminal.lines(redact.text(f"Traceback {trace}"))
+            print(text, file=sys.stderr, flush=True)
         except Exception:  # noqa: BLE001  a log line must not end a crawl
             self.handleError(record)
+
+
+def _safe(logger: Any, method: str, event: dict[str, Any]) -> dict[str, Any]:
+    """Values of an event in one line each; only a traceback has lines of its own."""
+    return {
+        name: terminal.one_line(value) if isinstance(value, str) and name != "exception" else value
+        for name, value in event.items()
+    }
 
 
 def configure(*, quiet: bool, debug: bool) -> None:
@@ -50,6 +60,7 @@ def configure(*, quiet: bool, debug: bool) -> None:
         structlog.processors.add_log_level,
         structlog.processors.format_exc_info,
         redact.processor,
+        _safe,
         structlog.dev.ConsoleRenderer(colors=False, pad_event_to=0, pad_level=False),
     ]
     structlog.configure(

@@ -56,7 +56,10 @@ def ending(error: BaseException, *, debug: bool, as_json: bool) -> int:
         return 0
     message, hint, code = describe(error)
     if debug:
-        print(_redact("".join(traceback.format_exception(error)).rstrip()), file=sys.stderr)
+        from kb.core import terminal
+
+        trace = "".join(traceback.format_exception(error)).rstrip()
+        print(terminal.lines(_redact(trace)), file=sys.stderr)
     summary = getattr(error, "summary", None)
     if summary is not None or as_json:
         show_summary(
@@ -94,8 +97,11 @@ def describe(error: BaseException) -> tuple[str, str, int]:
 
 def complain(message: str, *, hint: str = "") -> None:
     """One line on stderr."""
+    from kb.core import terminal
+
     text = " ".join(message.split())
-    print(_redact(f"kb: {text}" + (f"; {hint}" if hint else "")), file=sys.stderr, flush=True)
+    line = _redact(f"kb: {text}" + (f"; {hint}" if hint else ""))
+    print(terminal.one_line(line), file=sys.stderr, flush=True)
 
 
 def show_summary(summary: dict[str, Any], as_json: bool) -> None:
@@ -103,9 +109,10 @@ def show_summary(summary: dict[str, Any], as_json: bool) -> None:
     if as_json:
         print(json.dumps(summary, default=str, ensure_ascii=False), flush=True)
     else:
+        from kb.core import terminal
         from kb.core.verdict import Summary
 
-        print(Summary(summary).line(), flush=True)
+        print(terminal.one_line(Summary(summary).line()), flush=True)
 
 
 def _redact(text: str) -> str:

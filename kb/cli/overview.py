@@ -99,8 +99,7 @@ def _quota(run: Run, source: str, frontier: Any) -> dict[str, Any]:
 
 def _age(run: Run, source: str) -> dict[str, Any]:
     """How old the kept rows are, and how many are older than the profile allows."""
-    import duckdb
-
+    from kb.store import database
     from kb.store.reading import reading, scan
 
     section = getattr(run.profile, source)
@@ -111,8 +110,7 @@ def _age(run: Run, source: str) -> dict[str, Any]:
     limit = clock.now() - timedelta(days=max_age or 0)
     for folder in _table_folders(run.root, source):
         files = _files(folder)
-        with reading(files), duckdb.connect() as db:
-            db.execute("SET TimeZone = 'UTC'")
+        with reading(files), database.connect() as db:
             columns = {
                 row[0] for row in db.execute(f"DESCRIBE SELECT * FROM {scan(files)}").fetchall()
             }

@@ -99,6 +99,7 @@ def keywords(
 
     Columns: keyword, kind, rule, matches, and how many of an everyday word stood alone and make no pair.
     """
+    from kb.core import terminal
     from kb.core.verdict import Summary
     from kb.pairs.show import keyword_lines
 
@@ -107,6 +108,6 @@ def keywords(
     for line in keyword_lines(run, examples, kind, unused, videos):
         typer.echo(f"{line.keyword}\t{line.kind}\t{line.rule}\t{line.matches}\t{line.alone}")
         for example in line.examples:
-            typer.echo(f"    {example}")
+            typer.echo(f"    {terminal.one_line(example)}")
         count, total, alone = count + 1, total + line.matches, alone + line.alone
     return Summary(keywords=count, matches=total, ambiguous_alone=alone)

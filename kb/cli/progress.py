@@ -31,10 +31,13 @@ class Bars:
 
     def say(self, text: str) -> None:
         """One line above the bars."""
+        from kb.core import terminal
+
+        shown = terminal.one_line(text)
         if self._live is not None:
-            self._live.console.print(text, highlight=False, markup=False)
+            self._live.console.print(shown, highlight=False, markup=False)
         else:
-            print(text, file=sys.stderr, flush=True)
+            print(shown, file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Leave the bars as they are and give the terminal back."""

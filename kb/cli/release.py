@@ -69,6 +69,7 @@ def publish(
     An interrupted upload goes on where it stopped. A folder that was published before and has changed
     becomes a new version of its record.
     """
+    from kb.core import terminal
     from kb.core.errors import KbError
 
     run = options.make_run()
@@ -83,17 +84,13 @@ def publish(
     finally:
         getattr(run.progress, "close", lambda: None)()
         for source, one in done.get("sources", {}).items() if not options.json else ():
-            typer.echo(
-                "  ".join(
-                    str(what)
-                    for what in (source, one["state"], one["id"], one["doi"], one["page"])
-                    if what
-                )
-            )
+            facts = (source, one["state"], one["id"], one["doi"], one["page"])
+            typer.echo(terminal.one_line("  ".join(str(what) for what in facts if what)))
 
 
 def _listed(run: Run, name: str, *given: object) -> Summary:
     """Call the pipeline; a refusal's reasons go to stderr, one line each."""
+    from kb.core import terminal
     from kb.core.errors import ReleaseRefused
     from kb.core.pipeline import load, locate
 
@@ -101,5 +98,5 @@ def _listed(run: Run, name: str, *given: object) -> Summary:
         return getattr(load(str(locate("release", run.pipeline))), name)(run, *given)
     except ReleaseRefused as error:
         for line in getattr(error, "problems", []):
-            typer.echo(line, err=True)
+            typer.echo(terminal.one_line(line), err=True)
         raise

@@ -30,7 +30,9 @@ def status(options: Options) -> None:
     if options.json:
         print(json.dumps(about, default=str))
     else:
-        print("\n".join(_lines(about)))
+        from kb.core import terminal
+
+        print("\n".join(terminal.one_line(line) for line in _lines(about)))
 
 
 def _lines(about: dict[str, Any]) -> list[str]:

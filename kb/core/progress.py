@@ -6,7 +6,7 @@ import sys
 import threading
 from typing import Protocol, TextIO
 
-from kb.core import clock
+from kb.core import clock, terminal
 
 
 class Task(Protocol):
@@ -105,7 +105,7 @@ class Plain:
 
     def say(self, text: str) -> None:
         """One line."""
-        print(text, file=self._stream, flush=True)
+        print(terminal.one_line(text), file=self._stream, flush=True)
 
 
 def _span(seconds: float) -> str:

@@ -21,6 +21,7 @@ from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.export.parquet import clean_parts
 from kb.schema.tables import table
+from kb.store import database
 from kb.store.atomic import replacing_folder
 from kb.store.reading import reading, scan
 
@@ -63,8 +64,6 @@ _COMMENTS = """
 
 def export(run: Run) -> Summary:
     """clean/reddit → export/convokit/. Raises FatalError without clean rows, DamagedData, DiskFull. The same rows give the same bytes."""
-    import duckdb
-
     posts, comments = (
         clean_parts(run.root, table(f"reddit/{name}")) for name in ("posts", "comments")
     )
@@ -74,7 +73,10 @@ def export(run: Run) -> Summary:
         )
     speakers: set[str] = set()
     counts = {"posts": 0, "comments": 0, "placeholders": 0}
-    with duckdb.connect() as con, replacing_folder(run.root / "export" / "convokit") as fresh:
+    with (
+        database.connect(run.root) as con,
+        replacing_folder(run.root / "export" / "convokit") as fresh,
+    ):
         with (
             (fresh / "utterances.jsonl").open("w", encoding="utf-8") as file,
             (fresh / "conversations.json").open("w", encoding="utf-8") as about,

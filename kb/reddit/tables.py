@@ -15,7 +15,7 @@ from kb.reddit import parse
 from kb.reddit.assemble import assemble, newest_of
 from kb.reddit.wanted import Wanted
 from kb.schema.tables import Table, table
-from kb.store import rawlog
+from kb.store import database, rawlog
 from kb.store.atomic import full_disk_is_resumable, replacing_folder
 from kb.store.shards import write_table
 
@@ -125,7 +125,6 @@ def _lost(
     scratch: Path, made: dict[str, Path], wanted: Wanted, reasons: dict[str, str]
 ) -> pa.Table:
     """What is in no table and was asked for, or has a reason. All that was asked for stays on disk."""
-    import duckdb
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -134,10 +133,7 @@ def _lost(
     with pq.ParquetWriter(scratch / "asked.parquet", pa.schema([("key", pa.string())])) as file:
         while part := list(islice(names, IDS)):
             file.write_batch(pa.record_batch({"key": pa.array(part, pa.string())}))
-    with duckdb.connect() as con:
-        con.execute("SET enable_progress_bar = false")
-        con.execute("SET memory_limit = '1GB'")
-        con.execute("SET temp_directory = $1", [str(scratch)])
+    with database.connect(scratch, memory="1GB") as con:
         con.register(
             "reasons",
             pa.table(

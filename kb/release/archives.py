@@ -8,6 +8,7 @@ from __future__ import annotations
 from kb.release.columns import numbered
 from kb.release.folders import INDEX, Folder
 from kb.release.problem import Problem, damaged
+from kb.store import database
 
 _AGAIN = "run `kb wiki export` again"
 _COLUMNS = (
@@ -31,7 +32,7 @@ def check(folder: Folder) -> list[Problem]:
     index = folder.path / INDEX
     if not index.is_file():
         return [*found, Problem("damaged", f"wiki/{INDEX}", f"is not there; {_AGAIN}")]
-    with duckdb.connect() as con:
+    with database.connect() as con:
         con.execute("CREATE TABLE tars (tar VARCHAR, bytes BIGINT)")
         if tars:
             con.executemany("INSERT INTO tars VALUES (?, ?)", list(tars.items()))

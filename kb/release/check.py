@@ -19,6 +19,7 @@ from kb.release.folders import DEPOSIT, SUMS, Folder, Part, clean_files, release
 from kb.release.licences import KNOWN, licence
 from kb.release.measure import folder_licence, page_licences
 from kb.release.problem import Problem, damaged
+from kb.store import database
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -291,7 +292,7 @@ def _unscored(files: Sequence[Path], declared: Table, names: set[str]) -> dict[s
         return {}
     counts = ", ".join(f"count(*) FILTER (WHERE {test})" for test in tests.values())
     try:
-        with duckdb.connect() as con:
+        with database.connect() as con:
             row = (
                 con.execute(
                     f"SELECT {counts} FROM read_parquet(?)", [[str(path) for path in files]]
@@ -310,14 +311,12 @@ def max_age_days(run: Run, source: str) -> int | None:
 
 
 def _age(run: Run, source: str, part: Part) -> list[Problem]:
-    import duckdb
-
     days = max_age_days(run, source)
     if days is None or "fetched_at" not in part.table.names(released=True):
         return []
     limit = clock.now() - timedelta(days=days)
     row = (
-        duckdb.connect()
+        database.connect()
         .execute(
             "SELECT count(*), min(fetched_at)::DATE FROM read_parquet(?) WHERE fetched_at < ?",
             [[str(path) for path in part.shards], limit],

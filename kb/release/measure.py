@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from kb.release.checksums import digest
 from kb.release.folders import Folder, Part, clean_files, released_tables
 from kb.release.licences import KNOWN
+from kb.store import database
 from kb.store.reading import SANDBOX_MODEL, filtered
 
 if TYPE_CHECKING:
@@ -100,12 +101,9 @@ class Facts:
 
 def measure(run: Run, folder: Folder) -> Facts:
     """Read the folder, and what clean/ says about how it came to be."""
-    import duckdb
-
     from kb.release.personal import personal_counts
 
-    con = duckdb.connect()
-    con.execute("SET TimeZone = 'UTC'")
+    con = database.connect(run.root)
     tables = tuple(_table(con, part) for part in folder.parts)
     read = _span(con, folder, ("fetched_at",)) or _clean_span(
         con, run.root, "youtube" if folder.source == "pairs" else folder.source
@@ -135,18 +133,14 @@ def measure(run: Run, folder: Folder) -> Facts:
 
 def folder_licence(run: Run, folder: Folder) -> str:
     """SPDX id of the folder's licence; empty when neither data nor profile give one."""
-    import duckdb
-
-    with duckdb.connect() as con:
+    with database.connect() as con:
         return _choose(con, run, folder)
 
 
 def page_licences(folder: Folder) -> tuple[list[str], int]:
     """Licences that the wiki's pages name, and how many rows name none; nothing for other sources."""
-    import duckdb
-
     named: dict[str | None, int] = {}
-    with duckdb.connect() as con:
+    with database.connect() as con:
         for part in folder.parts if folder.source == "wiki" else ():
             if part.table.short == "pages":
                 files = [str(shard) for shard in part.shards]
@@ -164,15 +158,13 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
 
     Of a text's precisions the exact one decides. A clean folder that doesn't say its model: every model's scores.
     """
-    import duckdb
-
     # Pairs and wiki pictures carry no scores of their own; a pair's videos were scored as YouTube.
     source = "youtube" if source == "pairs" else source
     files = [str(file) for file in sorted((root / "annotations" / source).glob("**/*.parquet"))]
     said = filtered(root, source)
     if not files or "toxicity" in said:  # "not scored"
         return ()
-    with duckdb.connect() as con:
+    with database.connect() as con:
         if "model" not in said:
             return tuple(
                 con.execute(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from kb.release.folders import Folder, Part
+from kb.store import database
 from kb.store.shards import write_table
 
 if TYPE_CHECKING:
@@ -21,12 +22,9 @@ _MOST = 5_000  # groups: a sample is for reading
 
 def write(folder: Folder, megabytes: float) -> list[Path]:
     """Write one sample file a table, together at most `megabytes`. Bytes follow from the data alone."""
-    import duckdb
-
     shared = _shared(folder.parts)
     data = sum(shard.stat().st_size for part in folder.parts for shard in part.shards)
-    with duckdb.connect() as con:
-        con.execute("SET TimeZone = 'UTC'")
+    with database.connect() as con:
         lead = next((part for part in folder.parts if part.table.key == (shared,)), folder.parts[0])
         con.execute(
             f'CREATE TABLE chosen AS SELECT DISTINCT "{shared}" AS k, md5("{shared}"::VARCHAR) AS h FROM read_parquet(?) ORDER BY h',

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.schema import table
+from kb.store import database
 from kb.store.reading import reading, scan, state
 
 if TYPE_CHECKING:
@@ -51,12 +52,8 @@ class Data:
     """The data root through one DuckDB connection in memory."""
 
     def __init__(self, run: Run) -> None:
-        import duckdb
-
         self.root = run.root
-        self.con = duckdb.connect()
-        self.con.execute("SET TimeZone = 'UTC'")
-        self.con.execute(f"SET threads = {max(1, run.workers)}")
+        self.con = database.connect(run.root, threads=max(1, run.workers))
 
     def __enter__(self) -> Data:
         return self
