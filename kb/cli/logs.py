@@ -32,7 +32,7 @@ class Handler(logging.Handler):
             line = f"{record.levelname.lower()}: {record.name}: {said}"
             text = terminal.one_line(redact.text(line))
             if trace:
-                text += "\n" + terminal.lines(redact.text(f"Traceback {trace}"))
+                text += "\n" + _indented(redact.text(f"Traceback {trace}"))
             print(text, file=sys.stderr, flush=True)
         except Exception:  # noqa: BLE001  a log line must not end a crawl
             self.handleError(record)
@@ -40,10 +40,18 @@ class Handler(logging.Handler):
 
 def _safe(logger: Any, method: str, event: dict[str, Any]) -> dict[str, Any]:
     """Values of an event in one line each; only a traceback has lines of its own."""
-    return {
-        name: terminal.one_line(value) if isinstance(value, str) and name != "exception" else value
-        for name, value in event.items()
-    }
+    return {name: _value(name, value) for name, value in event.items()}
+
+
+def _value(name: str, value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    return _indented(value) if name == "exception" else terminal.one_line(value)
+
+
+def _indented(trace: str) -> str:
+    """A traceback whose lines can't be taken for lines of ours."""
+    return terminal.lines("\n".join(f"  {line}" for line in trace.splitlines()))
 
 
 def configure(*, quiet: bool, debug: bool) -> None:

@@ -58,8 +58,11 @@ def ending(error: BaseException, *, debug: bool, as_json: bool) -> int:
     if debug:
         from kb.core import terminal
 
-        trace = "".join(traceback.format_exception(error)).rstrip()
-        print(terminal.lines(_redact(trace)), file=sys.stderr)
+        for part in traceback.format_exception(error):
+            # Frames are this program's lines; what an error says is one line of its own.
+            frame = part.startswith("  ")
+            shown = terminal.lines if frame else terminal.one_line
+            print(shown(_redact(part.strip("\n"))), file=sys.stderr)
     summary = getattr(error, "summary", None)
     if summary is not None or as_json:
         show_summary(

@@ -20,7 +20,8 @@ from kb.store import database
 def as_box(answer: pa.RecordBatchReader, width: int) -> Iterator[str]:
     """The box of the first hundred rows, `width` columns wide at most, and how many there are.
 
-    Columns that find no room are left out and counted by DuckDB under the box.
+    DuckDB makes none narrower than 80. Columns that find no room are left out and counted by
+    DuckDB under the box.
     """
     stream = rows(answer)
     shown = list(islice(stream, TABLE_ROWS))

@@ -26,7 +26,7 @@ def unknown(
     """What to say of a table or column that is not there; None when the error is of another kind."""
     text = str(error)
     if missing := _TABLE.search(text):
-        return _table(con, missing[1], text.splitlines()[0], root)
+        return _table(con, _qualified(missing[1], sql), text.splitlines()[0], root)
     if missing := _COLUMN.search(text):
         near = close(missing[1], _columns(con, sql))
         return UsageError(f"{one_line(error)}{_guess(near)}", hint=_LISTS)
@@ -34,9 +34,11 @@ def unknown(
 
 
 def close(name: str, there: Iterable[str]) -> list[str]:
-    """At most three names that are like it, the nearest first."""
+    """At most three names that are like it, the nearest first; none that is much less like it."""
     by_lower = {one.lower(): one for one in there}
-    return [by_lower[one] for one in difflib.get_close_matches(name.lower(), by_lower, 3)]
+    near = difflib.get_close_matches(name.lower(), by_lower, 3)
+    like = [difflib.SequenceMatcher(None, one, name.lower()).ratio() for one in near]
+    return [by_lower[one] for one, ratio in zip(near, like, strict=True) if ratio > like[0] - 0.1]
 
 
 def one_line(error: Exception) -> str:
@@ -75,6 +77,12 @@ def _table(con: duckdb.DuckDBPyConnection, name: str, said: str, root: Path | No
     if not views:
         return UsageError(f"{said}!", hint=f"no tables yet: {advice(root or Path('data'))}")
     return UsageError(f"{said}!{_guess(near)}", hint=(not near and _how(short, schema)) or _LISTS)
+
+
+def _qualified(name: str, sql: str) -> str:
+    """The name with the schema that the query gives it; DuckDB's message leaves it out."""
+    given = re.search(rf'"?\b(\w+)"?\s*\.\s*"?{re.escape(name)}\b', sql, re.IGNORECASE)
+    return f"{given[1].lower()}.{name}" if given and given[1].lower() in SCHEMAS else name
 
 
 def _how(short: str, schema: str) -> str:

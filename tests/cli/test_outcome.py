@@ -196,7 +196,7 @@ def test_empty_settings_change_nothing(kb: Any, tmp_path: Path) -> None:
         (["release"], 1),
         (["pairs"], 1),
         (["query", "FROM youtube_videos"], 2),
-        (["query", "--tables"], 0),
+        (["query", "--tables"], 2),
         (["status"], 0),
     ],
 )

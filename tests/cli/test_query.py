@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import csv
 import io
 import json
 import os
+import pty
 import subprocess
 import sys
 from datetime import UTC, datetime
@@ -90,7 +93,7 @@ def test_parquet_to_a_pipe_and_to_a_file(kb: Any, tmp_path: Path) -> None:
     )
     piped = pq.read_table(io.BytesIO(done.stdout))
     assert piped["at"].to_pylist() == [datetime(2026, 11, 20, 12, tzinfo=UTC), None]
-    assert kb("query", SQL, "--format", "parquet", "--out", "answer.parquet").returncode == 0
+    assert kb("query", SQL, "--out", "answer.parquet").returncode == 0
     assert pq.read_table(tmp_path / "answer.parquet").equals(piped)
 
 
@@ -265,3 +268,205 @@ def test_a_damaged_file_is_named(kb: Any, root: Path) -> None:
     assert f"{file} can't be read" in answer.stderr
     assert "run `kb youtube filter` again" in answer.stderr
     assert answer.stderr.count("\n") == 1
+
+
+WRITTEN = {
+    "x.csv": "n\n1\n2\n",
+    "x.json": '[{"n":1},{"n":2}]\n',
+    "x.ndjson": '{"n":1}\n{"n":2}\n',
+    "x.JSONL": '{"n":1}\n{"n":2}\n',
+    "x.txt": "n\n-\n1\n2\n",
+}
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_the_suffix_of_out_says_the_format(kb: Any, tmp_path: Path, name: str) -> None:
+    assert kb("query", "FROM (VALUES (1), (2)) t(n)", "--out", name).returncode == 0
+    assert (tmp_path / name).read_text() == WRITTEN[name]
+
+
+def test_a_format_that_is_named_wins_over_the_suffix(kb: Any, tmp_path: Path) -> None:
+    assert kb("query", "SELECT 1 AS n", "--format", "csv", "--out", "x.txt").returncode == 0
+    assert (tmp_path / "x.txt").read_text() == "n\n1\n"
+    assert kb("query", "SELECT 1 AS n", "--json", "--out", "x.csv").returncode == 0
+    assert (tmp_path / "x.csv").read_text() == '[{"n":1}]\n'
+
+
+@pytest.mark.parametrize(
+    ("out", "words"),
+    [
+        ("answer", [".csv .json .ndjson .jsonl .parquet .txt", "--format"]),
+        ("answer.xlsx", [".csv .json .ndjson .jsonl .parquet .txt", "--format"]),
+        ("nowhere/x.csv", ["no such folder", "nowhere"]),
+    ],
+)
+def test_where_out_can_t_be_written_is_told_before_the_query_runs(
+    kb: Any, tmp_path: Path, out: str, words: list[str]
+) -> None:
+    answer = kb("query", "SELECT error('it ran')", "--out", out)
+    assert (answer.returncode, answer.stderr.count("\n")) == (2, 1)
+    assert "it ran" not in answer.stderr
+    for word in words:
+        assert word in answer.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+COMMENTED = "-- how many\n--\n/* of\nthem */ SELECT 7 AS n -- so many\n"
+
+
+def test_sql_from_a_file_and_from_standard_input(kb: Any, tmp_path: Path) -> None:
+    (tmp_path / "q.sql").write_text("\ufeff" + COMMENTED, encoding="utf-8")
+    assert kb("query", "--file", "q.sql", "--format", "csv").stdout == "n\n7\n"
+    for words in (["-"], ["--file", "-"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "kb", "query", *words, "--format", "csv"],
+            cwd=tmp_path,
+            env=clean_environment(),
+            input=COMMENTED,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert done.stdout == "n\n7\n"
+
+
+@pytest.mark.parametrize("sql", [COMMENTED, "-- one\nSELECT 7 AS n;", "--\nSELECT 7 AS n"])
+def test_a_query_may_begin_with_comments(kb: Any, sql: str) -> None:
+    answer = kb("query", sql, "--format", "csv")
+    assert (answer.returncode, answer.stdout, answer.stderr) == (0, "n\n7\n", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["SELECT 1", "--tables"], "give one of"),
+        (["SELECT 1", "--file", "q.sql"], "give one of"),
+        ([], "give one of"),
+        (["--file", "q.sql"], "q.sql: No such file"),
+        (["-- only a comment"], "0 statements"),
+        (["--talbes"], "--tables"),
+    ],
+)
+def test_one_query_from_one_place(kb: Any, arguments: list[str], words: str) -> None:
+    answer = kb("query", *arguments)
+    assert (answer.returncode, answer.stderr.count("\n")) == (2, 1)
+    assert words in answer.stderr
+
+
+def test_a_mistyped_data_root_is_told_with_the_nearest(kb: Any, tmp_path: Path) -> None:
+    (tmp_path / "demo").mkdir()
+    answer = kb("query", "--tables", "--data", "dmeo")
+    assert answer.returncode == 2
+    assert "no such folder" in answer.stderr
+    assert "did you mean demo?" in answer.stderr
+
+
+def test_after_the_demo_its_own_tables_are_named(kb: Any, root: Path, tmp_path: Path) -> None:
+    root.rename(tmp_path / "demo")
+    root.mkdir()
+    (tmp_path / "demo").rename(root / "demo")
+    for words in (["--tables"], ["FROM youtube_videos"]):
+        said = kb("query", *words).stderr
+        assert said.endswith("kb query --data data/demo --tables\n")
+    assert "youtube_rejected" in kb("query", "--data", "data/demo", "--tables").stdout
+
+
+def test_numbers_in_full(kb: Any) -> None:
+    answer = kb(
+        "query",
+        "SELECT avg(x) AS mean, 0.12::FLOAT AS score, 1e16 AS big, 1e-7 AS small, 12.0::DOUBLE AS whole,"
+        " 123456789012345678901234567890::HUGEINT AS huge, 1e300 AS vast, 'nan'::DOUBLE AS nothing"
+        " FROM (VALUES (274100.0::DOUBLE), (274123.456789)) t(x)",
+    )
+    assert answer.stdout.splitlines()[2].split() == [
+        "274111.7283945",
+        "0.12",
+        "10000000000000000",
+        "0.0000001",
+        "12.0",
+        "123456789012345678901234567890",
+        "1e+300",
+        "nan",
+    ]
+
+
+# What a title may hold: a new window title, another colour by one C1 byte, text turned round,
+# a forged line, and half a character.
+HOSTILE = "a\x1b]0;owned\x07\x9b31m\u202eb\r\nkb: done\u2028c\u2066"
+_BAD = set(HOSTILE) - set("a]0;owned31mbkb: donec\n")
+
+
+@pytest.fixture
+def hostile(tmp_path: Path) -> Path:
+    """A data root whose one pending row has a hostile key."""
+    folder = tmp_path / "data" / "clean" / "youtube" / "pending"
+    folder.mkdir(parents=True)
+    pq.write_table(pa.table({"key": [HOSTILE], "reason": ["label"]}), folder / "part-0.parquet")
+    return tmp_path / "data"
+
+
+def test_nothing_of_the_data_acts_on_the_terminal(kb: Any, hostile: Path) -> None:
+    for sql in (
+        "FROM youtube_pending",
+        "SELECT [{'k': key}] AS list FROM youtube_pending",
+        "PIVOT youtube_pending ON key USING count(*) GROUP BY reason",
+        "SELECT error(key) FROM youtube_pending",
+        "SELECT (SELECT key FROM youtube_pending)::INT",
+    ):
+        answer = kb("query", sql)
+        said = answer.stdout + answer.stderr
+        assert not _BAD & set(said), sql
+        assert "\\x1b]0;owned" in said or "\\u001b]0;owned" in said, sql
+        assert "\nkb: done" not in said, sql
+
+
+def test_files_hold_the_data_as_it_is(kb: Any, hostile: Path, tmp_path: Path) -> None:
+    for name in ("x.parquet", "x.json", "x.csv"):
+        assert kb("query", "SELECT key FROM youtube_pending", "--out", name).returncode == 0
+    assert pq.read_table(tmp_path / "x.parquet")["key"].to_pylist() == [HOSTILE]
+    assert json.loads((tmp_path / "x.json").read_text()) == [{"key": HOSTILE}]
+    with (tmp_path / "x.csv").open(newline="", encoding="utf-8") as file:
+        assert list(csv.reader(file)) == [["key"], [HOSTILE]]
+
+
+def on_a_terminal(tmp_path: Path, width: int, *arguments: str) -> str:
+    """What a terminal that is so wide gets of `kb query`."""
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "kb", "query", *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=theirs,
+        stderr=theirs,
+        cwd=tmp_path,
+        env={**clean_environment(), "COLUMNS": str(width), "TERM": "xterm"},
+    )
+    os.close(theirs)
+    seen = b""
+    with contextlib.suppress(OSError):  # Linux answers EIO when the other side is closed
+        while chunk := os.read(ours, 65536):
+            seen += chunk
+    os.close(ours)
+    assert process.wait() == 0, seen
+    return seen.decode()
+
+
+def test_a_terminal_gets_a_box_of_its_width(tmp_path: Path) -> None:
+    wide = ", ".join(f"'{letter * 30}' AS {letter}" for letter in "abcdefgh")
+    seen = on_a_terminal(tmp_path, 90, f"SELECT 274123.456789::DOUBLE AS mean, {wide}")
+    lines = [line.rstrip() for line in seen.splitlines()]
+    assert lines[0].startswith("┌")
+    assert max(map(len, lines)) <= 90
+    assert "274123.456789" in seen
+    assert "9 columns" in lines[-1]
+    long = on_a_terminal(tmp_path, 70, "SELECT range AS n FROM range(1234)")
+    assert "1,234 rows in all; --format csv prints every one" in long
+
+
+def test_a_terminal_s_box_is_safe_and_says_utc(hostile: Path, tmp_path: Path) -> None:
+    sql = (
+        "SELECT key, [key] AS list, TIMESTAMPTZ '2026-11-20 12:00:00+02' AS at FROM youtube_pending"
+    )
+    seen = on_a_terminal(tmp_path, 200, sql)
+    assert not (_BAD - {"\r"}) & set(seen)
+    assert "\\x1b]0;owned" in seen
+    assert "2026-11-20T10:00:00Z" in seen

@@ -5,10 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import duckdb
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from kb import query
 from kb.core.errors import DamagedData, UsageError
+from kb.query import views
+from kb.reddit import reconstruction
 from kb.store import tombstones
 from kb.store.shards import write_table
 
@@ -97,7 +101,7 @@ def test_the_catalog(root: Path) -> None:
         ),
         (
             "SELECT * FROM youtube_video",
-            "Table with name youtube_video does not exist! Did you mean youtube_videos or ",
+            "Table with name youtube_video does not exist! Did you mean youtube_videos?",
             "--tables",
         ),
         (
@@ -199,3 +203,80 @@ def test_plain_duckdb_reads_the_same(root: Path, monkeypatch: pytest.MonkeyPatch
     assert duckdb.connect().sql(
         "SELECT count(*) FROM read_parquet('videos-*.parquet')"
     ).fetchall() == [(5,)]
+
+
+def test_show_tables_has_each_name_once(root: Path) -> None:
+    names = [name for (name,) in rows(root, "SHOW TABLES")]
+    assert names == sorted(set(names))
+    assert {"youtube_videos", "reddit_posts", "pairs"} <= set(names)
+    everywhere = rows(root, "SELECT table_schema, table_name FROM information_schema.tables")
+    assert len(everywhere) == len(set(everywhere))
+    assert {("clean", "youtube_videos"), ("release", "youtube_videos")} <= set(everywhere)
+    assert rows(root, "SELECT column_name FROM (SUMMARIZE youtube_rejected)")
+
+
+def test_what_was_reconstructed(tmp_path: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
+    assert views.RECONSTRUCTED == reconstruction.OUT
+    out = tmp_path / reconstruction.OUT
+    for name in ("posts", "comments"):
+        made = make_rows(f"reddit/{name}", 2)
+        write_table(out / name / "part-00000.parquet", made, f"reddit/{name}")
+    write_table(out / "missing.parquet", make_rows("reddit/missing", 1), "reddit/missing")
+    for place in (tmp_path, out):  # the data root, and the folder of --out itself
+        assert rows(place, "SELECT count(*) FROM restored.reddit_comments") == [(2,)]
+        assert rows(place, "SELECT count(*) FROM reddit_posts") == [(2,)]
+        assert [(view.schema, view.view, view.rows) for view in query.catalog(place)] == [
+            ("restored", "reddit_comments", 2),
+            ("restored", "reddit_missing", 1),
+            ("restored", "reddit_posts", 2),
+        ]
+
+
+def test_clean_and_released_rows_go_before_restored_ones(root: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
+    out = root / reconstruction.OUT
+    posts = make_rows("reddit/posts", 2)
+    write_table(out / "posts/part-00000.parquet", posts, "reddit/posts")
+    write_table(out / "missing.parquet", make_rows("reddit/missing", 1), "reddit/missing")
+    assert rows(root, "SELECT count(*) FROM reddit_posts") == [(6,)]
+    assert rows(root, "SELECT count(*) FROM restored.reddit_posts") == [(2,)]
+
+
+def test_links(root: Path) -> None:
+    (root / "links").mkdir()
+    one = pa.table({"entity": ["Creeper"]})
+    pq.write_table(one, root / "links" / "entities.parquet")
+    for number in range(2):
+        pq.write_table(one, root / "links" / f"links-{number:05d}-of-00002.parquet")
+    assert rows(root, "FROM links.entities") == [("Creeper",)]
+    assert rows(root, "SELECT count(*) FROM links.links") == [(2,)]
+    assert rows(root, "SELECT count(*) FROM links") == [(2,)]
+
+
+@pytest.mark.parametrize(
+    ("sql", "guess", "never"),
+    [
+        ("FROM youtube_vidoes", "Did you mean youtube_videos", "pairs"),
+        ("FROM relase.youtube_videos", "release.youtube_videos", "rejected"),
+        ("FROM release.youtube_vidoes", "Did you mean release.youtube_videos", "reddit"),
+        ("SELECT v.titel FROM youtube_videos v", "Did you mean title", "width"),
+        ("SELECT titel FROM youtube_videos", 'Candidate bindings: "title"', "width"),
+    ],
+)
+def test_an_unknown_name_is_told_with_the_nearest_alone(
+    root: Path, sql: str, guess: str, never: str
+) -> None:
+    with pytest.raises(UsageError) as caught:
+        rows(root, sql)
+    said = f"{caught.value}; {caught.value.hint}"
+    assert guess in said
+    assert never not in said
+    assert len(said) < 250
+
+
+def test_many_shards_open_without_being_read(root: Path) -> None:
+    """A view costs its first file's footer; the others are read when they are asked for."""
+    folder = root / "clean/youtube/videos"
+    for number in range(2, 300):
+        (folder / f"part-{number:05d}.parquet").symlink_to(root / "nowhere")
+    with query.connect(root) as con:
+        assert query.select(con, "SELECT 1").read_all().num_rows == 1
