@@ -23,7 +23,7 @@ _LISTS = "`kb query --tables` lists the views"
 def unknown(
     con: duckdb.DuckDBPyConnection, sql: str, error: Exception, root: Path | None
 ) -> UsageError | None:
-    """What to say of a table or column that is not there; None when the error is of another kind."""
+    """What to say of a table or column that is not there; None for an error of another kind."""
     text = str(error)
     if missing := _TABLE.search(text):
         return _table(con, _qualified(missing[1], sql), text.splitlines()[0], root)

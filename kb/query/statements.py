@@ -44,7 +44,8 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
     kind = statements[0].type
     words = _words(sql)
     at, first = next(words, (0, ""))
-    # DuckDB splits what holds a PIVOT without its list of values; COPY and CREATE may hold one as well.
+    # DuckDB splits what holds a PIVOT without its list of values; COPY and CREATE may hold one
+    # as well.
     if kind == kinds.SELECT or (kind == kinds.MULTI and first in _READS):
         return
     if (

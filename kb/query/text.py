@@ -1,4 +1,4 @@
-"""Rows of an answer as text: aligned columns, CSV, JSON. Times as in the data, 2026-11-20T12:00:00Z.
+"""Rows of an answer as text: aligned columns, CSV, JSON. Times are UTC: 2026-11-20T12:00:00Z.
 
 CSV and JSON hold the data exactly. The table is for people: numbers in full, long texts cut, and
 what would act on a terminal written out.

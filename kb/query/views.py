@@ -145,7 +145,7 @@ def connect(root: Path) -> duckdb.DuckDBPyConnection:
 
 
 def _make(con: duckdb.DuckDBPyConnection, views: list[View]) -> None:
-    """The views, and those of bare names in the default schema, so that SHOW TABLES has each once."""
+    """The views, and bare names in the default schema, so that SHOW TABLES has each once."""
     for schema in SCHEMAS:
         con.execute(f"CREATE SCHEMA {schema}")
     for view in views:

@@ -1,4 +1,4 @@
-"""kb query's views: clean and release, bare names, one clear line for mistakes, and nothing but reading."""
+"""kb query: its views, bare names, one clear line for mistakes, and nothing but reading."""
 
 from __future__ import annotations
 
@@ -232,7 +232,7 @@ def test_what_was_reconstructed(tmp_path: Path, make_rows) -> None:  # type: ign
         ]
 
 
-def test_clean_and_released_rows_go_before_restored_ones(root: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
+def test_clean_and_released_rows_go_first(root: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
     out = root / reconstruction.OUT
     posts = make_rows("reddit/posts", 2)
     write_table(out / "posts/part-00000.parquet", posts, "reddit/posts")

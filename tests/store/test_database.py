@@ -1,4 +1,4 @@
-"""How DuckDB is opened: UTC wherever it runs, spilling to the data root, nothing loaded by itself."""
+"""How DuckDB is opened: in UTC, spilling to the data root, nothing loaded by itself."""
 
 from __future__ import annotations
 
