@@ -29,7 +29,7 @@ def unknown(
         return _table(con, _qualified(missing[1], sql), text.splitlines()[0], root)
     if missing := _COLUMN.search(text):
         near = close(missing[1], _columns(con, sql))
-        return UsageError(f"{one_line(error)}{_guess(near)}", hint=_LISTS)
+        return UsageError(f"{one_line(error)}.{_guess(near)}", hint=_LISTS)
     return None
 
 

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from kb.core.errors import DamagedData
 from kb.schema.tables import Table, table, tables
 from kb.store import database
-from kb.store.reading import escaped, reading, scan
+from kb.store.reading import advice, escaped, reading, scan
 
 SOURCES = ("youtube", "wiki", "reddit", "pairs")
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
@@ -155,7 +155,7 @@ def _make(con: duckdb.DuckDBPyConnection, views: list[View]) -> None:
         except duckdb.Error as error:
             raise DamagedData(
                 f"{view.files[0].parent}: {str(error).splitlines()[0]}",
-                hint="run filter or export again",
+                hint=advice(view.files[0]),
             ) from None
     for name, view in bare(views).items():
         con.execute(f"CREATE VIEW main.{name} AS FROM {view.full}")
