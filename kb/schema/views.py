@@ -99,6 +99,9 @@ def connect(root: Path) -> duckdb.DuckDBPyConnection:
 
     con = duckdb.connect()
     con.execute("SET TimeZone = 'UTC'")
+    # An unknown function or file type is an error here, not a download of an extension.
+    con.execute("SET autoinstall_known_extensions = false")
+    con.execute("SET autoload_known_extensions = false")
     made = views(con, root)
     con.execute("SET search_path = 'clean,release'")
     folders = {f"{view.files[0].parent}/" for view in made}
