@@ -1,6 +1,6 @@
 """Runs a command where every address but loopback is a trap, and writes down what was tried.
 
-    python tests/trap.py RECORD COMMAND…    one line an attempt in RECORD: "udp 8.8.8.8:53 example.org"
+    python tests/trap.py RECORD COMMAND…    in RECORD, a line each: "udp 8.8.8.8:53 example.org"
 
 The command runs in a network namespace of its own. It looks online (an interface that is up, an
 address, a default route), but the kernel takes every address there is for one of its own: a
@@ -59,7 +59,7 @@ def prepare() -> None:
         # No prefix, table "local", scope "host", kind "local".
         route = struct.pack("=BBBBBBBBI", family, 0, 0, 0, 255, 3, 254, 2, 0)
         _ask(NEW_ROUTE, route + _attribute(4, struct.pack("=i", loopback)))
-    # A pair of linked interfaces, so that programs that look whether they are online find that they are.
+    # A pair of linked interfaces, so that programs that look whether they are online find so.
     peer = struct.pack("=BxHiII", 0, 0, 0, 0, 0) + _attribute(3, b"trap1\0")
     linked = _attribute(1, b"veth\0") + _attribute(2, _attribute(1, peer))
     link = struct.pack("=BxHiII", 0, 0, 0, 0, 0)
@@ -81,7 +81,7 @@ def _name_asked(query: bytes) -> str:
 
 
 def attempt(packet: bytes) -> str | None:
-    """What an IP packet tries; None for loopback, for answers, and for the kernel's own messages."""
+    """What an IP packet tries; None for loopback, answers, and the kernel's own messages."""
     if packet[0] >> 4 == 4:
         kind, start = packet[9], (packet[0] & 15) * 4
         target = socket.inet_ntoa(packet[16:20])
@@ -178,7 +178,7 @@ def attempts(record: Path) -> list[str]:
 
 
 def namespace() -> list[str] | None:
-    """The words before a command that give it a network of its own; None where that is not allowed."""
+    """The words before a command that give it a network of its own; None where not allowed."""
     for words in (["unshare", "--net"], ["unshare", "--map-root-user", "--net"]):
         try:
             probe = [*words, sys.executable, "-I", __file__, "--check"]

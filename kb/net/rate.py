@@ -40,7 +40,7 @@ class Pace:
         clock.sleep(start - clock.monotonic())
 
     def wait_within(self, seconds: float) -> bool:
-        """Wait for one's turn when it comes within so many seconds; False, and no turn is taken, when not.
+        """Wait for one's turn when it comes within so many seconds; else False, no turn is taken.
 
         Raises Interrupted when the run is asked to end.
         """

@@ -91,7 +91,8 @@ def capture(
 
     `strict` fails when a style sheet or script was not served; the last try takes the page as it
     is. `turn` waits until one more request may be sent, after the seconds that the service wished
-    for, and says False when that is not within so many seconds. Raises Retryable (the page may go well next time) or ItemFinal (it will not).
+    for, and says False when that is not within so many seconds. Raises Retryable (the page may go
+    well next time) or ItemFinal (it will not).
     """
     watch = Stopwatch()
     network = Network(browser)

@@ -16,8 +16,9 @@
   window.requestAnimationFrame = (call) => native.requestAnimationFrame(guarded(call));
   for (const name of ["alert", "confirm", "prompt", "print"]) window[name] = () => (name === "confirm" ? false : undefined);
   window.open = () => null;
-  // Ways to other hosts, and around what the browser may ask for; a page's text and images need none of them.
-  for (const name of ["RTCPeerConnection", "webkitRTCPeerConnection", "WebTransport", "SharedWorker"]) delete window[name];
+  // Ways to other hosts, around what the browser may ask for; a page's text and images need none.
+  const ways = ["RTCPeerConnection", "webkitRTCPeerConnection", "WebTransport", "SharedWorker"];
+  for (const name of ways) delete window[name];
   delete Navigator.prototype.serviceWorker;
   const pause = (ms) => new Promise((done) => native.setTimeout(done, ms));
   const within = (promise, ms) => Promise.race([promise.catch(() => {}), pause(ms)]);
@@ -27,19 +28,24 @@
       if (img.loading === "lazy") img.loading = "eager";
       for (const name of ["data-src", "data-lazy-src", "data-original"]) {
         const held = img.getAttribute(name);
-        if (held && !waiting.has(img)) { waiting.add(img); if (held !== img.getAttribute("src")) img.src = held; }
+        if (!held || waiting.has(img)) continue;
+        waiting.add(img);
+        if (held !== img.getAttribute("src")) img.src = held;
       }
     }
   }
-  // An address that is the page's own (of an empty src, say) gives no image, however often it is asked for.
+  // An address that is the page's own (of an empty src, say) gives no image, however often it is
+  // asked for.
   const bare = (url) => url.split("#", 1)[0];
-  const address = (img) => (img.getAttribute("src") || img.getAttribute("srcset") ? img.currentSrc || img.src : "");
-  const elsewhere = (img) => /^https?:/.test(address(img)) && bare(address(img)) !== bare(location.href);
-  const failed = () => [...document.images].filter((img) => img.complete && img.naturalWidth === 0 && elsewhere(img));
+  const named = (img) => img.getAttribute("src") || img.getAttribute("srcset");
+  const address = (img) => (named(img) ? img.currentSrc || img.src : "");
+  const elsewhere = (url) => /^https?:/.test(url) && bare(url) !== bare(location.href);
+  const empty = (img) => img.complete && img.naturalWidth === 0;
+  const failed = () => [...document.images].filter((img) => empty(img) && elsewhere(address(img)));
   const loading = () => [...document.images].filter((img) => img.src && !img.complete);
 
-  // Waits until nothing loads or moves. Failed images are told, not asked for again: when that may be is not
-  // for the page to decide.
+  // Waits until nothing loads or moves. Failed images are told, not asked for again: when that may
+  // be is not for the page to decide.
   async function settle(rules) {
     const end = performance.now() + rules.settle_seconds * 1000;
     let height = null, since = performance.now();

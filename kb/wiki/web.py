@@ -96,12 +96,15 @@ class Web:
             ) from None
 
     def rest(self, after: float | None) -> None:
-        """What the wiki wished for (Retry-After) counts for all threads; too long a wish ends the run anyway."""
+        """What the wiki wished for (Retry-After, seconds) counts for all threads.
+
+        A wish that is too long for any of them ends the run (`attempt`).
+        """
         if after is not None and (self._run.wait or after <= retry.PATIENCE_S):
             self.pace.rest(after)
 
     def turn(self, after: float | None, within: float) -> bool:
-        """Wait until one more request may be sent; False when that is not within so many seconds."""
+        """Wait until one more request may be sent; False when not within so many seconds."""
         self.rest(after)
         return (after or 0.0) <= within and self.pace.wait_within(within)
 

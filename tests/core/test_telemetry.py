@@ -1,4 +1,4 @@
-"""Dependencies that report by themselves are switched off before they start; the trap that shows it."""
+"""Dependencies that report by themselves are switched off before they start; and the trap."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from kb.core.errors import MissingExtra
+from kb.wiki import chromium
 from tests import trap
-from tests.conftest import ROOT
+from tests.conftest import ROOT, skip_or_fail
 
 # Stands for openvino-telemetry as a user may have it: it reports as soon as it is imported.
 REPORTER = """
@@ -57,16 +59,37 @@ def test_libraries_of_the_hub_are_told_before_they_are_imported() -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+def test_the_trap_sees_the_browser_too(tmp_path: Path) -> None:
+    """Or its silence in the demo would show nothing."""
+    try:
+        browser = chromium.find().browser
+    except MissingExtra as error:
+        skip_or_fail(str(error))
+    if trap.namespace() is None:
+        pytest.skip("no network namespace can be made here")
+    record = tmp_path / "record"
+    command = [browser, "--headless=new", "--no-sandbox", f"--user-data-dir={tmp_path}/profile"]
+    trap.run(
+        [*command, "--disable-gpu", "--dump-dom", "http://tried.invalid/"],
+        record,
+        {**os.environ, "HOME": str(tmp_path)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    assert any(line.endswith(" tried.invalid") for line in trap.attempts(record))
+
+
 @pytest.mark.parametrize("run", [trap.run, trap.run_watched])
 def test_the_trap_sees_what_is_tried(run, tmp_path: Path) -> None:
     """A name, a connection and a datagram are told; loopback is not."""
     code = (
         "import contextlib, socket\n"
-        "for kind, address in ((1, ('127.0.0.1', 9)), (1, ('192.0.2.1', 81)), (2, ('192.0.2.2', 82))):\n"
-        "    with contextlib.suppress(OSError), socket.socket(2, kind) as own:\n"
-        "        own.settimeout(0.5)\n"
-        "        own.connect(address)\n"
-        "        own.send(b'x')\n"
+        "own, tcp, udp = ('127.0.0.1', 9), ('192.0.2.1', 81), ('192.0.2.2', 82)\n"
+        "for kind, address in ((1, own), (1, tcp), (2, udp)):\n"
+        "    with contextlib.suppress(OSError), socket.socket(2, kind) as held:\n"
+        "        held.settimeout(0.5)\n"
+        "        held.connect(address)\n"
+        "        held.send(b'x')\n"
         "with contextlib.suppress(OSError):\n"
         "    socket.getaddrinfo('tried.invalid', 80)\n"
     )

@@ -44,15 +44,16 @@ $wgFileExtensions = [ 'png', 'gif', 'jpg', 'svg', 'apng' ]; $wgStrictFileExtensi
 $wgParserEnableLegacyMediaDOM = false; $wgRightsUrl = "https://creativecommons.org/licenses/by-sa/4.0/"; $wgRightsText = "CC BY-SA 4.0";
 $wgJobRunRate = 0; $wgUseInstantCommons = false; $wgEnableEmail = false; $wgShowExceptionDetails = true; $wgDiff3 = "";
 $wgGenerateThumbnailOnParse = true; $wgNativeImageLazyLoading = true; $wgAllowDisplayTitle = true; $wgExternalLinkTarget = false;
-$wgRawHtml = true; $wgMemoryLimit = "512M"; $wgPhpCli = "/usr/bin/php"; $wgUseFileCache = false; $wgRateLimits = [];
+$wgRawHtml = true;
+$wgMemoryLimit = "512M"; $wgPhpCli = "/usr/bin/php"; $wgUseFileCache = false; $wgRateLimits = [];
 $wgDefaultSkin = "fallback"; wfLoadSkin( 'Vector' ); $wgDefaultSkin = "vector";
 """
 
 ROUTER = """<?php
 $path = rawurldecode( parse_url( $_SERVER['REQUEST_URI'], PHP_URL_PATH ) );
 $code = "@code"; $serve = null;
-$seen = [ 'time' => microtime( true ), 'address' => $_SERVER['REQUEST_URI'], 'agent' => $_SERVER['HTTP_USER_AGENT'] ?? '',
-  'dest' => $_SERVER['HTTP_SEC_FETCH_DEST'] ?? null, 'again' => isset( $_SERVER['HTTP_IF_MODIFIED_SINCE'] ) || isset( $_SERVER['HTTP_IF_NONE_MATCH'] ) ];
+$seen = [ 'address' => $_SERVER['REQUEST_URI'], 'agent' => $_SERVER['HTTP_USER_AGENT'] ?? '',
+  'dest' => $_SERVER['HTTP_SEC_FETCH_DEST'] ?? null ];
 file_put_contents( "@data/requests.ndjson", json_encode( $seen ) . "\n", FILE_APPEND | LOCK_EX );
 if ( $path === '/robots.txt' ) { header( 'Content-Type: text/plain' ); echo file_get_contents( "@data/robots.txt" ); return true; }
 if ( $path === '/' ) { header( 'Location: /wiki/Main_Page', true, 301 ); return true; }
@@ -193,7 +194,7 @@ class MediaWiki:
         self.php("importDump", "--quiet", "--no-updates", str(self.folder / "pages.xml"))
 
     def requests(self) -> list[dict[str, Any]]:
-        """Every request so far: time (s), address, agent, dest (Sec-Fetch-Dest, null of other clients)."""
+        """Every request so far: address, agent, dest (Sec-Fetch-Dest, None of other clients)."""
         log = self.data / "requests.ndjson"
         lines = log.read_text(encoding="utf-8").splitlines() if log.exists() else []
         return [json.loads(line) for line in lines]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import itertools
 import socket
 import time
 
@@ -67,7 +68,7 @@ def go(run_on, wiki, root, **section):
 
 def gaps(moments):
     ordered = sorted(moments)
-    return [later - before for before, later in zip(ordered, ordered[1:], strict=False)]
+    return [later - before for before, later in itertools.pairwise(ordered)]
 
 
 def test_failed_images_wait_for_the_crawl_delay(run_on, wiki, programs, tmp_path):
@@ -99,7 +100,7 @@ def test_failed_images_wait_as_long_as_the_server_asks(run_on, wiki, programs, t
 
 @pytest.mark.parametrize("body", [b"", b"busy"])
 def test_a_page_is_not_asked_for_before_its_time(run_on, wiki, programs, tmp_path, body):
-    """Neither by the browser nor by the plain client, whether or not the browser shows an error's text."""
+    """Neither by the browser nor by the plain client, whether or not the error has a text."""
     wiki.add(1, "Page")
     wiki.answers["/wiki/Page"] = [Response(body, 503, {"Retry-After": "2"})]
     assert go(run_on, wiki, tmp_path)["crawled"] == 1
