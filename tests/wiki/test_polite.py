@@ -91,7 +91,7 @@ def test_failed_images_wait_for_the_crawl_delay(run_on, wiki, programs, tmp_path
 def test_failed_images_wait_as_long_as_the_server_asks(run_on, wiki, programs, tmp_path):
     wiki.add(1, "Page", f"<p>{'word ' * 30}</p><img src=/slow.png><img src=/never.png>")
     wiki.answers["/slow.png"] = [image(503, **{"Retry-After": "2"}), image(), image()]
-    wiki.answers["/never.png"] = [image(429, **{"Retry-After": "60"})]
+    wiki.answers["/never.png"] = [image(429, **{"Retry-After": "12"})]
     assert go(run_on, wiki, tmp_path)["crawled"] == 1
     first, second = times(wiki, "/slow.png")
     assert second - first >= 2 - SOON
