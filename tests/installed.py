@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
+from tests import trap
 from tests.cli.conftest import clean_environment
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -104,25 +105,34 @@ OWN_ENVIRONMENT = {
 }
 
 
+def home_that_consents(folder: Path) -> Path:
+    """A home folder whose owner has let OpenVINO report, in the file that it looks into."""
+    home = folder / ".home"
+    (home / "intel").mkdir(parents=True)
+    (home / "intel" / "openvino_telemetry").write_text("1")
+    return home
+
+
 @pytest.fixture(scope="session")
 def demo(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the installed `kb demo` was run: its data/demo, and what it printed in demo.out and demo.err.
 
     The user's own settings, in .env and in the environment, are such as no demo could be done with.
+    Every address but loopback is a trap: what any process tried is in demo.attempts.
     """
 
     def run(folder: Path) -> None:
         (folder / ".env").write_text(OWN_DOTENV)
         with (folder / "demo.out").open("w") as out, (folder / "demo.err").open("w") as err:
-            done = subprocess.run(
+            code = trap.run(
                 [installed / "kb", "demo", "--json"],
+                folder / "demo.attempts",
+                clean_environment() | OWN_ENVIRONMENT | {"HOME": str(home_that_consents(folder))},
                 cwd=folder,
-                env=clean_environment() | OWN_ENVIRONMENT,
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=err,
-                check=False,
             )
-        assert done.returncode == 0, (folder / "demo.err").read_text()[-3000:]
+        assert code == 0, (folder / "demo.err").read_text()[-3000:]
 
     return _once(tmp_path_factory, "demo", run)

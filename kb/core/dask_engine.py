@@ -67,7 +67,10 @@ def dask_executor(scheduler: str | None, workers: int = 1) -> Iterator[Executor]
                 LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
-                    dashboard_address=":0",
+                    # Whoever reaches its ports can run code here, and nobody is asked who he is.
+                    host="127.0.0.1",
+                    scheduler_kwargs={"dashboard": False},
+                    dashboard_address="127.0.0.1:0",  # a free port; its plain pages are left
                     local_directory=folder,
                     silence_logs=logging.CRITICAL,
                     worker_dashboard_address=None,

@@ -39,6 +39,20 @@ class Pace:
             self._next = start + self._seconds
         clock.sleep(start - clock.monotonic())
 
+    def wait_within(self, seconds: float) -> bool:
+        """Wait for one's turn when it comes within so many seconds; else False, no turn is taken.
+
+        Raises Interrupted when the run is asked to end.
+        """
+        with self._lock:
+            now = clock.monotonic()
+            start = max(now, self._next)
+            if start - now > seconds:
+                return False
+            self._next = start + self._seconds
+        clock.sleep(start - clock.monotonic())
+        return True
+
 
 def is_loopback(url: str) -> bool:
     """Whether a root is on this machine: there only the limits that the service announces apply."""

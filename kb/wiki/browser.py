@@ -24,6 +24,34 @@ from kb.core.errors import MissingExtra, Retryable
 from kb.wiki import guard
 from kb.wiki.chromium import INSTALL, Programs
 
+# What Chromium would ask its maker by itself, and what pages may make it fetch ahead.
+FEATURES_OFF = (
+    "AutofillServerCommunication",
+    "CertificateTransparencyComponentUpdater",
+    "HttpsUpgrades",
+    "InterestFeedContentSuggestions",
+    "MediaRouter",
+    "NetworkErrorLogging",
+    "NetworkTimeServiceQuerying",
+    "OptimizationGuideModelDownloading",
+    "OptimizationHints",
+    "OptimizationHintsFetching",
+    "Prerender2",
+    "Reporting",
+    "Translate",
+)
+PREFERENCES = {
+    "alternate_error_pages.enabled": False,
+    "credentials_enable_service": False,
+    "dns_over_https.mode": "off",
+    "net.network_prediction_options": 2,  # no prefetch, preconnect or speculation
+    "safebrowsing.enabled": False,
+    "search.suggest_enabled": False,
+    "signin.allowed": False,
+    "spellcheck.use_spelling_service": False,
+    "translate.enabled": False,
+    "webrtc.ip_handling_policy": "disable_non_proxied_udp",
+}
 FLAGS = (
     "--headless=new",
     "--hide-scrollbars",
@@ -45,8 +73,16 @@ FLAGS = (
     "--no-pings",
     "--disable-domain-reliability",
     "--disable-client-side-phishing-detection",
-    "--disable-features=OptimizationHints,AutofillServerCommunication,MediaRouter,Translate,InterestFeedContentSuggestions,"
-    "CertificateTransparencyComponentUpdater,HttpsUpgrades,OptimizationGuideModelDownloading",
+    f"--disable-features={','.join(FEATURES_OFF)}",
+    "--disable-field-trial-config",
+    "--disable-component-extensions-with-background-pages",
+    "--disable-search-engine-choice-screen",
+    "--metrics-recording-only",
+    "--safebrowsing-disable-auto-update",
+    "--dns-prefetch-disable",
+    "--disable-quic",
+    "--webrtc-ip-handling-policy=disable_non_proxied_udp",
+    "--force-webrtc-ip-handling-policy=disable_non_proxied_udp",
     "--blink-settings=imageAnimationPolicy=2",
     "--password-store=basic",
     "--use-mock-keychain",
@@ -144,7 +180,12 @@ class Browser:
         options.binary_location = programs.browser
         options.page_load_strategy = "normal"
         options.unhandled_prompt_behavior = "dismiss"
-        options.set_capability("goog:loggingPrefs", {})
+        # Its record of requests has what a page can't see: statuses, and Retry-After.
+        options.set_capability("goog:loggingPrefs", {"performance": "ALL"})
+        options.add_experimental_option(
+            "perfLoggingPrefs", {"enableNetwork": True, "enablePage": False}
+        )
+        options.add_experimental_option("prefs", PREFERENCES)
         # A host with a port stands for that port alone: on loopback, another port is another service.
         rules = ", ".join([*(f"MAP {host} {host}" for host in hosts), "MAP * ~NOTFOUND"])
         flags = [
@@ -185,7 +226,9 @@ class Browser:
     def _prepare(self, origins: Sequence[str], viewport: tuple[int, int], before: str) -> None:
         self.devtools("Network.enable", {})
         # Ports and schemes too: the resolver's rules know hosts only.
-        patterns = [{"urlPattern": f"{origin}/*", "block": False} for origin in origins]
+        # A tab's icon is in no picture of a page.
+        patterns = [{"urlPattern": f"{origin}/favicon.ico", "block": True} for origin in origins]
+        patterns += [{"urlPattern": f"{origin}/*", "block": False} for origin in origins]
         patterns += [
             {"urlPattern": f"{scheme}://*:*/*", "block": True}
             for scheme in ("http", "https", "ws", "wss")
@@ -233,6 +276,10 @@ class Browser:
         return self._ask("execute", "executeCdpCommand", {"cmd": command, "params": params})[
             "value"
         ]
+
+    def record(self) -> list[dict[str, Any]]:
+        """What the browser noted of its requests since the last call. Raises Retryable."""
+        return self._ask("execute", "getLog", {"type": "performance"})["value"]
 
     @property
     def selenium(self) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -12,14 +14,17 @@ from kb.core import clock
 from kb.core.errors import ItemFinal, Retryable
 from kb.wiki import screenshot
 from kb.wiki.browser import Browser
+from kb.wiki.network import Network
 
-_READY = "return await window.__kb.ready(arguments[0]);"
+_SETTLE = "return await window.__kb.settle(arguments[0]);"
+_AGAIN = "window.__kb.again(arguments[0]);"
+_FREEZE = "return await window.__kb.freeze(arguments[0]);"
 _MEASURE = (
     "return [Math.max(document.documentElement.scrollWidth, document.documentElement.clientWidth),"
     " Math.max(document.documentElement.scrollHeight, document.documentElement.clientHeight), document.images.length];"
 )
 _HTML = "return ('<!DOCTYPE html>\\n' + document.documentElement.outerHTML).toWellFormed();"
-# Style sheets and scripts decide where things stand; pictures were tried again while settling.
+# Style sheets and scripts decide where things stand; images are tried again while settling.
 _BROKEN = """
 return performance.getEntriesByType("resource")
   .filter((e) => ["link", "script", "css"].includes(e.initiatorType) && e.name.startsWith(location.origin)
@@ -64,6 +69,14 @@ class Stopwatch:
         self._last = now
 
 
+def at_once(after: float | None, within: float) -> bool:
+    """Turns to ask again where only the service's own wish counts. See `capture`."""
+    if (after or 0.0) > within:
+        return False
+    clock.sleep(after or 0.0)
+    return True
+
+
 def capture(
     browser: Browser,
     url: str,
@@ -72,26 +85,32 @@ def capture(
     *,
     max_height: int,
     strict: bool = True,
+    turn: Callable[[float | None, float], bool] = at_once,
 ) -> Captured:
     """Load `url` and write its screenshot to `picture`.
 
     `strict` fails when a style sheet or script was not served; the last try takes the page as it
-    is. Raises Retryable (the page may go well next time) or ItemFinal (it will not).
+    is. `turn` waits until one more request may be sent, after the seconds that the service wished
+    for, and says False when that is not within so many seconds. Raises Retryable (the page may go
+    well next time) or ItemFinal (it will not).
     """
     watch = Stopwatch()
+    network = Network(browser)
     try:
         browser.go(url)
-        _check_document(browser, url)
-        if strict and browser.script(_BROKEN):
-            raise Retryable("resource_failed")
+        network.read()
+        _check_document(browser, network, url)
+        if strict and (broken := browser.script(_BROKEN)):
+            raise Retryable("resource_failed", after=_longest(network, broken))
         watch.lap("load")
-        ready = browser.promise(_READY, rules)
-        if not isinstance(ready, dict) or "error" in ready:
-            raise Retryable(f"settle_failed: {(ready or {}).get('error', 'no answer')}")
+        settled = _settle(browser, network, rules, turn)
+        browser.promise(_FREEZE, rules)
         watch.lap("settle")
         extraction = browser.script(page_script("extract.js"), rules)
         watch.lap("extract")
     except Retryable as error:
+        if error.after is None and not browser.overdue:
+            error.after = _wished(network, url)
         # A page that left for another site ends in the browser's error page, with any of several errors.
         raise (None if error.reason == "page_timeout" else _left(browser, url)) or error from None
     page = extraction["page"]
@@ -112,10 +131,61 @@ def capture(
     if browser.script(_MEASURE)[:2] != [page["width"], page["height"]]:
         raise Retryable("page_moved: its size changed while it was pictured")
     watch.lap("screenshot")
-    return Captured(extraction, html, bool(ready.get("settled")), sprites, watch.seconds)
+    return Captured(extraction, html, settled, sprites, watch.seconds)
 
 
-def _check_document(browser: Browser, url: str) -> None:
+def _settle(
+    browser: Browser,
+    network: Network,
+    rules: dict[str, Any],
+    turn: Callable[[float | None, float], bool],
+) -> bool:
+    """Wait until the page stands still, with images that failed asked for again, one a turn.
+
+    Whether it stood still in time. Raises Retryable.
+    """
+    end = clock.monotonic() + rules["settle_seconds"]
+    tries: Counter[str] = Counter()
+    while True:
+        left = max(0.0, end - clock.monotonic())
+        ready = browser.promise(_SETTLE, {**rules, "settle_seconds": left})
+        if not isinstance(ready, dict) or "error" in ready:
+            raise Retryable(f"settle_failed: {(ready or {}).get('error', 'no answer')}")
+        network.read()
+        asked = 0
+        for image in ready["failed"]:
+            served = network.of(image)
+            if served is None or not served.may_come_back:
+                continue
+            if tries[image] >= rules["image_tries"]:
+                continue
+            tries[image] += 1
+            # A server in trouble is left alone for a moment, also where it names no time.
+            wish = served.after if served.after is not None else 0.1 * tries[image]
+            if turn(wish, end - clock.monotonic()):
+                browser.script(_AGAIN, image)
+                asked += 1
+        if not asked:
+            return bool(ready["settled"])
+
+
+def _longest(network: Network, addresses: list[str]) -> float | None:
+    """The longest Retry-After of some addresses."""
+    wishes = [served.after for url in addresses if (served := network.of(url))]
+    return max((wish for wish in wishes if wish is not None), default=None)
+
+
+def _wished(network: Network, url: str) -> float | None:
+    """The Retry-After of a document that the browser would not show."""
+    try:
+        network.read()
+    except Retryable:
+        return None
+    served = network.of(url)
+    return served.after if served and served.may_come_back else None
+
+
+def _check_document(browser: Browser, network: Network, url: str) -> None:
     """The page's own status: the browser shows error pages without a word."""
     where, status = browser.script(_STATUS)
     if not where.startswith(("http:", "https:")):
@@ -123,7 +193,8 @@ def _check_document(browser: Browser, url: str) -> None:
     if not _same_site(where, url):
         raise ItemFinal("redirected_away", where)
     if status == 429 or status >= 500:
-        raise Retryable(f"http_{status}", unreachable=True)
+        served = network.of(where)
+        raise Retryable(f"http_{status}", after=served and served.after, unreachable=True)
     if status >= 400:
         raise ItemFinal(f"http_{status}")
 

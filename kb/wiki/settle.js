@@ -16,6 +16,10 @@
   window.requestAnimationFrame = (call) => native.requestAnimationFrame(guarded(call));
   for (const name of ["alert", "confirm", "prompt", "print"]) window[name] = () => (name === "confirm" ? false : undefined);
   window.open = () => null;
+  // Ways to other hosts, around what the browser may ask for; a page's text and images need none.
+  const ways = ["RTCPeerConnection", "webkitRTCPeerConnection", "WebTransport", "SharedWorker"];
+  for (const name of ways) delete window[name];
+  delete Navigator.prototype.serviceWorker;
   const pause = (ms) => new Promise((done) => native.setTimeout(done, ms));
   const within = (promise, ms) => Promise.race([promise.catch(() => {}), pause(ms)]);
 
@@ -24,36 +28,48 @@
       if (img.loading === "lazy") img.loading = "eager";
       for (const name of ["data-src", "data-lazy-src", "data-original"]) {
         const held = img.getAttribute(name);
-        if (held && !waiting.has(img)) { waiting.add(img); img.src = held; }
+        if (!held || waiting.has(img)) continue;
+        waiting.add(img);
+        if (held !== img.getAttribute("src")) img.src = held;
       }
     }
   }
-  const failed = () => [...document.images].filter((img) => img.src && img.complete && img.naturalWidth === 0);
+  // An address that is the page's own (of an empty src, say) gives no image, however often it is
+  // asked for.
+  const bare = (url) => url.split("#", 1)[0];
+  const named = (img) => img.getAttribute("src") || img.getAttribute("srcset");
+  const address = (img) => (named(img) ? img.currentSrc || img.src : "");
+  const elsewhere = (url) => /^https?:/.test(url) && bare(url) !== bare(location.href);
+  const empty = (img) => img.complete && img.naturalWidth === 0;
+  const failed = () => [...document.images].filter((img) => empty(img) && elsewhere(address(img)));
   const loading = () => [...document.images].filter((img) => img.src && !img.complete);
 
+  // Waits until nothing loads or moves. Failed images are told, not asked for again: when that may
+  // be is not for the page to decide.
   async function settle(rules) {
-    const end = performance.now() + rules.settle_seconds * 1000, tries = new Map();
-    let height = -1, since = performance.now();
+    const end = performance.now() + rules.settle_seconds * 1000;
+    let height = null, since = performance.now();
     for (;;) {
       lazy();
-      const now = performance.now(), tall = document.documentElement.scrollHeight;
+      // A page that is lower than the window has the window's scrollHeight while it grows.
+      const root = document.documentElement;
+      const now = performance.now(), tall = root.scrollHeight + root.getBoundingClientRect().height;
       if (tall !== height) { height = tall; since = now; }
-      // A picture that is no picture fails at once and for ever; one that the server dropped comes back.
-      const again = failed().filter((img) => (tries.get(img) || 0) < rules.image_tries);
-      for (const img of again) {
-        const n = (tries.get(img) || 0) + 1;
-        tries.set(img, n);
-        await within(pause(100 * n), 1000);
-        img.src = img.src;
-      }
-      if (!again.length && !loading().length && now - since >= 500) break;
-      if (now >= end) return { settled: false };
+      if (!loading().length && now - since >= rules.still_seconds * 1000) break;
+      if (now >= end) return { settled: false, failed: [...new Set(failed().map(address))] };
       await pause(50);
     }
     const small = [...document.images].filter((img) => img.naturalWidth * img.naturalHeight <= rules.max_pixels);
     await within(Promise.all(small.map((img) => img.decode().catch(() => {}))), Math.max(0, end - performance.now()));
     if (document.fonts) await within(document.fonts.ready, 1000);
-    return { settled: true };
+    return { settled: true, failed: [...new Set(failed().map(address))] };
+  }
+
+  // One request for an image that failed, whatever number of elements show it.
+  function again(url) {
+    for (const img of failed().filter((img) => address(img) === url)) {
+      if (img.hasAttribute("srcset")) img.srcset = img.srcset; else img.src = img.src;
+    }
   }
 
   function freeze(rules) {
@@ -101,7 +117,7 @@
         const first = list.indexOf([...list].sort()[0]);
         const turned = [...list.slice(first), ...list.slice(0, first)];
         cycles.set(img, turned.map((src) => ({ src: new URL(src, document.baseURI).href, duration: delay })));
-        img.src = turned[0];
+        if (img.getAttribute("src") !== turned[0]) img.src = turned[0];
       }
     }
     watch.disconnect();
@@ -110,13 +126,13 @@
   const kb = {
     delay: (slot) => delays.get(slot) ?? null,
     cycle: (img) => (cycles.get(img)?.length > 1 ? cycles.get(img) : null),
-    // Settles and freezes, then settles again shortly, as freezing may have moved things.
-    ready: async (rules) => {
-      const first = await settle(rules);
+    settle,
+    again,
+    // Freezes, then waits shortly, as freezing may have moved things.
+    freeze: async (rules) => {
       freeze(rules);
       await within(Promise.all([...cycles.keys()].map((img) => img.decode())), 2000);
       await new Promise((done) => { native.requestAnimationFrame(() => native.requestAnimationFrame(done)); native.setTimeout(done, 500); });
-      return first;
     },
   };
   Object.defineProperty(window, "__kb", { value: kb });

@@ -105,6 +105,7 @@ def _page(job: Job, pool: Pool, item: Item) -> dict[str, Any]:
                         section.rules,
                         max_height=section.max_page_height,
                         strict=not last,
+                        turn=job.web.turn,
                     ),
                     first=job.web.pace.wait,
                 )
@@ -118,8 +119,9 @@ def _page(job: Job, pool: Pool, item: Item) -> dict[str, Any]:
             except Retryable as error:
                 reason, _, said = error.reason.partition(": ")
                 value = said or None
+                job.web.rest(error.after)
                 if error.unreachable or reason.startswith(("err_", "not_loaded")):
-                    if said_plainly := _ask_plainly(job, url):
+                    if said_plainly := _ask_plainly(job, url, error):
                         reason, value, final = said_plainly.reason, said_plainly.value, True
                         break
                 elif number < section.max_tries:
@@ -140,15 +142,23 @@ def _blocked(job: Job) -> None:
         ) from None
 
 
-def _ask_plainly(job: Job, url: str) -> ItemFinal | None:
-    """A plain request tells what the browser hides: Retry-After, 4xx without a body, no wiki at all.
+def _ask_plainly(job: Job, url: str, error: Retryable) -> ItemFinal | None:
+    """A plain request tells what the browser hides: 4xx without a body, no wiki at all.
 
-    The answer that makes further tries useless, if it is one. Raises Unreachable, Blocked.
+    When the browser was told a time to come back, nothing is asked before. The answer that makes
+    further tries useless, if it is one. Raises Unreachable, Blocked.
     """
+    told = [error] if error.after is not None else []
+
+    def ask() -> None:
+        if told:
+            raise told.pop()
+        job.web.get(url, {})
+
     try:
-        job.web.attempt(lambda: job.web.get(url, {}))
-    except ItemFinal as error:
-        return error
+        job.web.attempt(ask)
+    except ItemFinal as final:
+        return final
     return None
 
 
@@ -203,12 +213,14 @@ def _sha256(data: bytes) -> str:
 def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
     """The original files that a page shows, each once, in order: key (address) and title on the wiki."""
     found: dict[str, dict[str, Any]] = {}
+    page = addresses.original(extraction["page"]["url"])
     for element in extraction["elements"]:
         for held in element.get("frames") or [element]:
             src = held.get("src")
             if src and src.startswith(("http:", "https:")):
                 key = addresses.original(src)
-                if key not in found:
+                # An address that is the page's own, as of src="#", is no image.
+                if key != page and key not in found:
                     found[key] = {
                         "key": key,
                         "title": addresses.file_title(src, held.get("file")),

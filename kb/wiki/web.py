@@ -95,6 +95,19 @@ class Web:
                 hint="the same command goes on where it stopped",
             ) from None
 
+    def rest(self, after: float | None) -> None:
+        """What the wiki wished for (Retry-After, seconds) counts for all threads.
+
+        A wish that is too long for any of them ends the run (`attempt`).
+        """
+        if after is not None and (self._run.wait or after <= retry.PATIENCE_S):
+            self.pace.rest(after)
+
+    def turn(self, after: float | None, within: float) -> bool:
+        """Wait until one more request may be sent; False when not within so many seconds."""
+        self.rest(after)
+        return (after or 0.0) <= within and self.pace.wait_within(within)
+
     @property
     def _session(self) -> Any:
         """One session a thread."""
@@ -142,10 +155,9 @@ class Web:
             raise ItemFinal("bad_address", type(error).__name__) from None
         if response.status_code == 429 or response.status_code >= 500:
             response.close()
-            raise Retryable(
-                f"http_{response.status_code}",
-                after=retry.retry_after(response.headers.get("retry-after")),
-            )
+            after = retry.retry_after(response.headers.get("retry-after"))
+            self.rest(after)
+            raise Retryable(f"http_{response.status_code}", after=after)
         if response.status_code >= 400:
             response.close()
             raise ItemFinal(f"http_{response.status_code}")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import sys
 from pathlib import Path
 
+import psutil
 import pytest
 
 pytest.importorskip("distributed")
@@ -79,8 +81,25 @@ def test_without_the_extra_it_is_exit_2(monkeypatch):
 
 
 def test_without_an_address_it_brings_its_own_cluster():
+    before = listening()
     with make_executor("dask", 1, None) as executor:
         assert executor.submit(len, "abc").result() == 3
+        opened = listening() - before
+    assert len(opened) >= 3, "scheduler, nanny and worker listen"
+    # Whoever reaches them can run code: no other machine does.
+    assert {address for _, address, _ in opened} == {"127.0.0.1"}
+
+
+def listening() -> set[tuple[int, str, int]]:
+    """(process, address, port) of every socket that this process or one below it listens on."""
+    this = psutil.Process()
+    found = set()
+    for process in [this, *this.children(recursive=True)]:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            for held in process.net_connections("inet"):
+                if held.status == psutil.CONN_LISTEN:
+                    found.add((process.pid, held.laddr.ip, held.laddr.port))
+    return found
 
 
 def test_other_versions_on_the_workers_are_refused(cluster, monkeypatch):

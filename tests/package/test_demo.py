@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests import trap
+
 STEPS = [
     "youtube crawl",
     "youtube filter",
@@ -46,6 +48,11 @@ def test_the_users_own_settings_and_credentials_are_left_alone(demo: Path) -> No
         assert path.name == ".env" or not path.is_file() or b"a-real-" not in path.read_bytes(), (
             path
         )
+
+
+def test_no_process_tries_any_address_but_loopback(demo: Path) -> None:
+    """The browser's processes, workers and whatever the libraries start included."""
+    assert trap.attempts(demo / "demo.attempts") == []
 
 
 def test_nothing_is_lost_on_the_way(demo: Path) -> None:

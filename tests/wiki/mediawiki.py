@@ -6,6 +6,7 @@ Run as a script it installs the packages (root and apt needed): `python tests/wi
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import shutil
 import signal
@@ -15,6 +16,7 @@ import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import escape
 
 CODE = Path("/usr/share/mediawiki")
@@ -42,6 +44,7 @@ $wgFileExtensions = [ 'png', 'gif', 'jpg', 'svg', 'apng' ]; $wgStrictFileExtensi
 $wgParserEnableLegacyMediaDOM = false; $wgRightsUrl = "https://creativecommons.org/licenses/by-sa/4.0/"; $wgRightsText = "CC BY-SA 4.0";
 $wgJobRunRate = 0; $wgUseInstantCommons = false; $wgEnableEmail = false; $wgShowExceptionDetails = true; $wgDiff3 = "";
 $wgGenerateThumbnailOnParse = true; $wgNativeImageLazyLoading = true; $wgAllowDisplayTitle = true; $wgExternalLinkTarget = false;
+$wgRawHtml = true;
 $wgMemoryLimit = "512M"; $wgPhpCli = "/usr/bin/php"; $wgUseFileCache = false; $wgRateLimits = [];
 $wgDefaultSkin = "fallback"; wfLoadSkin( 'Vector' ); $wgDefaultSkin = "vector";
 """
@@ -49,6 +52,9 @@ $wgDefaultSkin = "fallback"; wfLoadSkin( 'Vector' ); $wgDefaultSkin = "vector";
 ROUTER = """<?php
 $path = rawurldecode( parse_url( $_SERVER['REQUEST_URI'], PHP_URL_PATH ) );
 $code = "@code"; $serve = null;
+$seen = [ 'address' => $_SERVER['REQUEST_URI'], 'agent' => $_SERVER['HTTP_USER_AGENT'] ?? '',
+  'dest' => $_SERVER['HTTP_SEC_FETCH_DEST'] ?? null ];
+file_put_contents( "@data/requests.ndjson", json_encode( $seen ) . "\n", FILE_APPEND | LOCK_EX );
 if ( $path === '/robots.txt' ) { header( 'Content-Type: text/plain' ); echo file_get_contents( "@data/robots.txt" ); return true; }
 if ( $path === '/' ) { header( 'Location: /wiki/Main_Page', true, 301 ); return true; }
 if ( preg_match( '#^/w/(index|api|load|thumb)\\.php#', $path, $m ) ) { $serve = "$m[1].php"; }
@@ -186,6 +192,12 @@ class MediaWiki:
         )
         (self.folder / "pages.xml").write_text(_dump(pages), encoding="utf-8")
         self.php("importDump", "--quiet", "--no-updates", str(self.folder / "pages.xml"))
+
+    def requests(self) -> list[dict[str, Any]]:
+        """Every request so far: address, agent, dest (Sec-Fetch-Dest, None of other clients)."""
+        log = self.data / "requests.ndjson"
+        lines = log.read_text(encoding="utf-8").splitlines() if log.exists() else []
+        return [json.loads(line) for line in lines]
 
     def edit(self, title: str, text: str) -> None:
         """Save a new revision."""

@@ -111,6 +111,12 @@ text
         for n in range(40)
     ),
     "Stub": "Too short.",
+    # Images whose address is the page's own, and one that is not there.
+    "Empty images": FILLER
+    + """
+<html><img src="" alt="empty"><img src="#" alt="part"><img alt="none"><img src="/images/gone.png">
+<img src="?" alt="query"><img src="/wiki/Empty_images" alt="self"></html>
+""",
     "To be moved": "This page goes elsewhere. " + FILLER,
     "To be deleted": "This page is thrown away. " + FILLER,
     "Öfen & 窯 (100%)": "A name full of traps. " + FILLER,

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections import Counter
+from functools import partial
+from urllib.parse import unquote
 
 import duckdb
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
+from kb.core.profile import load_profile
 from kb.filters.clean import run_clean
 from kb.store import rawlog, tombstones
+from kb.wiki import capture
+from kb.wiki.browser import Browser, reach
 from kb.wiki.crawl import crawl
+from kb.wiki.pool import Pool
 
 TITLES = {
     "Main Page",
@@ -23,6 +30,7 @@ TITLES = {
     "Hidden",
     "Regions",
     "Colours",
+    "Empty images",
     "To be moved",
     "To be deleted",
     "Öfen & 窯 (100%)",
@@ -71,6 +79,74 @@ def test_every_page_is_answered(data):
     assert [(row["stage"], row["reason"], row["threshold"]) for row in rejected] == [
         ("words", "below", "20")
     ]
+
+
+def test_each_page_is_asked_for_once(data, mediawiki):
+    """The document and nothing else of it, also where images name the page itself; no tab icons."""
+    asked = Counter()
+    for request in mediawiki.requests():
+        if request["agent"].startswith("lorebase") and request["dest"] is not None:
+            asked[unquote(request["address"]), request["dest"]] += 1
+    for title in TITLES:
+        path = f"/wiki/{title.replace(' ', '_')}"
+        assert asked.pop((path, "document")) == 1, title
+    # The browser itself asks once for src="#" and src="?", as any reader's does; not for src="".
+    own = {key: asked.pop(key) for key in list(asked) if key[0].startswith("/wiki/Empty")}
+    assert own == {("/wiki/Empty_images", "image"): 1, ("/wiki/Empty_images?", "image"): 1}
+    assert asked.pop(("/wiki/Stub", "document")) == 1
+    assert not [path for path, _ in asked if path.startswith("/wiki/") or "favicon" in path]
+    assert asked["/images/gone.png", "image"] == 1, "what is absent is not asked for again"
+
+
+def test_pages_that_are_shown_are_not_fetched_as_picture_files(data, mediawiki):
+    plain = [r["address"] for r in mediawiki.requests() if r["dest"] is None]
+    assert not [address for address in plain if address.startswith("/wiki/Empty_images")]
+
+
+def test_the_browser_asks_for_no_more_than_a_readers(mediawiki, programs, tmp_path):
+    """Each page in a browser of ours and in one that only shows it: the same requests."""
+    section = load_profile("minecraft").wiki
+    hosts, origins = reach(mediawiki.url, ())
+    asked = {}
+    for name, before in (("reader", ""), ("ours", capture.page_script("settle.js"))):
+        start = partial(
+            Browser,
+            programs,
+            hosts=hosts,
+            origins=origins,
+            user_agent=name,
+            viewport=(1280, 1024),
+            page_seconds=20,
+            before=before,
+        )
+        with Pool(lambda watcher, start=start: start(watcher=watcher), 60) as pool:
+            for title in ("Pictures", "Empty_images", "Frames", "Icons", "Colours"):
+                url = f"{mediawiki.url}/wiki/{title}"
+                if before:
+                    show = partial(
+                        capture.capture,
+                        url=url,
+                        picture=tmp_path / "screenshot.png",
+                        rules=section.rules,
+                        max_height=section.max_page_height,
+                    )
+                else:
+                    show = partial(read, url=url)
+                pool.use(show)
+        seen = [r["address"] for r in mediawiki.requests() if r["agent"] == name]
+        asked[name] = Counter(seen)
+    assert asked["reader"]["/wiki/Pictures"] == 1
+    assert asked["ours"] - asked["reader"] == Counter()
+
+
+def read(browser, url):
+    """What a reader does: open the page and scroll to its end, until nothing loads any more."""
+    browser.go(url)
+    browser.promise(
+        """scrollTo(0, document.documentElement.scrollHeight);
+        const left = () => [...document.images].some((img) => !img.complete);
+        do await new Promise((done) => setTimeout(done, 500)); while (left());"""
+    )
 
 
 def test_page_rows_name_revision_licence_and_contributors(data, mediawiki):

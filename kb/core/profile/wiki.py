@@ -112,6 +112,7 @@ class Wiki(Section):
             "infobox": markup.regions.get("infobox", ".infobox"),
             "max_elements": self.max_elements,
             "settle_seconds": self.settle_seconds,
+            "still_seconds": 0.5,
             "image_tries": 2,
             "max_pixels": self.max_pixels,
         }

@@ -1,0 +1,72 @@
+"""What the browser's requests for one page were answered: Chromium's own record, by address.
+
+A page's scripts see neither Retry-After nor why an image failed; the browser's record has both.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from kb.net import retry
+
+if TYPE_CHECKING:
+    from kb.wiki.browser import Browser
+
+
+@dataclass(frozen=True)
+class Served:
+    """The last answer of an address: `status` is 0 when there was none, or when it was cut off.
+
+    `after` is its Retry-After in seconds. `barred`: the browser itself refused to ask.
+    """
+
+    status: int
+    after: float | None = None
+    barred: bool = False
+
+    @property
+    def may_come_back(self) -> bool:
+        """Whether asking again can help: not for what is absent, refused, or no image at all."""
+        return not self.barred and (self.status in (0, 429) or self.status >= 500)
+
+
+class Network:
+    """The record since the page was opened; `read` brings it up to date."""
+
+    def __init__(self, browser: Browser) -> None:
+        self._browser = browser
+        self._addresses: dict[str, str] = {}
+        self.served: dict[str, Served] = {}
+        browser.record()  # forget the pages before
+
+    def read(self) -> None:
+        """Take over what the browser noted since the last call. Raises Retryable."""
+        for entry in self._browser.record():
+            event = json.loads(entry["message"])["message"]
+            self._note(event["method"], event["params"])
+
+    def _note(self, method: str, params: dict[str, Any]) -> None:
+        if method == "Network.requestWillBeSent":
+            self._addresses[params["requestId"]] = _bare(params["request"]["url"])
+        elif method == "Network.responseReceived":
+            answer = params["response"]
+            headers = {name.lower(): value for name, value in answer.get("headers", {}).items()}
+            self.served[_bare(answer["url"])] = Served(
+                int(answer["status"]),
+                retry.retry_after(headers.get("retry-after"), headers.get("date")),
+            )
+        elif method == "Network.loadingFailed":
+            url = self._addresses.get(params["requestId"])
+            # An error page's body is not wanted by an image: the status before it says more.
+            if url is not None and (url not in self.served or self.served[url].status < 400):
+                self.served[url] = Served(0, barred="blockedReason" in params)
+
+    def of(self, url: str) -> Served | None:
+        """The last answer of an address; None when it was not asked for."""
+        return self.served.get(_bare(url))
+
+
+def _bare(url: str) -> str:
+    return url.split("#", 1)[0]

@@ -1,0 +1,101 @@
+"""Dependencies that report by themselves are switched off before they start; and the trap."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from kb.core.errors import MissingExtra
+from kb.wiki import chromium
+from tests import trap
+from tests.conftest import ROOT, skip_or_fail
+
+# Stands for openvino-telemetry as a user may have it: it reports as soon as it is imported.
+REPORTER = """
+import os, pathlib
+pathlib.Path(os.environ["REPORTED"]).touch()
+class Telemetry:
+    def __init__(self, *a, **b): pass
+    send_event = start_session = end_session = force_shutdown = __init__
+"""
+
+
+def reported(code: str, tmp_path: Path) -> bool:
+    """Whether the reporter ran in a Python process with this code."""
+    package = tmp_path / "site" / "openvino_telemetry"
+    (package / "backend").mkdir(parents=True, exist_ok=True)
+    (package / "__init__.py").write_text(REPORTER)
+    (package / "backend" / "__init__.py").write_text("backend_ga4 = None\n")
+    mark = tmp_path / "reported"
+    mark.unlink(missing_ok=True)
+    env = {**os.environ, "PYTHONPATH": f"{package.parent}:{ROOT}", "REPORTED": str(mark)}
+    subprocess.run([sys.executable, "-c", code], env=env, check=True)
+    return mark.exists()
+
+
+def test_openvino_runs_without_its_reporter(tmp_path: Path) -> None:
+    pytest.importorskip("openvino")
+    use = "import openvino.tools.ovc as tools; assert tools.convert_model"
+    assert reported(use, tmp_path), "without kb it reports, or this test shows nothing"
+    assert not reported(f"import kb.annotate.graph; {use}", tmp_path)
+
+
+def test_the_lock_has_no_reporter() -> None:
+    lock = (ROOT / ".ci" / "requirements.lock").read_text()
+    assert "\nopenvino==" in lock
+    assert "openvino-telemetry" not in lock
+
+
+def test_libraries_of_the_hub_are_told_before_they_are_imported() -> None:
+    pytest.importorskip("huggingface_hub")
+    code = (
+        "import kb; from huggingface_hub import constants; "
+        "raise SystemExit(not constants.HF_HUB_DISABLE_TELEMETRY)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_trap_sees_the_browser_too(tmp_path: Path) -> None:
+    """Or its silence in the demo would show nothing."""
+    try:
+        browser = chromium.find().browser
+    except MissingExtra as error:
+        skip_or_fail(str(error))
+    if trap.namespace() is None:
+        pytest.skip("no network namespace can be made here")
+    record = tmp_path / "record"
+    command = [browser, "--headless=new", "--no-sandbox", f"--user-data-dir={tmp_path}/profile"]
+    trap.run(
+        [*command, "--disable-gpu", "--dump-dom", "http://tried.invalid/"],
+        record,
+        {**os.environ, "HOME": str(tmp_path)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    assert any(line.endswith(" tried.invalid") for line in trap.attempts(record))
+
+
+@pytest.mark.parametrize("run", [trap.run, trap.run_watched])
+def test_the_trap_sees_what_is_tried(run, tmp_path: Path) -> None:
+    """A name, a connection and a datagram are told; loopback is not."""
+    code = (
+        "import contextlib, socket\n"
+        "own, tcp, udp = ('127.0.0.1', 9), ('192.0.2.1', 81), ('192.0.2.2', 82)\n"
+        "for kind, address in ((1, own), (1, tcp), (2, udp)):\n"
+        "    with contextlib.suppress(OSError), socket.socket(2, kind) as held:\n"
+        "        held.settimeout(0.5)\n"
+        "        held.connect(address)\n"
+        "        held.send(b'x')\n"
+        "with contextlib.suppress(OSError):\n"
+        "    socket.getaddrinfo('tried.invalid', 80)\n"
+    )
+    record = tmp_path / "record"
+    assert run([sys.executable, "-c", code], record, dict(os.environ)) == 0
+    told = "\n".join(trap.attempts(record))
+    for tried in ("192.0.2.1:81", "192.0.2.2:82", "tried.invalid"):
+        assert tried in told
+    assert ":9\n" not in f"{told}\n"
