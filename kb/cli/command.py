@@ -2,7 +2,7 @@
 
     app = group("Channels, videos and transcripts.")
 
-    @command(app, examples=["kb youtube crawl --limit 100"])
+    @command(app, uses=("limit", "wait"), examples=["kb youtube crawl --limit 100"])
     def crawl(run: Run, only: Annotated[Phase | None, typer.Option(help="…")] = None) -> Summary:
         '''First line: the short help. The rest: the long one.'''
         from kb.youtube.crawl import crawl      # heavy things inside
@@ -26,17 +26,17 @@ import typer
 import typer.core
 
 from kb.cli import outcome
-from kb.cli.options import COMMON, Options
+from kb.cli.options import COMMON, RUNNING, SHARED, Options
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 
 class Command(typer.core.TyperCommand):
-    """A command whose help shows its own options first, the common ones after, then examples."""
+    """A command whose help shows its own options first, those it shares with others after, then examples."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Arguments, own options, common options."""
+        """Arguments, own options, how to run it, common options."""
         _write_options(self, ctx, formatter)
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
@@ -73,6 +73,8 @@ def command(
     name: str | None = None,
     *,
     examples: Sequence[str],
+    uses: Sequence[str] = (),
+    without: Sequence[str] = (),
     raw: bool = False,
     resumable: bool = True,
     main: bool = False,
@@ -80,14 +82,20 @@ def command(
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Declare a command of `app`.
 
-    `raw`: pass Options instead of a Run. `resumable`: a signal lets the item in hand be finished;
+    `uses`: those of the options in RUNNING that have an effect on it. `without`: those of COMMON that have
+    none. What is not declared is refused (exit 2). `raw`: pass Options instead of a Run. `resumable`: a signal lets the item in hand be finished;
     otherwise it ends the command at once (queries, servers). `main`: what the group itself does when
     none of its commands is named. `needs_data`: it works on what was collected, so that a data root that
     is not there is a mistake, and is not made.
     """
 
     def declare(function: Callable[..., Any]) -> Callable[..., Any]:
-        wrapped = _wrap(function, raw=raw, resumable=resumable, main=main, needs_data=needs_data)
+        shared = [
+            name for name in SHARED if name in uses or (name in COMMON and name not in without)
+        ]
+        wrapped = _wrap(
+            function, shared, raw=raw, resumable=resumable, main=main, needs_data=needs_data
+        )
         epilog = "\n".join(examples)
         if main:
             app.callback(invoke_without_command=True, cls=Group, epilog=epilog)(wrapped)
@@ -99,7 +107,13 @@ def command(
 
 
 def _wrap(
-    function: Callable[..., Any], *, raw: bool, resumable: bool, main: bool, needs_data: bool
+    function: Callable[..., Any],
+    shared: Sequence[str],
+    *,
+    raw: bool,
+    resumable: bool,
+    main: bool,
+    needs_data: bool,
 ) -> Callable[..., Any]:
     signature = inspect.signature(function)
     _, *own = signature.parameters.values()
@@ -114,9 +128,12 @@ def _wrap(
     ]
     parameters += [
         inspect.Parameter(
-            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=SHARED[name][1],
+            annotation=SHARED[name][0],
         )
-        for name, (annotation, default) in COMMON.items()
+        for name in shared
     ]
     if main:
         parameters.append(
@@ -126,8 +143,9 @@ def _wrap(
     def run(**values: Any) -> int:
         context = values.pop("context", None)
         if context is not None and context.invoked_subcommand is not None:
+            _nothing_before(context)
             return 0
-        options = Options(**{name: values.pop(name) for name in COMMON})
+        options = Options(**{name: values.pop(name) for name in shared})
         return _call(function, options, values, raw=raw, resumable=resumable, needs_data=needs_data)
 
     run.__doc__ = function.__doc__
@@ -208,10 +226,24 @@ def _close(progress: Any) -> None:
     sys.stderr.flush()
 
 
+def _nothing_before(context: Any) -> None:
+    """`kb pairs --limit 3 keywords`: an option of the group itself, which its command would not hear of."""
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name)
+        if source is not None and source.name == "COMMANDLINE":
+            name = context.invoked_subcommand
+            raise outcome.UsageProblem(
+                f"{parameter.opts[0]} stands before `{name}`, which would not hear of it:"
+                f" write `{context.command_path} {name} {parameter.opts[0]} …`",
+                context,  # type: ignore[call-arg]
+            )
+
+
 def _write_options(self: Any, ctx: Any, formatter: Any) -> None:
     sections: dict[str, list[tuple[str, str]]] = {
         "Arguments": [],
         "Options": [],
+        "Run options": [],
         "Common options": [],
     }
     for parameter in self.get_params(ctx):
@@ -221,11 +253,17 @@ def _write_options(self: Any, ctx: Any, formatter: Any) -> None:
         if parameter.param_type_name == "argument":
             sections["Arguments"].append(record)
         else:
-            sections["Common options" if parameter.name in COMMON else "Options"].append(record)
+            sections[_section_of(parameter.name)].append(record)
     for title, records in sections.items():
         if records:
             with formatter.section(title):
                 formatter.write_dl(records)
+
+
+def _section_of(name: str) -> str:
+    if name in RUNNING:
+        return "Run options"
+    return "Common options" if name in COMMON or name == "help" else "Options"
 
 
 def _write_examples(epilog: str | None, formatter: Any) -> None:

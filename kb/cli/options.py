@@ -1,4 +1,4 @@
-"""The options that every command has, in one place, and the Run that they make."""
+"""The options that commands share, in one place, and the Run that they make."""
 
 from __future__ import annotations
 
@@ -23,28 +23,9 @@ class Engine(StrEnum):
     dask = "dask"
 
 
-# name -> (annotation, default); the names are the fields of Options.
-COMMON: dict[str, tuple[Any, Any]] = {
-    "data": (
-        Annotated[
-            Path | None,
-            typer.Option(
-                "--data", metavar="DIR", help="The data root. [default: KB_DATA, or data]"
-            ),
-        ],
-        None,
-    ),
-    "profile": (
-        Annotated[
-            str | None,
-            typer.Option(
-                "--profile",
-                metavar="NAME|FILE",
-                help="The domain: a shipped profile or a .toml file. [default: KB_PROFILE, or minecraft]",
-            ),
-        ],
-        None,
-    ),
+# name -> (annotation, default); the names are the fields of Options. A command has the common ones, and of
+# the running ones those that it declares: an option without an effect is refused, not ignored.
+RUNNING: dict[str, tuple[Any, Any]] = {
     "workers": (
         Annotated[
             int | None,
@@ -110,6 +91,29 @@ COMMON: dict[str, tuple[Any, Any]] = {
         ],
         None,
     ),
+}
+COMMON: dict[str, tuple[Any, Any]] = {
+    "data": (
+        Annotated[
+            Path | None,
+            typer.Option(
+                "--data", metavar="DIR", help="The data root. [default: KB_DATA, or data]"
+            ),
+        ],
+        None,
+    ),
+    "profile": (
+        Annotated[
+            str | None,
+            typer.Option(
+                "--profile",
+                metavar="NAME|FILE",
+                help="The domain: a shipped profile or a .toml file."
+                " [default: KB_PROFILE, or the data root's own, or minecraft]",
+            ),
+        ],
+        None,
+    ),
     "quiet": (
         Annotated[bool, typer.Option("--quiet", help="No progress; warnings and errors only.")],
         False,
@@ -125,11 +129,13 @@ COMMON: dict[str, tuple[Any, Any]] = {
         False,
     ),
 }
+SHARED = {**RUNNING, **COMMON}
+CLUSTER = ("workers", "engine", "scheduler")  # of what runs in worker processes
 
 
 @dataclass(frozen=True)
 class Options:
-    """The common options as they were given."""
+    """The shared options as they were given; those that a command does not have keep their defaults."""
 
     data: Path | None = None
     profile: str | None = None

@@ -17,6 +17,8 @@ from typing import Any
 
 import typer
 
+from kb.cli import misplaced
+
 # typer carries its own copy of click; its usage errors are reached through a public name.
 UsageProblem: type[Exception] = typer.BadParameter.__mro__[1]  # type: ignore[assignment]
 
@@ -34,7 +36,7 @@ def guarded(run: Callable[[], Any]) -> int:
             return 0
         context = getattr(error, "ctx", None)
         where = context.command_path if context else "kb"
-        complain(text.rstrip("."), hint=f"see `{where} --help`")
+        complain(misplaced.elsewhere(error) or text.rstrip("."), hint=f"see `{where} --help`")
         return 2
     except typer.Abort:
         return INTERRUPTED

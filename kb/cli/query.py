@@ -34,6 +34,7 @@ class Format(StrEnum):
 @command(
     app,
     raw=True,
+    uses=("limit",),
     resumable=False,
     examples=[
         "kb query --tables",

@@ -27,6 +27,7 @@ class Target(StrEnum):
 @command(
     app,
     main=True,
+    uses=("pipeline",),
     examples=[
         "kb release                               check every folder, then write all that surrounds the data",
         "kb release publish --to zenodo-sandbox   a draft of each folder, to look at",
@@ -43,6 +44,7 @@ def release(run: Run) -> Summary:
 @command(
     app,
     raw=True,
+    uses=("wait", "pipeline"),
     examples=[
         "kb release publish --to zenodo-sandbox             upload drafts to the sandbox",
         "kb release publish --to zenodo                     upload drafts",

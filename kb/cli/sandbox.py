@@ -24,6 +24,7 @@ app = group("Invented services on this machine, to try everything on.")
 @command(
     app,
     raw=True,
+    without=("json",),
     resumable=False,
     examples=[
         "kb sandbox -- kb youtube crawl --data /tmp/try     a command with the settings that point at the sandbox",
