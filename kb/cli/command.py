@@ -20,6 +20,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -57,6 +58,17 @@ class Group(typer.core.TyperGroup):
         _write_examples(self.epilog, formatter)
 
 
+@dataclass(frozen=True)
+class Nature:
+    """How a command is called, as `command` was told."""
+
+    raw: bool = False
+    resumable: bool = True
+    needs_data: bool = False
+    needs: str = "profile"
+    binds: bool = False
+
+
 def group(about: str) -> typer.Typer:
     """An app for a file of kb/cli: a group of commands, or the holder of a single one."""
     return typer.Typer(
@@ -79,6 +91,7 @@ def command(
     resumable: bool = True,
     main: bool = False,
     needs_data: bool = False,
+    binds: bool = True,
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Declare a command of `app`.
 
@@ -86,16 +99,22 @@ def command(
     none. What is not declared is refused (exit 2). `raw`: pass Options instead of a Run. `resumable`: a signal lets the item in hand be finished;
     otherwise it ends the command at once (queries, servers). `main`: what the group itself does when
     none of its commands is named. `needs_data`: it works on what was collected, so that a data root that
-    is not there is a mistake, and is not made.
+    is not there is a mistake, and is not made. `binds`: it writes, so that a data root which holds data and
+    remembers no profile yet remembers the run's.
     """
 
     def declare(function: Callable[..., Any]) -> Callable[..., Any]:
         shared = [
             name for name in SHARED if name in uses or (name in COMMON and name not in without)
         ]
-        wrapped = _wrap(
-            function, shared, raw=raw, resumable=resumable, main=main, needs_data=needs_data
+        nature = Nature(
+            raw=raw,
+            resumable=resumable,
+            needs_data=needs_data,
+            needs="profile" if "data" in shared else "nothing",
+            binds=binds and not raw and "data" in shared,
         )
+        wrapped = _wrap(function, shared, nature, main=main)
         epilog = "\n".join(examples)
         if main:
             app.callback(invoke_without_command=True, cls=Group, epilog=epilog)(wrapped)
@@ -107,13 +126,7 @@ def command(
 
 
 def _wrap(
-    function: Callable[..., Any],
-    shared: Sequence[str],
-    *,
-    raw: bool,
-    resumable: bool,
-    main: bool,
-    needs_data: bool,
+    function: Callable[..., Any], shared: Sequence[str], nature: Nature, *, main: bool
 ) -> Callable[..., Any]:
     signature = inspect.signature(function)
     _, *own = signature.parameters.values()
@@ -146,7 +159,7 @@ def _wrap(
             _nothing_before(context)
             return 0
         options = Options(**{name: values.pop(name) for name in shared})
-        return _call(function, options, values, raw=raw, resumable=resumable, needs_data=needs_data)
+        return _call(function, options, values, nature)
 
     run.__doc__ = function.__doc__
     run.__name__ = function.__name__
@@ -159,19 +172,18 @@ def _call(
     function: Callable[..., Any],
     options: Options,
     values: dict[str, Any],
-    *,
-    raw: bool,
-    resumable: bool,
-    needs_data: bool = False,
+    nature: Nature,
 ) -> int:
     from kb.cli import logs
 
     try:
-        with _signals(resumable):
+        with _signals(nature.resumable):
             logs.configure(quiet=options.quiet, debug=options.debug)
-            first: Any = options if raw else options.make_run()
-            if needs_data:
+            first: Any = options if nature.raw else options.make_run(needs=nature.needs)
+            if nature.needs_data:
                 _existing(first.root)
+            if nature.binds:
+                _bind(first)
             try:
                 summary = function(first, **values)
             finally:
@@ -216,6 +228,12 @@ def _existing(root: Path) -> None:
         raise SettingError(
             f"there is no data root {root}", hint="check --data and KB_DATA, or run a crawl first"
         )
+
+
+def _bind(run: Any) -> None:
+    from kb.store import belonging
+
+    belonging.note_if_stored(run.root, run.profile)
 
 
 def _close(progress: Any) -> None:

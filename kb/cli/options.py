@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
     from kb.core.context import Run
+    from kb.core.profile import Profile
 
 
 class Engine(StrEnum):
@@ -150,15 +151,16 @@ class Options:
     json: bool = False
     debug: bool = False
 
-    def make_run(self, *, dotenv: bool = True, **settings: object) -> Run:
+    def make_run(self, *, dotenv: bool = True, needs: str = "profile", **settings: object) -> Run:
         """The Run of these options; `settings` (field names) win over the environment.
 
-        Raises SettingError or ProfileError before anything is sent or written.
+        `needs`: "profile"; "root" for a command that reads the data root without a profile's rules, so that
+        it works where the remembered file is gone; "nothing" for one that looks at neither.
+        Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
         from kb.cli import progress
         from kb.core.context import Run, default_workers
         from kb.core.errors import SettingError
-        from kb.core.profile import load_profile
         from kb.core.settings import load_settings
         from kb.net import redact
 
@@ -179,7 +181,7 @@ class Options:
             )
         return Run(
             settings=loaded,
-            profile=load_profile(loaded.kb_profile),
+            profile=_profile(loaded.kb_profile, root, needs),
             root=root,
             workers=self.workers or default_workers(),
             limit=self.limit,
@@ -190,6 +192,34 @@ class Options:
             pipeline=str(self.pipeline) if self.pipeline else None,
             progress=progress.choose(quiet=self.quiet),
         )
+
+
+def _profile(given: str | None, root: Path, needs: str) -> Profile:
+    """The profile that was named (an option wins over the setting), else the data root's own, else the default."""
+    from kb.cli.outcome import warn
+    from kb.core.errors import ProfileError
+    from kb.core.profile import DEFAULT, Profile, load_profile
+    from kb.store import belonging
+
+    if needs == "nothing":
+        return Profile(name="none", title="none")
+    if given is not None:
+        profile = load_profile(given)
+        belonging.check(root, profile)
+        return profile
+    bound = belonging.remembered(root)
+    if bound is None:
+        return load_profile(DEFAULT)
+    try:
+        profile, said = belonging.load(root, bound)
+    except ProfileError as error:
+        if needs == "profile":
+            raise
+        warn(f"{error}; {error.hint}" if error.hint else str(error))
+        return Profile(name=bound.name, title=bound.name)
+    if said:
+        warn(said)
+    return profile
 
 
 Part = Annotated[

@@ -100,6 +100,11 @@ def complain(message: str, *, hint: str = "") -> None:
     print(_redact(f"kb: {text}" + (f"; {hint}" if hint else "")), file=sys.stderr, flush=True)
 
 
+def warn(message: str) -> None:
+    """One line on stderr about something that does not end the command."""
+    print(_redact(f"warning: {' '.join(message.split())}"), file=sys.stderr, flush=True)
+
+
 def show_summary(summary: dict[str, Any], as_json: bool) -> None:
     """What a command did, on stdout: a JSON object as the last line, or a line for a person."""
     if as_json:

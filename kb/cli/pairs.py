@@ -73,6 +73,7 @@ def pairs(
 
 @command(
     app,
+    binds=False,
     examples=[
         "kb pairs keywords                           hits per keyword, with three examples each",
         "kb pairs keywords --kind block --videos 500 blocks, in 500 transcripts",

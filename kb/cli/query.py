@@ -77,7 +77,7 @@ def query(
         )
     if out is not None and out.is_dir():
         raise UsageError(f"--out {out} is a folder", hint="name a file in it")
-    run = options.make_run()
+    run = options.make_run(needs="root")
     if options.json and format == Format.table:
         format = Format.json
     with contextlib.closing(views.connect(run.root)) as db:

@@ -37,6 +37,7 @@ class Format(StrEnum):
 @command(
     app,
     uses=("workers", "limit", "wait", "again", "pipeline"),
+    binds=False,
     examples=[
         "kb youtube crawl --plan                  what is left costs: units, calls, hours, GB, days",
         "kb youtube crawl --limit 100             100 videos through every phase",

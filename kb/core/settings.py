@@ -33,7 +33,10 @@ class Settings(BaseSettings):
     zenodo_token: SecretStr | None = Field(None, description="token for `kb release publish`")
     kb_contact: str | None = Field(None, description="e-mail or web address in the User-Agent")
     kb_data: Path = Field(Path("data"), description="the data root")
-    kb_profile: str = Field("minecraft", description="the profile: a name or a path")
+    kb_profile: str | None = Field(
+        None,
+        description="the profile: a name or a path; default: the data root's own, or `minecraft`",
+    )
     kb_youtube_endpoint: str | None = Field(
         None, description="root of the Data API instead of Google's"
     )

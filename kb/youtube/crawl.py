@@ -18,7 +18,7 @@ from kb.core.context import Run
 from kb.core.errors import Blocked, KbError, LimitReached, QuotaSpent, SettingError, Stopped
 from kb.core.verdict import Summary
 from kb.net.rate import Pace, is_loopback
-from kb.store import identity, lock, tombstones
+from kb.store import belonging, identity, lock, tombstones
 from kb.store.frontier import Frontier
 from kb.store.recorder import Recorder
 from kb.youtube import effects, errors
@@ -63,6 +63,7 @@ def crawl(
     with ExitStack() as stack:
         stack.enter_context(lock.writer(run.root, "youtube"))
         api, web = run.settings.kb_youtube_endpoint or GOOGLE, run.settings.kb_youtube_web or SITE
+        belonging.note(run.root, run.profile)
         identity.remember(run.root, "youtube", api=api, web=web)
         frontier = Frontier(run.root / "state" / "youtube.sqlite")
         stack.callback(frontier.close)

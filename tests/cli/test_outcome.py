@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from kb.cli.command import _call
+from kb.cli.command import Nature, _call
 from kb.cli.options import Options
 from kb.core import errors
 from kb.core.resources import folder
@@ -32,7 +32,7 @@ def end(capsys: pytest.CaptureFixture[str]) -> Any:
         def command(given: Options) -> None:
             raise error
 
-        code = _call(command, Options(**options), {}, raw=True, resumable=True)
+        code = _call(command, Options(**options), {}, Nature(raw=True))
         return (code, *capsys.readouterr())
 
     return run
