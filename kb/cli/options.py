@@ -159,14 +159,18 @@ class Options:
         Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
         from kb.cli import progress
+        from kb.cli.outcome import warn
         from kb.core.context import Run, default_workers
         from kb.core.errors import SettingError
         from kb.core.settings import load_settings
+        from kb.core.unknown_settings import unknown_names
         from kb.net import redact
 
         given = {"kb_data": self.data, "kb_profile": self.profile, **settings}
         loaded = load_settings(dotenv=dotenv, **given)
         redact.know(loaded.secret_values())
+        for line in unknown_names(dotenv=dotenv):
+            warn(line)
         if self.scheduler and self.engine != Engine.dask:
             raise SettingError("--scheduler needs --engine dask")
         if self.engine == Engine.dask:

@@ -64,6 +64,7 @@ def crawl(
     profile = run.profile.section("youtube")
     if only != "transcripts":
         run.settings.need("youtube_api_key")
+    run.settings.check_contact()
     if ids and only in ("channels", "uploads"):
         raise SettingError(
             f"--ids skips discovery, so there is nothing to do for --only {only}",

@@ -172,6 +172,27 @@ def test_a_wrong_setting_is_found_before_anything_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_name_that_is_no_setting_is_a_warning(kb: Any, tmp_path: Path) -> None:
+    (tmp_path / ".env").write_text("YOUTUBE_APIKEY=hunter2\n")
+    answer = kb("status", "--quiet")
+    assert answer.returncode == 0
+    assert answer.stderr == (
+        "warning: YOUTUBE_APIKEY in .env is no setting and has no effect; did you mean YOUTUBE_API_KEY?\n"
+    )
+    assert kb("query", "SELECT 1 AS n", "--json").stdout == '[{"n":1}]\n'
+
+
+@pytest.mark.parametrize("source", ["youtube", "wiki", "reddit"])
+def test_a_contact_that_is_none_is_found_before_anything_is_written(
+    kb: Any, tmp_path: Path, source: str
+) -> None:
+    keys = dict.fromkeys(("YOUTUBE_API_KEY", "REDDIT_CLIENT_ID", "REDDIT_CLIENT_SECRET"), "hunter2")
+    answer = kb(source, "crawl", env={**keys, "KB_CONTACT": "me"})
+    assert answer.returncode == 2
+    assert answer.stderr.startswith('kb: KB_CONTACT is "me": must be or hold an e-mail or web')
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_empty_settings_change_nothing(kb: Any, tmp_path: Path) -> None:
     plain = kb("status")
     assert (

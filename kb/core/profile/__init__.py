@@ -30,7 +30,9 @@ class Profile(Section):
     """A whole profile. Sections that a domain has no use for may be left out."""
 
     name: str = Field(
-        pattern=r"^[a-z0-9][a-z0-9_-]*$", description="short name, used in file names and titles"
+        pattern=r"^[a-z0-9][a-z0-9_-]*$",
+        description="short name, used in file names and titles",
+        examples=["stardew-valley"],
     )
     title: str = Field(description="the domain's name for people, e.g. Minecraft")
     seed: int = Field(0, description="seed of every random choice")
