@@ -174,8 +174,9 @@ def _call(
     values: dict[str, Any],
     nature: Nature,
 ) -> int:
-    from kb.cli import logs
+    from kb.cli import as_typed, logs
 
+    as_typed.begin(options)
     try:
         with _signals(nature.resumable):
             logs.configure(quiet=options.quiet, debug=options.debug)
@@ -226,7 +227,8 @@ def _existing(root: Path) -> None:
 
     if not root.is_dir():
         raise SettingError(
-            f"there is no data root {root}", hint="check --data and KB_DATA, or run a crawl first"
+            f"there is no data root {root}",
+            hint="check --data and KB_DATA, or run a crawl first, such as `kb youtube crawl`",
         )
 
 
@@ -245,7 +247,7 @@ def _close(progress: Any) -> None:
 
 
 def _nothing_before(context: Any) -> None:
-    """`kb pairs --limit 3 keywords`: an option of the group itself, which its command would not hear of."""
+    """An option of the group itself before one of its commands, which would not hear of it: refused."""
     for parameter in context.command.params:
         source = context.get_parameter_source(parameter.name)
         if source is not None and source.name == "COMMANDLINE":

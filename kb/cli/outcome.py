@@ -18,6 +18,7 @@ from typing import Any
 import typer
 
 from kb.cli import misplaced
+from kb.cli.as_typed import as_typed
 
 # typer carries its own copy of click; its usage errors are reached through a public name.
 UsageProblem: type[Exception] = typer.BadParameter.__mro__[1]  # type: ignore[assignment]
@@ -97,12 +98,16 @@ def describe(error: BaseException) -> tuple[str, str, int]:
 def complain(message: str, *, hint: str = "") -> None:
     """One line on stderr."""
     text = " ".join(message.split())
-    print(_redact(f"kb: {text}" + (f"; {hint}" if hint else "")), file=sys.stderr, flush=True)
+    print(
+        _redact(as_typed(f"kb: {text}" + (f"; {hint}" if hint else ""))),
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 def warn(message: str) -> None:
     """One line on stderr about something that does not end the command."""
-    print(_redact(f"warning: {' '.join(message.split())}"), file=sys.stderr, flush=True)
+    print(_redact(as_typed(f"warning: {' '.join(message.split())}")), file=sys.stderr, flush=True)
 
 
 def show_summary(summary: dict[str, Any], as_json: bool) -> None:

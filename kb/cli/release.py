@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from kb.cli.as_typed import as_typed
 from kb.cli.command import command, group
 from kb.cli.options import Options
 
@@ -103,5 +104,5 @@ def _listed(run: Run, name: str, *given: object) -> Summary:
         return getattr(load(str(locate("release", run.pipeline))), name)(run, *given)
     except ReleaseRefused as error:
         for line in getattr(error, "problems", []):
-            typer.echo(line, err=True)
+            typer.echo(as_typed(line), err=True)
         raise

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.schema import statements
 from kb.schema.tables import Table, table, tables
-from kb.store.reading import broken, escaped, reading, scan
+from kb.store.reading import advice, broken, escaped, reading, scan
 
 if TYPE_CHECKING:
     import duckdb
@@ -88,7 +88,7 @@ def views(con: duckdb.DuckDBPyConnection, root: Path) -> list[View]:
                 )
         except duckdb.Error as error:
             raise DamagedData(
-                f"{view.files[0].parent}: {one_line(error)}", hint="run filter or export again"
+                f"{view.files[0].parent}: {one_line(error)}", hint=advice(view.files[0])
             ) from None
     return made
 
