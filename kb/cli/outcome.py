@@ -37,7 +37,10 @@ def guarded(run: Callable[[], Any]) -> int:
             return 0
         context = getattr(error, "ctx", None)
         where = context.command_path if context else "kb"
-        complain(misplaced.elsewhere(error) or text.rstrip("."), hint=f"see `{where} --help`")
+        text = text.rstrip(".")
+        if text == "Missing command" and context:
+            text += f": one of {', '.join(context.command.list_commands(context))}"
+        complain(misplaced.elsewhere(error) or text, hint=f"see `{where} --help`")
         return 2
     except typer.Abort:
         return INTERRUPTED
