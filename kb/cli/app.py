@@ -89,7 +89,7 @@ def root(
 
 
 def leaves() -> Iterator[tuple[str, Any]]:
-    """("youtube crawl", its click command) of every command that does something, in the tree's order."""
+    """("youtube crawl", its click command) of every command that does something, in order."""
     tree = typer.main.get_command(app)
     context = typer.Context(tree, info_name="kb")
     for name in TREE:

@@ -1,4 +1,7 @@
-"""Commands that a message names, completed to what has to be typed here: with the --data and --profile of this call."""
+"""Commands that a message names, completed to what has to be typed here.
+
+That is with the --data and --profile of this call.
+"""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class Command(typer.core.TyperCommand):
-    """A command whose help shows its own options first, those it shares with others after, then examples."""
+    """A command whose help shows its own options first, then shared ones, then examples."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Arguments, own options, how to run it, common options."""
@@ -95,12 +95,16 @@ def command(
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Declare a command of `app`.
 
-    `uses`: those of the options in RUNNING that have an effect on it. `without`: those of COMMON that have
-    none. What is not declared is refused (exit 2). `raw`: pass Options instead of a Run. `resumable`: a signal lets the item in hand be finished;
-    otherwise it ends the command at once (queries, servers). `main`: what the group itself does when
-    none of its commands is named. `needs_data`: it works on what was collected, so that a data root that
-    is not there is a mistake, and is not made. `binds`: it writes, so that a data root which holds data and
-    remembers no profile yet remembers the run's.
+    `uses`: those of the options in RUNNING that have an effect on it. `without`: those of COMMON
+    that have none. What is not declared is refused (exit 2).
+    `raw`: pass Options instead of a Run.
+    `resumable`: a signal lets the item in hand be finished; otherwise it ends the command at once
+    (queries, servers).
+    `main`: what the group itself does when none of its commands is named.
+    `needs_data`: it works on what was collected, so that a data root that is not there is a
+    mistake, and is not made.
+    `binds`: it writes, so that a data root which holds data and remembers no profile yet
+    remembers the run's.
     """
 
     def declare(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -247,7 +251,7 @@ def _close(progress: Any) -> None:
 
 
 def _nothing_before(context: Any) -> None:
-    """An option of the group itself before one of its commands, which would not hear of it: refused."""
+    """Refuse an option of the group itself before a command, which would not hear of it."""
     for parameter in context.command.params:
         source = context.get_parameter_source(parameter.name)
         if source is not None and source.name == "COMMANDLINE":

@@ -9,7 +9,7 @@ _NAMED = 3  # commands in the message; of more the first ones are
 
 
 def elsewhere(error: Any) -> str:
-    """What to say of an unknown option that other commands have, those of the same group first; else ""."""
+    """What to say of an unknown option that other commands have; "" where none has it."""
     from kb.cli.app import leaves
 
     option, context = getattr(error, "option_name", None), getattr(error, "ctx", None)

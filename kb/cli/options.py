@@ -24,8 +24,8 @@ class Engine(StrEnum):
     dask = "dask"
 
 
-# name -> (annotation, default); the names are the fields of Options. A command has the common ones, and of
-# the running ones those that it declares: an option without an effect is refused, not ignored.
+# name -> (annotation, default); the names are the fields of Options. A command has the common ones,
+# and of these those that it declares: an option without an effect is refused, not ignored.
 RUNNING: dict[str, tuple[Any, Any]] = {
     "workers": (
         Annotated[
@@ -136,7 +136,7 @@ CLUSTER = ("workers", "engine", "scheduler")  # of what runs in worker processes
 
 @dataclass(frozen=True)
 class Options:
-    """The shared options as they were given; those that a command does not have keep their defaults."""
+    """The shared options as they were given; those a command does not have keep their defaults."""
 
     data: Path | None = None
     profile: str | None = None
@@ -154,8 +154,9 @@ class Options:
     def make_run(self, *, dotenv: bool = True, needs: str = "profile", **settings: object) -> Run:
         """The Run of these options; `settings` (field names) win over the environment.
 
-        `needs`: "profile"; "root" for a command that reads the data root without a profile's rules, so that
-        it works where the remembered file is gone; "nothing" for one that looks at neither.
+        `needs`: "profile"; "root" for a command that reads the data root without a profile's
+        rules, so that it works where the remembered file is gone; "nothing" for one that looks
+        at neither.
         Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
         from kb.cli import progress
@@ -199,7 +200,7 @@ class Options:
 
 
 def _profile(given: str | None, root: Path, needs: str) -> Profile:
-    """The profile that was named (an option wins over the setting), else the data root's own, else the default."""
+    """The profile that was named, else the data root's own, else the default."""
     from kb.cli.outcome import warn
     from kb.core.errors import ProfileError
     from kb.core.profile import DEFAULT, Profile, load_profile

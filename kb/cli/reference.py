@@ -47,8 +47,8 @@ def commands() -> str:
     blocks = [
         "# Commands\n\nAlmost every command has these options; those without one of them say so.\n",
         _option_table([shared[name] for name in COMMON]),
-        "Commands that have a use for them also have these, each as it says below. An option that a command has"
-        " no use for is refused with exit code 2.\n",
+        "Commands that have a use for them also have these, each as it says below."
+        " An option that a command has no use for is refused with exit code 2.\n",
         _option_table([shared[name] for name in RUNNING]),
     ]
     for path, command in leaves():

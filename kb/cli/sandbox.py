@@ -106,7 +106,7 @@ def _model(*, wanted: bool) -> dict[str, str]:
 
 
 def _anywhere(profile: str) -> str:
-    """A profile's file by its whole path, as the settings may be used in another folder; a name as it is."""
+    """A profile's file by its whole path, for use in another folder; a name as it is."""
     path = Path(profile)
     return str(path.absolute()) if path.is_file() else profile
 

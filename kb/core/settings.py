@@ -171,8 +171,10 @@ class Settings(BaseSettings):
         """Raises SettingError when a contact is set that nobody could write to or look at."""
         if self.kb_contact and not _CONTACT.search(self.kb_contact):
             raise SettingError(
-                f"KB_CONTACT is {wording.shown(self.kb_contact)}: must be or hold an e-mail or web address",
-                hint="such as me@example.org or https://example.org/about; services see it in the User-Agent",
+                f"KB_CONTACT is {wording.shown(self.kb_contact)}:"
+                " must be or hold an e-mail or web address",
+                hint="such as me@example.org or https://example.org/about;"
+                " services see it in the User-Agent",
             )
 
 
@@ -193,7 +195,7 @@ def _has_port(parts: SplitResult) -> bool:
 
 
 def _said(error: ValidationError) -> str:
-    """The first problem: the name, what was given unless it is or may hold a secret, what is expected."""
+    """The first problem: the name, what was given if it can't hold a secret, what is expected."""
     first = error.errors(include_url=False)[0]
     name = str(first["loc"][0]) if first["loc"] else ""
     field = Settings.model_fields.get(name)

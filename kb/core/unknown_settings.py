@@ -18,7 +18,8 @@ _OF_TESTS = ("KB_TEST_", "KB_BENCH_", "KB_RECORDED")
 def unknown_names(*, dotenv: bool = True) -> list[str]:
     """One line for each name, with the nearest right one, and never with its value.
 
-    Other programs have settings that begin with YOUTUBE_ or REDDIT_: in the environment only KB_ is ours.
+    Other programs have settings that begin with YOUTUBE_ or REDDIT_: in the environment only
+    KB_ is ours.
     """
     lines = []
     if dotenv and Path(".env").is_file():

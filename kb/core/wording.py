@@ -53,7 +53,7 @@ _EXAMPLES = {
 
 
 def wrong(problem: Any, field: FieldInfo | None) -> str:
-    """What is expected of a value, with an example: the field's own, or one made of what was given."""
+    """What is expected, with an example: the field's own, or one made of what was given."""
     kind = problem["type"]
     if kind in ("value_error", "assertion_error"):
         said = problem["msg"].removeprefix("Value error, ")

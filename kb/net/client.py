@@ -27,7 +27,8 @@ def make_session(settings: Settings) -> requests.Session:
     """A session with our User-Agent and timeouts. Not for several threads at once.
 
     It retries nothing by itself: that is kb.net.retry's. Credentials are those of the settings alone,
-    never of ~/.netrc; proxies of the environment are used. Raises SettingError for a contact that is none.
+    never of ~/.netrc; proxies of the environment are used. Raises SettingError for a contact
+    that is none.
     """
     import requests
 

@@ -22,7 +22,7 @@ _CUES = 2_000_000  # cues in memory at once, whatever the number of transcripts
 
 
 def parts(root: Path, table: str = "transcripts", *, index: Path | None = None) -> list[Path]:
-    """The files of a clean YouTube table, in order. Raises FatalError when there are no transcripts.
+    """The files of a clean YouTube table, in order. FatalError when there are no transcripts.
 
     `index`: the released pairs whose transcripts are wanted, for the advice.
     """

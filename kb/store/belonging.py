@@ -1,8 +1,8 @@
-"""A data root remembers the profile that its data was made with: its keywords and thresholds fit no other domain.
+"""A data root remembers the profile of its data, whose keywords and thresholds fit no other domain.
 
-state/profile.json holds the name and, for a profile of one's own, its file. Like a service's host it binds
-once something is stored: a mistyped profile that nothing came from does no harm. Numbers may change within
-a profile; another name is refused (OtherService, exit 2).
+state/profile.json holds the name and, for a profile of one's own, its file. Like a service's host
+it binds once something is stored: a mistyped profile that nothing came from does no harm. Numbers
+may change within a profile; another name is refused (OtherService, exit 2).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _FOLDERS = ("clean", "pairs", "release")
 
 
 class Remembered(msgspec.Struct, frozen=True):
-    """A profile by name; `file` is where one of the user's own was, `from_root` the same from the data root."""
+    """A profile by name; `file`: where one of the user's own was, `from_root`: from the root."""
 
     name: str
     file: str | None = None
@@ -49,7 +49,8 @@ def check(root: Path, profile: Profile) -> None:
 def load(root: Path, bound: Remembered) -> tuple[Profile, str]:
     """The remembered profile, and a line for the user when it is not the file that it was.
 
-    Raises ProfileError when it is gone or can't be read, OtherService when its file has another name now.
+    Raises ProfileError when it is gone or can't be read, OtherService when its file has another
+    name now.
     """
     said = ""
     if bound.file is None:
@@ -76,7 +77,7 @@ def load(root: Path, bound: Remembered) -> tuple[Profile, str]:
 def note(root: Path, profile: Profile) -> None:
     """Remember the profile of what is about to be written; the file may be another one than before.
 
-    A data root of before there was such a memory is bound too, where the rest that it remembers agrees.
+    A data root of before there was such a memory is bound too, where the rest it remembers agrees.
     Raises OtherService.
     """
     check(root, profile)
@@ -121,12 +122,14 @@ def _holds_data(root: Path) -> bool:
 def _agrees(root: Path, profile: Profile) -> bool:
     """Whether hosts and subreddit, as far as they were noted, can be this profile's.
 
-    A subreddit comes from nowhere else, so another one is refused. A wiki's address may have been a setting.
+    A subreddit comes from nowhere else, so another one is refused. A wiki's address may have been
+    a setting.
     """
     subreddit = identity.noted(root, "reddit").get("subreddit")
     if profile.reddit and subreddit and subreddit != profile.reddit.subreddit.lower():
         raise OtherService(
-            f"{root} holds reddit data of subreddit {subreddit}, which is not that of the profile {profile.name!r}",
+            f"{root} holds reddit data of subreddit {subreddit},"
+            f" which is not that of the profile {profile.name!r}",
             hint="use another --data folder, or the --profile it was made with",
         )
     wiki = identity.noted(root, "wiki").get("wiki")

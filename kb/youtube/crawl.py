@@ -184,7 +184,7 @@ def _run_lanes(job: Job) -> list[KbError]:
 
 
 def _nowhere(job: Job) -> FatalError | None:
-    """Name the keywords that find no channel; the error where none finds any, as nothing can follow then."""
+    """Name keywords that find no channel; the error where none finds any: nothing can follow."""
     if SEARCHES not in job.phases:
         return None
     words = job.profile.keywords
