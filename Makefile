@@ -11,6 +11,10 @@ KB := exec "$(HERE).ci/kb"
 	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct \
 	models annotate pairs release report status test bench lock reference
 
+# What is no target: said in one line, before anything is set up.
+.DEFAULT:
+	@echo "make: there is no target '$@'; make help lists them" >&2; exit 2
+
 help:               ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/\1|\2/p' '$(HERE)Makefile' | while IFS='|' read -r n d; do printf '  make %-20s %s\n' "$$n" "$$d"; done
 setup:              ## make .venv with the locked dependencies, and find a browser

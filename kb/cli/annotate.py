@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
+from kb.cli.options import CLUSTER
 
 if TYPE_CHECKING:
     from kb.core.context import Run
     from kb.core.verdict import Summary
+
+_USES = (*CLUSTER, "limit", "pipeline")
 
 app = group("Toxicity scores for text that has none yet; `filter` calls it.")
 
@@ -73,7 +76,9 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
     )
 
 
-@command(app, examples=["kb annotate youtube                     titles and descriptions"])
+@command(
+    app, uses=_USES, examples=["kb annotate youtube                     titles and descriptions"]
+)
 def youtube(
     run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
 ) -> Summary:
@@ -81,7 +86,9 @@ def youtube(
     return _annotate(run, "youtube", precision, device)
 
 
-@command(app, examples=["kb annotate wiki                        each page's visible text"])
+@command(
+    app, uses=_USES, examples=["kb annotate wiki                        each page's visible text"]
+)
 def wiki(
     run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
 ) -> Summary:
@@ -91,6 +98,7 @@ def wiki(
 
 @command(
     app,
+    uses=_USES,
     examples=[
         "kb annotate reddit --precision int8     faster; what lies near the threshold is computed exactly",
         "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import typer
@@ -85,6 +86,19 @@ def root(
     ] = False,
 ) -> None:
     """Build an open knowledge base about a domain from YouTube, a wiki and Reddit."""
+
+
+def leaves() -> Iterator[tuple[str, Any]]:
+    """("youtube crawl", its click command) of every command that does something, in order."""
+    tree = typer.main.get_command(app)
+    context = typer.Context(tree, info_name="kb")
+    for name in TREE:
+        command = tree.get_command(context, name)  # type: ignore[attr-defined]
+        inner = getattr(command, "commands", {})
+        if not inner or command.invoke_without_command:
+            yield name, command
+        for child, leaf in inner.items():
+            yield f"{name} {child}", leaf
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -2,7 +2,7 @@
 
     app = group("Channels, videos and transcripts.")
 
-    @command(app, examples=["kb youtube crawl --limit 100"])
+    @command(app, uses=("limit", "wait"), examples=["kb youtube crawl --limit 100"])
     def crawl(run: Run, only: Annotated[Phase | None, typer.Option(help="…")] = None) -> Summary:
         '''First line: the short help. The rest: the long one.'''
         from kb.youtube.crawl import crawl      # heavy things inside
@@ -20,23 +20,24 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import typer
 import typer.core
 
 from kb.cli import outcome
-from kb.cli.options import COMMON, Options
+from kb.cli.options import COMMON, RUNNING, SHARED, Options
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 
 class Command(typer.core.TyperCommand):
-    """A command whose help shows its own options first, the common ones after, then examples."""
+    """A command whose help shows its own options first, then shared ones, then examples."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Arguments, own options, common options."""
+        """Arguments, own options, how to run it, common options."""
         _write_options(self, ctx, formatter)
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
@@ -57,6 +58,17 @@ class Group(typer.core.TyperGroup):
         _write_examples(self.epilog, formatter)
 
 
+@dataclass(frozen=True)
+class Nature:
+    """How a command is called, as `command` was told."""
+
+    raw: bool = False
+    resumable: bool = True
+    needs_data: bool = False
+    needs: str = "profile"
+    binds: bool = False
+
+
 def group(about: str) -> typer.Typer:
     """An app for a file of kb/cli: a group of commands, or the holder of a single one."""
     return typer.Typer(
@@ -73,22 +85,42 @@ def command(
     name: str | None = None,
     *,
     examples: Sequence[str],
+    uses: Sequence[str] = (),
+    without: Sequence[str] = (),
     raw: bool = False,
     resumable: bool = True,
     main: bool = False,
     needs_data: bool = False,
     cls: type[Command] = Command,
+    binds: bool = True,
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Declare a command of `app`.
 
-    `raw`: pass Options instead of a Run. `resumable`: a signal lets the item in hand be finished;
-    otherwise it ends the command at once (queries, servers). `main`: what the group itself does when
-    none of its commands is named. `needs_data`: it works on what was collected, so that a data root that
-    is not there is a mistake, and is not made. `cls`: how it reads its arguments.
+    `uses`: those of the options in RUNNING that have an effect on it. `without`: those of COMMON
+    that have none. What is not declared is refused (exit 2).
+    `raw`: pass Options instead of a Run.
+    `resumable`: a signal lets the item in hand be finished; otherwise it ends the command at once
+    (queries, servers).
+    `main`: what the group itself does when none of its commands is named.
+    `needs_data`: it works on what was collected, so that a data root that is not there is a
+    mistake, and is not made.
+    `cls`: how it reads its arguments.
+    `binds`: it writes, so that a data root which holds data and remembers no profile yet
+    remembers the run's.
     """
 
     def declare(function: Callable[..., Any]) -> Callable[..., Any]:
-        wrapped = _wrap(function, raw=raw, resumable=resumable, main=main, needs_data=needs_data)
+        shared = [
+            name for name in SHARED if name in uses or (name in COMMON and name not in without)
+        ]
+        nature = Nature(
+            raw=raw,
+            resumable=resumable,
+            needs_data=needs_data,
+            needs="profile" if "data" in shared else "nothing",
+            binds=binds and not raw and "data" in shared,
+        )
+        wrapped = _wrap(function, shared, nature, main=main)
         epilog = "\n".join(examples)
         if main:
             app.callback(invoke_without_command=True, cls=Group, epilog=epilog)(wrapped)
@@ -100,7 +132,7 @@ def command(
 
 
 def _wrap(
-    function: Callable[..., Any], *, raw: bool, resumable: bool, main: bool, needs_data: bool
+    function: Callable[..., Any], shared: Sequence[str], nature: Nature, *, main: bool
 ) -> Callable[..., Any]:
     signature = inspect.signature(function)
     _, *own = signature.parameters.values()
@@ -115,9 +147,12 @@ def _wrap(
     ]
     parameters += [
         inspect.Parameter(
-            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=SHARED[name][1],
+            annotation=SHARED[name][0],
         )
-        for name, (annotation, default) in COMMON.items()
+        for name in shared
     ]
     if main:
         parameters.append(
@@ -127,9 +162,10 @@ def _wrap(
     def run(**values: Any) -> int:
         context = values.pop("context", None)
         if context is not None and context.invoked_subcommand is not None:
+            _nothing_before(context)
             return 0
-        options = Options(**{name: values.pop(name) for name in COMMON})
-        return _call(function, options, values, raw=raw, resumable=resumable, needs_data=needs_data)
+        options = Options(**{name: values.pop(name) for name in shared})
+        return _call(function, options, values, nature)
 
     run.__doc__ = function.__doc__
     run.__name__ = function.__name__
@@ -142,19 +178,19 @@ def _call(
     function: Callable[..., Any],
     options: Options,
     values: dict[str, Any],
-    *,
-    raw: bool,
-    resumable: bool,
-    needs_data: bool = False,
+    nature: Nature,
 ) -> int:
-    from kb.cli import logs
+    from kb.cli import as_typed, logs
 
+    as_typed.begin(options)
     try:
-        with _signals(resumable):
+        with _signals(nature.resumable):
             logs.configure(quiet=options.quiet, debug=options.debug)
-            first: Any = options if raw else options.make_run()
-            if needs_data:
+            first: Any = options if nature.raw else options.make_run(needs=nature.needs)
+            if nature.needs_data:
                 _existing(first.root)
+            if nature.binds:
+                _bind(first)
             try:
                 summary = function(first, **values)
             finally:
@@ -197,8 +233,15 @@ def _existing(root: Path) -> None:
 
     if not root.is_dir():
         raise SettingError(
-            f"there is no data root {root}", hint="check --data and KB_DATA, or run a crawl first"
+            f"there is no data root {root}",
+            hint="check --data and KB_DATA, or run a crawl first, such as `kb youtube crawl`",
         )
+
+
+def _bind(run: Any) -> None:
+    from kb.store import belonging
+
+    belonging.note_if_stored(run.root, run.profile)
 
 
 def _close(progress: Any) -> None:
@@ -209,10 +252,24 @@ def _close(progress: Any) -> None:
     sys.stderr.flush()
 
 
+def _nothing_before(context: Any) -> None:
+    """Refuse an option of the group itself before a command, which would not hear of it."""
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name)
+        if source is not None and source.name == "COMMANDLINE":
+            name = context.invoked_subcommand
+            raise outcome.UsageProblem(
+                f"{parameter.opts[0]} stands before `{name}`, which would not hear of it:"
+                f" write `{context.command_path} {name} {parameter.opts[0]} …`",
+                context,  # type: ignore[call-arg]
+            )
+
+
 def _write_options(self: Any, ctx: Any, formatter: Any) -> None:
     sections: dict[str, list[tuple[str, str]]] = {
         "Arguments": [],
         "Options": [],
+        "Run options": [],
         "Common options": [],
     }
     for parameter in self.get_params(ctx):
@@ -222,11 +279,17 @@ def _write_options(self: Any, ctx: Any, formatter: Any) -> None:
         if parameter.param_type_name == "argument":
             sections["Arguments"].append(record)
         else:
-            sections["Common options" if parameter.name in COMMON else "Options"].append(record)
+            sections[_section_of(parameter.name)].append(record)
     for title, records in sections.items():
         if records:
             with formatter.section(title):
                 formatter.write_dl(records)
+
+
+def _section_of(name: str) -> str:
+    if name in RUNNING:
+        return "Run options"
+    return "Common options" if name in COMMON or name == "help" else "Options"
 
 
 def _write_examples(epilog: str | None, formatter: Any) -> None:

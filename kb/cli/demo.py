@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.cli.command import command, group
+from kb.cli.options import CLUSTER
 
 if TYPE_CHECKING:
     from kb.cli.options import Options
@@ -27,6 +28,7 @@ _FINISHED = "demo-finished"
 @command(
     app,
     raw=True,
+    uses=CLUSTER,
     examples=[
         "kb demo                     under data/demo; a finished demo starts afresh, a stopped one goes on",
         "kb demo --data /tmp/try     under /tmp/try/demo",

@@ -22,6 +22,7 @@ def models() -> None:
 
 @command(
     app,
+    without=("data", "profile"),
     examples=[
         "kb models fetch                the model that the paper used, Detoxify `original`",
         "kb models fetch unbiased       another one; then set KB_TOXICITY_MODEL=unbiased",

@@ -1,4 +1,4 @@
-"""The options that every command has, in one place, and the Run that they make."""
+"""The options that commands share, in one place, and the Run that they make."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
     from kb.core.context import Run
+    from kb.core.profile import Profile
 
 
 class Engine(StrEnum):
@@ -23,28 +24,9 @@ class Engine(StrEnum):
     dask = "dask"
 
 
-# name -> (annotation, default); the names are the fields of Options.
-COMMON: dict[str, tuple[Any, Any]] = {
-    "data": (
-        Annotated[
-            Path | None,
-            typer.Option(
-                "--data", metavar="DIR", help="The data root. [default: KB_DATA, or data]"
-            ),
-        ],
-        None,
-    ),
-    "profile": (
-        Annotated[
-            str | None,
-            typer.Option(
-                "--profile",
-                metavar="NAME|FILE",
-                help="The domain: a shipped profile or a .toml file. [default: KB_PROFILE, or minecraft]",
-            ),
-        ],
-        None,
-    ),
+# name -> (annotation, default); the names are the fields of Options. A command has the common ones,
+# and of these those that it declares: an option without an effect is refused, not ignored.
+RUNNING: dict[str, tuple[Any, Any]] = {
     "workers": (
         Annotated[
             int | None,
@@ -110,6 +92,29 @@ COMMON: dict[str, tuple[Any, Any]] = {
         ],
         None,
     ),
+}
+COMMON: dict[str, tuple[Any, Any]] = {
+    "data": (
+        Annotated[
+            Path | None,
+            typer.Option(
+                "--data", metavar="DIR", help="The data root. [default: KB_DATA, or data]"
+            ),
+        ],
+        None,
+    ),
+    "profile": (
+        Annotated[
+            str | None,
+            typer.Option(
+                "--profile",
+                metavar="NAME|FILE",
+                help="The domain: a shipped profile or a .toml file."
+                " [default: KB_PROFILE, or the data root's own, or minecraft]",
+            ),
+        ],
+        None,
+    ),
     "quiet": (
         Annotated[bool, typer.Option("--quiet", help="No progress; warnings and errors only.")],
         False,
@@ -125,11 +130,13 @@ COMMON: dict[str, tuple[Any, Any]] = {
         False,
     ),
 }
+SHARED = {**RUNNING, **COMMON}
+CLUSTER = ("workers", "engine", "scheduler")  # of what runs in worker processes
 
 
 @dataclass(frozen=True)
 class Options:
-    """The common options as they were given."""
+    """The shared options as they were given; those a command does not have keep their defaults."""
 
     data: Path | None = None
     profile: str | None = None
@@ -144,21 +151,27 @@ class Options:
     json: bool = False
     debug: bool = False
 
-    def make_run(self, *, dotenv: bool = True, **settings: object) -> Run:
+    def make_run(self, *, dotenv: bool = True, needs: str = "profile", **settings: object) -> Run:
         """The Run of these options; `settings` (field names) win over the environment.
 
-        Raises SettingError or ProfileError before anything is sent or written.
+        `needs`: "profile"; "root" for a command that reads the data root without a profile's
+        rules, so that it works where the remembered file is gone; "nothing" for one that looks
+        at neither.
+        Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
         from kb.cli import progress
+        from kb.cli.outcome import warn
         from kb.core.context import Run, default_workers
         from kb.core.errors import SettingError
-        from kb.core.profile import load_profile
         from kb.core.settings import load_settings
+        from kb.core.unknown_settings import unknown_names
         from kb.net import redact
 
         given = {"kb_data": self.data, "kb_profile": self.profile, **settings}
         loaded = load_settings(dotenv=dotenv, **given)
         redact.know(loaded.secret_values())
+        for line in unknown_names(dotenv=dotenv):
+            warn(line)
         if self.scheduler and self.engine != Engine.dask:
             raise SettingError("--scheduler needs --engine dask")
         if self.engine == Engine.dask:
@@ -173,7 +186,7 @@ class Options:
             )
         return Run(
             settings=loaded,
-            profile=load_profile(loaded.kb_profile),
+            profile=_profile(loaded.kb_profile, root, needs),
             root=root,
             workers=self.workers or default_workers(),
             limit=self.limit,
@@ -184,6 +197,34 @@ class Options:
             pipeline=str(self.pipeline) if self.pipeline else None,
             progress=progress.choose(quiet=self.quiet),
         )
+
+
+def _profile(given: str | None, root: Path, needs: str) -> Profile:
+    """The profile that was named, else the data root's own, else the default."""
+    from kb.cli.outcome import warn
+    from kb.core.errors import ProfileError
+    from kb.core.profile import DEFAULT, Profile, load_profile
+    from kb.store import belonging
+
+    if needs == "nothing":
+        return Profile(name="none", title="none")
+    if given is not None:
+        profile = load_profile(given)
+        belonging.check(root, profile)
+        return profile
+    bound = belonging.remembered(root)
+    if bound is None:
+        return load_profile(DEFAULT)
+    try:
+        profile, said = belonging.load(root, bound)
+    except ProfileError as error:
+        if needs == "profile":
+            raise
+        warn(f"{error}; {error.hint}" if error.hint else str(error))
+        return Profile(name=bound.name, title=bound.name)
+    if said:
+        warn(said)
+    return profile
 
 
 Part = Annotated[

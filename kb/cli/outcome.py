@@ -17,6 +17,9 @@ from typing import Any
 
 import typer
 
+from kb.cli import misplaced
+from kb.cli.as_typed import as_typed
+
 # typer carries its own copy of click; its usage errors are reached through a public name.
 UsageProblem: type[Exception] = typer.BadParameter.__mro__[1]  # type: ignore[assignment]
 
@@ -34,7 +37,10 @@ def guarded(run: Callable[[], Any]) -> int:
             return 0
         context = getattr(error, "ctx", None)
         where = context.command_path if context else "kb"
-        complain(text.rstrip("."), hint=f"see `{where} --help`")
+        text = text.rstrip(".")
+        if text == "Missing command" and context:
+            text += f": one of {', '.join(context.command.list_commands(context))}"
+        complain(misplaced.elsewhere(error) or text, hint=f"see `{where} --help`")
         return 2
     except typer.Abort:
         return INTERRUPTED
@@ -103,7 +109,15 @@ def complain(message: str, *, hint: str = "") -> None:
     from kb.core import terminal
 
     text = " ".join(message.split())
-    line = _redact(f"kb: {text}" + (f"; {hint}" if hint else ""))
+    line = _redact(as_typed(f"kb: {text}" + (f"; {hint}" if hint else "")))
+    print(terminal.one_line(line), file=sys.stderr, flush=True)
+
+
+def warn(message: str) -> None:
+    """One line on stderr about something that does not end the command."""
+    from kb.core import terminal
+
+    line = _redact(as_typed(f"warning: {' '.join(message.split())}"))
     print(terminal.one_line(line), file=sys.stderr, flush=True)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
+from kb.cli.options import CLUSTER
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -29,6 +30,7 @@ class Format(StrEnum):
 @command(
     app,
     main=True,
+    uses=(*CLUSTER, "limit", "again", "pipeline"),
     examples=[
         "kb pairs                                    match, grow, choose: pairs/ with text, release/pairs/ without",
         "kb pairs --limit 1000                       1,000 transcripts now, the rest with the next run",
@@ -62,11 +64,16 @@ def pairs(
         return pipeline.pairs(run, format.value)
     if format is not Format.parquet:
         raise SettingError("--from-index fills pairs/; it goes with no --format")
+    if run.limit is not None or run.again:
+        raise SettingError(
+            "--from-index fills every text at once; it goes with no --limit, --again"
+        )
     return pipeline.refill(run, from_index)
 
 
 @command(
     app,
+    binds=False,
     examples=[
         "kb pairs keywords                           hits per keyword, with three examples each",
         "kb pairs keywords --kind block --videos 500 blocks, in 500 transcripts",

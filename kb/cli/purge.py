@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
-from kb.cli.options import pipeline
+from kb.cli.options import CLUSTER, pipeline
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -24,13 +24,18 @@ Ids = Annotated[
 ]
 
 
-@command(app, needs_data=True, examples=["kb purge youtube", "kb purge youtube --ids gone.txt"])
+@command(
+    app,
+    uses=CLUSTER,
+    needs_data=True,
+    examples=["kb purge youtube", "kb purge youtube --ids gone.txt"],
+)
 def youtube(run: Run, ids: Ids = None) -> Summary:
     """Remove videos that vanished from YouTube, or are named, from every folder, and remember them."""
     return pipeline(run, "purge").purge(run, "youtube", ids)
 
 
-@command(app, needs_data=True, examples=["kb purge wiki --ids pages.txt"])
+@command(app, uses=CLUSTER, needs_data=True, examples=["kb purge wiki --ids pages.txt"])
 def wiki(run: Run, ids: Ids = None) -> Summary:
     """Remove pages that the wiki deleted, or that are named, from every folder, and remember them.
 
@@ -40,7 +45,12 @@ def wiki(run: Run, ids: Ids = None) -> Summary:
     return pipeline(run, "purge").purge(run, "wiki", ids)
 
 
-@command(app, needs_data=True, examples=["kb purge reddit", "kb purge reddit --ids requests.txt"])
+@command(
+    app,
+    uses=CLUSTER,
+    needs_data=True,
+    examples=["kb purge reddit", "kb purge reddit --ids requests.txt"],
+)
 def reddit(run: Run, ids: Ids = None) -> Summary:
     """Remove posts and comments that were deleted or removed, or are named, and remember them."""
     return pipeline(run, "purge").purge(run, "reddit", ids)

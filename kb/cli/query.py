@@ -53,6 +53,7 @@ def _uncommented(argument: str) -> str:
 @command(
     app,
     raw=True,
+    uses=("limit",),
     resumable=False,
     cls=SqlCommand,
     examples=[
@@ -118,7 +119,7 @@ def query(
     chosen = choose(asked, out)
     if not tables:
         sql = _read(sql, file)
-    run = options.make_run()
+    run = options.make_run(needs="root")
     _there(run)
     with contextlib.closing(connect(run.root)) as db:
         if tables:

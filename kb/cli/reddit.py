@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
+from kb.cli.options import CLUSTER
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -38,6 +39,7 @@ Until = Annotated[
 
 @command(
     app,
+    uses=("limit", "wait", "again"),
     examples=[
         "kb reddit crawl                          every listing of the profile's subreddit, and all comments",
         "kb reddit crawl --limit 100              100 posts with their comments",
@@ -60,6 +62,7 @@ def crawl(run: Run, since: Since = None, until: Until = None) -> Summary:
 @command(
     app,
     name="import",
+    uses=(*CLUSTER, "limit", "again"),
     examples=[
         "kb reddit import RS_2024-01.zst RC_2024-01.zst       monthly dumps, all subreddits mixed",
         "kb reddit import Minecraft_submissions.zst           a file of one subreddit",
@@ -93,7 +96,12 @@ def import_(
     return import_dumps(run, files, since=begin, until=end)
 
 
-@command(app, name="filter", examples=["kb reddit filter", "kb reddit filter --profile mine.toml"])
+@command(
+    app,
+    name="filter",
+    uses=(*CLUSTER, "limit", "pipeline"),
+    examples=["kb reddit filter", "kb reddit filter --profile mine.toml"],
+)
 def filter_(run: Run) -> Summary:
     """Sort raw answers into clean/reddit: kept, rejected with the reason, failed and pending."""
     from kb.filters.clean import run_clean
@@ -101,7 +109,11 @@ def filter_(run: Run) -> Summary:
     return run_clean(run, "reddit")
 
 
-@command(app, examples=["kb reddit export", "kb reddit export --format convokit"])
+@command(
+    app,
+    uses=("engine", "scheduler", "pipeline"),
+    examples=["kb reddit export", "kb reddit export --format convokit"],
+)
 def export(
     run: Run,
     format: Annotated[
@@ -116,6 +128,7 @@ def export(
 
 @command(
     app,
+    uses=("limit", "wait", "again"),
     examples=[
         "kb reddit reconstruct                                 the data root's own release",
         "kb reddit reconstruct --ids posts-00000-of-00001.parquet --out full",

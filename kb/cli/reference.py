@@ -32,51 +32,50 @@ def pages() -> dict[str, str]:
 
 
 def commands() -> str:
-    """Every command with its own options and examples; the common options once."""
-    import typer.main
+    """Every command with its own options and examples; the shared options once."""
+    import typer
 
-    from kb.cli.app import TREE, app
-    from kb.cli.options import COMMON
+    from kb.cli.app import leaves
+    from kb.cli.options import COMMON, RUNNING
 
-    root = typer.main.get_command(app)
-    context = typer.Context(root, info_name="kb")
-    blocks = ["# Commands\n\nEach command has these options, and its own ones below.\n"]
-    first = True
-    for name in TREE:
-        if importlib.util.find_spec(TREE[name][0]) is None:
-            continue
-        for path, command in _leaves(name, root.get_command(context, name)):  # type: ignore[attr-defined]
-            inner = typer.Context(command, info_name=f"kb {path}")
-            options = [
-                p for p in command.params if p.param_type_name == "option" and p.name != "help"
-            ]
-            if first:
-                blocks.append(_option_table([p for p in options if p.name in COMMON], inner))
-                first = False
-            usage = " ".join(command.collect_usage_pieces(inner)).replace("[OPTIONS]", "[options]")
-            blocks.append(
-                f"## `kb {path}`\n\n{_paragraphs(command.help)}\n\nUsage: `kb {path} {usage}`\n"
-            )
-            arguments = [p for p in command.params if p.param_type_name == "argument"]
-            if arguments:
-                blocks.append(_option_table(arguments, inner))
-            own = [p for p in options if p.name not in COMMON]
-            if own:
-                blocks.append(_option_table(own, inner))
-            blocks.append(f"```\n{command.epilog}\n```\n")
+    shared = {
+        p.name: (p, typer.Context(command, info_name=f"kb {path}"))
+        for path, command in leaves()
+        for p in command.params
+        if p.name in COMMON or p.name in RUNNING
+    }
+    blocks = [
+        "# Commands\n\nAlmost every command has these options; those without one of them say so.\n",
+        _option_table([shared[name] for name in COMMON]),
+        "Commands that have a use for them also have these, each as it says below."
+        " An option that a command has no use for is refused with exit code 2.\n",
+        _option_table([shared[name] for name in RUNNING]),
+    ]
+    for path, command in leaves():
+        inner = typer.Context(command, info_name=f"kb {path}")
+        options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
+        usage = " ".join(command.collect_usage_pieces(inner)).replace("[OPTIONS]", "[options]")
+        blocks.append(
+            f"## `kb {path}`\n\n{_paragraphs(command.help)}\n\nUsage: `kb {path} {usage}`\n"
+        )
+        arguments = [p for p in command.params if p.param_type_name == "argument"]
+        own = [p for p in options if p.name not in shared]
+        for table in filter(None, (arguments, own)):
+            blocks.append(_option_table([(p, inner) for p in table]))
+        names = {p.name for p in options}
+        also = [f"`--{name}`" for name in RUNNING if name in names]
+        lacking = [f"`--{name}`" for name in COMMON if name not in names]
+        if also:
+            blocks.append(f"Also: {', '.join(also)}.\n")
+        if lacking:
+            blocks.append(f"Without: {', '.join(lacking)}.\n")
+        blocks.append(f"```\n{command.epilog}\n```\n")
     return "\n".join(blocks)
 
 
-def _leaves(name: str, command: Any) -> Iterator[tuple[str, Any]]:
-    inner = getattr(command, "commands", {})
-    if not inner or command.invoke_without_command:
-        yield name, command
-    for child, leaf in inner.items():
-        yield f"{name} {child}", leaf
-
-
-def _option_table(parameters: list[Any], context: Any) -> str:
-    records = [parameter.get_help_record(context) for parameter in parameters]
+def _option_table(parameters: list[tuple[Any, Any]]) -> str:
+    """Options or arguments, each with the context of its command."""
+    records = [parameter.get_help_record(context) for parameter, context in parameters]
     rows = [
         f"| `{name.replace('|', chr(92) + '|')}` | {_cell(text)} |"
         for name, text in filter(None, records)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from kb.cli.command import command, group
+from kb.cli.options import CLUSTER
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -14,7 +15,10 @@ app = group("Read again what the services' terms ask to keep fresh.")
 
 
 @command(
-    app, needs_data=True, examples=["kb refresh youtube --wait", "kb refresh youtube --limit 5000"]
+    app,
+    uses=("limit", "wait"),
+    needs_data=True,
+    examples=["kb refresh youtube --wait", "kb refresh youtube --limit 5000"],
 )
 def youtube(run: Run) -> Summary:
     """Read statistics older than the profile's max_age_days again and mark videos that vanished.
@@ -26,7 +30,12 @@ def youtube(run: Run) -> Summary:
     return refresh(run)
 
 
-@command(app, needs_data=True, examples=["kb refresh reddit --wait"])
+@command(
+    app,
+    uses=(*CLUSTER, "limit", "wait", "again"),
+    needs_data=True,
+    examples=["kb refresh reddit --wait"],
+)
 def reddit(run: Run) -> Summary:
     """Read scores, removals and deletions again, 100 ids a request, with your own app's key.
 

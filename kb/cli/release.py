@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from kb.cli.as_typed import as_typed
 from kb.cli.command import command, group
 from kb.cli.options import Options
 
@@ -27,6 +28,7 @@ class Target(StrEnum):
 @command(
     app,
     main=True,
+    uses=("pipeline",),
     examples=[
         "kb release                               check every folder, then write all that surrounds the data",
         "kb release publish --to zenodo-sandbox   a draft of each folder, to look at",
@@ -43,6 +45,7 @@ def release(run: Run) -> Summary:
 @command(
     app,
     raw=True,
+    uses=("wait", "pipeline"),
     examples=[
         "kb release publish --to zenodo-sandbox             upload drafts to the sandbox",
         "kb release publish --to zenodo                     upload drafts",
@@ -98,5 +101,5 @@ def _listed(run: Run, name: str, *given: object) -> Summary:
         return getattr(load(str(locate("release", run.pipeline))), name)(run, *given)
     except ReleaseRefused as error:
         for line in getattr(error, "problems", []):
-            typer.echo(terminal.one_line(line), err=True)
+            typer.echo(terminal.one_line(as_typed(line)), err=True)
         raise

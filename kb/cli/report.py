@@ -16,6 +16,7 @@ app = group("Figures and one HTML page of what was collected.")
 @command(
     app,
     needs_data=True,
+    uses=("workers",),
     examples=[
         "kb report                                what is there so far; open report/index.html"
     ],

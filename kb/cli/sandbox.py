@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -24,6 +25,7 @@ app = group("Invented services on this machine, to try everything on.")
 @command(
     app,
     raw=True,
+    without=("json",),
     resumable=False,
     examples=[
         "kb sandbox -- kb youtube crawl --data /tmp/try     a command with the settings that point at the sandbox",
@@ -68,17 +70,16 @@ def sandbox(
     from kb.sandbox.world import World
 
     with Sandbox(World(seed, n_channels=channels, n_videos=videos)) as services:
+        given = {
+            "KB_DATA": options.data and str(options.data.absolute()),
+            "KB_PROFILE": options.profile and _anywhere(options.profile),
+        }
         settings = services.settings() | _model(wanted=model)
+        settings |= {name: value for name, value in given.items() if value}
         if env is not None:
             _write(env, settings)
         if run:
-            given = {
-                "KB_DATA": options.data and str(options.data.absolute()),
-                "KB_PROFILE": options.profile,
-            }
-            raise typer.Exit(
-                _run(run, settings | {name: value for name, value in given.items() if value})
-            )
+            raise typer.Exit(_run(run, settings))
         if env is None:
             print("\n".join(f"{name}={value}" for name, value in settings.items()), flush=True)
         _close_stdout()
@@ -104,13 +105,19 @@ def _model(*, wanted: bool) -> dict[str, str]:
         return {}
 
 
+def _anywhere(profile: str) -> str:
+    """A profile's file by its whole path, for use in another folder; a name as it is."""
+    path = Path(profile)
+    return str(path.absolute()) if path.is_file() else profile
+
+
 def _write(path: Path, settings: dict[str, str]) -> None:
     """A file for `.env` readers and for `set -a; . FILE`. It appears whole."""
     from kb.store.atomic import write_text
 
     write_text(
         path.expanduser().absolute(),
-        "".join(f"{name}={value}\n" for name, value in settings.items()),
+        "".join(f"{name}={shlex.quote(value)}\n" for name, value in settings.items()),
     )
 
 

@@ -26,7 +26,7 @@ def status(options: Options) -> None:
     """
     from kb.cli.overview import overview
 
-    about = overview(options.make_run())
+    about = overview(options.make_run(needs="root"))
     if options.json:
         print(json.dumps(about, default=str))
     else:

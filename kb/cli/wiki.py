@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
+from kb.cli.options import CLUSTER
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -26,6 +27,7 @@ class Format(StrEnum):
 
 @command(
     app,
+    uses=("workers", "limit", "wait", "again", "pipeline"),
     examples=[
         "kb wiki crawl --limit 100                100 pages, then exit code 3",
         "kb wiki crawl --again --workers 2        what changed since, with two browsers",
@@ -55,7 +57,12 @@ def crawl(
     return load(str(locate("wiki", run.pipeline))).crawl(run, titles)
 
 
-@command(app, name="filter", examples=["kb wiki filter", "kb wiki filter --profile mine.toml"])
+@command(
+    app,
+    name="filter",
+    uses=(*CLUSTER, "limit", "pipeline"),
+    examples=["kb wiki filter", "kb wiki filter --profile mine.toml"],
+)
 def filter_(run: Run) -> Summary:
     """Sort captured pages into clean/wiki: kept, rejected with the reason, failed and pending."""
     from kb.filters.clean import run_clean
@@ -63,7 +70,11 @@ def filter_(run: Run) -> Summary:
     return run_clean(run, "wiki")
 
 
-@command(app, examples=["kb wiki export", "kb wiki export --format minedojo"])
+@command(
+    app,
+    uses=("engine", "scheduler", "pipeline"),
+    examples=["kb wiki export", "kb wiki export --format minedojo"],
+)
 def export(
     run: Run,
     format: Annotated[

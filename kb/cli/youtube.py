@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
-from kb.cli.options import Part, parse_part, pipeline
+from kb.cli.options import CLUSTER, Part, parse_part, pipeline
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -36,6 +36,8 @@ class Format(StrEnum):
 
 @command(
     app,
+    uses=("workers", "limit", "wait", "again", "pipeline"),
+    binds=False,
     examples=[
         "kb youtube crawl --plan                  what is left costs: units, calls, hours, GB, days",
         "kb youtube crawl --limit 100             100 videos through every phase",
@@ -73,7 +75,10 @@ def crawl(
 
 
 @command(
-    app, name="filter", examples=["kb youtube filter", "kb youtube filter --profile mine.toml"]
+    app,
+    name="filter",
+    uses=(*CLUSTER, "limit", "pipeline"),
+    examples=["kb youtube filter", "kb youtube filter --profile mine.toml"],
 )
 def filter_(run: Run) -> Summary:
     """Sort raw answers into clean/youtube: kept, rejected with the reason, failed and pending."""
@@ -82,7 +87,11 @@ def filter_(run: Run) -> Summary:
     return run_clean(run, "youtube")
 
 
-@command(app, examples=["kb youtube export", "kb youtube export --format minedojo"])
+@command(
+    app,
+    uses=("engine", "scheduler", "pipeline"),
+    examples=["kb youtube export", "kb youtube export --format minedojo"],
+)
 def export(
     run: Run,
     format: Annotated[

@@ -13,10 +13,14 @@ from urllib.parse import SplitResult, urlsplit
 from pydantic import Field, SecretStr, ValidationError, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from kb.core import clock
+from kb.core import clock, wording
 from kb.core.errors import MissingCredential, SettingError
 
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+_ADDRESSES = ("_endpoint", "_web", "_url")  # a name and a password may stand in them
+_CONTACT = re.compile(
+    r"[^\s@<>]+@[^\s@<>]+\.[^\s@<>.]|https?://[^\s/]+\.[^\s/.]|\bwww\.[^\s/]+\.\w"
+)
 _MAY_BE_EMPTY = ("youtube_api_key", "reddit_client_id", "reddit_client_secret", "zenodo_token")
 
 
@@ -33,7 +37,10 @@ class Settings(BaseSettings):
     zenodo_token: SecretStr | None = Field(None, description="token for `kb release publish`")
     kb_contact: str | None = Field(None, description="e-mail or web address in the User-Agent")
     kb_data: Path = Field(Path("data"), description="the data root")
-    kb_profile: str = Field("minecraft", description="the profile: a name or a path")
+    kb_profile: str | None = Field(
+        None,
+        description="the profile: a name or a path; default: the data root's own, or `minecraft`",
+    )
     kb_youtube_endpoint: str | None = Field(
         None, description="root of the Data API instead of Google's"
     )
@@ -55,9 +62,17 @@ class Settings(BaseSettings):
         None, description="sha256 of a checkpoint file of your own"
     )
     source_date_epoch: int | None = Field(
-        None, ge=0, le=253_402_300_799, description="build date in releases, seconds since 1970"
+        None,
+        ge=0,
+        le=253_402_300_799,
+        description="build date in releases, seconds since 1970",
+        examples=[1767225600],
     )
-    kb_now: str | None = Field(None, description="the date for data and quota days, for tests")
+    kb_now: str | None = Field(
+        None,
+        description="the date for data and quota days, for tests",
+        examples=["2026-11-20T12:00:00Z"],
+    )
 
     @field_validator("*", mode="before")
     @classmethod
@@ -124,6 +139,8 @@ class Settings(BaseSettings):
                 clock.parse(value)
             except OverflowError:
                 raise ValueError("must be a time from the years 1 to 9999") from None
+            except ValueError:
+                raise ValueError("must be a date and time") from None
         return value
 
     def secret_values(self) -> list[str]:
@@ -146,7 +163,19 @@ class Settings(BaseSettings):
                 f"{field.upper()} is not set ({description})",
                 hint="set it in the environment or in .env; .env.example shows how",
             )
+        if field == "kb_contact":
+            self.check_contact()
         return text
+
+    def check_contact(self) -> None:
+        """Raises SettingError when a contact is set that nobody could write to or look at."""
+        if self.kb_contact and not _CONTACT.search(self.kb_contact):
+            raise SettingError(
+                f"KB_CONTACT is {wording.shown(self.kb_contact)}:"
+                " must be or hold an e-mail or web address",
+                hint="such as me@example.org or https://example.org/about;"
+                " services see it in the User-Agent",
+            )
 
 
 def _fits(text: str, encoding: str) -> bool:
@@ -165,6 +194,17 @@ def _has_port(parts: SplitResult) -> bool:
         return False
 
 
+def _said(error: ValidationError) -> str:
+    """The first problem: the name, what was given if it can't hold a secret, what is expected."""
+    first = error.errors(include_url=False)[0]
+    name = str(first["loc"][0]) if first["loc"] else ""
+    field = Settings.model_fields.get(name)
+    given = first.get("input")
+    secret = field is None or name in _MAY_BE_EMPTY or name.endswith(_ADDRESSES)
+    shown = "" if secret else f" is {wording.shown(str(given))}"
+    return f"{name.upper()}{shown}: {wording.wrong(first, field)}"
+
+
 def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
     """Settings of this process; `values` (field names) win over everything.
 
@@ -174,10 +214,7 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
     try:
         settings = Settings(_env_file=".env" if dotenv else None, **given)  # type: ignore[call-arg]
     except ValidationError as error:
-        first = error.errors(include_input=False, include_url=False)[0]
-        name = str(first["loc"][0]).upper() if first["loc"] else "settings"
-        message = first["msg"].removeprefix("Value error, ")
-        raise SettingError(f"{name}: {message}", hint="see .env.example") from None
+        raise SettingError(_said(error), hint="see .env.example") from None
     except (OSError, UnicodeDecodeError) as error:
         what = (
             error.strerror

@@ -35,7 +35,7 @@ def write(run: Run) -> Path:
             if row["text"] is None:
                 raise FatalError(
                     "a pair has no text",
-                    hint="run `kb pairs`, or `kb pairs --from-index` with all transcripts",
+                    hint="run `kb pairs`, or `kb pairs --from-index FILE` with all transcripts",
                 )
             pair = {
                 "vid": row["video_id"],

@@ -51,9 +51,11 @@ def export(
     ]
     found = {declared.name: clean_parts(run.root, declared) for declared in released}
     if not any(found.values()):
-        place = clean_folder(run.root, released[0]).parent
+        place = clean_folder(run.root, released[0])
+        made_by = "kb pairs" if source == "pairs" else f"kb {source} filter"
         raise FatalError(
-            f"nothing to export: {place} has no rows", hint=f"run `kb {source} filter` first"
+            f"nothing to export: {place if source == 'pairs' else place.parent} has no rows",
+            hint=f"run `{made_by}` first",
         )
     summary = Summary(source=source)
     task = run.progress.task(f"export {source}", total=len(released), unit="tables")

@@ -27,9 +27,12 @@ def make_session(settings: Settings) -> requests.Session:
     """A session with our User-Agent and timeouts. Not for several threads at once.
 
     It retries nothing by itself: that is kb.net.retry's. Credentials are those of the settings alone,
-    never of ~/.netrc; proxies of the environment are used.
+    never of ~/.netrc; proxies of the environment are used. Raises SettingError for a contact
+    that is none.
     """
     import requests
+
+    settings.check_contact()
 
     class Session(requests.Session):
         def request(self, *arguments: Any, **options: Any) -> requests.Response:

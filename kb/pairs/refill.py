@@ -35,7 +35,7 @@ def refill(run: Run, index: Path) -> Summary:
     `index` is a released Parquet file or its folder. Holds the index in memory, transcripts a batch
     at a time. Raises SettingError, DamagedData, FatalError without transcripts.
     """
-    rows, files = _read(index), source.parts(run.root)
+    rows, files = _read(index), source.parts(run.root, index=index)
     counter = make_tools(run.profile.section("pairs"), run.seed, Keywords((), (), ())).tokens
     places: dict[str, list[int]] = {}
     for row, video in enumerate(rows["video_id"].to_pylist()):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kb.core.errors import FatalError
 from kb.pairs.text import Text
+from kb.store import rawlog
 from kb.store.reading import reading
 
 if TYPE_CHECKING:
@@ -19,18 +21,27 @@ _COLUMNS = ["video_id", "kind", "cues"]
 _CUES = 2_000_000  # cues in memory at once, whatever the number of transcripts
 
 
-def parts(root: Path, table: str = "transcripts") -> list[Path]:
-    """The files of a clean YouTube table, in order. Raises FatalError when there are no transcripts."""
+def parts(root: Path, table: str = "transcripts", *, index: Path | None = None) -> list[Path]:
+    """The files of a clean YouTube table, in order. FatalError when there are no transcripts.
+
+    `index`: the released pairs whose transcripts are wanted, for the advice.
+    """
     found = sorted(
         path
         for path in (root / "clean" / "youtube" / table).glob("*.parquet")
         if not path.name.startswith(".")
     )
     if not found and table == "transcripts":
-        raise FatalError(
-            "there are no transcripts in clean/youtube", hint="run `kb youtube filter` first"
-        )
+        raise FatalError("there are no transcripts in clean/youtube", hint=_how(root, index))
     return found
+
+
+def _how(root: Path, index: Path | None) -> str:
+    """What has to be run before there are transcripts."""
+    if rawlog.any_answer(root, "youtube"):
+        return "run `kb youtube filter` first"
+    crawl = "kb youtube crawl" + (f" --ids {shlex.quote(str(index))}" if index is not None else "")
+    return f"run `{crawl}`, then `kb youtube filter`, then this command again"
 
 
 def rows(path: Path) -> int:

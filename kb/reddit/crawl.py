@@ -30,6 +30,7 @@ from kb.reddit.authors import Scrubber, load_key
 from kb.reddit.client import INFO, LISTED, ROOT, Client
 from kb.reddit.state import OUTSIDE, apply
 from kb.reddit.strip import without
+from kb.store import belonging
 from kb.store.frontier import Frontier, Item
 from kb.store.identity import remember
 from kb.store.lock import writer
@@ -79,6 +80,8 @@ def session(run: Run, place: Path | None = None) -> Iterator[Session]:
     )
     place = place or run.root
     with writer(place, "reddit"):
+        if place == run.root:
+            belonging.note(run.root, run.profile)
         remember(place, "reddit", **facts)
         frontier = Frontier(place / "state" / "reddit.sqlite")
 

@@ -30,7 +30,7 @@ from kb.reddit.search import Search
 from kb.reddit.segments import Segments
 from kb.reddit.state import apply
 from kb.reddit.strip import without
-from kb.store import rawlog
+from kb.store import belonging, rawlog
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.frontier import Frontier
 from kb.store.identity import remember
@@ -69,6 +69,7 @@ def import_dumps(
     for file in files:
         _readable(file)
     with writer(run.root, "reddit"):
+        belonging.note(run.root, run.profile)
         remember(run.root, "reddit", subreddit=section.subreddit.lower())
         load_key(run.root)
         frontier = Frontier(run.root / "state" / "reddit.sqlite")

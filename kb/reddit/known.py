@@ -1,6 +1,6 @@
 """What the newest answer says about each post and comment, without their texts: what refresh and purge go by.
 
-The rows of the raw log are spread over buckets on disk, as `kb filter` does, and each bucket is reduced to
+The rows of the raw log are spread over buckets on disk, as `kb reddit filter` does, and each bucket is reduced to
 one row a thing. Memory is bounded by a piece of a segment, then by a bucket, however much is known.
 """
 

@@ -231,7 +231,7 @@ class Rebuild(Crawl):
 
 
 def _run(profile: str | None, settings: dict[str, Any]) -> Run:
-    from kb.core.profile import load_profile
+    from kb.core.profile import DEFAULT, load_profile
     from kb.core.settings import load_settings
     from kb.net import redact
 
@@ -239,6 +239,6 @@ def _run(profile: str | None, settings: dict[str, Any]) -> Run:
     redact.know(loaded.secret_values())
     return Run(
         settings=loaded,
-        profile=load_profile(loaded.kb_profile),
+        profile=load_profile(loaded.kb_profile or DEFAULT),
         root=loaded.kb_data.expanduser().absolute(),
     )

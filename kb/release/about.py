@@ -231,7 +231,8 @@ ABOUT = {
         ),
         absent="The text column is not released.",
         raw=(
-            "Transcripts stay with whoever ran the collection; `kb pairs --from-index` fills the text again from one's own."
+            "Transcripts stay with whoever ran the collection;"
+            " `kb pairs --from-index FILE` fills the text again from one's own."
         ),
         people="The index holds ids and times only, nothing that people said.",
         biases=(

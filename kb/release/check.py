@@ -250,7 +250,7 @@ def _scores(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
             found.append(clean)
             continue
         again = (
-            "run `kb annotate`"
+            f"run `kb {folder.source} filter` and `kb {folder.source} export` again"
             if run.profile.toxicity.on
             else "the release is incomplete, toxicity is off in the profile"
         )

@@ -100,6 +100,13 @@ def _told(folder: Folder, error: KbError, deposits: dict[str, dict[str, Any]]) -
     )
 
 
+def _again(source: str) -> str:
+    """The commands that make a folder of release/ again with other scores."""
+    if source == "pairs":
+        return "`kb youtube filter` and `kb pairs`"
+    return f"`kb {source} filter` and `kb {source} export`"
+
+
 def _marked(run: Run, found: list[Folder], loopback: bool) -> list[Problem]:
     """Scores of the sandbox's tiny model may go to a loopback service only."""
     if loopback:
@@ -109,7 +116,8 @@ def _marked(run: Run, found: list[Folder], loopback: bool) -> list[Problem]:
             "sandbox model",
             folder.source,
             (
-                "scored with the sandbox's tiny model, whose scores mean nothing about real texts; run `kb models fetch` and filter again"
+                "scored with the sandbox's tiny model, whose scores mean nothing about real texts;"
+                f" run `kb models fetch`, then {_again(folder.source)}"
             ),
         )
         for folder in found

@@ -60,7 +60,7 @@ TABLES = {
 NEXT = {
     "youtube": "run `kb youtube crawl`, then `kb youtube filter`",
     "wiki": "run `kb wiki crawl`, then `kb wiki filter`",
-    "reddit": "run `kb reddit crawl` or `kb reddit import`, then `kb reddit filter`",
+    "reddit": "run `kb reddit crawl` or `kb reddit import FILE`, then `kb reddit filter`",
     "pairs": "run `kb pairs` after `kb youtube filter`",
     "services": "nothing was asked of a service yet",
 }

@@ -19,9 +19,8 @@ def remember(root: Path, source: str, **facts: str) -> None:
     mistyped address that nothing came from does no harm. Raises OtherService (exit 2) before anything was
     sent or written.
     """
-    path = root / "state" / f"{source}.identity.json"
     new = {name: _host(value) for name, value in facts.items()}
-    old: dict[str, str] = msgspec.json.decode(path.read_bytes()) if path.exists() else {}
+    old = noted(root, source)
     other = [name for name, value in new.items() if old.get(name, value) != value]
     if other and not rawlog.any_answer(root, source):
         old, other = {}, []
@@ -31,7 +30,17 @@ def remember(root: Path, source: str, **facts: str) -> None:
             hint="use another --data folder, or the settings it was made with",
         )
     if new.items() - old.items():
-        write_bytes(path, msgspec.json.encode({**old, **new}, order="sorted"))
+        write_bytes(_path(root, source), msgspec.json.encode({**old, **new}, order="sorted"))
+
+
+def noted(root: Path, source: str) -> dict[str, str]:
+    """What was noted of a source; empty when nothing was."""
+    path = _path(root, source)
+    return msgspec.json.decode(path.read_bytes()) if path.exists() else {}
+
+
+def _path(root: Path, source: str) -> Path:
+    return root / "state" / f"{source}.identity.json"
 
 
 def _host(value: str) -> str:

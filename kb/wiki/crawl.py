@@ -18,7 +18,7 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import KbError, LimitReached
 from kb.core.verdict import Summary
-from kb.store import tombstones
+from kb.store import belonging, tombstones
 from kb.store.frontier import Frontier
 from kb.store.identity import remember
 from kb.store.lock import writer
@@ -39,6 +39,7 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
     wanted = read_titles(titles) if titles else None
     programs = chromium.find()
     with writer(run.root, "wiki"):
+        belonging.note(run.root, run.profile)
         remember(run.root, "wiki", wiki=url)
         frontier = Frontier(run.root / "state" / "wiki.sqlite")
         try:

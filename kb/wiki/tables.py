@@ -96,7 +96,7 @@ def read_extraction(folder: Path) -> Row:
         )
     except (OSError, zstandard.ZstdError, msgspec.DecodeError) as error:
         raise DamagedData(
-            f"{path} can't be read: {error}", hint="crawl again with --again"
+            f"{path} can't be read: {error}", hint="run `kb wiki crawl --again`"
         ) from None
 
 

@@ -9,16 +9,25 @@ With a limit only as much is listed and searched as the videos need.
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
 from kb.core.context import Run
-from kb.core.errors import Blocked, KbError, LimitReached, QuotaSpent, SettingError, Stopped
+from kb.core.errors import (
+    Blocked,
+    FatalError,
+    KbError,
+    LimitReached,
+    QuotaSpent,
+    SettingError,
+    Stopped,
+)
 from kb.core.verdict import Summary
 from kb.net.rate import Pace, is_loopback
-from kb.store import identity, lock, tombstones
+from kb.store import belonging, identity, lock, tombstones
 from kb.store.frontier import Frontier
 from kb.store.recorder import Recorder
 from kb.youtube import effects, errors
@@ -29,6 +38,8 @@ from kb.youtube.ids import share, some_ids
 from kb.youtube.job import Job
 from kb.youtube.transcripts import SITE
 from kb.youtube.web_lane import WebLane
+
+_log = logging.getLogger("kb.youtube")
 
 PHASES = {
     "channels": (SEARCHES,),
@@ -53,6 +64,7 @@ def crawl(
     profile = run.profile.section("youtube")
     if only != "transcripts":
         run.settings.need("youtube_api_key")
+    run.settings.check_contact()
     if ids and only in ("channels", "uploads"):
         raise SettingError(
             f"--ids skips discovery, so there is nothing to do for --only {only}",
@@ -63,6 +75,7 @@ def crawl(
     with ExitStack() as stack:
         stack.enter_context(lock.writer(run.root, "youtube"))
         api, web = run.settings.kb_youtube_endpoint or GOOGLE, run.settings.kb_youtube_web or SITE
+        belonging.note(run.root, run.profile)
         identity.remember(run.root, "youtube", api=api, web=web)
         frontier = Frontier(run.root / "state" / "youtube.sqlite")
         stack.callback(frontier.close)
@@ -170,6 +183,42 @@ def _run_lanes(job: Job) -> list[KbError]:
     return stops + ([web.stop] if web.stop is not None else [])
 
 
+def _nowhere(job: Job) -> FatalError | None:
+    """Name keywords that find no channel; the error where none finds any: nothing can follow."""
+    if SEARCHES not in job.phases:
+        return None
+    words = job.profile.keywords
+    barren = effects.without_channels(job.frontier, words)
+    path = job.run.profile.path
+    if len(barren) == len(set(words)) and not job.frontier.counts(CHANNELS):
+        return FatalError(
+            f"no keyword of the profile {job.run.profile.name!r} finds a channel:"
+            f" {', '.join(map(repr, barren))}",
+            hint=f"change `keywords` under [youtube] in {path}{_line(path)}",
+        )
+    for word in barren:
+        _log.warning(
+            "the keyword %r of the profile finds no channel (%s%s)", word, path, _line(path)
+        )
+    return None
+
+
+def _line(path: Path) -> str:
+    """Where the keywords stand in a profile, as ", line 8"."""
+    section = ""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return ""
+    for number, line in enumerate(lines, 1):
+        text = line.strip()
+        if text.startswith("["):
+            section = text
+        elif section == "[youtube]" and text.split("=")[0].strip() == "keywords":
+            return f", line {number}"
+    return ""
+
+
 def _pace(job: Job) -> Pace:
     loopback = is_loopback(job.run.settings.kb_youtube_web or SITE)
     return Pace(0 if loopback else 3600 / job.profile.transcripts_per_hour)
@@ -181,6 +230,9 @@ def _finish(job: Job, stops: list[KbError]) -> Summary:
     stops = [
         stop for stop in stops if not (isinstance(stop, LimitReached) and summary["left"] == 0)
     ]
+    nowhere = _nowhere(job)
+    if nowhere is not None:
+        stops = [nowhere]
     if stops:
         worst = min(stops, key=lambda stop: stop.exit_code if stop.exit_code != 3 else 9)
         worst.summary = summary

@@ -1,6 +1,7 @@
 """What an answer means for the frontier: the same function live and when the raw log is replayed, so idempotent.
 
-searches      key "<keyword>#<page token>"      → channels, and the next page
+searches      key "<keyword>#<page token>", payload {q, token, page, channels: found on it}
+                                                → channels, and the next page
 channels      key channel id: found, never asked for by itself
 uploads       key channel id, payload {playlist, token}: pages of the uploads list → videos
 videos        key video id: metadata → transcripts, for those that pass the cheap filters
@@ -103,7 +104,9 @@ class Effects:
                     )
                 ],
             )
-        frontier.add(SEARCHES, [(key, {"q": keyword, "token": token, "page": page})])
+        frontier.add(SEARCHES, [(key, None)])
+        found = {"q": keyword, "token": token, "page": page, "channels": len(hits)}
+        frontier.payload(SEARCHES, key, found)
         frontier.done(SEARCHES, key)
 
     def _list(self, frontier: Frontier, envelope: Envelope) -> None:
@@ -179,6 +182,18 @@ class Effects:
             frontier.done(TRANSCRIPTS, key)
         else:
             frontier.error(TRANSCRIPTS, key, str(answer.get("reason") or "failed"))
+
+
+def without_channels(frontier: Frontier, keywords: Iterable[str]) -> list[str]:
+    """The keywords whose search was answered and found no channel."""
+    found = []
+    # A state of before the count was kept tells only where no search found any.
+    uncounted = None if frontier.counts(CHANNELS) else 0
+    for word in dict.fromkeys(keywords):
+        status, payload, _ = frontier.get(SEARCHES, search_key(word, None)) or ("", None, None)
+        if status == "done" and (payload or {}).get("channels", uncounted) == 0:
+            found.append(word)
+    return found
 
 
 def search_key(keyword: str, token: str | None) -> str:

@@ -56,6 +56,7 @@ def refresh(run: Run) -> Summary:
     """
     profile = run.profile.section("youtube")
     run.settings.need("youtube_api_key")
+    run.settings.check_contact()
     oldest = clock.now() - timedelta(days=profile.max_age_days)
     with ExitStack() as stack:
         stack.enter_context(lock.writer(run.root, "youtube"))

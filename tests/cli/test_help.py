@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
-import typer.main
+import typer
 
-from kb.cli.app import TREE, app
-from kb.cli.options import COMMON
+from kb.cli.app import TREE, leaves, main
+from kb.cli.options import COMMON, RUNNING, SHARED
 
 # What may be imported before a command runs: a budget in modules, as a time would depend on the machine.
 NOT_FOR_HELP = (
@@ -41,21 +40,6 @@ NOT_FOR_HELP = (
     "msgspec",
     "werkzeug",
 )
-
-
-def leaves() -> Iterator[tuple[str, Any]]:
-    """("youtube crawl", command) of every command that does something."""
-    root = typer.main.get_command(app)
-    context = typer.Context(root, info_name="kb")
-    for name, (module, _) in TREE.items():
-        if importlib.util.find_spec(module) is None:
-            continue  # tests/test_arrows.py says so
-        command = root.get_command(context, name)  # type: ignore[attr-defined]
-        inner = getattr(command, "commands", {})
-        if not inner or command.invoke_without_command:
-            yield name, command
-        for child, leaf in inner.items():
-            yield f"{name} {child}", leaf
 
 
 COMMANDS = dict(leaves())
@@ -120,10 +104,84 @@ def test_every_command_and_option_is_described(name: str) -> None:
     assert "Examples:" in shown
 
 
+CLUSTER = {"workers", "engine", "scheduler"}
+SOURCES = ("youtube", "wiki", "reddit")
+# What has an effect on each command, besides the common options; all else is refused.
+APPLIES = {
+    "youtube crawl": {"workers", "limit", "wait", "again", "pipeline"},
+    "wiki crawl": {"workers", "limit", "wait", "again", "pipeline"},
+    "reddit crawl": {"limit", "wait", "again"},
+    "reddit import": {*CLUSTER, "limit", "again"},
+    "reddit reconstruct": {"limit", "wait", "again"},
+    **{f"{source} filter": {*CLUSTER, "limit", "pipeline"} for source in SOURCES},
+    **{f"annotate {source}": {*CLUSTER, "limit", "pipeline"} for source in SOURCES},
+    **{f"{source} export": {"engine", "scheduler", "pipeline"} for source in SOURCES},
+    **{f"purge {source}": CLUSTER for source in SOURCES},
+    "pairs": {*CLUSTER, "limit", "again", "pipeline"},
+    "release": {"pipeline"},
+    "release publish": {"wait", "pipeline"},
+    "report": {"workers"},
+    "query": {"limit"},
+    "refresh youtube": {"limit", "wait"},
+    "refresh reddit": {*CLUSTER, "limit", "wait", "again"},
+    "demo": CLUSTER,
+}
+WITHOUT = {"models fetch": {"data", "profile"}, "sandbox": {"json"}}
+VALUES = {"workers": "2", "limit": "3", "engine": "local", "scheduler": "tcp://127.0.0.1:1"} | {
+    "pipeline": "mine.py",
+    "data": "here",
+    "profile": "minecraft",
+}
+
+
 @pytest.mark.parametrize("name", sorted(COMMANDS))
-def test_every_command_has_the_common_options(name: str) -> None:
+def test_a_command_takes_what_has_an_effect_on_it_and_refuses_the_rest(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    wanted = (set(COMMON) - WITHOUT.get(name, set())) | APPLIES.get(name, set())
     options = {parameter.name for parameter in COMMANDS[name].params}
-    assert set(COMMON) <= options
+    assert options & set(SHARED) == wanted
+    for option in sorted(set(SHARED) - wanted):
+        given = [f"--{option}", *([VALUES[option]] if option in VALUES else [])]
+        with pytest.raises(SystemExit) as ended:
+            main([*name.split(), *given])
+        assert ended.value.code == 2
+        line = capsys.readouterr().err
+        assert line.count("\n") == 1
+        assert f"`kb {name}` has no --{option}; it is an option of `kb " in line
+        for other in re.findall(r"option of (.*?);", line)[0].split(" and "):
+            for path in re.findall(r"`kb ([a-z ]+)`", other):
+                assert option in {parameter.name for parameter in COMMANDS[path].params}
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_option_of_a_sibling_is_looked_for_there_first(kb: Any) -> None:
+    answer = kb("youtube", "export", "--limit", "3", "--wait", "--again")
+    assert answer.returncode == 2
+    assert "`kb youtube export` has no --limit" in answer.stderr
+    assert "of `kb youtube crawl` and `kb youtube filter`" in answer.stderr
+    answer = kb("youtube", "crawl", "--titles", "x")
+    assert "`kb youtube crawl` has no --titles; it is an option of `kb wiki crawl`" in answer.stderr
+
+
+def test_an_option_before_a_groups_command_is_not_dropped(kb: Any) -> None:
+    answer = kb("pairs", "--data", "elsewhere", "keywords")
+    assert answer.returncode == 2
+    assert "write `kb pairs keywords --data …`" in answer.stderr
+
+
+@pytest.mark.parametrize("name", ["youtube crawl", "status"])
+def test_help_has_its_options_in_groups(name: str) -> None:
+    command = COMMANDS[name]
+    shown = command.get_help(typer.Context(command, info_name=f"kb {name}"))
+    sections = re.split(r"^(?=\S.*:\n)", shown, flags=re.M)
+    by_title = {part.split(":\n")[0]: part for part in sections}
+    assert all(f"--{option}" in by_title["Common options"] for option in COMMON)
+    running = APPLIES.get(name, set())
+    assert ("Run options" in by_title) == bool(running)
+    for option in RUNNING:
+        assert (f"--{option} " in by_title.get("Run options", "")) == (option in running), option
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from kb.cli.command import _call
+from kb.cli.command import Nature, _call
 from kb.cli.options import Options
 from kb.core import errors
 from kb.core.resources import folder
@@ -32,7 +32,7 @@ def end(capsys: pytest.CaptureFixture[str]) -> Any:
         def command(given: Options) -> None:
             raise error
 
-        code = _call(command, Options(**options), {}, raw=True, resumable=True)
+        code = _call(command, Options(**options), {}, Nature(raw=True))
         return (code, *capsys.readouterr())
 
     return run
@@ -112,7 +112,7 @@ def test_a_message_of_several_lines_becomes_one(end: Any) -> None:
     [
         (["yuotube", "crawl"], ["'yuotube'", "'youtube'", "kb --help"]),
         (["youtube", "crwal"], ["'crwal'", "'crawl'", "kb youtube --help"]),
-        (["youtube"], ["Missing command", "kb youtube --help"]),
+        (["youtube"], ["Missing command: one of crawl, filter, export", "kb youtube --help"]),
         (["youtube", "crawl", "--limt", "3"], ["--limt", "--limit", "kb youtube crawl --help"]),
         (["youtube", "crawl", "--limit", "0"], ["--limit", "1"]),
         (["youtube", "crawl", "--limit", "many"], ["--limit"]),
@@ -120,8 +120,8 @@ def test_a_message_of_several_lines_becomes_one(end: Any) -> None:
         (["youtube", "crawl", "--part", "5/4"], ["--part", "5/4", "1/4"]),
         (["youtube", "crawl", "--part", "²/4"], ["--part", "²/4", "1/4"]),
         (["youtube", "crawl", "--part", f"1/{'9' * 5000}"], ["--part", "1/4"]),
-        (["status", "--engine", "ray"], ["--engine", "'ray'", "dask"]),
-        (["status", "--scheduler", "tcp://127.0.0.1:1"], ["--scheduler", "--engine dask"]),
+        (["pairs", "--engine", "ray"], ["--engine", "'ray'", "dask"]),
+        (["pairs", "--scheduler", "tcp://127.0.0.1:1"], ["--scheduler", "--engine dask"]),
         (["status", "--profile", "minecarft"], ["minecarft", "minecraft"]),
         (["status", "--profile", "nowhere.toml"], ["nowhere.toml"]),
         (["query"], ["--tables"]),
@@ -169,6 +169,27 @@ def test_a_wrong_setting_is_found_before_anything_is_written(
     assert answer.returncode == 2, answer.stderr
     assert answer.stderr.count("\n") == 1
     assert next(name for name in env) in answer.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_that_is_no_setting_is_a_warning(kb: Any, tmp_path: Path) -> None:
+    (tmp_path / ".env").write_text("YOUTUBE_APIKEY=hunter2\n")
+    answer = kb("status", "--quiet")
+    assert answer.returncode == 0
+    assert answer.stderr == (
+        "warning: YOUTUBE_APIKEY in .env is no setting and has no effect; did you mean YOUTUBE_API_KEY?\n"
+    )
+    assert kb("query", "SELECT 1 AS n", "--json").stdout == '[{"n":1}]\n'
+
+
+@pytest.mark.parametrize("source", ["youtube", "wiki", "reddit"])
+def test_a_contact_that_is_none_is_found_before_anything_is_written(
+    kb: Any, tmp_path: Path, source: str
+) -> None:
+    keys = dict.fromkeys(("YOUTUBE_API_KEY", "REDDIT_CLIENT_ID", "REDDIT_CLIENT_SECRET"), "hunter2")
+    answer = kb(source, "crawl", env={**keys, "KB_CONTACT": "me"})
+    assert answer.returncode == 2
+    assert answer.stderr.startswith('kb: KB_CONTACT is "me": must be or hold an e-mail or web')
     assert list(tmp_path.iterdir()) == []
 
 

@@ -43,11 +43,11 @@ def test_a_profile_by_path_with_one_source(tmp_path):
         (("[youtube]", "[youtub]"), "unknown key 'youtub', did you mean 'youtube'"),
         (
             ("category_ids = [26]", 'category_ids = [26]\ntranscripts = "requird"'),
-            r"'youtube.transcripts' is 'requird'.*did you mean 'required'",
+            r"""'youtube.transcripts' is "requird".*did you mean 'required'""",
         ),
         (
             ("category_ids = [26]", "category_ids = [26]\nmin_views = -1"),
-            r"'youtube.min_views' is -1: input should be greater than or equal to 0",
+            r"'youtube.min_views' is -1: must be at least 0",
         ),
         (('keywords = ["roses"]', "keywords = []"), r"'youtube.keywords'"),
         (
@@ -80,3 +80,48 @@ def test_an_unknown_name_lists_the_known_ones():
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(ProfileError, match="can't be read"):
         load_profile(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('["roses"]', '"roses"', """'youtube.keywords' is "roses": must be a list in brackets, such as ["roses"]"""),
+        ('["roses"]', "[7]", """'youtube.keywords[1]' is 7: must be text in quotes, such as "7\""""),
+        ('["roses"]', '["roses", ""]', """'youtube.keywords' is ["roses", ""]: holds an empty keyword"""),
+        ('["roses"]', "[]", "'youtube.keywords' is []: must hold at least 1"),
+        ("[26]", "26", "'youtube.category_ids' is 26: must be a list in brackets, such as [26]"),
+        ("[26]", '[20, "x"]', """'youtube.category_ids[2]' is "x": must be a whole number, such as 100"""),
+        ("[26]", "[26]\nmin_views = 1.5", "'youtube.min_views' is 1.5: must be a whole number"),
+        ("[26]", '[26]\nmin_views = "many"', """is "many": must be a whole number, such as 100"""),
+        ("[26]", '[26]\nmin_aspect_ratio = "wide"', "must be a number, such as 1.5"),
+        ("[26]", '[26]\ntranslate = "perhaps"', "must be true or false, such as true"),
+        ("[26]", "[26]\nsearch_pages = 11", "'youtube.search_pages' is 11: must be at most 10"),
+        ("[26]", "[26]\ntranscripts_per_hour = 0", "must be more than 0"),
+        ("[26]", '[26]\nlanguage = "English"', """'youtube.language' is "English": must be: language of the transcripts, such as "en\""""),
+        ("[26]", '[26]\n[reddit]\nsubreddit = "r/garden"', """'reddit.subreddit' is "r/garden": must be: name without r/, such as "Minecraft\""""),
+        ("[26]", '[26]\n[wiki]\nurl = "garden.wiki"', "must be an address like https://minecraft.wiki"),
+        ("[26]", '[26]\n[release]\nversion = "2"', """must be: version of the data: raise it for each published release, such as "1.0.0\""""),
+        ("[26]", "[26]\n[[release.creators]]\nname = ''", "'release.creators[1].name' is \"\": must not be empty"),
+        ("[26]", "[26]\n[pairs]\ninclude = ['x']\nmin_tokens = 70\nmax_tokens = 60", "'pairs': min_tokens is above max_tokens"),
+        ('title = "Garden"', "title = 5", """'title' is 5: must be text in quotes, such as "5\""""),
+        ('title = "Garden"', 'title = "Garden"\nyoutub = 1', "unknown key 'youtub'"),
+        ('title = "Garden"', 'title = "Garden"\ntoxicity = "of"', """'toxicity' is "of": must be one of 'on' or 'off'"""),
+        ('title = "Garden"', 'title = "Garden"\ntoxicity = 5', "'toxicity' is 5: must be a table"),
+        ('title = "Garden"', 'title = "Garden"\nwiki = "garden.wiki"', """'wiki' is "garden.wiki": must be a table"""),
+        ('name = "garden"', 'name = "My Garden"', """must be: short name, used in file names and titles, such as "stardew-valley\""""),
+    ],
+)  # fmt: skip
+def test_a_wrong_value_is_told_in_a_users_words(tmp_path, old, new, message):
+    assert old in GOOD
+    with pytest.raises(ProfileError) as error:
+        load_profile(write(tmp_path, GOOD.replace(old, new, 1)))
+    said = str(error.value)
+    assert message in said
+    for word in ("input", "valid ", "tuple", "instance", "pydantic", "pattern", "[type"):
+        assert word not in said.lower(), said
+
+
+def test_a_long_value_is_cut(tmp_path):
+    with pytest.raises(ProfileError) as error:
+        load_profile(write(tmp_path, GOOD.replace('["roses"]', '"' + "rose " * 500 + '"')))
+    assert len(str(error.value)) < 400

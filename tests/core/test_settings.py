@@ -6,6 +6,8 @@ import pytest
 
 from kb.core.errors import MissingCredential, SettingError
 from kb.core.settings import Settings, load_settings
+from kb.core.unknown_settings import unknown_names
+from kb.net.client import make_session
 
 
 @pytest.fixture(autouse=True)
@@ -154,3 +156,89 @@ def test_a_file_that_is_no_text_is_said_to_be_none(empty_place):
     with pytest.raises(SettingError, match=r"\.env can't be read: not UTF-8 text \(byte 13\)"):
         load_settings()
     assert load_settings(dotenv=False).kb_contact is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("SOURCE_DATE_EPOCH", "soon", 'is "soon": must be a whole number, such as 1767225600'),
+        ("SOURCE_DATE_EPOCH", "1.5", 'is "1.5": must be a whole number, such as 1767225600'),
+        ("SOURCE_DATE_EPOCH", "-1", 'is "-1": must be at least 0, such as 1767225600'),
+        ("SOURCE_DATE_EPOCH", "9" * 30, "must be at most 253402300799"),
+        ("SOURCE_DATE_EPOCH", "9" * 5000, "…: is too large a number, such as 1767225600"),
+        ("KB_NOW", "yesterday", 'is "yesterday": must be a date and time, such as "2026-11-20T12:00:00Z"'),
+        ("KB_NOW", "0001-01-01T00:00:00+10:00", "must be a time from the years 1 to 9999"),
+        ("KB_DATA", "da\nta", 'is "da\\nta": must not hold line breaks'),
+        ("KB_CONTACT", "snow☃man@example.org", "must be of Latin letters, digits and signs"),
+        ("KB_WIKI_URL", "minecraft.wiki", "KB_WIKI_URL: must be an address like http://127.0.0.1:8000"),
+        ("KB_WIKI_URL", "http://hunter2@host", "KB_WIKI_URL: must not hold a user name or password"),
+        ("ZENODO_TOKEN", "hunter2\nhunter2", "ZENODO_TOKEN: must not hold line breaks"),
+        ("YOUTUBE_API_KEY", "hunter2☃", "YOUTUBE_API_KEY: must be of Latin letters"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_in_a_users_words(monkeypatch, name, value, message):
+    monkeypatch.setenv(name, value)
+    with pytest.raises(SettingError) as error:
+        load_settings()
+    said = str(error.value)
+    assert said.startswith(name)
+    assert message in said
+    assert len(said) < 300
+    for word in ("hunter2", "input", "valid ", "isoformat", "string"):
+        assert word not in said.lower()
+
+
+@pytest.mark.parametrize(
+    ("contact", "good"),
+    [
+        ("me@example.org", True),
+        ("https://example.org", True),
+        ("http://example.org/about?x=1", True),
+        ("www.example.org/bot", True),
+        ("Jane Doe <jane@example.org>", True),
+        ("the garden project, https://garden.example/", True),
+        ("me", False),
+        ("me@home", False),
+        ("u/somebody", False),
+        ("@somebody", False),
+        ("https://", False),
+        ("example", False),
+        ("+49 30 1234567", False),
+    ],
+)
+def test_a_contact_is_a_mail_or_web_address_where_it_is_needed(monkeypatch, contact, good):
+    monkeypatch.setenv("KB_CONTACT", contact)
+    settings = load_settings()  # a command that sends nothing does not mind
+    if good:
+        assert settings.need("kb_contact") == contact
+        return
+    for use in (lambda: settings.need("kb_contact"), lambda: make_session(settings)):
+        with pytest.raises(SettingError, match=r"KB_CONTACT is .*e-mail or web address") as error:
+            use()
+        assert "me@example.org" in error.value.hint
+        assert error.value.exit_code == 2
+
+
+def test_names_that_are_no_settings_are_told_with_the_nearest_one(empty_place, monkeypatch):
+    (empty_place / ".env").write_text(
+        "YOUTUBE_APIKEY=hunter2\nREDDIT_CLIENT=hunter2\nKB_PROFILES=hunter2\nKB_XYZZY=hunter2\n"
+        "ZENODO_TOKEN=hunter2\nyoutube_api_key=hunter2\nPATH_TO_IT=hunter2\nexport KB_DAT=hunter2\n"
+    )
+    monkeypatch.setenv("KB_CONTACTS", "hunter2")
+    monkeypatch.setenv("REDDIT_USER", "another program's")
+    told = unknown_names()
+    assert [line.split(" is no setting")[0] for line in told] == [
+        "YOUTUBE_APIKEY in .env",
+        "REDDIT_CLIENT in .env",
+        "KB_PROFILES in .env",
+        "KB_XYZZY in .env",
+        "KB_DAT in .env",
+        "KB_CONTACTS in the environment",
+    ]
+    assert told[0].endswith("did you mean YOUTUBE_API_KEY?")
+    assert told[1].endswith("did you mean REDDIT_CLIENT_ID?")
+    assert told[2].endswith("did you mean KB_PROFILE?")
+    assert told[3].endswith("see .env.example")
+    assert told[5].endswith("did you mean KB_CONTACT?")
+    assert "hunter2" not in "".join(told)
+    assert unknown_names(dotenv=False) == told[5:]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -67,3 +68,19 @@ def test_every_make_target_is_in_make_help() -> None:
         ),
     }
     assert wanted <= targets
+
+
+def test_an_unknown_make_target_is_one_clear_line_before_any_set_up(tmp_path: Path) -> None:
+    done = subprocess.run(
+        ["make", "-f", str(ROOT / "Makefile"), "youtube-crwal"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[0] == (
+        "make: there is no target 'youtube-crwal'; make help lists them"
+    )
+    assert done.stdout == ""
+    assert list(tmp_path.iterdir()) == []

@@ -10,6 +10,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from kb.youtube.ids import read_ids
 from tests.cli.conftest import clean_environment
 from tests.pairs.made import fill, tables
 
@@ -74,5 +75,25 @@ def test_keywords_from_the_shell(root: Path) -> None:
 def test_nothing_to_read(tmp_path: Path) -> None:
     empty = kb(tmp_path / "data", "pairs")
     assert empty.returncode == 1
-    assert "run `kb youtube filter` first" in empty.stderr
+    here = f"--data {tmp_path / 'data'}"
+    assert f"run `kb youtube crawl {here}`, then `kb youtube filter {here}`, then" in empty.stderr
     assert not (tmp_path / "data").exists()
+
+
+def test_an_index_without_transcripts_says_that_its_videos_come_first(
+    root: Path, tmp_path: Path
+) -> None:
+    index = root / "release" / "pairs" / "pairs-00000-of-00001.parquet"
+    empty = kb(tmp_path / "data", "pairs", "--from-index", str(index))
+    assert empty.returncode == 1
+    here = f"--data {tmp_path / 'data'}"
+    assert f"run `kb youtube crawl --ids {index} {here}`, then `kb youtube filter" in empty.stderr
+    keys = read_ids(index)  # and a crawl takes what is advised
+    assert keys[0]
+    assert keys[1] == 0
+
+
+def test_a_refill_takes_no_limit(root: Path) -> None:
+    answer = kb(root, "pairs", "--from-index", "x.parquet", "--limit", "3")
+    assert answer.returncode == 2
+    assert "--from-index" in answer.stderr

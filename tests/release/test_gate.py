@@ -155,8 +155,10 @@ def test_text_without_score(tmp_path: Path, table: str, column: str, text: str) 
         changed(table, lambda row: row.update({column: None}), slice(0, 3)),
         (table.partition("/")[0],),
     )
+    source = table.partition("/")[0]
+    again = f"run `kb {source} filter` and `kb {source} export` again"
     assert refused(tmp_path) == [
-        f"toxicity: {table}: 3 rows have no toxicity score of {text}; run `kb annotate`"
+        f"toxicity: {table}: 3 rows have no toxicity score of {text}; {again}"
     ]
 
 

@@ -157,7 +157,7 @@ def test_missing_sources_are_said_in_a_line(tmp_path: Path) -> None:
     page = (tmp_path / "report" / "index.html").read_text()
     assert summary["without"] == "Wiki, Reddit, Video-text pairs, Services"
     assert (
-        "No data of Reddit yet: run `kb reddit crawl` or `kb reddit import`, then `kb reddit filter`."
+        "No data of Reddit yet: run `kb reddit crawl` or `kb reddit import FILE`, then `kb reddit filter`."
         in page
     )
     assert "No data of YouTube" not in page

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import requests
+from dotenv import dotenv_values
 
 KB = [sys.executable, "-m", "kb", "sandbox", "--no-model"]
 
@@ -73,6 +74,16 @@ def test_a_file_of_settings(tmp_path: Path) -> None:
     done = subprocess.run([*KB, "--env", str(file), "--", "true"], timeout=60)
     assert done.returncode == 0
     assert settings(file.read_text())["KB_CONTACT"]
+    assert "KB_DATA" not in settings(file.read_text())
+    (tmp_path / "mine.toml").write_text("")
+    given = ["--data", "my data", "--profile", "mine.toml"]
+    done = subprocess.run(
+        [*KB, "--no-model", *given, "--env", str(file), "--", "true"], cwd=tmp_path, timeout=60
+    )
+    assert done.returncode == 0
+    said = dotenv_values(file)
+    assert said["KB_DATA"] == str(tmp_path / "my data")
+    assert said["KB_PROFILE"] == str(tmp_path / "mine.toml")
 
 
 def test_sigterm_reaches_the_command(tmp_path: Path) -> None:

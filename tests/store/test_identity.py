@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from kb.core.errors import OtherService
+from kb.core.errors import DamagedData, OtherService, ProfileError
+from kb.core.profile import load_profile
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.store import rawlog
+from kb.store import belonging, rawlog
 from kb.store.identity import remember
 from kb.store.rawlog import Envelope, Request, Segment
 from tests.youtube.job import Job
@@ -56,3 +57,113 @@ def test_a_crawl_of_a_dead_address_leaves_room_for_the_right_one(tmp_path: Path)
         assert "holds youtube data" in job.stopped(
             *words, code=2, KB_YOUTUBE_ENDPOINT="http://127.0.0.9:9"
         )
+
+
+STARDEW = (
+    'name = "stardew"\ntitle = "Stardew"\n[youtube]\nkeywords = ["{word}"]\ncategory_ids = [20]\n'
+)
+
+
+def stardew(folder: Path, word: str = "farm", name: str = "stardew") -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "stardew.toml"
+    path.write_text(STARDEW.format(word=word).replace('"stardew"', f'"{name}"'))
+    return path
+
+
+def test_another_profile_is_refused_once_something_is_stored(tmp_path: Path) -> None:
+    root, mine = tmp_path / "root", load_profile(stardew(tmp_path))
+    belonging.note(root, load_profile("minecraft"))  # mistyped: nothing came from it
+    belonging.note(root, mine)
+    assert belonging.remembered(root) is None
+    answered(root)
+    assert belonging.remembered(root) == belonging.Remembered(
+        "stardew", str(tmp_path / "stardew.toml"), "../stardew.toml"
+    )
+    belonging.note(root, load_profile(stardew(tmp_path, "other")))  # numbers and words may change
+    with pytest.raises(OtherService, match="of the profile 'stardew', not 'minecraft'") as refused:
+        belonging.note(root, load_profile("minecraft"))
+    assert str(tmp_path / "stardew.toml") in refused.value.hint
+    assert refused.value.exit_code == 2
+
+
+def test_a_file_that_moved_is_found_beside_the_root_or_asked_for(tmp_path: Path) -> None:
+    place = tmp_path / "here"
+    belonging.note(place / "root", load_profile(stardew(place)))
+    answered(place / "root")
+    moved = place.rename(tmp_path / "there")
+    bound = belonging.remembered(moved / "root")
+    assert bound is not None
+    assert belonging.load(moved / "root", bound)[0].path == moved / "stardew.toml"
+    stardew(moved, name="valley")  # the same file is another profile now
+    with pytest.raises(OtherService, match="'stardew', not 'valley'"):
+        belonging.load(moved / "root", bound)
+    (moved / "stardew.toml").unlink()
+    with pytest.raises(ProfileError, match="which is gone") as gone:
+        belonging.load(moved / "root", bound)
+    assert "--profile FILE" in gone.value.hint
+
+
+def test_a_file_of_a_shipped_name_falls_back_to_the_shipped_one_and_says_so(tmp_path: Path) -> None:
+    belonging.note(tmp_path, load_profile(stardew(tmp_path, name="minecraft")))
+    answered(tmp_path)
+    (tmp_path / "stardew.toml").unlink()
+    bound = belonging.remembered(tmp_path)
+    assert bound is not None
+    profile, said = belonging.load(tmp_path, bound)
+    assert profile.is_shipped
+    assert "stardew.toml is gone; the shipped profile 'minecraft' is used" in said
+
+
+def test_an_older_root_is_bound_where_its_subreddit_agrees(tmp_path: Path) -> None:
+    remember(tmp_path, "reddit", subreddit="terraria")
+    belonging.note_if_stored(tmp_path, load_profile("minecraft"))
+    assert not (tmp_path / "state" / "profile.json").exists()  # nothing is stored
+    answered(tmp_path)
+    with pytest.raises(OtherService, match="subreddit terraria"):
+        belonging.note_if_stored(tmp_path, load_profile("minecraft"))
+    belonging.note_if_stored(tmp_path, load_profile(stardew(tmp_path)))  # it has no [reddit]
+    assert belonging.remembered(tmp_path).name == "stardew"  # type: ignore[union-attr]
+
+
+def test_a_damaged_memory_is_said_and_not_taken_for_none(tmp_path: Path) -> None:
+    belonging.note(tmp_path, load_profile("minecraft"))
+    (tmp_path / "state" / "profile.json").write_text('{"name"')
+    with pytest.raises(DamagedData, match=r"profile\.json can't be read"):
+        belonging.remembered(tmp_path)
+
+
+def test_the_commands_of_a_root_use_its_profile_and_refuse_another(tmp_path: Path) -> None:
+    """`KB_PROFILE=minecraft kb youtube filter` on a `stardew` root used to mix the two."""
+    with Sandbox(World(n_channels=9, n_videos=30), services=["youtube"]) as services:
+        job = Job(services, tmp_path)
+        path = job.profile(('name = "minecraft"', 'name = "stardew"'))
+        wrong = {"KB_PROFILE": "minecraft"}
+        job.done("youtube", "crawl", "--only", "channels")
+        for words in (
+            ("youtube", "crawl"),
+            ("youtube", "filter"),
+            ("youtube", "export"),
+            ("pairs",),
+            ("release",),
+            ("report",),
+            ("status",),
+            ("query", "--tables"),
+            ("reddit", "filter"),
+            ("wiki", "export"),
+        ):
+            line = job.stopped(*words, code=2, **wrong)
+            assert "of the profile 'stardew', not 'minecraft'" in line, words
+        del job.env["KB_PROFILE"]
+        assert job.done("youtube", "crawl")["crawled"] > 0  # by the file that it remembers
+        assert job.done("status")["profile"] == "stardew"
+        path.rename(path.with_name("gone.toml"))
+        assert "--profile FILE" in job.stopped("youtube", "filter", code=2)
+        for words in (("status",), ("query", "SELECT 1 AS one")):
+            answer = job.kb(*words)
+            assert answer.returncode == 0, answer.stderr
+            assert "warning: " in answer.stderr
+            assert "which is gone" in answer.stderr
+        moved = path.with_name("gone.toml")
+        job.done("youtube", "filter", "--profile", str(moved))
+        assert job.kb("status").stderr == ""  # where it is now is remembered

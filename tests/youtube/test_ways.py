@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
@@ -203,3 +204,28 @@ def test_wrong_usage_sends_and_writes_nothing(job: Job, words: tuple[str, ...]) 
     job.stopped(*CRAWL, *words, code=2)
     assert len(job.sandbox.ledger) == 0
     assert not job.root.exists()
+
+
+def test_a_keyword_without_a_channel_is_named_and_all_without_one_end_the_crawl(
+    few: Sandbox, tmp_path: Path
+) -> None:
+    """It said "crawled 0" with exit 0, then "run crawl first" and "nothing left" by turns: a circle."""
+    job = Job(few, tmp_path)
+    path = job.profile()
+    text = path.read_text()
+    words = re.search(r"^keywords = \[.*?\]", text, re.M | re.S)
+    assert words
+    path.write_text(text.replace(words[0], 'keywords = ["xyzzy", "plugh"]'))
+    line = path.read_text().splitlines().index('keywords = ["xyzzy", "plugh"]') + 1
+    for _ in range(2):  # and asked nothing twice
+        said = job.stopped(*CRAWL, code=1)
+        assert "finds a channel: 'xyzzy', 'plugh'" in said
+        assert f"change `keywords` under [youtube] in {path}, line {line}" in said
+    assert len(few.ledger) == 2
+    path.write_text(text.replace(words[0], 'keywords = ["xyzzy", "minecraft"]'))
+    answer = job.kb(*CRAWL, "--only", "channels", "--quiet")
+    assert answer.returncode == 0
+    warned = [line for line in answer.stderr.splitlines() if line.startswith("warning: ")]
+    assert len(warned) == 1
+    assert "'xyzzy'" in warned[0]
+    assert "finds no channel" in warned[0]

@@ -23,12 +23,16 @@ from kb.core.profile.wiki import Wiki
 from kb.core.profile.youtube import YouTube
 from kb.core.resources import folder
 
+DEFAULT = "minecraft"
+
 
 class Profile(Section):
     """A whole profile. Sections that a domain has no use for may be left out."""
 
     name: str = Field(
-        pattern=r"^[a-z0-9][a-z0-9_-]*$", description="short name, used in file names and titles"
+        pattern=r"^[a-z0-9][a-z0-9_-]*$",
+        description="short name, used in file names and titles",
+        examples=["stardew-valley"],
     )
     title: str = Field(description="the domain's name for people, e.g. Minecraft")
     seed: int = Field(0, description="seed of every random choice")
@@ -52,6 +56,11 @@ class Profile(Section):
                 hint=f"add [{source}] to {self.path}",
             )
         return value
+
+    @property
+    def is_shipped(self) -> bool:
+        """Whether it is one of those that come with the package."""
+        return folder("profiles").resolve() in self.path.parents
 
     def beside(self, name: str) -> Path:
         """A file that the profile names, relative to the profile's own folder."""
@@ -78,13 +87,21 @@ def load_profile(name: str | Path) -> Profile:
         raise ProfileError(f"profile {path}: {explain(error, Profile)}") from None
 
 
+def is_shipped(name: str) -> bool:
+    """Whether a profile of that name comes with the package."""
+    return name in _shipped()
+
+
+def _shipped() -> list[str]:
+    return sorted(path.parent.name for path in folder("profiles").glob("*/profile.toml"))
+
+
 def _find(name: str) -> Path:
-    profiles = folder("profiles")
     if name.endswith(".toml") or "/" in name:
         return Path(name)
-    known = sorted(path.parent.name for path in profiles.glob("*/profile.toml"))
+    known = _shipped()
     if name in known:
-        return profiles / name / "profile.toml"
+        return folder("profiles") / name / "profile.toml"
     raise ProfileError(
         f"there is no profile {name!r}",
         hint=f"known: {', '.join(known)}; or give a path to a .toml file",

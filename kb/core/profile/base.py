@@ -8,6 +8,9 @@ import typing
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
+
+from kb.core import wording
 
 
 class Section(BaseModel):
@@ -25,7 +28,7 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
 
 def _problem(problem: Any, model: type[BaseModel]) -> str:
     *parents, last = problem["loc"] or ("profile",)
-    key = ".".join(str(part) for part in problem["loc"])
+    key = _key(problem["loc"])
     kind = problem["type"]
     if kind == "extra_forbidden":
         names = list(_fields(model, parents))
@@ -37,16 +40,41 @@ def _problem(problem: Any, model: type[BaseModel]) -> str:
         )
     if kind == "missing":
         return f"'{key}' is missing"
-    message = problem["msg"].removeprefix("Value error, ")
     allowed = problem.get("ctx", {}).get("expected", "")
     found = problem.get("input")
-    line = f"'{key}' is {found!r}: {message[:1].lower()}{message[1:]}"
+    field = _field(model, problem["loc"])
+    # A table is not shown whole: what is wrong in it is said.
+    given = "" if isinstance(found, (dict, BaseModel)) else f" is {wording.shown(found)}"
+    line = f"'{key}'{given}: {wording.wrong(problem, field)}"
     if kind == "literal_error" and isinstance(found, str):
         close = difflib.get_close_matches(
             found, [part.strip("' ") for part in allowed.replace(" or ", ",").split(",")], n=1
         )
         line += f" (did you mean {close[0]!r}?)" if close else ""
     return line
+
+
+def _key(parts: Any) -> str:
+    """youtube.category_ids[1]: entries of lists are counted from 1."""
+    key = ""
+    for part in parts:
+        if isinstance(part, int):
+            key += f"[{part + 1}]"
+        elif part != key:  # `toxicity = "of"` is no toxicity.toxicity
+            key += f".{part}" if key else str(part)
+    return key
+
+
+def _field(model: type[BaseModel], parts: Any) -> FieldInfo | None:
+    """The field of a key, where it is one."""
+    field: FieldInfo | None = None
+    inner: type[BaseModel] | None = model
+    for part in parts:
+        if isinstance(part, int):
+            continue
+        field = inner.model_fields.get(str(part)) if inner is not None else None
+        inner = _model_in(field.annotation) if field is not None else None
+    return field
 
 
 def _fields(model: type[BaseModel], parents: list[Any]) -> dict[str, Any]:

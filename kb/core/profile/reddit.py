@@ -35,7 +35,9 @@ class Links(Section):
 class Reddit(Section):
     """The Reddit part of a profile (MineDojo paper, data collection appendix: Reddit)."""
 
-    subreddit: str = Field(pattern=r"^[A-Za-z0-9_]{2,21}$", description="name without r/")
+    subreddit: str = Field(
+        pattern=r"^[A-Za-z0-9_]{2,21}$", description="name without r/", examples=["Minecraft"]
+    )
     search: tuple[str, ...] = Field(
         (), description="words searched in the subreddit, beside its listings"
     )

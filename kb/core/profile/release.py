@@ -15,7 +15,10 @@ class Creator(Section):
     name: str = Field(min_length=1, description="family name, given name; or the group's name")
     affiliation: str | None = Field(None, description="where they work")
     orcid: str | None = Field(
-        None, pattern=r"^\d{4}-\d{4}-\d{4}-\d{3}[\dX]$", description="ORCID id"
+        None,
+        pattern=r"^\d{4}-\d{4}-\d{4}-\d{3}[\dX]$",
+        description="ORCID id",
+        examples=["0000-0002-1825-0097"],
     )
 
 
@@ -25,13 +28,17 @@ class Release(Section):
     version: str = Field(
         "1.0.0",
         pattern=r"^\d+\.\d+\.\d+$",
+        examples=["1.0.0"],
         description="version of the data: raise it for each published release",
     )
     creators: tuple[Creator, ...] = Field(
         (Creator(name="Lorebase contributors"),), min_length=1, description="who made the data set"
     )
     homepage: str | None = Field(
-        None, pattern=r"^https?://\S+$", description="address of the project's page"
+        None,
+        pattern=r"^https?://\S+$",
+        description="address of the project's page",
+        examples=["https://example.org/dataset"],
     )
     contact: str | None = Field(
         None, description="where removal requests and questions go; default: the project's page"

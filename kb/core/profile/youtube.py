@@ -38,7 +38,9 @@ class YouTube(Section):
     transcripts: Literal["required", "optional"] = Field(
         "required", description="whether a video without transcript is kept"
     )
-    language: str = Field("en", pattern=r"^[a-z]{2,3}$", description="language of the transcripts")
+    language: str = Field(
+        "en", pattern=r"^[a-z]{2,3}$", description="language of the transcripts", examples=["en"]
+    )
     translate: bool = Field(
         True, description="take YouTube's translation where there is no transcript in the language"
     )

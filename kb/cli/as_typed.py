@@ -1,0 +1,48 @@
+"""Commands that a message names, completed to what has to be typed here.
+
+That is with the --data and --profile of this call.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from kb.cli.options import Options
+
+_COMMAND = re.compile(r"`kb ([^`]+)`")
+_OWN_PLACE = ("demo", "sandbox")  # their data root is not the one that the message is about
+_given: dict[str, str] = {}
+
+
+def begin(options: Options) -> None:
+    """Remember what the command that runs now was called with."""
+    _given.clear()
+    if options.data is not None:
+        _given["--data"] = str(options.data)
+    if options.profile is not None:
+        _given["--profile"] = options.profile
+
+
+def as_typed(text: str) -> str:
+    """The text with each `kb …` in it completed."""
+    return _COMMAND.sub(lambda match: f"`kb {_completed(match[1])}`", text) if _given else text
+
+
+def _completed(words: str) -> str:
+    from kb.cli.app import leaves
+
+    commands = dict(leaves())
+    first = words.split()
+    command = commands.get(" ".join(first[:2])) or commands.get(first[0])
+    if command is None or first[0] in _OWN_PLACE or "--help" in first:
+        return words
+    known = {option for parameter in command.params for option in parameter.opts}
+    missing = [
+        f"{name} {shlex.quote(value)}"
+        for name, value in _given.items()
+        if name in known and name not in first
+    ]
+    return " ".join([words, *missing])

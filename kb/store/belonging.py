@@ -1,0 +1,140 @@
+"""A data root remembers the profile of its data, whose keywords and thresholds fit no other domain.
+
+state/profile.json holds the name and, for a profile of one's own, its file. Like a service's host
+it binds once something is stored: a mistyped profile that nothing came from does no harm. Numbers
+may change within a profile; another name is refused (OtherService, exit 2).
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import msgspec
+
+from kb.core.errors import DamagedData, OtherService, ProfileError
+from kb.core.profile import Profile, is_shipped, load_profile
+from kb.store import identity, rawlog
+from kb.store.atomic import write_bytes
+
+_SOURCES = ("youtube", "wiki", "reddit")
+_FOLDERS = ("clean", "pairs", "release")
+
+
+class Remembered(msgspec.Struct, frozen=True):
+    """A profile by name; `file`: where one of the user's own was, `from_root`: from the root."""
+
+    name: str
+    file: str | None = None
+    from_root: str | None = None
+
+
+def remembered(root: Path) -> Remembered | None:
+    """The profile that binds the data root; None while nothing is stored. Raises DamagedData."""
+    found = _read(root)
+    return found if found is not None and _holds_data(root) else None
+
+
+def check(root: Path, profile: Profile) -> None:
+    """Raises OtherService when the data root holds data of another profile."""
+    bound = remembered(root)
+    if bound is not None and bound.name != profile.name:
+        raise OtherService(
+            f"{root} holds data of the profile {bound.name!r}, not {profile.name!r}",
+            hint=f"use another --data folder, or --profile {bound.file or bound.name}",
+        )
+
+
+def load(root: Path, bound: Remembered) -> tuple[Profile, str]:
+    """The remembered profile, and a line for the user when it is not the file that it was.
+
+    Raises ProfileError when it is gone or can't be read, OtherService when its file has another
+    name now.
+    """
+    said = ""
+    if bound.file is None:
+        profile = load_profile(bound.name)
+    else:
+        places = [Path(bound.file)]
+        if bound.from_root is not None:
+            places.append(Path(os.path.normpath(root / bound.from_root)))
+        there = next((place for place in places if place.is_file()), None)
+        if there is not None:
+            profile = load_profile(there)
+        elif is_shipped(bound.name):
+            profile = load_profile(bound.name)
+            said = f"{bound.file} is gone; the shipped profile {bound.name!r} is used"
+        else:
+            raise ProfileError(
+                f"{root} was made with the profile {bound.name!r} of {bound.file}, which is gone",
+                hint="say where it is now with --profile FILE; the data root remembers it",
+            )
+    check(root, profile)
+    return profile, said
+
+
+def note(root: Path, profile: Profile) -> None:
+    """Remember the profile of what is about to be written; the file may be another one than before.
+
+    A data root of before there was such a memory is bound too, where the rest it remembers agrees.
+    Raises OtherService.
+    """
+    check(root, profile)
+    old = _read(root)
+    if old is None and _holds_data(root) and not _agrees(root, profile):
+        return
+    file = None if profile.is_shipped or profile.path == Path() else str(profile.path)
+    new = Remembered(profile.name, file, os.path.relpath(file, root.absolute()) if file else None)
+    if new != old:
+        write_bytes(_path(root), msgspec.json.encode(new))
+
+
+def note_if_stored(root: Path, profile: Profile) -> None:
+    """The same before a command that works on what is there; nothing is made where nothing is."""
+    if _holds_data(root):
+        note(root, profile)
+
+
+def _path(root: Path) -> Path:
+    return root / "state" / "profile.json"
+
+
+def _read(root: Path) -> Remembered | None:
+    path = _path(root)
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Remembered)
+    except FileNotFoundError:
+        return None
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        raise DamagedData(
+            f"{path} can't be read",
+            hint="delete it, then name the profile once: --profile NAME|FILE",
+        ) from None
+
+
+def _holds_data(root: Path) -> bool:
+    return any(rawlog.any_answer(root, source) for source in _SOURCES) or any(
+        (root / name).is_dir() for name in _FOLDERS
+    )
+
+
+def _agrees(root: Path, profile: Profile) -> bool:
+    """Whether hosts and subreddit, as far as they were noted, can be this profile's.
+
+    A subreddit comes from nowhere else, so another one is refused. A wiki's address may have been
+    a setting.
+    """
+    subreddit = identity.noted(root, "reddit").get("subreddit")
+    if profile.reddit and subreddit and subreddit != profile.reddit.subreddit.lower():
+        raise OtherService(
+            f"{root} holds reddit data of subreddit {subreddit},"
+            f" which is not that of the profile {profile.name!r}",
+            hint="use another --data folder, or the --profile it was made with",
+        )
+    wiki = identity.noted(root, "wiki").get("wiki")
+    return not (profile.wiki and wiki) or wiki.split("/")[0] in (
+        urlsplit(profile.wiki.url).hostname,
+        "127.0.0.1",
+        "localhost",
+    )

@@ -1,0 +1,147 @@
+"""Every `kb …` that a message, hint or description names is a command, and can be typed as it stands."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from kb.cli.app import TREE
+from kb.cli.as_typed import as_typed, begin
+from kb.cli.options import Options
+from tests.cli.test_help import COMMANDS
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = ("youtube", "wiki", "reddit")
+
+
+class Mention(NamedTuple):
+    place: str
+    text: str  # without the quotes; what an f-string fills in is {}
+    advised: bool  # "run `kb …`": somebody will type it
+    prose: bool  # a docstring, which may speak of a whole group
+
+
+def mentions() -> Iterator[Mention]:
+    for path in sorted([*ROOT.glob("kb/**/*.py"), *ROOT.glob("pipelines/*.py")]):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        docs = {
+            id(node.value)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        }
+        parts = {
+            id(value)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.JoinedStr)
+            for value in node.values
+        }
+        for node in ast.walk(tree):
+            text = "" if id(node) in parts else text_of(node)
+            for found in re.finditer(r"`kb ([a-z<{-][^`]*)`", text):
+                place = f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}"
+                advised = bool(re.search(r"\brun `", text[: found.start() + 1]))
+                yield Mention(place, found[1], advised, id(node) in docs)
+
+
+def text_of(node: ast.AST) -> str:
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        return "".join(text_of(part) or "{}" for part in node.values)
+    return ""
+
+
+def command(words: list[str]) -> Any:
+    """The command that the words name; a whole group has None."""
+    path = " ".join(words[:2])
+    return COMMANDS.get(path) or COMMANDS.get(words[0] if words else "")
+
+
+def problems(mention: Mention) -> list[str]:
+    words = re.sub(r"<source>|youtube\|reddit", "{}", mention.text).split()
+    if "{}" in words[:2] and words not in (["{}"], ["{}", "{}"]):
+        each = [[word.replace("{}", source) for word in words] for source in SOURCES]
+        found = [problems_of(one, mention) for one in each if command(one) is not None]
+        return min(found, default=["is no command of any source"], key=len)
+    return problems_of(words, mention)
+
+
+def problems_of(words: list[str], mention: Mention) -> list[str]:
+    if words[0] in ("{}", "--help"):
+        return []
+    found = command(words)
+    if found is None:
+        whole = mention.prose and len(words) == 1 and words[0] in TREE
+        return [] if whole else ["is no command"]
+    options = {name: p for p in found.params for name in p.opts if name.startswith("--")}
+    said = []
+    depth = 2 if " ".join(words[:2]) in COMMANDS else 1
+    takes_words = any(p.param_type_name == "argument" for p in found.params)
+    for number, word in enumerate(words):
+        if word.startswith("--") and word != "--help":
+            option = options.get(word)
+            if option is None:
+                said.append(f"has no {word}")
+            elif not (option.is_flag or mention.prose or words[number + 1 : number + 2]):
+                said.append(f"{word} needs a value")
+        elif number >= depth and word.isalpha() and words[number - 1] not in options:
+            said += [] if takes_words else [f"takes no argument {word}"]
+    needed = [p for p in found.params if p.required and p.param_type_name == "argument"]
+    if mention.advised and needed and len(words) == depth:
+        said.append(f"needs {needed[0].name}")
+    return said
+
+
+FOUND = list(mentions())
+
+
+def test_they_are_found() -> None:
+    assert len(FOUND) > 80
+    assert sum(mention.advised for mention in FOUND) > 25
+
+
+@pytest.mark.parametrize("mention", FOUND, ids=lambda one: f"{one.place} kb {one.text}")
+def test_a_command_that_is_named_exists_as_it_stands(mention: Mention) -> None:
+    assert problems(mention) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("pairs filter", "takes no argument filter"),
+        ("annotate", "is no command"),
+        ("youtube export --limit 3", "has no --limit"),
+        ("pairs --from-index", "--from-index needs a value"),
+        ("reddit import", "needs files"),
+        ("filter", "is no command"),
+        ("{} fliter", "is no command of any source"),
+    ],
+)
+def test_what_is_wrong_would_be_seen(text: str, problem: str) -> None:
+    assert problems(Mention("", text, advised=True, prose=False)) == [problem]
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("run `kb youtube filter` first", "run `kb youtube filter --data 'my data' --profile x`"),
+        ("`kb query --tables` lists", "`kb query --tables --data 'my data' --profile x` lists"),
+        ("run `kb pairs --data y`", "run `kb pairs --data y --profile x`"),
+        ("run `kb models fetch`", "run `kb models fetch`"),
+        ("see `kb youtube crawl --help`", "see `kb youtube crawl --help`"),
+        ("`kb demo` shows it", "`kb demo` shows it"),
+        ("run `pip install x`", "run `pip install x`"),
+    ],
+)
+def test_a_named_command_is_completed_with_what_this_call_was_given(text: str, wanted: str) -> None:
+    begin(Options(data=Path("my data"), profile="x"))
+    try:
+        assert wanted in as_typed(text)
+    finally:
+        begin(Options())
+    assert as_typed(text) == text
