@@ -61,6 +61,8 @@ def plan(run: Run, ids: Path | None = None, part: tuple[int, int] | None = None)
         calls["search"] / profile.searches_per_day, general / profile.units_per_day, hours / 24
     )
     return Summary(
+        command="youtube crawl --plan",
+        source="youtube",
         channels=left["channels"],
         videos=left["videos"],
         transcripts=left["transcripts"],

@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from kb.core import clock, signals
+from kb.core import clock, signals, vocabulary
 from kb.core.context import Run
 from kb.core.errors import ItemFinal, LimitReached, QuotaSpent, Retryable
 from kb.core.verdict import Summary
@@ -89,7 +89,18 @@ def refresh(run: Run) -> Summary:
 
 def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total: int) -> Summary:
     before = frontier.requests()
-    summary = Summary(crawled=0, missing=0, failed=0, requests=0, units=0, left=total)
+    summary = Summary(
+        command="refresh youtube",
+        source="youtube",
+        counted="videos",
+        crawled=0,
+        missing=0,
+        failed=0,
+        requests=0,
+        units=0,
+        left=total,
+        left_by={},
+    )
     if not total:
         run.progress.say(f"youtube: nothing is older than {profile.max_age_days} days")
         return summary
@@ -135,17 +146,19 @@ def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total:
         raise
     finally:
         api.close()
-        task.close()
+        task.close(stopped=summary["crawled"] < total)
     return _final(summary, frontier, before)
 
 
 def _final(summary: Summary, frontier: Frontier, before: tuple[int, int]) -> Summary:
     requests, units = frontier.requests()
     counts = frontier.counts(REFRESH)
+    left = vocabulary.left_by("youtube", {REFRESH: counts})
     summary |= {
         "requests": requests - before[0],
         "units": units - before[1],
         "failed": counts.get("error", 0),
-        "left": counts.get("todo", 0),
+        "left": sum(left.values()),
+        "left_by": left,
     }
     return summary
