@@ -222,9 +222,11 @@ def phrase(name: str, value: Any, summary: dict[str, Any]) -> str:
 
 def count(value: Any, words: str) -> str:
     """The words with the number in place of `{n}`, in the singular for 1: "1 video crawled"."""
-    if value == 1 and words.startswith("{n} "):
-        first, _, rest = words[4:].partition(" ")
-        words = f"{{n}} {one(first)}{' ' + rest if rest else ''}"
+    if value == 1 and words.startswith("{n} ") and " and " not in words:
+        parts = words.split(" ")
+        plural = next((at for at, part in enumerate(parts[:3]) if part.endswith("s")), 0)
+        parts[plural] = one(parts[plural])  # "{n} quota units not spent": the noun is near
+        words = " ".join(parts)
     return words.replace("{n}", f"{value:,}" if isinstance(value, (int, float)) else str(value))
 
 
@@ -235,9 +237,7 @@ def nouns(numbers: Mapping[str, int]) -> str:
 
 def one(plural: str) -> str:
     """The singular of a noun of this table."""
-    if plural.endswith(("ches", "sses")):
-        return plural[:-2]
-    return plural[:-1] if plural.endswith("s") and plural not in ("missing",) else plural
+    return plural[:-2] if plural.endswith("ches") else plural.removesuffix("s")
 
 
 def tally(counted: str, numbers: dict[str, int]) -> str:
