@@ -119,7 +119,7 @@ def _receive(session: Any, address: str, part: Path, task: Any) -> None:
             ).startswith(f"bytes {have}-")
             expected = response.headers.get("Content-Length")
             if expected and expected.isdigit():
-                task.expect(int(expected) + (have if goes_on else 0))
+                task.expect(int(expected))
             received = _write(response, part, "ab" if goes_on else "wb", task)
             if expected and received != int(expected):
                 raise Retryable(f"{address} was cut off", unreachable=True)

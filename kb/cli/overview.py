@@ -20,7 +20,7 @@ _LEFT = ("todo", "in_progress")  # what failed is counted by itself, as in a cra
 
 
 def overview(run: Run, flags: str = "") -> dict[str, Any]:
-    """Everything about the data root: by source, disk use in bytes by folder, and what to type next.
+    """All about the data root: by source, disk use in bytes by folder, what to type next.
 
     `flags` are the options that the next command needs to find this root again.
     """

@@ -94,7 +94,7 @@ def summaries() -> str:
 
     lines = [
         "# Summaries\n",
-        "A command ends with one line that names its numbers, or with `--json` as an object of these names."
+        "A command ends with one line that names its numbers; `--json` makes it an object."
         " `crawled`, `kept`, `rejected`, `failed` and `pending` count what `counted` says;"
         " crawl, filter, export and `kb status` use the same nouns.\n",
         "| name | meaning |",

@@ -58,7 +58,7 @@ def _lines(about: dict[str, Any]) -> list[str]:
 
 
 def _source(source: str, facts: dict[str, Any]) -> list[str]:
-    """A source in the words of its summaries: what was crawled and kept, what is left, at what cost."""
+    """A source in the words of its summaries: crawled and kept, what is left, at what cost."""
     running = f" (being written by pid {facts['running_pid']})" if facts["running_pid"] else ""
     lines = [f"{source}{running}"]
     for counted, numbers in facts["tally"].items():

@@ -1,6 +1,7 @@
 """Progress of long work: what a stage reports, whoever shows it.
 
-with run.progress.task("metadata", unit="videos", waiting=lambda: frontier.waiting("videos")) as task:
+waiting = lambda: frontier.waiting("videos")
+with run.progress.task("metadata", unit="videos", waiting=waiting) as task:
     task.advance(50, quota="21/10,000")
 
 The total is what is known now: given once, or what is done and what `waiting` says; it grows as
@@ -23,12 +24,13 @@ SETTLED_S = 5.0  # before that, and that long after the total grew, the time lef
 class Task(Protocol):
     """One bar: `advance` counts items and names figures to show beside it.
 
-    `close` ends it; as a context manager it knows whether an error did.
+    `expect` says how many more are to come, where that is found out on the way. `close` ends
+    it; as a context manager it knows whether an error did.
     """
 
     def advance(self, n: int = 1, **facts: object) -> None: ...
 
-    def expect(self, total: int) -> None: ...
+    def expect(self, more: int) -> None: ...
 
     def close(self, *, stopped: bool = False) -> None: ...
 
@@ -58,7 +60,7 @@ class SilentTask:
     def advance(self, n: int = 1, **facts: object) -> None:
         """Nothing to show."""
 
-    def expect(self, total: int) -> None:
+    def expect(self, more: int) -> None:
         """Nothing to show."""
 
     def close(self, *, stopped: bool = False) -> None:
@@ -117,9 +119,12 @@ class Counted:
         with self._lock:
             self._show()
 
-    def expect(self, total: int) -> None:
-        """So many there are in all, as is known by now."""
+    def expect(self, more: int) -> None:
+        """So many are still to come, as is known by now."""
         with self._lock:
+            total = self.done + more
+            if self._most is not None:
+                total = min(total, self._most)
             if total > (self.total or 0) and self.done:
                 self._grown = clock.monotonic()
             self.total = total
@@ -153,7 +158,7 @@ class Counted:
         return f"{speed:,.1f}/s" if speed >= 1 else f"{speed * 60:,.1f}/min"
 
     def time_left(self) -> str:
-        """How long the rest takes; "" where the pace or the total can't be relied on yet, or all is done."""
+        """How long the rest takes; "" when all is done, or pace and total mean nothing yet."""
         now = clock.monotonic()
         if self.ended or not self.total or not 0 < self.done < self.total:
             return ""
@@ -175,8 +180,7 @@ class Counted:
         if self._waiting is None:
             return
         self._counted = clock.monotonic()
-        total = self.done + self._waiting()
-        self.expect(total if self._most is None else min(total, self._most))
+        self.expect(self._waiting())
 
     def _show(self) -> None:
         """Something has changed."""

@@ -50,6 +50,8 @@ class Summary(dict[str, Any]):
         """
         tally = self.get("tally")
         silent = (*_HEAD, *_ANSWERS) if tally else _HEAD
+        if self.get("crawled_in_all") == self.get("crawled"):
+            silent += ("crawled_in_all",)  # the first run is all
         told = [vocabulary.phrase(name, self[name], self) for name in self if name not in silent]
         if tally:
             told.insert(0, "; ".join(vocabulary.tally(of, each) for of, each in tally.items()))

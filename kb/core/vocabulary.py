@@ -1,6 +1,6 @@
-"""One noun for one number: every name of a summary (`--json`), what it counts, and how a person reads it.
+"""One noun for one number: every name of a summary (`--json`), what it counts, how a person reads it.
 
-The line of a command, the facts of a progress bar, `kb status` and the reference page are made of this table.
+The line of a command, `kb status` and the reference page are made of this table.
 A name that is written `command.name` says it for that command alone.
 """
 
@@ -26,16 +26,22 @@ WORDS: dict[str, Word] = {
     # The four answers, and what is in them.
     "command": Word("The command that made the summary."),
     "source": Word("youtube, wiki, reddit or pairs."),
-    "counted": Word("What crawled, kept, rejected, failed and pending count: videos, pages, posts …"),
+    "counted": Word(
+        "What crawled, kept, rejected, failed and pending count: videos, pages, posts …"
+    ),
     "crawled": Word(
-        "Items that a service answered in this run, `missing` ones among them; after a filter all items.",
+        "Items answered in this run, `missing` ones among them; of a filter all items.",
         "{n} {counted} crawled",
         always=True,
     ),
     "crawled_in_all": Word("The same over all runs on this data root.", "{n} in all"),
     "kept": Word("Items that passed every stage.", "{n} kept", always=True),
-    "rejected": Word("Items that a stage rejected; `stages` has each.", "{n} rejected", always=True),
-    "failed": Word("Items that could not be read after their tries; the next run tries again.", "{n} failed"),
+    "rejected": Word(
+        "Items that a stage rejected; `stages` has each.", "{n} rejected", always=True
+    ),
+    "failed": Word(
+        "Items that could not be read after their tries; the next run tries again.", "{n} failed"
+    ),
     "pending": Word("Items that are known and wait for their answer.", "{n} pending"),
     "missing": Word(
         "Of the crawled ones, those that the service did not return.", "{n} of them missing"
@@ -48,10 +54,14 @@ WORDS: dict[str, Word] = {
     "duplicates": Word("Older or repeated answers; the newest one counts.", "{n} older answers"),
     "unknown_keys": Word("Keys of answers that schemas/ does not declare, with how often."),
     # What was asked and read.
-    "requests": Word("Requests sent; without those that the browser sends for a page.", "{n} requests"),
+    "requests": Word(
+        "Requests sent; without those that the browser sends for a page.", "{n} requests"
+    ),
     "units": Word("Quota units spent, searches included.", "{n} quota units"),
     "bad_lines": Word("Lines of a given file or dump that can't be read.", "{n} bad lines"),
-    "truncated_files": Word("Files that are cut off; what is whole in them was read.", "{n} files cut off"),
+    "truncated_files": Word(
+        "Files that are cut off; what is whole in them was read.", "{n} files cut off"
+    ),
     "lines": Word("Lines of the dumps that were looked through.", "{n} lines looked through"),
     # Nouns.
     "channels": Word("Channels found so far.", "{n} channels"),
@@ -66,13 +76,17 @@ WORDS: dict[str, Word] = {
     "cells": Word("Cells of tables.", "{n} cells"),
     "images": Word("Images.", "{n} images"),
     "wiki crawl.images": Word("Image files that were fetched, of all runs.", "{n} image files"),
-    "images_failed": Word("Image files that could not be fetched.", "{n} image files not to be had"),
+    "images_failed": Word(
+        "Image files that could not be fetched.", "{n} image files not to be had"
+    ),
     "robots": Word("Pages that robots.txt bars.", "{n} barred by robots.txt"),
     "gone": Word("Pages that left the wiki.", "{n} gone from the wiki"),
     "posts": Word("Posts.", "{n} posts"),
     "reddit crawl.posts": Word("Posts known so far.", "{n} posts known"),
     "comments": Word("Comments.", "{n} comments"),
-    "comments_unread": Word("Comments that are known to exist and were not read.", "{n} comments unread"),
+    "comments_unread": Word(
+        "Comments that are known to exist and were not read.", "{n} comments unread"
+    ),
     "reddit crawl.outside": Word(
         "Posts outside of --since and --until, left for another crawl.", "{n} outside of the dates"
     ),
@@ -91,11 +105,15 @@ WORDS: dict[str, Word] = {
     "excluded": Word("Matches that the keyword list rules out.", "{n} excluded"),
     "outside": Word("Matches whose clip would leave the video.", "{n} outside of the video"),
     "filled": Word("Pairs whose text is there again.", "{n} filled"),
-    "differing": Word("Pairs whose transcript is not the one they were made of.", "{n} with other text"),
+    "differing": Word(
+        "Pairs whose transcript is not the one they were made of.", "{n} with other text"
+    ),
     "texts": Word("Different texts that were looked at.", "{n} texts"),
     "scored": Word("Texts that were scored in this run.", "{n} scored", always=True),
     "known": Word("Texts whose score was there.", "{n} scored before"),
-    "exact_again": Word("Texts near the threshold, scored again in full.", "{n} scored again in full"),
+    "exact_again": Word(
+        "Texts near the threshold, scored again in full.", "{n} scored again in full"
+    ),
     "fetched": Word("Files that were fetched.", "{n} files fetched", always=True),
     "present": Word("Files that were there.", "{n} files there before"),
     "files": Word("Files.", "{n} files"),
@@ -138,9 +156,11 @@ WORDS: dict[str, Word] = {
     "transcript_hours": Word("Hours that the transcripts take.", "{n} hours of transcripts"),
     "gb": Word("Gigabytes of raw data.", "{n} GB"),
     "days": Word("Days at today's quotas.", "{n} days"),
-    "searches_left_today": Word("Searches that today's quota has left.", "{n} searches left today", True),
+    "searches_left_today": Word(
+        "Searches that today's quota has left.", "{n} searches left today", True
+    ),
     "units_left_today": Word("Units that today's quota has left.", "{n} units left today", True),
-}  # fmt: skip
+}
 
 # What waits and what is done, by source and kind of the frontier: (noun, what an item is).
 PHASES: dict[str, dict[str, tuple[str, str]]] = {
@@ -191,7 +211,7 @@ def place(name: str) -> int:
 
 
 def left_by(source: str, kinds: Mapping[str, Mapping[str, int]]) -> dict[str, int]:
-    """What waits, by noun and in the order of work, from counts by kind and status; nought is left out."""
+    """What waits, by noun in the order of work, from counts by kind; nought is left out."""
     waiting = {
         noun(source, kind): kinds[kind].get("todo", 0) + kinds[kind].get("in_progress", 0)
         for kind in in_order(source, kinds)
@@ -241,7 +261,7 @@ def one(plural: str) -> str:
 
 
 def tally(counted: str, numbers: dict[str, int]) -> str:
-    """The four answers of one table: "300 videos crawled: 207 kept, 93 rejected (9 missing) …"."""
+    """The four answers of a table: "300 videos crawled: 207 kept, 93 rejected (9 missing) …"."""
     missing = numbers.get("missing", 0)
     told = f" ({missing:,} missing)" if missing else ""
     return (

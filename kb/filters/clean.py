@@ -234,14 +234,15 @@ def _ended(pending: Path, reasons: tuple[str, ...], lost: Mapping[str, str]) -> 
 def _summary(
     spec: Clean, folder: Path, parsed: Counter[str], counts: Counter[str], key: str
 ) -> Summary:
-    """The numbers of the files that were written, table by table. Raises CountMismatch when the workers' differ."""
+    """The numbers of the written files, by table. Raises CountMismatch when the workers' differ."""
     tables = {table(chain.table).short: chain.prefix for chain in spec.chains}
     found = tally.tally(folder, tables)
     names = ("crawled", "kept", "rejected", "failed", "pending")
     total = Tally(*(sum(each[name] for each in found.values()) for name in names))
     if total.check(spec.source) != Tally(*(counts[name] for name in names)):
         raise CountMismatch(
-            f"{spec.source}: the files hold {asdict(total)}, but the workers counted {dict(counts)}",
+            f"{spec.source}: the files hold {asdict(total)},"
+            f" but the workers counted {dict(counts)}",
             hint="this is a defect of Lorebase; no output was replaced",
         )
     summary = Summary(

@@ -154,7 +154,7 @@ class Crawl:
             source="reddit",
             counted="posts",
             crawled=self.posts,
-            crawled_in_all=in_all if in_all != self.posts else None,
+            crawled_in_all=in_all,
             missing=counts["tree"].get("skipped", 0) - left_out,
             failed=sum(counts[kind].get("error", 0) for kind in KINDS),
             pending=self.frontier.waiting("tree"),

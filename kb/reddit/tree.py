@@ -45,7 +45,7 @@ def things(response: Any) -> Iterator[Thing]:
 
 
 def new_comments(response: Any, of: str | None = None) -> int:
-    """How many comments an answer brings; a thread's page repeats the comment that it continues, `of`."""
+    """How many comments an answer brings; a thread's page repeats `of`, which it continues."""
     return sum(thing.kind == COMMENT and thing.data.get("id") != of for thing in things(response))
 
 

@@ -270,7 +270,7 @@ class Frontier:
             return int(row[0])
 
     def waiting(self, *kinds: str) -> int:
-        """How many items of these kinds are known and not answered yet, those in progress included."""
+        """How many items of these kinds have no answer yet, those in progress included."""
         counts = (self.counts(kind) for kind in kinds)
         return sum(count.get("todo", 0) + count.get("in_progress", 0) for count in counts)
 

@@ -1,4 +1,4 @@
-"""The four answers of a source, counted in the files of clean/<source>: what summary and status both say."""
+"""The four answers of a source, counted in the files of clean/<source>: what all summaries say."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def rows(folder: Path) -> int:
 def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
     """By table: crawled, kept, rejected, failed, pending, and `missing` of the rejected ones.
 
-    `clean` is the folder of a source, `tables` as in SORTED. Tables that are not there are left out.
-    Raises DamagedData.
+    `clean` is the folder of a source, `tables` as in SORTED. Tables that are not there are left
+    out. Raises DamagedData.
     """
     found = {}
     verdicts = {verdict: _keys(clean / verdict, tables) for verdict in VERDICTS}

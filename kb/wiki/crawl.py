@@ -261,9 +261,9 @@ class Crawl(Job):
     def summary(self) -> Summary:
         """What this run crawled and asked, and how the whole data root stands.
 
-        `crawled` are this run's answers, as the filter counts them: pages that were captured, are barred or can't
-        be shown (`rejected`: too large, an error page), and titles without a page (`missing`). `failed` are
-        pages and titles that the next run tries again; `gone` pages left the wiki.
+        `crawled` are this run's answers, as the filter counts them: pages that were captured, are
+        barred or can't be shown (`rejected`: too large, an error page), and titles without a page
+        (`missing`). `failed` pages and titles are tried again by the next run; `gone` ones left.
         """
         kinds = self.frontier.kinds()
         pages, files, info = (kinds.get(kind, {}) for kind in ("pages", "files", "info"))
@@ -281,7 +281,7 @@ class Crawl(Job):
             source="wiki",
             counted="pages",
             crawled=crawled,
-            crawled_in_all=in_all if in_all != crawled else None,
+            crawled_in_all=in_all,
             missing=missing,
             rejected=skipped.total(),
             robots=robots,

@@ -13,7 +13,7 @@ from kb.wiki.web import Web
 
 @dataclass(kw_only=True)
 class Job:
-    """One run of the crawl under the writer's lock; `answered` counts its pages: captured, barred or final."""
+    """One run of the crawl under the writer's lock; `answered` counts pages that did not fail."""
 
     run: Run
     url: str

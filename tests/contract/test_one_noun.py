@@ -150,11 +150,17 @@ def test_a_stopped_crawl_says_what_is_left_as_status_does(tmp_path: Path) -> Non
     ("summary", "line"),
     [
         ({"crawled": 1, "counted": "videos"}, "1 video crawled"),
-        ({"crawled": 1200, "counted": "posts", "missing": 1}, "1,200 posts crawled, 1 of them missing"),
+        (
+            {"crawled": 1200, "counted": "posts", "missing": 1},
+            "1,200 posts crawled, 1 of them missing",
+        ),
         ({"command": "x", "matches": 1, "units": 1, "failed": 0}, "x: 1 match, 1 quota unit"),
         ({"left_by": {"searches": 1, "videos": 54}}, "left: 1 search, 54 videos"),
-        ({"crawled": 0, "counted": "pages", "stopped": "by SIGINT"}, "0 pages crawled, stopped: by SIGINT"),
+        (
+            {"crawled": 0, "counted": "pages", "stopped": "by SIGINT"},
+            "0 pages crawled, stopped: by SIGINT",
+        ),
     ],
-)  # fmt: skip
+)
 def test_lines(summary: dict[str, Any], line: str) -> None:
     assert Summary(summary).line() == line
