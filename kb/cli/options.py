@@ -186,6 +186,9 @@ class Options:
         )
 
 
+Plan = Annotated[
+    bool, typer.Option("--plan", help="Print what is left and what it costs; send nothing.")
+]
 Part = Annotated[
     str | None,
     typer.Option("--part", metavar="I/N", help="The I-th of N parts of the ids, for N machines."),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from kb.core import vocabulary
+from kb.core import plan, vocabulary
 from kb.core.errors import CountMismatch
 
 
@@ -48,6 +48,8 @@ class Summary(dict[str, Any]):
 
         Each number stands with its noun; what is nought or for scripts only is left out.
         """
+        if "phases" in self:
+            return plan.table(self)
         tally = self.get("tally")
         silent = (*_HEAD, *_ANSWERS) if tally else _HEAD
         if self.get("crawled_in_all") == self.get("crawled"):

@@ -58,6 +58,9 @@ WORDS: dict[str, Word] = {
         "Requests sent; without those that the browser sends for a page.", "{n} requests"
     ),
     "units": Word("Quota units spent, searches included.", "{n} quota units"),
+    "youtube crawl --plan.units": Word(
+        "Units of the general quota; searches have a quota of their own.", "{n} quota units"
+    ),
     "bad_lines": Word("Lines of a given file or dump that can't be read.", "{n} bad lines"),
     "truncated_files": Word(
         "Files that are cut off; what is whole in them was read.", "{n} files cut off"
@@ -151,6 +154,8 @@ WORDS: dict[str, Word] = {
     "stopped": Word("Why the command stopped; the same one goes on."),
     "error": Word("Why the command failed."),
     # A plan.
+    "phases": Word("What is done to how many items, with requests, units, hours and gb."),
+    "hours": Word("Hours that it takes, at the pace that the services ask for."),
     "searches": Word("Search requests.", "{n} searches"),
     "calls": Word("Requests of all kinds.", "{n} calls"),
     "transcript_hours": Word("Hours that the transcripts take.", "{n} hours of transcripts"),

@@ -42,7 +42,7 @@ def refresh(run: Run) -> Summary:
         oldest = clock.now() - timedelta(days=section.max_age_days)
         with (
             known(run) as things,
-            closing(Merge(_parts(things, at.gone, oldest, run.again), _ORDER, _ORDER)) as due,
+            closing(Merge(due_parts(things, at.gone, oldest, run.again), _ORDER, _ORDER)) as due,
         ):
             items = (
                 (row["fullname"], {"post": row["place"][1:]})
@@ -53,7 +53,7 @@ def refresh(run: Run) -> Summary:
         return _read(run, at, total, section.max_age_days)
 
 
-def _parts(things: Known, gone: Collection[str], oldest: datetime, again: bool) -> list[Path]:
+def due_parts(things: Known, gone: Collection[str], oldest: datetime, again: bool) -> list[Path]:
     """What is due of each share, with `again` what is missing as well.
 
     `place` is "0" or "1" and the post: posts first, then comments post by post.
