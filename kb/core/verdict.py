@@ -61,7 +61,9 @@ class Summary(dict[str, Any]):
                 told.insert(1, beside)
         if left := self.get("left_by"):
             told.append("left: " + vocabulary.nouns(left))
-        told += [f"{name}: {self[name]}" for name in _END if self.get(name)]
+        for name in _END:
+            why = str(self.get(name) or "")
+            told.append(why if why.startswith(name) or not why else f"{name}: {why}")
         head = f"{self['command']}: " if self.get("command") else ""
         return head + ", ".join(phrase for phrase in told if phrase)
 

@@ -162,7 +162,7 @@ def test_sigkill_and_resume_give_the_same_tables(whole, sandbox, faults, tmp_pat
         command, env=env, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout.splitlines()[-1])["crawled"] == 12
+    assert json.loads(done.stdout.splitlines()[-1])["crawled_in_all"] == 12
     run = dataclasses.replace(whole[0], root=tmp_path)
     assert tables(run) == whole[2]
 
