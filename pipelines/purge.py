@@ -26,13 +26,15 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
     keys = room.purge_raw(run, ids)
     said = getattr(keys, "said", {})
     if not keys:
-        return Summary(source=source, purged=0, rows=0, scores=0, **said)
+        return Summary(command=f"purge {source}", source=source, purged=0, rows=0, scores=0, **said)
     rows = store.drop_rows(run.root, room.ROWS, keys)
     scores = _scores(run, source)
     _made(run, source)
     store.finish(run.root, source)
     purged = sum(reason != "post" for reason in keys.values()) - said.get("unknown", 0)
-    return Summary(source=source, purged=purged, rows=rows, scores=scores, **said)
+    return Summary(
+        command=f"purge {source}", source=source, purged=purged, rows=rows, scores=scores, **said
+    )
 
 
 def _scores(run: Run, source: str) -> int:

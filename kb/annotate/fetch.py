@@ -52,14 +52,16 @@ def fetch(
         ):
             present += 1
             continue
-        task = run.progress.task(file, None, "bytes")
-        try:
+        with run.progress.task(file, None, "bytes") as task:
             size += _download(session, address, path, digest, task)
-        finally:
-            task.close()
         fetched += 1
     return Summary(
-        model=published.name, fetched=fetched, present=present, bytes=size, folder=str(folder)
+        command="models fetch",
+        model=published.name,
+        fetched=fetched,
+        present=present,
+        bytes=size,
+        folder=str(folder),
     )
 
 
@@ -116,6 +118,8 @@ def _receive(session: Any, address: str, part: Path, task: Any) -> None:
                 "Content-Range", ""
             ).startswith(f"bytes {have}-")
             expected = response.headers.get("Content-Length")
+            if expected and expected.isdigit():
+                task.expect(int(expected))
             received = _write(response, part, "ab" if goes_on else "wb", task)
             if expected and received != int(expected):
                 raise Retryable(f"{address} was cut off", unreachable=True)

@@ -133,11 +133,8 @@ class Scorer:
         """
         if self.checkpoint is None or self.scores is None:
             return Counts()
-        task = self.run.progress.task(f"toxicity {self.source}", total, "texts")
-        try:
+        with self.run.progress.task(f"toxicity {self.source}", total, "texts") as task:
             counts = self._annotate(batches, task)
-        finally:
-            task.close()
         if any(Path(self.scores.folder).glob("part-*.parquet")):
             self.scores.merge()
         return counts

@@ -58,13 +58,18 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
     run.profile.section(source)
     scorer = Scorer.open(run, source, precision and str(precision), str(device))
     if not scorer.on:
-        return Summary(source=source, toxicity="off in the profile", scored=0)
+        return Summary(
+            command=f"annotate {source}", source=source, scored=0, toxicity="off in the profile"
+        )
     try:
         counts = scorer.annotate(texts(run, source))
     except KbError as error:
-        error.summary = Summary(source=source, precisions=scorer.scores.precisions())  # type: ignore[attr-defined, union-attr]
+        error.summary = Summary(
+            command=f"annotate {source}", source=source, precisions=scorer.scores.precisions()
+        )  # type: ignore[attr-defined, union-attr]
         raise
     return Summary(
+        command=f"annotate {source}",
         source=source,
         texts=counts.texts,
         scored=counts.scored,

@@ -28,7 +28,12 @@ def begin(options: Options) -> None:
 
 def as_typed(text: str) -> str:
     """The text with each `kb …` in it completed."""
-    return _COMMAND.sub(lambda match: f"`kb {_completed(match[1])}`", text) if _given else text
+    return _COMMAND.sub(lambda match: f"`{completed(match[1])}`", text)
+
+
+def completed(words: str) -> str:
+    """A command without its `kb`, as it has to be typed here."""
+    return f"kb {_completed(words)}" if _given else f"kb {words}"
 
 
 def _completed(words: str) -> str:

@@ -111,7 +111,15 @@ def _all(pipeline: Any, run: Run, ledger: Any, given: dict[str, dict[str, Any]])
         f"\nTables, figures and releases are in {run.root}; open {run.root / 'report' / 'index.html'}"
     )
     write_text(run.root / _FINISHED, "")
-    return Summary({"steps": len(done), "requests": len(ledger), "root": str(run.root), **done})
+    return Summary(
+        {
+            "command": "demo",
+            "steps": len(done),
+            "requests": len(ledger),
+            "root": str(run.root),
+            **done,
+        }
+    )
 
 
 def _command(step: str) -> Any:

@@ -227,6 +227,9 @@ def _profile(given: str | None, root: Path, needs: str) -> Profile:
     return profile
 
 
+Plan = Annotated[
+    bool, typer.Option("--plan", help="Print what is left and what it costs; send nothing.")
+]
 Part = Annotated[
     str | None,
     typer.Option("--part", metavar="I/N", help="The I-th of N parts of the ids, for N machines."),

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import fcntl
+import importlib
 import os
 from collections.abc import Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kb.core import clock
+from kb.cli.as_typed import completed
+from kb.core import clock, vocabulary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
 
 SOURCES = ("youtube", "wiki", "reddit")
-_LEFT = ("todo", "in_progress", "error")
+_LEFT = ("todo", "in_progress")  # what failed is counted by itself, as in a crawl's summary
 
 
 def overview(run: Run) -> dict[str, Any]:
-    """Everything about the data root: by source, and disk use in bytes by folder."""
+    """All about the data root: by source, disk use in bytes by folder, what to type next."""
     sources = {source: about for source in SOURCES if (about := _source(run, source))}
     disk = {path.name: _size(path) for path in _folders(run.root)}
     return {
@@ -30,6 +32,7 @@ def overview(run: Run) -> dict[str, Any]:
         "too_old": sum(source["too_old"] for source in sources.values()),
         "disk_bytes": disk,
         "disk_bytes_total": sum(disk.values()),
+        "next": _next(run.root, sources),
     }
 
 
@@ -41,7 +44,10 @@ def _source(run: Run, source: str) -> dict[str, Any]:
         return {}
     about: dict[str, Any] = {
         "running_pid": _writer(run.root, source),
+        "counted": vocabulary.counted(source),
         "phases": {},
+        "left_by": {},
+        "crawled_so_far": 0,
         "requests": 0,
         "units": 0,
         "quota": {},
@@ -50,6 +56,8 @@ def _source(run: Run, source: str) -> dict[str, Any]:
         about |= _frontier(run, source, state)
     about["left"] = sum(counts["left"] for counts in about["phases"].values())
     about["rows"] = tables
+    about |= _answers(run.root, source)
+    about["released"] = _released(run.root, source)
     about |= _age(run, source)
     about["unknown_keys"] = _unknown_keys(run.root, source)
     return about
@@ -59,9 +67,11 @@ def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:
     from kb.store import reading
 
     with reading.state(state) as frontier:
+        kinds = frontier.kinds()
         phases = {}
-        for kind, counts in frontier.kinds().items():
-            phases[kind] = {
+        for kind in vocabulary.in_order(source, kinds):
+            counts = kinds[kind]
+            phases[vocabulary.noun(source, kind)] = {
                 **counts,
                 "total": sum(counts.values()),
                 "left": sum(counts.get(status, 0) for status in _LEFT),
@@ -69,10 +79,89 @@ def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:
         requests, units = frontier.requests()
         return {
             "phases": phases,
-            "requests": requests,
-            "units": units,
+            "left_by": vocabulary.left_by(source, kinds),
+            "crawled_so_far": _crawled(source, frontier),
+            # The wiki's crawl keeps no ledger, as nobody counts its requests by the day.
+            "requests": requests + frontier.cursor("requests", 0),
+            "units": units if source == "youtube" else 0,
             "quota": _quota(run, source, frontier),
         }
+
+
+def _crawled(source: str, frontier: Any) -> int:
+    """What the crawls of all runs have read, as their summaries count it."""
+    module = {"youtube": "kb.youtube.effects"}.get(source, f"kb.{source}.state")
+    return int(importlib.import_module(module).crawled(frontier))
+
+
+def _answers(root: Path, source: str) -> dict[str, Any]:
+    """The four answers of the last filter, together and by table; nothing before the first."""
+    from kb.store.tally import SORTED, tally
+
+    found = tally(root / "clean" / source, SORTED[source])
+    names = ("crawled", "kept", "rejected", "failed", "pending", "missing")
+    total = {name: sum(each[name] for each in found.values()) for name in names}
+    return {**total, "tally": found} if found else {"tally": {}}
+
+
+def _released(root: Path, source: str) -> dict[str, int]:
+    """Rows by table of release/<source>."""
+    import pyarrow.parquet as pq
+
+    from kb.store.reading import reading
+
+    files = _files(root / "release" / source)
+    found: dict[str, int] = {}
+    with reading(files):
+        for file in files:
+            name = file.name.split("-", 1)[0]
+            found[name] = found.get(name, 0) + pq.read_metadata(file).num_rows
+    return dict(sorted(found.items(), key=lambda item: vocabulary.place(item[0])))
+
+
+def _next(root: Path, sources: dict[str, dict[str, Any]]) -> list[str]:
+    """The commands to type now, as they have to be typed; each source goes on by itself."""
+    found = []
+    for source, about in sources.items():
+        step = _step(root, source, about)
+        found += [step] if step else []
+    if sources and not found:
+        found = [
+            name
+            for name, made in (
+                ("pairs", not sources.get("youtube") or any(root.glob("pairs/*.parquet"))),
+                ("release", any(root.glob("release/*/SHA256SUMS"))),
+                ("report", (root / "report" / "index.html").is_file()),
+            )
+            if not made
+        ][:1]
+    return [completed(step) for step in found]
+
+
+def _step(root: Path, source: str, about: dict[str, Any]) -> str:
+    """What a source's data need next: to be read to the end, sorted, kept fresh, exported."""
+    if about["running_pid"]:
+        return ""
+    refresh = vocabulary.noun(source, {"youtube": "refresh", "reddit": "info"}.get(source, ""))
+    if set(about["left_by"]) == {refresh}:
+        return f"refresh {source}"
+    failed = sum(counts.get("error", 0) for counts in about["phases"].values())
+    if about["left"] or failed:
+        return f"{source} crawl"
+    clean = root / "clean" / source / "summary.json"
+    if _newest(root / "raw" / source) > _newest(clean):
+        return f"{source} filter"
+    if about["too_old"]:
+        return f"refresh {source}"
+    if _newest(clean) > _newest(root / "release" / source):
+        return f"{source} export"
+    return ""
+
+
+def _newest(path: Path) -> float:
+    """When a file, or any file of a folder, was changed last; 0 for none."""
+    files = path.rglob("*.*") if path.is_dir() else [path] if path.is_file() else []
+    return max((file.stat().st_mtime for file in files if file.is_file()), default=0.0)
 
 
 def _quota(run: Run, source: str, frontier: Any) -> dict[str, Any]:
@@ -142,7 +231,7 @@ def _tables(root: Path, source: str) -> dict[str, int]:
         files = _files(folder)
         with reading(files):
             found[folder.name] = sum(pq.read_metadata(file).num_rows for file in files)
-    return found
+    return dict(sorted(found.items(), key=lambda item: vocabulary.place(item[0])))
 
 
 def _files(folder: Path) -> list[Path]:

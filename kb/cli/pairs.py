@@ -117,4 +117,4 @@ def keywords(
         for example in line.examples:
             typer.echo(f"    {terminal.one_line(example)}")
         count, total, alone = count + 1, total + line.matches, alone + line.alone
-    return Summary(keywords=count, matches=total, ambiguous_alone=alone)
+    return Summary(command="pairs keywords", keywords=count, matches=total, ambiguous_alone=alone)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
+
+from kb.core.progress import Counted, Plain, Silent
 
 if TYPE_CHECKING:
     from kb.core.progress import Progress, Task
@@ -11,23 +14,27 @@ if TYPE_CHECKING:
 
 def choose(*, quiet: bool) -> Progress:
     """The display that fits where stderr goes."""
-    from kb.core.progress import Plain, Silent
-
     if quiet:
         return Silent()
     return Bars() if sys.stderr.isatty() else Plain()
 
 
 class Bars:
-    """One bar a task: done and total, rate, time left, and the figures that the stage names (quota, units)."""
+    """One bar a task: done and total, rate, time left, and the figures that the stage names."""
 
     def __init__(self) -> None:
         self._live: Any = None
 
-    def task(self, name: str, total: int | None = None, unit: str = "") -> Task:
+    def task(
+        self,
+        name: str,
+        total: int | None = None,
+        unit: str = "",
+        *,
+        waiting: Callable[[], int] | None = None,
+    ) -> Task:
         """A new bar; the display starts with the first one."""
-        live = self._start()
-        return BarTask(live, live.add_task(name, total=total, unit=unit, facts="", rate=""))
+        return BarTask(self._start(), name, total, unit, waiting)
 
     def say(self, text: str) -> None:
         """One line above the bars."""
@@ -48,20 +55,12 @@ class Bars:
     def _start(self) -> Any:
         if self._live is None:
             from rich.console import Console
-            from rich.progress import (
-                BarColumn,
-                MofNCompleteColumn,
-                Progress,
-                TextColumn,
-                TimeRemainingColumn,
-            )
+            from rich.progress import BarColumn, Progress, TextColumn
 
             self._live = Progress(
                 TextColumn("{task.description}", markup=False),
                 BarColumn(bar_width=24),
-                MofNCompleteColumn(),
-                TextColumn("{task.fields[unit]} {task.fields[rate]}", markup=False),
-                TimeRemainingColumn(compact=True),
+                TextColumn("{task.fields[figures]}", markup=False),
                 TextColumn("{task.fields[facts]}", markup=False, style="dim"),
                 console=Console(stderr=True),
                 refresh_per_second=4,
@@ -70,34 +69,32 @@ class Bars:
         return self._live
 
 
-class BarTask:
+class BarTask(Counted):
     """A bar of the live display."""
 
-    def __init__(self, live: Any, number: Any) -> None:
-        self._live, self._number = live, number
-        self._facts: dict[str, object] = {}
+    def __init__(
+        self,
+        live: Any,
+        name: str,
+        total: int | None,
+        unit: str,
+        waiting: Callable[[], int] | None,
+    ) -> None:
+        super().__init__(name, total, unit, waiting)
+        self._live = live
+        self._number = live.add_task(name, total=self.total, figures="", facts="")
+        self._show()
 
-    def advance(self, n: int = 1, **facts: object) -> None:
-        """Count `n` more items and keep the newest figures."""
-        self._facts.update(facts)
-        shown = "  ".join(
-            f"{name.replace('_', ' ')} {value}" for name, value in self._facts.items()
+    def _show(self) -> None:
+        figures = f"{self.figures()} {self.unit}".rstrip()
+        self._live.update(
+            self._number,
+            completed=self.done,
+            figures="  ".join(filter(None, (figures, self.rate(), self.time_left()))),
+            facts="  ".join(self.facts()),
+            **({} if self.total is None else {"total": self.total}),
         )
-        self._live.update(self._number, advance=n, facts=shown, rate=self._rate())
 
-    def close(self) -> None:
-        """Nothing more will come: a task without a known total is whole now."""
-        task = self._find()
-        if task is not None and task.total is None:
-            self._live.update(self._number, total=task.completed)
+    def _end(self) -> None:
+        self._show()
         self._live.stop_task(self._number)
-
-    def _rate(self) -> str:
-        task = self._find()
-        speed = task.speed if task is not None else None
-        if not speed:
-            return ""
-        return f"{speed:,.1f}/s" if speed >= 1 else f"{speed * 60:,.1f}/min"
-
-    def _find(self) -> Any:
-        return next((task for task in self._live.tasks if task.id == self._number), None)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
-from kb.cli.options import CLUSTER
+from kb.cli.options import CLUSTER, Plan
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -46,7 +46,7 @@ Until = Annotated[
         "kb reddit crawl --since 2026-01-01       only posts of this year",
     ],
 )
-def crawl(run: Run, since: Since = None, until: Until = None) -> Summary:
+def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False) -> Summary:
     """Crawl posts and whole comment trees, as raw JSON.
 
     Needs REDDIT_CLIENT_ID, REDDIT_CLIENT_SECRET (empty for an installed app) and KB_CONTACT.
@@ -54,8 +54,11 @@ def crawl(run: Run, since: Since = None, until: Until = None) -> Summary:
     left out of the tables too (`outside` in the summary); a later crawl with another span, or none, reads it.
     """
     from kb.reddit.crawl import crawl as room
+    from kb.reddit.plan import plan_crawl
 
     begin, end = _span(since, until)
+    if plan:
+        return plan_crawl(run)
     return room(run, since=begin, until=end)
 
 
@@ -153,13 +156,17 @@ def reconstruct(
             help="Where the tables go. [default: export/reconstructed in the data root]",
         ),
     ] = None,
+    plan: Plan = False,
 ) -> Summary:
     """Bring back full posts and comments from released ids, with your own app's key.
 
     100 ids a request. What is gone is listed in missing.parquet. Cut off, the same command goes on.
     """
+    from kb.reddit.plan import plan_rebuild
     from kb.reddit.reconstruction import OUT, rebuild
 
+    if plan:
+        return plan_rebuild(run, ids)
     return rebuild(run, ids, (out or run.root / OUT).absolute())
 
 

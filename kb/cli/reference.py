@@ -25,7 +25,7 @@ _MADE = "<!-- Made by `make reference`; don't edit. -->\n"
 def pages() -> dict[str, str]:
     """Text of every page by its path in the checkout."""
     return {
-        "kb/cli/README.md": _MADE + commands() + "\n" + settings(),
+        "kb/cli/README.md": "\n".join((_MADE + commands(), summaries(), settings())),
         "data/profiles/README.md": _MADE + profile_keys(),
         "schemas/README.md": _MADE + columns(),
     }
@@ -85,6 +85,25 @@ def _option_table(parameters: list[tuple[Any, Any]]) -> str:
 
 def _paragraphs(text: str) -> str:
     return "\n\n".join(" ".join(part.split()) for part in text.strip().split("\n\n"))
+
+
+def summaries() -> str:
+    """Every name of a summary, as `--json` writes it, and what it counts."""
+    from kb.core.vocabulary import WORDS
+
+    lines = [
+        "# Summaries\n",
+        "A command ends with one line that names its numbers; `--json` makes it an object."
+        " `crawled`, `kept`, `rejected`, `failed` and `pending` count what `counted` says;"
+        " crawl, filter, export and `kb status` use the same nouns.\n",
+        "| name | meaning |",
+        "|---|---|",
+    ]
+    for name, word in WORDS.items():
+        command, _, short = name.rpartition(".")
+        where = f" (`kb {command}`)" if command else ""
+        lines.append(f"| `{short}`{where} | {_cell(word.doc)} |")
+    return "\n".join([*lines, ""])
 
 
 def settings() -> str:

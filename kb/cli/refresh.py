@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from kb.cli.command import command, group
-from kb.cli.options import CLUSTER
+from kb.cli.options import CLUSTER, Plan
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -20,14 +20,14 @@ app = group("Read again what the services' terms ask to keep fresh.")
     needs_data=True,
     examples=["kb refresh youtube --wait", "kb refresh youtube --limit 5000"],
 )
-def youtube(run: Run) -> Summary:
+def youtube(run: Run, plan: Plan = False) -> Summary:
     """Read statistics older than the profile's max_age_days again and mark videos that vanished.
 
     One unit for 50 videos. Run `kb youtube filter` and `export` afterwards.
     """
-    from kb.youtube.refresh import refresh
+    from kb.youtube.refresh import plan_refresh, refresh
 
-    return refresh(run)
+    return plan_refresh(run) if plan else refresh(run)
 
 
 @command(
@@ -36,12 +36,13 @@ def youtube(run: Run) -> Summary:
     needs_data=True,
     examples=["kb refresh reddit --wait"],
 )
-def reddit(run: Run) -> Summary:
+def reddit(run: Run, plan: Plan = False) -> Summary:
     """Read scores, removals and deletions again, 100 ids a request, with your own app's key.
 
     With --again also what was missing the last time.
     Run `kb reddit filter` and `export` afterwards.
     """
+    from kb.reddit.plan import plan_refresh
     from kb.reddit.refresh import refresh
 
-    return refresh(run)
+    return plan_refresh(run) if plan else refresh(run)

@@ -6,6 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from kb.cli.command import command, group
+from kb.core import vocabulary
 
 if TYPE_CHECKING:
     from kb.cli.options import Options
@@ -45,52 +46,73 @@ def _lines(about: dict[str, Any]) -> list[str]:
             "nothing collected yet; `kb demo` shows the whole job, `kb youtube crawl --plan` what a crawl costs",
         ]
     for source, facts in about["sources"].items():
-        running = f" (being written by pid {facts['running_pid']})" if facts["running_pid"] else ""
-        lines += ["", f"{source}{running}"]
-        lines += _table(
-            "phase",
-            ["done", "left", "error", "skipped"],
-            {
-                kind: [
-                    counts.get("done", 0),
-                    counts["left"],
-                    counts.get("error", 0),
-                    counts.get("skipped", 0),
-                ]
-                for kind, counts in facts["phases"].items()
-            },
-        )
-        for bucket, quota in facts["quota"].items():
-            lines.append(
-                f"  quota {bucket}: {quota['spent']:,} of {quota['limit']:,} spent today, {quota['left']:,} left, resets {quota['resets_at']}"
-            )
-        if facts["requests"]:
-            lines.append(
-                f"  requests so far: {facts['requests']:,}"
-                + (f", units {facts['units']:,}" if facts["units"] else "")
-            )
-        if facts["rows"]:
-            lines.append(
-                "  rows: " + ", ".join(f"{name} {rows:,}" for name, rows in facts["rows"].items())
-            )
-        if facts["oldest"]:
-            old = (
-                f"; {facts['too_old']:,} rows older than {facts['max_age_days']} days"
-                if facts["max_age_days"]
-                else ""
-            )
-            lines.append(f"  read between {facts['oldest']} and {facts['newest']}{old}")
-        if facts["unknown_keys"]:
-            lines.append(
-                "  unknown keys in answers: "
-                + ", ".join(f"{key} ({n:,})" for key, n in facts["unknown_keys"].items())
-            )
-    lines += [
-        "",
-        "disk: "
-        + ", ".join(f"{name} {_bytes(size)}" for name, size in about["disk_bytes"].items()),
-    ]
+        lines += ["", *_source(source, facts)]
+    disk = ", ".join(f"{name} {_bytes(size)}" for name, size in about["disk_bytes"].items())
+    lines += ["", f"disk: {disk}"]
+    lines += [f"next: {step}" for step in about["next"]]
+    if not about["next"]:
+        running = any(facts["running_pid"] for facts in about["sources"].values())
+        lines.append("next: wait for what runs" if running else "nothing is left to do")
     return lines
+
+
+def _source(source: str, facts: dict[str, Any]) -> list[str]:
+    """A source in the words of its summaries: crawled and kept, what is left, at what cost."""
+    running = f" (being written by pid {facts['running_pid']})" if facts["running_pid"] else ""
+    lines = [f"{source}{running}"]
+    for counted, numbers in facts["tally"].items():
+        lines.append(f"  {vocabulary.tally(counted, numbers)}")
+    sorted_so_far = facts["tally"].get(facts["counted"], {}).get("crawled", 0)
+    if facts["crawled_so_far"] > sorted_so_far:
+        more = vocabulary.count(
+            facts["crawled_so_far"] - sorted_so_far, f"{{n}} {facts['counted']} crawled"
+        )
+        lines.append(f"  {more} and not filtered yet")
+    for title, numbers in (
+        ("left", facts["left_by"]),
+        ("kept with them", {k: n for k, n in facts["rows"].items() if _beside(k, facts)}),
+        ("released", facts["released"]),
+    ):
+        if numbers:
+            lines.append(f"  {title}: {vocabulary.nouns(numbers)}")
+    lines += _table(
+        "to read",
+        ["done", "left", "failed", "skipped"],
+        {
+            kind: [
+                counts.get("done", 0),
+                counts["left"],
+                counts.get("error", 0),
+                counts.get("skipped", 0),
+            ]
+            for kind, counts in facts["phases"].items()
+        },
+    )
+    for bucket, quota in facts["quota"].items():
+        lines.append(
+            f"  quota {bucket}: {quota['spent']:,} of {quota['limit']:,} spent today,"
+            f" {quota['left']:,} left, resets {quota['resets_at']}"
+        )
+    asked = {name: facts[name] for name in ("units", "requests")}
+    asked_for = [vocabulary.phrase(name, value, {}) for name, value in asked.items()]
+    if any(asked_for):
+        lines.append("  asked so far: " + ", ".join(filter(None, asked_for)))
+    if facts["oldest"]:
+        old = (
+            f"; {facts['too_old']:,} rows older than {facts['max_age_days']} days"
+            if facts["max_age_days"]
+            else ""
+        )
+        lines.append(f"  read between {facts['oldest']} and {facts['newest']}{old}")
+    if facts["unknown_keys"]:
+        keys = ", ".join(f"{key} ({n:,})" for key, n in facts["unknown_keys"].items())
+        lines.append(f"  unknown keys in answers: {keys}")
+    return lines
+
+
+def _beside(name: str, facts: dict[str, Any]) -> bool:
+    """Whether a clean table is neither sorted itself nor a list of verdicts."""
+    return name not in facts["tally"] and name not in ("rejected", "failed", "pending")
 
 
 def _table(head: str, columns: list[str], rows: dict[str, list[int]]) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
-from kb.cli.options import CLUSTER
+from kb.cli.options import CLUSTER, Plan
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -29,6 +29,7 @@ class Format(StrEnum):
     app,
     uses=("workers", "limit", "wait", "again", "pipeline"),
     examples=[
+        "kb wiki crawl --plan                     what is left and what it takes",
         "kb wiki crawl --limit 100                100 pages, then exit code 3",
         "kb wiki crawl --again --workers 2        what changed since, with two browsers",
         "kb wiki crawl --titles titles.txt        named pages, no discovery",
@@ -44,6 +45,7 @@ def crawl(
             help="Page titles: lines, a released Parquet file or MineDojo's JSON; skips discovery.",
         ),
     ] = None,
+    plan: Plan = False,
 ) -> Summary:
     """Show every content page in headless Chromium and keep what is seen.
 
@@ -54,6 +56,10 @@ def crawl(
     """
     from kb.core.pipeline import load, locate
 
+    if plan:
+        from kb.wiki.plan import plan_crawl
+
+        return plan_crawl(run, titles)
     return load(str(locate("wiki", run.pipeline))).crawl(run, titles)
 
 

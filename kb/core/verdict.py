@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from kb.core import plan, vocabulary
 from kb.core.errors import CountMismatch
 
 
@@ -36,14 +37,46 @@ class Tally:
 
 
 class Summary(dict[str, Any]):
-    """What a command did: the numbers of its last line (`--json`), in order."""
+    """What a command did: the numbers of its last line (`--json`), in order.
+
+    Names are those of kb.core.vocabulary; `command` says whose summary it is, `counted` what
+    its `crawled` counts.
+    """
 
     def line(self) -> str:
-        """One line for a person: `crawled 120, kept 80 …`; empty values are left out."""
-        return ", ".join(
-            f"{name.replace('_', ' ')} {value}"
-            if isinstance(value, (int, float))
-            else f"{name.replace('_', ' ')}: {value}"
-            for name, value in self.items()
-            if value is not None and not isinstance(value, (dict, list))
-        )
+        """One line for a person: "youtube crawl: 300 videos crawled, 11 channels, 143 requests".
+
+        Each number stands with its noun; what is nought or for scripts only is left out.
+        """
+        if "phases" in self:
+            return plan.table(self)
+        tally = self.get("tally")
+        silent = (*_HEAD, *_ANSWERS) if tally else _HEAD
+        if self.get("crawled_in_all") == self.get("crawled"):
+            silent += ("crawled_in_all",)  # the first run is all
+        told = [vocabulary.phrase(name, self[name], self) for name in self if name not in silent]
+        if tally:
+            told.insert(0, "; ".join(vocabulary.tally(of, each) for of, each in tally.items()))
+            if beside := self._beside(tally):
+                told.insert(1, beside)
+        if left := self.get("left_by"):
+            told.append("left: " + vocabulary.nouns(left))
+        for name in _END:
+            why = str(self.get(name) or "")
+            told.append(why if why.startswith(name) or not why else f"{name}: {why}")
+        head = f"{self['command']}: " if self.get("command") else ""
+        return head + ", ".join(phrase for phrase in told if phrase)
+
+    def _beside(self, tally: dict[str, Any]) -> str:
+        """Tables that follow the sorted ones: "with 189 elements and …"."""
+        rows = {
+            name.rpartition("/")[2]: n
+            for name, n in self.get("tables", {}).items()
+            if name.rpartition("/")[2] not in tally
+        }
+        return f"with {vocabulary.nouns(rows)}" if rows else ""
+
+
+_ANSWERS = ("crawled", "kept", "rejected", "failed", "pending", "missing")
+_END = ("stopped", "error")  # why a command ended, after all its numbers
+_HEAD = ("command", "source", "counted", *_END)

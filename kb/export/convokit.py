@@ -102,7 +102,12 @@ def export(run: Run) -> Summary:
         )
         _write(fresh / "corpus.json", {"name": f"{run.profile.name}-reddit"})
         _write(fresh / "index.json", _INDEX)
-    return Summary(source="reddit", **counts, path=str(run.root / "export" / "convokit"))
+    return Summary(
+        command="reddit export",
+        source="reddit",
+        **counts,
+        path=str(run.root / "export" / "convokit"),
+    )
 
 
 def _rows(

@@ -58,4 +58,6 @@ def youtube(run: Run) -> Summary:
             file.write(b"\n]\n")
     finally:
         merge.close()
-    return Summary(source="youtube", format="minedojo", videos=count, path=str(path))
+    return Summary(
+        command="youtube export", source="youtube", format="minedojo", videos=count, path=str(path)
+    )

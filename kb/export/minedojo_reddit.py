@@ -37,4 +37,4 @@ def export(run: Run) -> Summary:
         for number, (key, kind) in enumerate(sorted(found)):
             file.write((",\n" if number else "\n") + json.dumps({"id": key, "type": kind}))
         file.write("\n]\n")
-    return Summary(source="reddit", posts=len(found), path=str(path))
+    return Summary(command="reddit export", source="reddit", posts=len(found), path=str(path))

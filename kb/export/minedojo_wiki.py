@@ -95,7 +95,9 @@ def wiki(run: Run) -> Summary:
             data = _data(run.root, folder, page, elements.of(key), cells.of(key), images.of(key))
             (folder / "data.json").write_bytes(orjson.dumps(data, option=orjson.OPT_INDENT_2))
             count += 1
-    return Summary(source="wiki", format="minedojo", pages=count, path=str(target))
+    return Summary(
+        command="wiki export", source="wiki", format="minedojo", pages=count, path=str(target)
+    )
 
 
 def folder_name(url: str) -> str:

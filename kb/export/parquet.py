@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from kb.core import vocabulary
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
@@ -57,10 +58,13 @@ def export(
             f"nothing to export: {place if source == 'pairs' else place.parent} has no rows",
             hint=f"run `{made_by}` first",
         )
-    summary = Summary(source=source)
-    task = run.progress.task(f"export {source}", total=len(released), unit="tables")
+    summary: dict[str, int] = {}
     size = run.profile.release.rows_per_shard
-    with replacing_folder(run.root.absolute() / "release" / source) as fresh:
+    folder = run.root.absolute() / "release" / source
+    with (
+        run.progress.task(f"export {source}", total=len(released), unit="tables") as task,
+        replacing_folder(folder) as fresh,
+    ):
         for declared in released:
             change = (changes or {}).get(declared.name)
             if change is not None:
@@ -97,8 +101,12 @@ def export(
                 task.advance(1, rows=rows)
         if beside is not None:
             beside(fresh)
-    task.close()
-    return summary
+    return Summary(
+        command=f"{source} export" if source != "pairs" else "pairs",
+        source=source,
+        **{name: summary[name] for name in sorted(summary, key=vocabulary.place)},
+        path=str(folder),
+    )
 
 
 def write_shards(name: str, parts: Sequence[str], folder: str, rows_per_shard: int) -> int:

@@ -88,7 +88,9 @@ def export(run: Run) -> Summary:
                         index.write(json.dumps(line, ensure_ascii=False) + "\n")
 
     summary = parquet.export(run, "wiki", changes=changes, beside=write)
-    return Summary({**summary, "tars": sum(map(len, plan.values())), "files": len(places)})
+    path = summary.pop("path")
+    tars = sum(map(len, plan.values()))
+    return Summary({**summary, "tars": tars, "files": len(places), "path": path})
 
 
 def rows(root: Path, name: str, columns: list[str], by: list[str]) -> Iterator[dict[str, Any]]:

@@ -14,17 +14,18 @@ import json
 import shutil
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kb.core import pipeline
+from kb.core import pipeline, vocabulary
 from kb.core.engine import make_executor, map_in_order
-from kb.core.errors import FatalError
+from kb.core.errors import CountMismatch, FatalError
 from kb.core.verdict import Summary, Tally
 from kb.filters.chain import VERDICTS, Clean
 from kb.filters.tasks import Job, parse_segment, removed_keys, sort_bucket, spec_of, texts_of
 from kb.schema.tables import table
-from kb.store import buckets, rawlog, tombstones
+from kb.store import buckets, rawlog, tally, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.lock import writer
 from kb.store.shards import write_table
@@ -57,7 +58,7 @@ def run_clean(run: Run, source: str) -> Summary:
             with replacing_folder(run.root / "clean" / source) as fresh:
                 job = job._replace(out=str(fresh))
                 counts = _sort(run, job, executor)
-                summary = _summary(source, parsed, counts, key)
+                summary = _summary(spec, fresh, parsed, counts, key)
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
     return summary
 
@@ -127,18 +128,17 @@ def _buckets(root: Path, spec: Clean, segments: list[tuple[str, Path]]) -> int:
 def _parse(run: Run, job: Job, segments: list[tuple[str, Path]], executor: Any) -> Counter[str]:
     """Counts of rows, and of unknown keys as "?<path>"."""
     total: Counter[str] = Counter()
-    task = run.progress.task(f"parse {job.source}", total=len(segments), unit="segments")
     tasks = ((job, kind, str(path), place) for place, (kind, path) in enumerate(segments))
-    for number, done in enumerate(
-        map_in_order(executor, parse_segment, tasks, window=2 * run.workers)
-    ):
-        total["rows"] += done["rows"]
-        total.update({f"?{path}": count for path, count in done["unknown"].items()})
-        if done["torn"]:
-            total["truncated_files"] += 1
-            run.progress.say(f"{segments[number][1]} is cut off: what is whole in it was read")
-        task.advance(1, rows=total["rows"])
-    task.close()
+    with run.progress.task(f"parse {job.source}", total=len(segments), unit="raw files") as task:
+        for number, done in enumerate(
+            map_in_order(executor, parse_segment, tasks, window=2 * run.workers)
+        ):
+            total["rows"] += done["rows"]
+            total.update({f"?{path}": count for path, count in done["unknown"].items()})
+            if done["torn"]:
+                total["truncated_files"] += 1
+                run.progress.say(f"{segments[number][1]} is cut off: what is whole in it was read")
+            task.advance(1, rows=total["rows"])
     return total
 
 
@@ -156,12 +156,11 @@ def _texts(run: Run, job: Job, executor: Any) -> Iterator[pa.Array]:
 def _sort(run: Run, job: Job, executor: Any) -> Counter[str]:
     total: Counter[str] = Counter()
     spec = spec_of(job)
-    task = run.progress.task(f"filter {job.source}", total=job.buckets, unit="buckets")
     tasks = ((job, number) for number in range(job.buckets))
-    for done in map_in_order(executor, sort_bucket, tasks, window=2 * run.workers):
-        total.update(done)
-        task.advance(1, kept=total["kept"], rejected=total["rejected"])
-    task.close()
+    with run.progress.task(f"filter {job.source}", total=job.buckets, unit="parts") as task:
+        for done in map_in_order(executor, sort_bucket, tasks, window=2 * run.workers):
+            total.update(done)
+            task.advance(1, kept=total["kept"], rejected=total["rejected"])
     if spec.unanswered is not None:
         total.update(_unanswered(run, job, spec))
     _write_empty(Path(job.out), spec)
@@ -232,18 +231,28 @@ def _ended(pending: Path, reasons: tuple[str, ...], lost: Mapping[str, str]) -> 
     return count
 
 
-def _summary(source: str, parsed: Counter[str], counts: Counter[str], key: str) -> Summary:
-    tally = Tally(*(counts[name] for name in ("crawled", "kept", "rejected", "failed", "pending")))
-    tally.check(source)
+def _summary(
+    spec: Clean, folder: Path, parsed: Counter[str], counts: Counter[str], key: str
+) -> Summary:
+    """The numbers of the written files, by table. Raises CountMismatch when the workers' differ."""
+    tables = {table(chain.table).short: chain.prefix for chain in spec.chains}
+    found = tally.tally(folder, tables)
+    names = ("crawled", "kept", "rejected", "failed", "pending")
+    total = Tally(*(sum(each[name] for each in found.values()) for name in names))
+    if total.check(spec.source) != Tally(*(counts[name] for name in names)):
+        raise CountMismatch(
+            f"{spec.source}: the files hold {asdict(total)},"
+            f" but the workers counted {dict(counts)}",
+            hint="this is a defect of Lorebase; no output was replaced",
+        )
     summary = Summary(
-        source=source,
-        crawled=tally.crawled,
-        kept=tally.kept,
-        rejected=tally.rejected,
-        failed=tally.failed,
-        pending=tally.pending,
+        command=f"{spec.source} filter",
+        source=spec.source,
+        counted=" and ".join(tables),
+        **asdict(total),
+        missing=sum(each["missing"] for each in found.values()),
+        tally=found,
     )
-    summary["missing"] = counts["stage missing"]
     summary["duplicates"] = counts["duplicates"]
     summary["truncated_files"] = parsed["truncated_files"]
     summary["stages"] = {
@@ -251,10 +260,10 @@ def _summary(source: str, parsed: Counter[str], counts: Counter[str], key: str) 
         for name, count in sorted(counts.items())
         if name.startswith("stage ")
     }
+    kept = {name.removeprefix("kept "): n for name, n in counts.items() if name.startswith("kept ")}
     summary["tables"] = {
-        name.removeprefix("kept "): count
-        for name, count in sorted(counts.items())
-        if name.startswith("kept ")
+        name: kept[name]
+        for name in sorted(kept, key=lambda name: vocabulary.place(table(name).short))
     }
     summary["unknown_keys"] = {
         path[1:]: count for path, count in sorted(parsed.items()) if path.startswith("?")

@@ -108,20 +108,19 @@ class Stretch(NamedTuple):
 def _work(run: Run, work: Path) -> bool:
     """Do what is left, up to the limit; whether all is done."""
     todo, complete = _todo(run, work)
-    task = run.progress.task(
-        "pairs", total=sum(one.after - one.first for one in todo), unit="transcripts"
-    )
     pairs = words = 0
-    try:
-        with make_executor(run.engine, run.workers, run.scheduler) as executor:
-            arguments = ((str(work), str(one.path), one.first, one.after, one.name) for one in todo)
-            for videos, more_words, more in map_in_order(
-                executor, do_stretch, arguments, window=2 * run.workers
-            ):
-                pairs, words = pairs + more, words + more_words
-                task.advance(videos, words=f"{words:,}", pairs=f"{pairs:,}")
-    finally:
-        task.close()
+    with (
+        run.progress.task(
+            "pairs", total=sum(one.after - one.first for one in todo), unit="transcripts"
+        ) as task,
+        make_executor(run.engine, run.workers, run.scheduler) as executor,
+    ):
+        arguments = ((str(work), str(one.path), one.first, one.after, one.name) for one in todo)
+        for videos, more_words, more in map_in_order(
+            executor, do_stretch, arguments, window=2 * run.workers
+        ):
+            pairs, words = pairs + more, words + more_words
+            task.advance(videos, words=words, pairs=pairs)
     return complete
 
 
@@ -231,7 +230,8 @@ def _finish(
 
 def _summary(known: dict[str, Any], root: Path) -> Summary:
     return Summary(
-        {name: known[name] for name in _TOTALS},
+        {"command": "pairs", "source": "pairs"},
+        **{name: known[name] for name in _TOTALS},
         keywords_found=len(known["keywords"]),
         path=str(root / "pairs"),
     )

@@ -45,10 +45,11 @@ def refill(run: Run, index: Path) -> Summary:
         rows[name].to_pylist() for name in ("text_start_char", "text_end_char", "token_count")
     )
     found = differing = 0
-    task = run.progress.task(
-        "fill pairs", total=sum(source.rows(path) for path in files), unit="transcripts"
-    )
-    with writer(run.root, "pairs"):
+    total = sum(source.rows(path) for path in files)
+    with (
+        writer(run.root, "pairs"),
+        run.progress.task("fill pairs", total, "transcripts") as task,
+    ):
         for path in files:
             for batch in source.texts(path):
                 signals.stop.check()
@@ -61,9 +62,10 @@ def refill(run: Run, index: Path) -> Summary:
                         else:
                             differing += 1
                 task.advance(len(batch), filled=found)
-        task.close()
         _write(run, rows, texts)
     return Summary(
+        command="pairs",
+        source="pairs",
         pairs=rows.num_rows,
         filled=found,
         differing=differing,

@@ -40,20 +40,16 @@ def keyword_lines(
     tools = make_tools(run.profile.section("pairs"), run.seed, lists.load(run.profile))
     counts, shown = Counts(), _Examples(examples)
     left = videos or None
-    task = run.progress.task(
-        "keywords",
-        total=videos or sum(map(source.rows, source.parts(run.root))),
-        unit="transcripts",
-    )
-    for path in source.parts(run.root):
-        for text in source.texts(path, 0, left):
-            signals.stop.check()
-            shown.look(text, tools, counts)
-            task.advance(len(text))
-            left = left - len(text) if left is not None else None
-        if left == 0:
-            break
-    task.close()
+    total = videos or sum(map(source.rows, source.parts(run.root)))
+    with run.progress.task("keywords", total, "transcripts") as task:
+        for path in source.parts(run.root):
+            for text in source.texts(path, 0, left):
+                signals.stop.check()
+                shown.look(text, tools, counts)
+                task.advance(len(text))
+                left = left - len(text) if left is not None else None
+            if left == 0:
+                break
     hits = {one.name: counts.of(number) for number, one in enumerate(tools.keywords.every)}
     for number, one in sorted(
         enumerate(tools.keywords.every),

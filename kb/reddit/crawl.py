@@ -12,7 +12,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from kb.core import clock, signals
+from kb.core import clock, signals, vocabulary
 from kb.core.context import Run
 from kb.core.errors import (
     Blocked,
@@ -23,12 +23,12 @@ from kb.core.errors import (
     Retryable,
     Unreachable,
 )
-from kb.core.progress import Task
+from kb.core.progress import SilentTask, Task
 from kb.core.verdict import Summary
 from kb.reddit import tree
 from kb.reddit.authors import Scrubber, load_key
 from kb.reddit.client import INFO, LISTED, ROOT, Client
-from kb.reddit.state import OUTSIDE, apply
+from kb.reddit.state import OUTSIDE, apply, crawled, outside
 from kb.reddit.strip import without
 from kb.store import belonging
 from kb.store.frontier import Frontier, Item
@@ -125,42 +125,48 @@ class Crawl:
         self.section = at.run.profile.section("reddit")
         self.base = f"r/{self.section.subreddit}"
         self.gone = at.gone
-        self.posts = self.failures = 0
+        self.posts = self.comments = self.failures = 0
         self.before = self.frontier.requests()
-        self.bar: Task = at.run.progress.task("reddit", unit="posts")
+        self.bar: Task = SilentTask()
 
     def run(self) -> Summary:
         """Seed, then take what is nearest to done until nothing is left."""
         self._seed()
         try:
-            while self._step():
-                signals.stop.check()
+            with self._show() as self.bar:
+                while self._step():
+                    signals.stop.check()
         except KbError as error:
             error.summary = self.summary()
             raise
-        finally:
-            self.bar.close()
         return self.summary()
+
+    def _show(self) -> Task:
+        return self.at.run.progress.task(
+            "reddit", self.at.run.limit, "posts", waiting=lambda: self.frontier.waiting("tree")
+        )
 
     def summary(self) -> Summary:
         """Figures of this run and what is left."""
         counts = {kind: self.frontier.counts(kind) for kind in KINDS}
         requests = self.frontier.requests()[0] - self.before[0]
-        outside = sum(
-            reason == OUTSIDE for _, _, reason, _ in self.frontier.items("tree", "skipped")
-        )
+        left_out, in_all = outside(self.frontier), crawled(self.frontier)
+        left = vocabulary.left_by("reddit", counts)
         return Summary(
+            command="reddit crawl",
             source="reddit",
+            counted="posts",
             crawled=self.posts,
-            requests=requests,
-            pending=sum(
-                counts[kind].get(status, 0) for kind in KINDS for status in ("todo", "in_progress")
-            ),
+            crawled_in_all=in_all,
+            missing=counts["tree"].get("skipped", 0) - left_out,
             failed=sum(counts[kind].get("error", 0) for kind in KINDS),
-            missing=counts["tree"].get("skipped", 0) - outside,
-            outside=outside,
+            pending=self.frontier.waiting("tree"),
+            comments=self.comments,
+            outside=left_out,
             posts=sum(counts["tree"].values()),
-            comments_by_stub=counts["more"].get("done", 0),
+            requests=requests,
+            left=sum(left.values()),
+            left_by=left,
         )
 
     def _seed(self) -> None:
@@ -284,7 +290,12 @@ class Crawl:
     def _tree(self, item: Item) -> None:
         self._page("tree", item, {"article": item.key})
         self.posts += 1
-        self.bar.advance(1, requests=self.frontier.requests()[0] - self.before[0])
+        self._told()
+
+    def _told(self, n: int = 1) -> None:
+        """`n` items of the bar are done; what was asked for them stands beside it."""
+        requests = self.frontier.requests()[0] - self.before[0]
+        self.bar.advance(n, comments=self.comments, requests=requests)
 
     def _thread(self, item: Item) -> None:
         post, _, comment = item.key.partition("/")
@@ -307,6 +318,7 @@ class Crawl:
             return
         try:
             self.at.record("comments", endpoint, {**params, **about}, status, answer)
+            self.comments += tree.new_comments(answer, about.get("comment"))
         except RecursionError:  # a caller that is deep in calls itself; nothing was written yet
             self._failed(
                 kind, [item.key], Retryable(f"an answer nested too deep to be read at {endpoint}")
@@ -329,6 +341,8 @@ class Crawl:
             self.frontier.mark("more", keys, "error", error.reason)
             return
         self.at.record("morechildren", "api/morechildren", data, 200, answer)
+        self.comments += tree.new_comments(answer)
+        self._told(0)
 
     def _failed(self, kind: str, keys: list[str], error: Retryable) -> None:
         """The next run tries these again. A service that fails for one item after the other is down."""

@@ -141,13 +141,13 @@ def _import(run: Run, jobs: list[Job]) -> list[Place]:
 
 
 def _run(run: Run, jobs: list[Job]) -> None:
-    task = run.progress.task("import", total=len(jobs), unit="files")
     done: list[Place] = []
     # With a limit one file after the other: it counts things over all of them.
     workers = 1 if run.limit else min(run.workers, len(jobs))
     with (
         make_executor(run.engine, workers, run.scheduler) as executor,
         places.lease(run.root) as lease,
+        run.progress.task("import", total=len(jobs), unit="files") as task,
     ):
         jobs = [msgspec.structs.replace(job, lease=str(lease.absolute())) for job in jobs]
         for place in _results(
@@ -156,7 +156,7 @@ def _run(run: Run, jobs: list[Job]) -> None:
             done.append(place)
             task.advance(
                 1,
-                things=sum(one.fresh for one in done),
+                posts_and_comments=sum(one.fresh for one in done),
                 bad_lines=sum(one.bad_lines for one in done),
             )
             if place.problem:
@@ -168,16 +168,15 @@ def _run(run: Run, jobs: list[Job]) -> None:
                     f"{place.file}: left out {place.bad_lines} damaged lines, the first at byte {place.first_bad} when decompressed"
                 )
             if run.limit and sum(one.fresh for one in done) >= run.limit:
-                task.close()
                 raise LimitReached(
-                    f"{run.limit} things were imported (--limit {run.limit})",
+                    f"{run.limit} posts and comments were imported (--limit {run.limit})",
                     hint="run the same command to go on",
                 )
-    task.close()
-    if len(done) < len(jobs) or not all(place.done for place in done):
-        raise Interrupted(
-            f"stopped by {signals.stop.name or 'a signal'}", hint="run the same command to go on"
-        )
+        if len(done) < len(jobs) or not all(place.done for place in done):
+            raise Interrupted(
+                f"stopped by {signals.stop.name or 'a signal'}",
+                hint="run the same command to go on",
+            )
 
 
 def _results(executor: Executor, tasks: Iterator[tuple[Job]], window: int) -> Iterator[Place]:
@@ -205,7 +204,9 @@ def _tasks(jobs: list[Job], done: list[Place]) -> Iterator[tuple[Job]]:
 
 def _summary(found: list[Place]) -> Summary:
     return Summary(
+        command="reddit import",
         source="reddit",
+        counted="posts and comments",
         crawled=sum(place.fresh for place in found),
         lines=sum(place.lines for place in found),
         bad_lines=sum(place.bad_lines for place in found),

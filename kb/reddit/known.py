@@ -77,14 +77,13 @@ def _spread(run: Run, folder: Path, executor: Any) -> int:
         (kind, path) for kind in parse.KINDS for path in rawlog.segments(run.root, "reddit", kind)
     ]
     number = buckets.how_many(sum(path.stat().st_size for _, path in segments))
-    task = run.progress.task("read reddit", total=len(segments), unit="segments")
     tasks = (
         (kind, links, str(path), place, str(folder), number)
         for place, (kind, path) in enumerate(segments)
     )
-    for _ in map_in_order(executor, spread, tasks, window=2 * run.workers):
-        task.advance(1)
-    task.close()
+    with run.progress.task("read reddit", total=len(segments), unit="raw files") as task:
+        for _ in map_in_order(executor, spread, tasks, window=2 * run.workers):
+            task.advance(1)
     return number
 
 

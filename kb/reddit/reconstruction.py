@@ -19,8 +19,10 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from kb.core import vocabulary
 from kb.core.context import Run
 from kb.core.errors import FatalError, ItemFinal, KbError, LimitReached, Retryable
+from kb.core.progress import Task
 from kb.core.verdict import Summary
 from kb.reddit import tables
 from kb.reddit.client import INFO
@@ -171,9 +173,13 @@ class Rebuild(Crawl):
                 self.frontier.set_cursor("seeded", True)
         for kind in self.KINDS:
             self.frontier.reopen(kind, "error")
-        self.bar.close()
-        left = sum(self.frontier.counts(kind).get("todo", 0) for kind in ("info", "tree"))
-        self.bar = self.at.run.progress.task("reddit reconstruct", total=left, unit="ids")
+
+    def _show(self) -> Task:
+        return self.at.run.progress.task(
+            "reddit reconstruct",
+            unit="posts and comments",
+            waiting=lambda: self.frontier.waiting("info", "tree"),
+        )
 
     def _step(self) -> bool:
         limit = self.at.run.limit
@@ -201,16 +207,17 @@ class Rebuild(Crawl):
     def summary(self) -> Summary:
         """Figures of this run and what is left."""
         counts = {kind: self.frontier.counts(kind) for kind in self.KINDS}
+        left = vocabulary.left_by("reddit", counts)
         return Summary(
+            command="reddit reconstruct",
             source="reddit",
+            counted="posts and comments",
             crawled=self.asked + self.posts,
-            requests=self.frontier.requests()[0] - self.before[0],
-            pending=sum(
-                counts[kind].get(status, 0)
-                for kind in self.KINDS
-                for status in ("todo", "in_progress")
-            ),
             failed=sum(counts[kind].get("error", 0) for kind in self.KINDS),
+            pending=self.frontier.waiting("info", "tree"),
+            requests=self.frontier.requests()[0] - self.before[0],
+            left=sum(left.values()),
+            left_by=left,
         )
 
     def unanswered(self) -> dict[str, str]:

@@ -13,7 +13,7 @@ from contextlib import closing
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from kb.core import clock, signals
+from kb.core import clock, signals, vocabulary
 from kb.core.context import Run
 from kb.core.errors import FatalError, ItemFinal, KbError, LimitReached, Retryable, Unreachable
 from kb.core.verdict import Summary
@@ -42,7 +42,7 @@ def refresh(run: Run) -> Summary:
         oldest = clock.now() - timedelta(days=section.max_age_days)
         with (
             known(run) as things,
-            closing(Merge(_parts(things, at.gone, oldest, run.again), _ORDER, _ORDER)) as due,
+            closing(Merge(due_parts(things, at.gone, oldest, run.again), _ORDER, _ORDER)) as due,
         ):
             items = (
                 (row["fullname"], {"post": row["place"][1:]})
@@ -53,7 +53,7 @@ def refresh(run: Run) -> Summary:
         return _read(run, at, total, section.max_age_days)
 
 
-def _parts(things: Known, gone: Collection[str], oldest: datetime, again: bool) -> list[Path]:
+def due_parts(things: Known, gone: Collection[str], oldest: datetime, again: bool) -> list[Path]:
     """What is due of each share, with `again` what is missing as well.
 
     `place` is "0" or "1" and the post: posts first, then comments post by post.
@@ -94,21 +94,33 @@ def _parts(things: Known, gone: Collection[str], oldest: datetime, again: bool) 
 
 
 def _read(run: Run, at: Session, total: int, days: int) -> Summary:
-    summary = Summary(source="reddit", crawled=0, missing=0, failed=0, requests=0, left=total)
+    summary = Summary(
+        command="refresh reddit",
+        source="reddit",
+        counted="posts and comments",
+        crawled=0,
+        missing=0,
+        failed=0,
+        requests=0,
+        left=total,
+        left_by={},
+    )
     before, failures = at.frontier.requests()[0], 0
     if not total:
         run.progress.say(
             f"reddit: nothing is older than {days} days, and nothing is from dumps alone"
         )
         return summary
-    task = run.progress.task("refresh", total=total, unit="ids")
+    task = run.progress.task("refresh", total=total, unit="posts and comments")
 
     def count() -> Summary:
         counts = at.frontier.counts(KIND)
+        left = vocabulary.left_by("reddit", {KIND: counts})
         summary.update(
             requests=at.frontier.requests()[0] - before,
             failed=counts.get("error", 0),
-            left=counts.get("todo", 0) + counts.get("in_progress", 0),
+            left=sum(left.values()),
+            left_by=left,
         )
         return summary
 
@@ -154,7 +166,7 @@ def _read(run: Run, at: Session, total: int, days: int) -> Summary:
         error.summary = count()
         raise
     finally:
-        task.close()
+        task.close(stopped=summary["crawled"] < total)
         if summary["crawled"] >= _MANY and summary["missing"] > _MOST * summary["crawled"]:
             _log.warning(
                 f"Reddit gave only {summary['crawled'] - summary['missing']} of {summary['crawled']} ids: look there whether they are gone before "

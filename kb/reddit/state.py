@@ -117,6 +117,17 @@ def _stubs(frontier: Frontier, post: str, response: Any) -> None:
                 frontier.add("thread", [f"{post}/{tree.bare(thing.data['parent_id'])}"])
 
 
+def outside(frontier: Frontier) -> int:
+    """Posts that lie outside of the dates of the last crawl."""
+    return sum(reason == OUTSIDE for _, _, reason, _ in frontier.items("tree", "skipped"))
+
+
+def crawled(frontier: Frontier) -> int:
+    """Posts that were answered for in all runs, missing ones among them."""
+    counts = frontier.counts("tree")
+    return counts.get("done", 0) + counts.get("skipped", 0) - outside(frontier)
+
+
 def gave_up(root: Path) -> Iterator[tuple[str, str]]:
     """(full name, reason) of what failed after its tries, or is shut: `failed` in the filter where no answer tells of it."""
     path = root / "state" / "reddit.sqlite"

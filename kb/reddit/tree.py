@@ -44,6 +44,11 @@ def things(response: Any) -> Iterator[Thing]:
             stack.append(inner.get("things") if isinstance(inner, dict) else None)
 
 
+def new_comments(response: Any, of: str | None = None) -> int:
+    """How many comments an answer brings; a thread's page repeats `of`, which it continues."""
+    return sum(thing.kind == COMMENT and thing.data.get("id") != of for thing in things(response))
+
+
 def after(response: Any) -> str | None:
     """The next page of a listing; None on the last one."""
     data = response.get("data") if isinstance(response, dict) else None

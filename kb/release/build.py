@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from kb.core.context import Run
+    from kb.core.progress import Task
     from kb.release.measure import Facts
     from kb.release.problem import Problem
 
@@ -35,6 +36,7 @@ def release(run: Run) -> Summary:
     facts = [write(run, folder) for folder in found]
     refuse(check.check_made(run, [folders.read(folder.path, folder.source) for folder in found]))
     return Summary(
+        command="release",
         folders=len(found),
         rows=sum(one.rows for one in facts),
         bytes=sum(one.size for one in facts),
@@ -71,15 +73,19 @@ def refuse(problems: Sequence[Problem]) -> None:
     count = f"{len(lines)} {'reason' if len(lines) == 1 else 'reasons'}"
     error = ReleaseRefused(f"the release is refused for {count}", hint="nothing was published")
     error.problems = lines  # type: ignore[attr-defined]
-    error.summary = Summary(problems=lines)  # type: ignore[attr-defined]
+    error.summary = Summary(command="release", problems=lines)  # type: ignore[attr-defined]
     raise error
 
 
 def write(run: Run, folder: Folder) -> Facts:
     """Everything around one folder's data, the checksums last."""
+    with run.progress.task(f"release {folder.source}", total=9, unit="files") as task:
+        return _describe(run, folder, task)
+
+
+def _describe(run: Run, folder: Folder, task: Task) -> Facts:
     import duckdb
 
-    task = run.progress.task(f"release {folder.source}", total=9, unit="files")
     try:
         facts = measure.measure(run, folder)
     except duckdb.Error as error:
@@ -110,7 +116,6 @@ def write(run: Run, folder: Folder) -> Facts:
     sample.write(folder, run.profile.release.sample_mb)
     checksums.write(folder)
     task.advance(3)
-    task.close()
     return facts
 
 

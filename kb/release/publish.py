@@ -76,6 +76,7 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
 def _summary(deposits: dict[str, dict[str, Any]]) -> Summary:
     states = [one["state"] for one in deposits.values()]
     return Summary(
+        command="release publish",
         deposits=len(deposits),
         drafts=states.count("draft"),
         published=states.count("published"),
@@ -282,23 +283,18 @@ class _Upload:
         """Make the draft hold exactly the folder's files; how many were sent."""
         there = self.service.files(draft["id"])
         local = self._local()
-        task = self.run.progress.task(
-            f"upload {self.folder.source}",
-            total=sum(path.stat().st_size for path in local),
-            unit="bytes",
-        )
         for name in sorted(set(there) - {path.name for path in local}):
             self.service.remove(draft["id"], there[name]["id"])
-        sent = 0
-        for path in local:
-            signals.stop.check()
-            checksum = md5(path)
-            if path.name in there and _md5_of(there[path.name]) == checksum:
-                task.advance(path.stat().st_size)
-                continue
-            self.service.upload(draft["links"]["bucket"], path, checksum, task.advance)
-            sent += 1
-        task.close()
+        sent, size = 0, sum(path.stat().st_size for path in local)
+        with self.run.progress.task(f"upload {self.folder.source}", size, "bytes") as task:
+            for path in local:
+                signals.stop.check()
+                checksum = md5(path)
+                if path.name in there and _md5_of(there[path.name]) == checksum:
+                    task.advance(path.stat().st_size)
+                    continue
+                self.service.upload(draft["links"]["bucket"], path, checksum, task.advance)
+                sent += 1
         return sent
 
     def _all(self) -> dict[str, Any]:

@@ -118,6 +118,7 @@ def report(run: Run) -> Summary:
                 (folder / f"{figure.name}.png").write_bytes(figure.png)
         (folder / "index.html").write_text(html, encoding="utf-8")
     return Summary(
+        command="report",
         figures=sum(len(section.figures) for section in sections),
         page=str(run.root / "report" / "index.html"),
         without=", ".join(section.title for section in sections if section.missing) or None,
@@ -127,15 +128,14 @@ def report(run: Run) -> Summary:
 def _section(run: Run, data: Data, source: str) -> Section:
     section = Section(source, TITLES[source])
     todo = makers(source)
-    task = run.progress.task(f"report {source}", total=len(todo), unit="figures")
-    for make in todo:
-        signals.stop.check()
-        with applied():
-            figure = make(data, run.profile)
-        if figure is not None:
-            section.figures.append(figure)
-        task.advance()
-    task.close()
+    with run.progress.task(f"report {source}", total=len(todo), unit="figures") as task:
+        for make in todo:
+            signals.stop.check()
+            with applied():
+                figure = make(data, run.profile)
+            if figure is not None:
+                section.figures.append(figure)
+            task.advance()
     for name in TABLES.get(source, ()):
         if name in SAMPLES and run.profile.report.samples and data.count(name):
             rows = data.samples(name, SAMPLES[name], run.profile.report.samples)

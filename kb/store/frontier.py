@@ -269,6 +269,11 @@ class Frontier:
             ).fetchone()
             return int(row[0])
 
+    def waiting(self, *kinds: str) -> int:
+        """How many items of these kinds have no answer yet, those in progress included."""
+        counts = (self.counts(kind) for kind in kinds)
+        return sum(count.get("todo", 0) + count.get("in_progress", 0) for count in counts)
+
     def kinds(self) -> dict[str, dict[str, int]]:
         """Counts by status of every kind, by name."""
         found: dict[str, dict[str, int]] = {}

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from kb.core import signals
+from kb.core import signals, vocabulary
 from kb.core.context import Run
 from kb.core.errors import KbError, LimitReached
+from kb.core.progress import Task
 from kb.core.verdict import Summary
 from kb.store import belonging, tombstones
 from kb.store.frontier import Frontier
@@ -60,6 +61,9 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
                 except KbError as error:
                     error.summary = job.summary()  # type: ignore[attr-defined]
                     raise
+                finally:
+                    asked = frontier.cursor("requests", 0) + web.requests
+                    frontier.set_cursor("requests", asked)
                 return job.summary()
         finally:
             frontier.close()
@@ -71,9 +75,11 @@ class Crawl(Job):
 
     programs: chromium.Programs
     titles: Titles | None
+    missed_before: int = 0
 
     def go(self, wanted: list[str] | None) -> None:
         """All phases; each starts where an earlier run stopped."""
+        self.missed_before = state.missing(self.frontier)
         number, tag = self._round(wanted)
         if not self._work_left(wanted):
             self.run.progress.say("the wiki crawl is finished; --again looks for what changed")
@@ -156,20 +162,22 @@ class Crawl(Job):
         self._bury()
 
     def _list(self, api: Api, number: int, tag: str) -> None:
-        task = self.run.progress.task("titles", unit="pages")
-        for namespace in self.frontier.cursor(f"site:{tag}")["namespaces"]:
-            start = self.frontier.cursor(f"list:{number}:{namespace}", {})
-            if start == "done":
-                continue
-            for count in api.listing(number, namespace, start):
-                task.advance(count)
-                signals.stop.check()
-        task.close()
+        with self.run.progress.task("titles", unit="titles") as task:
+            for namespace in self.frontier.cursor(f"site:{tag}")["namespaces"]:
+                start = self.frontier.cursor(f"list:{number}:{namespace}", {})
+                if start == "done":
+                    continue
+                for count in api.listing(number, namespace, start):
+                    task.advance(count)
+                    signals.stop.check()
 
     def _ask(self, api: Api) -> None:
-        task = self.run.progress.task(
-            "revisions", self.frontier.counts("info").get("todo"), "pages"
-        )
+        with self.run.progress.task(
+            "revisions", unit="titles", waiting=lambda: self.frontier.waiting("info")
+        ) as task:
+            self._ask_all(api, task)
+
+    def _ask_all(self, api: Api, task: Task) -> None:
         while items := self.frontier.take("info", BATCH):
             tag = items[0].key.partition(":")[0]
             # One round a call; and long titles would make an address that servers refuse.
@@ -184,7 +192,6 @@ class Crawl(Job):
                     self.frontier.error("info", item.key, "unanswered")
             task.advance(len(items))
             signals.stop.check()
-        task.close()
 
     def _compare(self, api: Api, number: int) -> None:
         """Ask after the pages that the list no longer has: deleted, moved away, or made a redirect."""
@@ -253,29 +260,39 @@ class Crawl(Job):
         )
 
     def summary(self) -> Summary:
-        """The counts of the whole data root, and the requests of this run.
+        """What this run crawled and asked, and how the whole data root stands.
 
-        `crawled` pages were captured; `rejected` ones will not be (too large, an error page); `failed` are
-        pages and titles that the next run tries again; `missing` titles have no page; `gone` pages left the wiki.
+        `crawled` are this run's answers, as the filter counts them: pages that were captured, are
+        barred or can't be shown (`rejected`: too large, an error page), and titles without a page
+        (`missing`). `failed` pages and titles are tried again by the next run; `gone` ones left.
         """
-        pages, files = self.frontier.counts("pages"), self.frontier.counts("files")
-        info = self.frontier.counts("info")
+        kinds = self.frontier.kinds()
+        pages, files, info = (kinds.get(kind, {}) for kind in ("pages", "files", "info"))
         skipped = Counter(reason for _, _, reason, _ in self.frontier.items("pages", "skipped"))
         robots, gone = (
             skipped.pop("disallowed", 0),
             sum(skipped.pop(reason, 0) for reason in ("deleted", "moved", "removed")),
         )
+        missing = state.missing(self.frontier)
+        crawled = self.answered + max(0, missing - self.missed_before)
+        in_all = state.crawled(self.frontier)
+        left = vocabulary.left_by("wiki", kinds)
         return Summary(
-            crawled=pages.get("done", 0),
+            command="wiki crawl",
+            source="wiki",
+            counted="pages",
+            crawled=crawled,
+            crawled_in_all=in_all,
+            missing=missing,
             rejected=skipped.total(),
-            failed=pages.get("error", 0) + info.get("error", 0),
-            pending=pages.get("todo", 0) + pages.get("in_progress", 0),
-            missing=info.get("skipped", 0),
             robots=robots,
+            failed=pages.get("error", 0) + info.get("error", 0),
+            pending=self.frontier.waiting("pages"),
             gone=gone,
             **({"bad_lines": self.titles.bad_lines} if self.titles else {}),
-            pictures=files.get("done", 0),
-            pictures_failed=files.get("error", 0) + files.get("skipped", 0),
+            images=files.get("done", 0),
+            images_failed=files.get("error", 0) + files.get("skipped", 0),
             requests=self.web.requests,
-            new=self.shown,
+            left=sum(left.values()),
+            left_by=left,
         )

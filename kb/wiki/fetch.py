@@ -20,8 +20,12 @@ if TYPE_CHECKING:
 def fetch_files(job: Job, api: Api) -> None:
     """Fetch every picture that is to do. Raises Stopped."""
     frontier = job.frontier
-    task = job.run.progress.task("pictures", frontier.counts("files").get("todo"), "files")
-    with ThreadPoolExecutor(max(2, job.run.workers), thread_name_prefix="wiki-files") as threads:
+    with (
+        job.run.progress.task(
+            "images", unit="files", waiting=lambda: frontier.waiting("files")
+        ) as task,
+        ThreadPoolExecutor(max(2, job.run.workers), thread_name_prefix="wiki-files") as threads,
+    ):
         while items := frontier.take("files", BATCH):
             try:
                 known = _ask(api, items)
@@ -51,7 +55,6 @@ def fetch_files(job: Job, api: Api) -> None:
                 ]
                 frontier.release("files", *left)
             signals.stop.check()
-    task.close()
 
 
 def reopen_changed(job: Job, api: Api) -> int:

@@ -13,7 +13,7 @@ from kb.wiki.web import Web
 
 @dataclass(kw_only=True)
 class Job:
-    """One run of the crawl under the writer's lock; `shown` counts the pages that it captured."""
+    """One run of the crawl under the writer's lock; `answered` counts pages that did not fail."""
 
     run: Run
     url: str
@@ -21,4 +21,4 @@ class Job:
     frontier: Frontier
     recorder: Recorder
     web: Web
-    shown: int = 0
+    answered: int = 0

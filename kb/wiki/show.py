@@ -37,13 +37,14 @@ def show_pages(job: Job, pool: Pool, api: Api) -> int:
     barred = tombstones.keys(run.root, "wiki")
     for left in _pages_folder(job).glob(f"{SCRATCH}*"):  # of a run that was killed
         shutil.rmtree(left, ignore_errors=True)
-    total = frontier.counts("pages").get("todo", 0)
-    task = run.progress.task(
-        "pages", total if run.limit is None else min(total, run.limit), "pages"
-    )
     started = 0
     stop: BaseException | None = None
-    with ThreadPoolExecutor(run.workers, thread_name_prefix="wiki") as threads:
+    with (
+        run.progress.task(
+            "pages", run.limit, "pages", waiting=lambda: frontier.waiting("pages")
+        ) as task,
+        ThreadPoolExecutor(run.workers, thread_name_prefix="wiki") as threads,
+    ):
         flying: dict[Future[dict[str, Any]], Item] = {}
         while True:
             while (
@@ -66,15 +67,14 @@ def show_pages(job: Job, pool: Pool, api: Api) -> int:
                 try:
                     answer = future.result()
                     _keep(job, api, item, answer)
-                    job.shown += answer["outcome"] == "captured"
+                    job.answered += answer["outcome"] != "failed"
                     task.advance(1)
                 except BaseException as error:  # noqa: BLE001  the pages in flight are kept first
                     frontier.release("pages", item.key)
                     stop = stop or error
-    task.close()
-    if stop is not None:
-        raise stop
-    signals.stop.check()
+        if stop is not None:
+            raise stop
+        signals.stop.check()
     return frontier.counts("pages").get("todo", 0)
 
 

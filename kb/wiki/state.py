@@ -164,6 +164,21 @@ def reopen_larger(frontier: Frontier, section: Wiki) -> None:
             frontier.mark("pages", [key], "todo")
 
 
+def missing(frontier: Frontier) -> int:
+    """Titles that have no page, whatever the number of rounds that asked for them."""
+    return len({payload["title"] for *_, payload in frontier.items("info", "skipped")})
+
+
+def crawled(frontier: Frontier) -> int:
+    """Pages that were answered for in all runs: captured, barred, not to be shown, or missing."""
+    gone = sum(
+        reason in ("deleted", "moved", "removed")
+        for _, _, reason, _ in frontier.items("pages", "skipped")
+    )
+    pages = frontier.counts("pages")
+    return pages.get("done", 0) + pages.get("skipped", 0) - gone + missing(frontier)
+
+
 def _files(frontier: Frontier, envelope: Envelope) -> None:
     """A picture file was fetched, or could not be."""
     answer = envelope.response

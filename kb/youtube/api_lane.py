@@ -86,7 +86,7 @@ class ApiLane:
         answer = self._ask([item], lambda: api.search(**params))
         if answer is not None:
             self.job.recorder.record(effects.RAW_SEARCH, "search.list", params, 200, answer)
-            self._done(SEARCHES, "pages")
+            self._done(SEARCHES)
 
     def _list(self, api: Api) -> None:
         (item,) = self.frontier.take(UPLOADS, 1)
@@ -108,7 +108,7 @@ class ApiLane:
             return
         if answer is not None:
             self.job.recorder.record(effects.RAW_LIST, "playlistItems.list", params, 200, answer)
-            self._done(UPLOADS, "pages")
+            self._done(UPLOADS)
 
     def _read(self, api: Api) -> None:
         items = self.frontier.take(VIDEOS, min(PACK, self.job.room()))
@@ -120,13 +120,13 @@ class ApiLane:
         with self.job.lock:
             self.job.summary["crawled"] += len(items)
             self.job.summary["missing"] += len(parse.missing(params, answer))
-        self._done(VIDEOS, "videos", len(items))
+        self._done(VIDEOS, len(items))
         self._wake()
 
-    def _done(self, phase: str, unit: str, n: int = 1) -> None:
+    def _done(self, phase: str, n: int = 1) -> None:
         if phase == self.job.counts:
             self.job.spend_room(n)
-        self.job.show(phase, unit, n)
+        self.job.show(phase, n)
 
     def _ask(
         self, items: list[Item], call: Callable[[], dict[str, Any]], *, facts: bool = False

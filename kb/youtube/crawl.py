@@ -179,7 +179,7 @@ def _run_lanes(job: Job) -> list[KbError]:
         web.no_more()
         for thread in threads:
             thread.join()
-        job.close()
+        job.close(stopped=bool(stops) or web.stop is not None)
     return stops + ([web.stop] if web.stop is not None else [])
 
 

@@ -196,6 +196,11 @@ def without_channels(frontier: Frontier, keywords: Iterable[str]) -> list[str]:
     return found
 
 
+def crawled(frontier: Frontier) -> int:
+    """Videos that the API answered for in all runs, missing ones among them."""
+    return frontier.counts(VIDEOS).get("done", 0)
+
+
 def search_key(keyword: str, token: str | None) -> str:
     """The frontier's key of a page of a search."""
     return f"{keyword}#{token or ''}"

@@ -5,16 +5,19 @@ from __future__ import annotations
 import threading
 from typing import Any
 
+from kb.core import vocabulary
 from kb.core.context import Run
 from kb.core.errors import LimitReached
 from kb.core.verdict import Summary
 from kb.store.frontier import Frontier
 from kb.store.recorder import Recorder
-from kb.youtube.effects import SEARCHES, TRANSCRIPTS, VIDEOS
+from kb.youtube import effects
+from kb.youtube.effects import CHANNELS, SEARCHES, TRANSCRIPTS, UPLOADS, VIDEOS
 from kb.youtube.quota import GENERAL, SEARCH, limit, today
 
 PACK = 50  # ids a call, and entries a page: the API's largest
 NAMES = {VIDEOS: "metadata"}
+UNITS = {SEARCHES: "pages", UPLOADS: "pages"}
 
 
 class Job:
@@ -24,7 +27,22 @@ class Job:
         self.run, self.frontier, self.recorder, self.phases = run, frontier, recorder, phases
         self.profile = run.profile.section("youtube")
         self.summary = Summary(
-            crawled=0, transcripts=0, failed=0, missing=0, requests=0, units=0, bad_lines=0, left=0
+            command="youtube crawl",
+            source="youtube",
+            counted="videos",
+            crawled=0,
+            crawled_in_all=0,
+            missing=0,
+            failed=0,
+            pending=0,
+            channels=0,
+            transcripts_asked=0,
+            transcripts=0,
+            requests=0,
+            units=0,
+            bad_lines=0,
+            left=0,
+            left_by={},
         )
         self.lock = threading.RLock()
         # What the limit counts: videos, or what the one phase handles that --only names.
@@ -48,14 +66,19 @@ class Job:
             f"--limit {self.run.limit} reached", hint="run the same command to go on"
         )
 
-    def show(self, phase: str, unit: str, n: int = 1) -> None:
+    def show(self, phase: str, n: int = 1) -> None:
         """`n` items of a phase are done: its progress bar, with the quota that it spends."""
         with self.lock:
             if phase not in self._tasks:
-                self._tasks[phase] = self.run.progress.task(NAMES.get(phase, phase), unit=unit)
+                self._tasks[phase] = self.run.progress.task(
+                    NAMES.get(phase, phase),
+                    self.run.limit if phase == self.counts else None,
+                    UNITS.get(phase, "videos"),
+                    waiting=lambda: self.frontier.waiting(phase),
+                )
             task = self._tasks[phase]
         if phase == TRANSCRIPTS:
-            task.advance(n, waiting=self.frontier.ready(TRANSCRIPTS, 10_000))
+            task.advance(n)
         else:
             bucket = SEARCH if phase == SEARCHES else GENERAL
             task.advance(
@@ -65,16 +88,23 @@ class Job:
     def count(self) -> Summary:
         """The summary with what was asked, what failed and what is left."""
         requests, units = self.frontier.requests()
-        counts = [self.frontier.counts(kind) for kind in self.phases]
+        kinds = self.frontier.kinds()
+        counts = [kinds.get(kind, {}) for kind in self.phases]
+        left = vocabulary.left_by("youtube", {kind: kinds.get(kind, {}) for kind in self.phases})
+        in_all = effects.crawled(self.frontier)
         self.summary |= {
             "requests": requests - self._start[0],
             "units": units - self._start[1],
             "failed": sum(count.get("error", 0) for count in counts),
-            "left": sum(count.get("todo", 0) for count in counts),
+            "crawled_in_all": in_all,
+            "pending": self.frontier.waiting(VIDEOS),
+            "channels": kinds.get(CHANNELS, {}).get("done", 0),
+            "left": sum(left.values()),
+            "left_by": left,
         }
         return self.summary
 
-    def close(self) -> None:
-        """End the progress bars."""
+    def close(self, *, stopped: bool) -> None:
+        """End the progress bars; those of a run that was stopped stay partial."""
         for task in self._tasks.values():
-            task.close()
+            task.close(stopped=stopped)

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.context import Run
+from kb.core.plan import Phase
+from kb.core.plan import plan as make_plan
 from kb.core.verdict import Summary
 from kb.net.rate import is_loopback
 from kb.store import rawlog
@@ -51,28 +53,40 @@ def plan(run: Run, ids: Path | None = None, part: tuple[int, int] | None = None)
         else left["transcripts"] / profile.transcripts_per_hour
     )
     sizes = _bytes_each(run, state)
-    size = (
-        calls["search"] * sizes[effects.RAW_SEARCH]
-        + calls["playlist_items"] * sizes[effects.RAW_LIST]
-        + calls["videos"] * sizes[effects.RAW_VIDEOS]
-        + left["transcripts"] * sizes[effects.RAW_TRANSCRIPTS]
-    )
+    gb = {
+        effects.RAW_SEARCH: calls["search"],
+        effects.RAW_LIST: calls["playlist_items"],
+        effects.RAW_VIDEOS: calls["videos"],
+        effects.RAW_TRANSCRIPTS: left["transcripts"],
+    }
+    gb = {kind: n * sizes[kind] / 1e9 for kind, n in gb.items()}
+    asked = left["transcripts"] * REQUESTS_A_TRANSCRIPT
+    lists, packs = calls["playlist_items"], calls["videos"]
+    phases = [
+        Phase("searches", calls["search"], calls["search"], gb=gb[effects.RAW_SEARCH]),
+        Phase("channels", left["channels"], lists, lists, gb=gb[effects.RAW_LIST]),
+        Phase("videos", left["videos"], packs, packs, gb=gb[effects.RAW_VIDEOS]),
+        Phase("transcripts", left["transcripts"], asked, 0, hours, gb[effects.RAW_TRANSCRIPTS]),
+    ]
     days = max(
         calls["search"] / profile.searches_per_day, general / profile.units_per_day, hours / 24
     )
     return Summary(
-        channels=left["channels"],
-        videos=left["videos"],
-        transcripts=left["transcripts"],
-        searches=calls["search"],
-        units=general,
-        calls=sum(calls.values()) + left["transcripts"] * REQUESTS_A_TRANSCRIPT,
-        transcript_hours=round(hours, 1),
-        gb=round(size / 1e9, 3),
-        days=round(days, 2),
-        searches_left_today=max(0, profile.searches_per_day - state["spent"]["search"]),
-        units_left_today=max(0, profile.units_per_day - state["spent"]["general"]),
-        assumed=", ".join(assumed) if not ids and assumed else None,
+        make_plan(
+            "youtube crawl",
+            "youtube",
+            phases,
+            assumed if not ids else [],
+            channels=left["channels"],
+            videos=left["videos"],
+            transcripts=left["transcripts"],
+            searches=calls["search"],
+            calls=sum(one.requests for one in phases),
+            transcript_hours=round(hours, 1),
+            days=round(days, 2),
+            searches_left_today=max(0, profile.searches_per_day - state["spent"]["search"]),
+            units_left_today=max(0, profile.units_per_day - state["spent"]["general"]),
+        )
     )
 
 

@@ -6,6 +6,7 @@ removes it.
 
 from __future__ import annotations
 
+import math
 from contextlib import ExitStack
 from datetime import timedelta
 from pathlib import Path
@@ -13,9 +14,10 @@ from typing import Any
 
 import msgspec
 
-from kb.core import clock, signals
+from kb.core import clock, signals, vocabulary
 from kb.core.context import Run
 from kb.core.errors import ItemFinal, LimitReached, QuotaSpent, Retryable
+from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
 from kb.store import identity, lock, rawlog, tombstones
 from kb.store.frontier import Frontier
@@ -27,6 +29,8 @@ from kb.youtube.effects import REFRESH, Effects
 from kb.youtube.job import PACK
 from kb.youtube.quota import GENERAL, limit, today
 from kb.youtube.transcripts import SITE
+
+BYTES_A_CALL = 60_000  # compressed, of 50 videos
 
 
 class _Head(msgspec.Struct):
@@ -49,6 +53,26 @@ def newest(root: Path) -> dict[str, str]:
     return found
 
 
+def plan_refresh(run: Run) -> Summary:
+    """What a refresh would read again now, and its units. Sends and writes nothing."""
+    old = len(_old(run, run.profile.section("youtube"), tombstones.keys(run.root, "youtube")))
+    calls = math.ceil(old / PACK)
+    gb = calls * BYTES_A_CALL / 1e9
+    phase = Phase("videos to refresh", old, requests=calls, units=calls, gb=gb)
+    assumed = [f"{BYTES_A_CALL // 1000} kB a call of {PACK} videos"]
+    return Summary(plan("refresh youtube", "youtube", [phase], assumed))
+
+
+def _old(run: Run, profile: Any, purged: set[str]) -> list[str]:
+    """Ids of videos whose newest answer is older than the profile allows."""
+    oldest = clock.now() - timedelta(days=profile.max_age_days)
+    return [
+        key
+        for key, at in newest(run.root).items()
+        if clock.parse(at) < oldest and key not in purged
+    ]
+
+
 def refresh(run: Run) -> Summary:
     """Read the metadata of every video again whose newest answer is older than `max_age_days`.
 
@@ -57,7 +81,6 @@ def refresh(run: Run) -> Summary:
     profile = run.profile.section("youtube")
     run.settings.need("youtube_api_key")
     run.settings.check_contact()
-    oldest = clock.now() - timedelta(days=profile.max_age_days)
     with ExitStack() as stack:
         stack.enter_context(lock.writer(run.root, "youtube"))
         identity.remember(
@@ -78,11 +101,7 @@ def refresh(run: Run) -> Summary:
                 Effects(profile, lambda rows: (), lambda key: True, purged),
             )
         )
-        old = [
-            key
-            for key, at in newest(run.root).items()
-            if clock.parse(at) < oldest and key not in purged
-        ]
+        old = _old(run, profile, purged)
         frontier.remove(REFRESH, [key for key, *_ in frontier.items(REFRESH)])
         frontier.add(REFRESH, old)
         return _read(run, profile, frontier, recorder, len(old))
@@ -90,7 +109,18 @@ def refresh(run: Run) -> Summary:
 
 def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total: int) -> Summary:
     before = frontier.requests()
-    summary = Summary(crawled=0, missing=0, failed=0, requests=0, units=0, left=total)
+    summary = Summary(
+        command="refresh youtube",
+        source="youtube",
+        counted="videos",
+        crawled=0,
+        missing=0,
+        failed=0,
+        requests=0,
+        units=0,
+        left=total,
+        left_by={},
+    )
     if not total:
         run.progress.say(f"youtube: nothing is older than {profile.max_age_days} days")
         return summary
@@ -136,17 +166,19 @@ def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total:
         raise
     finally:
         api.close()
-        task.close()
+        task.close(stopped=summary["crawled"] < total)
     return _final(summary, frontier, before)
 
 
 def _final(summary: Summary, frontier: Frontier, before: tuple[int, int]) -> Summary:
     requests, units = frontier.requests()
     counts = frontier.counts(REFRESH)
+    left = vocabulary.left_by("youtube", {REFRESH: counts})
     summary |= {
         "requests": requests - before[0],
         "units": units - before[1],
         "failed": counts.get("error", 0),
-        "left": counts.get("todo", 0),
+        "left": sum(left.values()),
+        "left_by": left,
     }
     return summary

@@ -126,11 +126,12 @@ class WebLane:
         self.job.recorder.record(effects.RAW_TRANSCRIPTS, "transcript", params, 200, found)
         with self.job.lock:
             self.job.summary["transcripts"] += found["outcome"] == "ok"
+            self.job.summary["transcripts_asked"] += found["outcome"] != "failed"
             self._bad_luck = self._bad_luck + 1 if found["outcome"] == "failed" else 0
             if self._probing and found["outcome"] == "ok":  # all its requests went well
                 self._probing = False
                 self.frontier.set_cursor(BLOCKED, None)
-        self.job.show(TRANSCRIPTS, "videos")
+        self.job.show(TRANSCRIPTS)
         if self._bad_luck >= HOPELESS:
             raise Unreachable(
                 f"{found['reason']}; {self._bad_luck} transcripts failed one after the other",

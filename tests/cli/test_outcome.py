@@ -55,7 +55,7 @@ def test_a_stop_shows_what_was_done(end: Any) -> None:
     error = errors.LimitReached("--limit 5 reached")
     error.summary = {"crawled": 5, "kept": 4, "rejected": 1}
     code, out, _ = end(error)
-    assert (code, out) == (3, "crawled 5, kept 4, rejected 1, stopped: --limit 5 reached\n")
+    assert (code, out) == (3, "5 crawled, 4 kept, 1 rejected, stopped: --limit 5 reached\n")
     code, out, _ = end(error, json=True)
     assert json.loads(out) == {
         "crawled": 5,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import pty
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from kb.cli import progress
-from kb.core.progress import Plain, Silent
+from kb.core import clock
+from kb.core.progress import Counted, Plain, Silent
 from tests.cli.conftest import clean_environment
 
 PROGRAM = """
@@ -29,11 +31,47 @@ print('result')
 """
 
 
-def on_a_terminal(*arguments: str) -> tuple[str, str]:
+# Sixty wait when the 42nd is done; ten more were found meanwhile; then Ctrl-C.
+STOPPED = """
+import sys, time
+from kb.cli import progress
+shown = progress.choose(quiet=False)
+waiting = 60
+try:
+    with shown.task('transcripts', unit='videos', waiting=lambda: waiting) as task:
+        for number in range(42):
+            waiting -= 1
+            task.advance(1)
+            if number == 20:
+                waiting += 43
+                time.sleep(0.6)
+        raise KeyboardInterrupt
+except KeyboardInterrupt:
+    getattr(shown, 'close', lambda: None)()
+print('result')
+"""
+
+UNKNOWN = """
+from kb.cli import progress
+shown = progress.choose(quiet=False)
+for name, error in (('listed', None), ('cut', KeyboardInterrupt)):
+    try:
+        with shown.task(name, unit='titles') as task:
+            task.advance(7)
+            if error:
+                raise error
+    except KeyboardInterrupt:
+        pass
+getattr(shown, 'close', lambda: None)()
+print('result')
+"""
+
+
+def on_a_terminal(*arguments: str, program: str = PROGRAM) -> tuple[str, str]:
     """(stdout, what the terminal on stderr saw)."""
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, *arguments],
+        [sys.executable, "-c", program, *arguments],
         stdout=subprocess.PIPE,
         stderr=theirs,
         text=True,
@@ -72,13 +110,16 @@ def test_a_terminal_gets_a_bar_with_rate_and_the_stages_figures() -> None:
     assert seen.rstrip().endswith("\x1b[?25h") or "\x1b[?25h" in seen, "the cursor is shown again"
 
 
-def test_quiet_shows_nothing() -> None:
-    assert on_a_terminal("--quiet") == ("result\n", "")
+def last_line(seen: str, name: str) -> str:
+    """What the terminal shows of a task in the end, without colours."""
+    plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", seen)
+    return [line for line in re.split(r"[\r\n]+", plain) if line.startswith(name)][-1]
 
 
-def test_a_pipe_gets_lines() -> None:
+def in_a_pipe(program: str) -> str:
+    """What stderr gets where it is no terminal."""
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM],
+        [sys.executable, "-c", program],
         capture_output=True,
         text=True,
         check=True,
@@ -86,9 +127,61 @@ def test_a_pipe_gets_lines() -> None:
         env=clean_environment(),
     )
     assert done.stdout == "result\n"
-    assert "metadata: 40/40 videos" in done.stderr
-    assert "units 4/10000" in done.stderr
-    assert "\x1b" not in done.stderr
+    return done.stderr
+
+
+def test_a_stopped_bar_stays_partial_and_its_total_is_what_is_known() -> None:
+    _, seen = on_a_terminal(program=STOPPED)
+    assert "/?" not in seen, "that sixty wait was known from the start"
+    line = last_line(seen, "transcripts")
+    assert "42/103 videos" in line
+    assert 9 <= line.count("━") <= 24
+    assert "left" not in line, "no time left of what has ended"
+    # The part that is done is drawn in another colour than the rest.
+    bar = [part for part in re.split(r"[\r\n]+", seen) if "42/103" in part][-1]
+    assert len(re.findall("━+", bar)) >= 2, bar
+    assert "transcripts: 42/103 videos" in in_a_pipe(STOPPED)
+
+
+def test_a_task_of_unknown_length_is_whole_in_the_end_but_not_when_it_was_stopped() -> None:
+    _, seen = on_a_terminal(program=UNKNOWN)
+    assert "7/7 titles" in last_line(seen, "listed")
+    assert "7/? titles" in last_line(seen, "cut")
+    lines = in_a_pipe(UNKNOWN)
+    assert "listed: 7/7 titles" in lines
+    assert "cut: 7/? titles" in lines
+
+
+def test_time_left_is_told_only_where_it_means_something(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    monkeypatch.setattr(clock, "monotonic", lambda: now)
+    waiting = 100
+    task = Counted("metadata", None, "videos", lambda: waiting)
+    task.advance(10)
+    assert task.time_left() == "", "too early to tell"
+    now, waiting = 10.0, 90
+    task.advance(0)
+    assert (task.figures(), task.time_left()) == ("10/100", "1m 30s left")
+    waiting = 190
+    now = 11.0
+    task.advance(0)
+    assert (task.figures(), task.time_left()) == ("10/200", ""), "more are being found"
+    now = 20.0
+    assert task.time_left() == "6m 20s left"
+    waiting = 0
+    task.advance(190)
+    assert (task.figures(), task.time_left()) == ("200/200", "")
+
+
+def test_quiet_shows_nothing() -> None:
+    assert on_a_terminal("--quiet") == ("result\n", "")
+
+
+def test_a_pipe_gets_lines() -> None:
+    lines = in_a_pipe(PROGRAM)
+    assert "metadata: 40/40 videos" in lines
+    assert "units 4/10000" in lines
+    assert "\x1b" not in lines
 
 
 def test_the_choice(monkeypatch: pytest.MonkeyPatch) -> None:

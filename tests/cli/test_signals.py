@@ -81,7 +81,7 @@ def test_a_crawl_finishes_the_item_in_hand_and_says_how_to_go_on(
     out, err = process.communicate(timeout=30)
     assert process.returncode == 3
     assert err == f"kb: stopped by {number.name}; run the same command to go on\n"
-    assert out == f"crawled True, stopped: stopped by {number.name}\n"
+    assert out == f"1 crawled, stopped by {number.name}\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

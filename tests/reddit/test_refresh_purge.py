@@ -40,12 +40,15 @@ def asked(work: Work, since: int) -> list[str]:
 
 def test_nothing_is_due_before_its_time(tiny: Work) -> None:
     assert tiny.refresh() == {
+        "command": "refresh reddit",
         "source": "reddit",
+        "counted": "posts and comments",
         "crawled": 0,
         "missing": 0,
         "failed": 0,
         "requests": 0,
         "left": 0,
+        "left_by": {},
     }
 
 

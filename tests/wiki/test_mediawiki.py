@@ -345,9 +345,9 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     mediawiki.php(
         "importImages", "--overwrite", "--comment", "redrawn", "--extensions", "png", str(drawn)
     )
-    assert crawl(run)["new"] == 0
+    assert crawl(run)["crawled"] == 0
     again = crawl(dataclasses.replace(run, again=True))
-    assert again["new"] == 3
+    assert again["crawled"] == 3
     renders = [e.response["title"] for e in rawlog.read(run.root, "wiki", "renders")][shown:]
     assert sorted(renders) == ["Brand new", "Grids", "Has moved"]
     run_clean(run, "wiki")

@@ -1,0 +1,276 @@
+"""One noun for one number: every name of a summary (`--json`), what it counts, how a person reads it.
+
+The line of a command, `kb status` and the reference page are made of this table.
+A name that is written `command.name` says it for that command alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+
+class Word(NamedTuple):
+    """What a name counts, and its phrase: `{n}` the number, `{counted}` what the command counts.
+
+    Nouns stand in the plural. `always`: shown when it is nought as well. Without a phrase the name
+    is for scripts only.
+    """
+
+    doc: str
+    phrase: str = ""
+    always: bool = False
+
+
+WORDS: dict[str, Word] = {
+    # The four answers, and what is in them.
+    "command": Word("The command that made the summary."),
+    "source": Word("youtube, wiki, reddit or pairs."),
+    "counted": Word(
+        "What crawled, kept, rejected, failed and pending count: videos, pages, posts …"
+    ),
+    "crawled": Word(
+        "Items answered in this run, `missing` ones among them; of a filter all items.",
+        "{n} {counted} crawled",
+        always=True,
+    ),
+    "crawled_in_all": Word("The same over all runs on this data root.", "{n} in all"),
+    "kept": Word("Items that passed every stage.", "{n} kept", always=True),
+    "rejected": Word(
+        "Items that a stage rejected; `stages` has each.", "{n} rejected", always=True
+    ),
+    "failed": Word(
+        "Items that could not be read after their tries; the next run tries again.", "{n} failed"
+    ),
+    "pending": Word("Items that are known and wait for their answer.", "{n} pending"),
+    "missing": Word(
+        "Of the crawled ones, those that the service did not return.", "{n} of them missing"
+    ),
+    "tally": Word("The four answers and `missing` for each table that has a filter."),
+    "tables": Word("Kept rows by table."),
+    "stages": Word("Rejected items by stage."),
+    "left": Word("Everything that waits for the next run, of all phases together."),
+    "left_by": Word("The same by phase."),
+    "duplicates": Word("Older or repeated answers; the newest one counts.", "{n} older answers"),
+    "unknown_keys": Word("Keys of answers that schemas/ does not declare, with how often."),
+    # What was asked and read.
+    "requests": Word(
+        "Requests sent; without those that the browser sends for a page.", "{n} requests"
+    ),
+    "units": Word("Quota units spent, searches included.", "{n} quota units"),
+    "youtube crawl --plan.units": Word(
+        "Units of the general quota; searches have a quota of their own.", "{n} quota units"
+    ),
+    "bad_lines": Word("Lines of a given file or dump that can't be read.", "{n} bad lines"),
+    "truncated_files": Word(
+        "Files that are cut off; what is whole in them was read.", "{n} files cut off"
+    ),
+    "lines": Word("Lines of the dumps that were looked through.", "{n} lines looked through"),
+    # Nouns.
+    "channels": Word("Channels found so far.", "{n} channels"),
+    "videos": Word("Videos.", "{n} videos"),
+    "transcripts": Word("Transcripts.", "{n} transcripts"),
+    "youtube crawl.transcripts": Word("Transcripts that were found.", "{n} with transcripts"),
+    "transcripts_asked": Word(
+        "Videos whose transcript was asked for; some have none.", "transcripts asked for {n}"
+    ),
+    "pages": Word("Wiki pages.", "{n} pages"),
+    "elements": Word("Elements of pages.", "{n} elements"),
+    "cells": Word("Cells of tables.", "{n} cells"),
+    "images": Word("Images.", "{n} images"),
+    "wiki crawl.images": Word("Image files that were fetched, of all runs.", "{n} image files"),
+    "images_failed": Word(
+        "Image files that could not be fetched.", "{n} image files not to be had"
+    ),
+    "robots": Word("Pages that robots.txt bars.", "{n} barred by robots.txt"),
+    "gone": Word("Pages that left the wiki.", "{n} gone from the wiki"),
+    "posts": Word("Posts.", "{n} posts"),
+    "reddit crawl.posts": Word("Posts known so far.", "{n} posts known"),
+    "comments": Word("Comments.", "{n} comments"),
+    "comments_unread": Word(
+        "Comments that are known to exist and were not read.", "{n} comments unread"
+    ),
+    "reddit crawl.outside": Word(
+        "Posts outside of --since and --until, left for another crawl.", "{n} outside of the dates"
+    ),
+    "placeholders": Word("Comments that stand for a parent that is not there.", "{n} placeholders"),
+    "pairs": Word("Pairs of a clip and its text.", "{n} pairs"),
+    "clips": Word("Clips.", "{n} clips"),
+    "keywords": Word("Keywords that were looked for.", "{n} keywords"),
+    "keywords_found": Word("Keywords with a match.", "{n} keywords found"),
+    "words": Word("Words of the transcripts.", "{n} words"),
+    "matches": Word("Places where a keyword stands.", "{n} matches"),
+    "ambiguous": Word("Matches of everyday words.", "{n} of everyday words"),
+    "ambiguous_alone": Word(
+        "Everyday words without another keyword near them; they make no pair.",
+        "{n} everyday words alone",
+    ),
+    "excluded": Word("Matches that the keyword list rules out.", "{n} excluded"),
+    "outside": Word("Matches whose clip would leave the video.", "{n} outside of the video"),
+    "filled": Word("Pairs whose text is there again.", "{n} filled"),
+    "differing": Word(
+        "Pairs whose transcript is not the one they were made of.", "{n} with other text"
+    ),
+    "texts": Word("Different texts that were looked at.", "{n} texts"),
+    "scored": Word("Texts that were scored in this run.", "{n} scored", always=True),
+    "known": Word("Texts whose score was there.", "{n} scored before"),
+    "exact_again": Word(
+        "Texts near the threshold, scored again in full.", "{n} scored again in full"
+    ),
+    "fetched": Word("Files that were fetched.", "{n} files fetched", always=True),
+    "present": Word("Files that were there.", "{n} files there before"),
+    "files": Word("Files.", "{n} files"),
+    "tars": Word("Tar files with screenshots and images.", "{n} tars"),
+    "folders": Word("Folders, one deposit each.", "{n} folders"),
+    "rows": Word("Rows of tables.", "{n} rows"),
+    "scores": Word("Scores that no text needs any more.", "{n} scores"),
+    "purged": Word("Items removed for good.", "{n} removed for good", always=True),
+    "unknown": Word("Names that nothing here bears.", "{n} unknown names"),
+    "bytes": Word("Bytes.", "{n} bytes"),
+    "figures": Word("Figures of the report.", "{n} figures"),
+    "deposits": Word("Deposits.", "{n} deposits"),
+    "drafts": Word("Deposits that are drafts.", "{n} drafts"),
+    "published": Word("Deposits that are published.", "{n} published"),
+    "unchanged": Word("Deposits that were there as they are.", "{n} unchanged"),
+    "uploaded": Word("Files that were sent.", "{n} files uploaded"),
+    "steps": Word("Commands that the demo ran.", "{n} steps"),
+    "toxicity": Word("Why there are no scores.", "toxicity {n}"),
+    "model": Word("The model whose scores decided.", "scored by {n}"),
+    "revision": Word("Its revision."),
+    "precisions": Word("Scores by precision."),
+    "format": Word("The layout that was written."),
+    "path": Word("Where it was written.", "in {n}"),
+    "page": Word("The report's page.", "see {n}"),
+    "folder": Word("Where the model's files are.", "in {n}"),
+    "release": Word("Where the released pairs are.", "released in {n}"),
+    "export": Word("Where the other layout was written.", "exported to {n}"),
+    "root": Word("The data root of the demo.", "in {n}"),
+    "without": Word("Sections of the report that have no data.", "without {n}"),
+    "sandbox_model": Word("Whether scores are those of the sandbox's model.", "sandbox model: {n}"),
+    "problems": Word("Why the release was refused."),
+    "sources": Word("Each source's rows or deposit."),
+    "left_out": Word("Why a step of the demo was left out.", "left out: {n}"),
+    "assumed": Word("What the plan had to assume.", "assumed: {n}"),
+    "stopped": Word("Why the command stopped; the same one goes on."),
+    "error": Word("Why the command failed."),
+    # A plan.
+    "phases": Word("What is done to how many items, with requests, units, hours and gb."),
+    "hours": Word("Hours that it takes, at the pace that the services ask for."),
+    "searches": Word("Search requests.", "{n} searches"),
+    "calls": Word("Requests of all kinds.", "{n} calls"),
+    "transcript_hours": Word("Hours that the transcripts take.", "{n} hours of transcripts"),
+    "gb": Word("Gigabytes of raw data.", "{n} GB"),
+    "days": Word("Days at today's quotas.", "{n} days"),
+    "searches_left_today": Word(
+        "Searches that today's quota has left.", "{n} searches left today", True
+    ),
+    "units_left_today": Word("Units that today's quota has left.", "{n} units left today", True),
+}
+
+# What waits and what is done, by source and kind of the frontier: (noun, what an item is).
+PHASES: dict[str, dict[str, tuple[str, str]]] = {
+    "youtube": {
+        "searches": ("searches", "pages of channel searches"),
+        "uploads": ("channels", "channels whose uploads are listed"),
+        "videos": ("videos", "videos whose metadata is read"),
+        "transcripts": ("transcripts", "videos whose transcript is asked for"),
+        "refresh": ("videos to refresh", "videos that are read again"),
+    },
+    "wiki": {
+        "info": ("titles", "titles whose revision is asked for, a round each"),
+        "pages": ("pages", "pages that the browser shows"),
+        "files": ("image files", "original files of images"),
+    },
+    "reddit": {
+        "listing": ("listings", "listings of posts"),
+        "tree": ("posts", "posts that are read with their comments"),
+        "more": ("further comments", "comments that a post's page only names"),
+        "thread": ("deep threads", "threads that go on on a page of their own"),
+        "info": ("posts and comments to refresh", "those that are read again"),
+    },
+}
+NOTED = {"youtube": ("channels",)}  # kinds that are only noted: nothing of them is asked
+COUNTED = {"youtube": "videos", "wiki": "pages", "reddit": "posts"}  # what a crawl counts
+
+
+def noun(source: str, kind: str) -> str:
+    """What an item of the frontier is called."""
+    return PHASES.get(source, {}).get(kind, (kind.replace("_", " "), ""))[0]
+
+
+def counted(source: str) -> str:
+    """What a crawl of the source counts."""
+    return COUNTED.get(source, "items")
+
+
+def in_order(source: str, kinds: Iterable[str]) -> list[str]:
+    """Kinds of the frontier in the order of work, without those that are only noted."""
+    known = [kind for kind in kinds if kind not in NOTED.get(source, ())]
+    order = list(PHASES.get(source, {}))
+    return sorted(known, key=lambda kind: order.index(kind) if kind in order else len(order))
+
+
+def place(name: str) -> int:
+    """Where a noun stands among the others: what is sorted first, then what belongs to it."""
+    return list(WORDS).index(name) if name in WORDS else len(WORDS)
+
+
+def left_by(source: str, kinds: Mapping[str, Mapping[str, int]]) -> dict[str, int]:
+    """What waits, by noun in the order of work, from counts by kind; nought is left out."""
+    waiting = {
+        noun(source, kind): kinds[kind].get("todo", 0) + kinds[kind].get("in_progress", 0)
+        for kind in in_order(source, kinds)
+    }
+    return {name: n for name, n in waiting.items() if n}
+
+
+def word(name: str, command: str = "") -> Word | None:
+    """A name's word, the command's own first; None for a name that nobody declared."""
+    return WORDS.get(f"{command}.{name}") or WORDS.get(name)
+
+
+def phrase(name: str, value: Any, summary: dict[str, Any]) -> str:
+    """`{"videos": 300}` as "300 videos"; "" for what a person need not read."""
+    if value is None or isinstance(value, (dict, list)):
+        return ""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    known = word(name, str(summary.get("command", "")))
+    if known is None:
+        words = name.replace("_", " ")
+        return f"{value:,} {words}" if number else f"{words}: {value}"
+    if not known.phrase or (not value and not known.always):
+        return ""
+    counted = str(summary.get("counted") or "")
+    words = known.phrase.replace("{counted}", counted).replace("  ", " ")
+    return count(value, words)
+
+
+def count(value: Any, words: str) -> str:
+    """The words with the number in place of `{n}`, in the singular for 1: "1 video crawled"."""
+    if value == 1 and words.startswith("{n} ") and " and " not in words:
+        parts = words.split(" ")
+        plural = next((at for at, part in enumerate(parts[:3]) if part.endswith("s")), 0)
+        parts[plural] = one(parts[plural])  # "{n} quota units not spent": the noun is near
+        words = " ".join(parts)
+    return words.replace("{n}", f"{value:,}" if isinstance(value, (int, float)) else str(value))
+
+
+def nouns(numbers: Mapping[str, int]) -> str:
+    """Numbers by noun in a row: "3 channels, 1 video"."""
+    return ", ".join(count(n, f"{{n}} {name}") for name, n in numbers.items())
+
+
+def one(plural: str) -> str:
+    """The singular of a noun of this table."""
+    return plural[:-2] if plural.endswith("ches") else plural.removesuffix("s")
+
+
+def tally(counted: str, numbers: dict[str, int]) -> str:
+    """The four answers of a table: "300 videos crawled: 207 kept, 93 rejected (9 missing) …"."""
+    missing = numbers.get("missing", 0)
+    told = f" ({missing:,} missing)" if missing else ""
+    return (
+        count(numbers["crawled"], f"{{n}} {counted} crawled")
+        + f": {numbers['kept']:,} kept, {numbers['rejected']:,} rejected{told},"
+        f" {numbers['failed']:,} failed, {numbers['pending']:,} pending"
+    )

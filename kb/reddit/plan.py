@@ -1,0 +1,119 @@
+"""What reading Reddit would take: a crawl, a refresh, a reconstruction. Sends nothing."""
+
+from __future__ import annotations
+
+import math
+from datetime import timedelta
+from pathlib import Path
+
+import pyarrow.parquet as pq
+
+from kb.core import clock
+from kb.core.context import Run
+from kb.core.errors import SettingError
+from kb.core.plan import Phase, plan
+from kb.core.verdict import Summary
+from kb.net.rate import is_loopback
+from kb.reddit.client import INFO, ROOT
+from kb.reddit.known import known
+from kb.reddit.refresh import due_parts
+from kb.reddit.state import PAGES
+from kb.reddit.wanted import read_wanted
+from kb.store import rawlog, reading, tombstones
+from kb.store.lock import writer
+
+LISTED = 100  # posts a page of a listing
+# Used only where this data root has nothing to measure.
+NEW_A_LISTING = 0.25  # of a listing's posts that no other one has
+REQUESTS_A_POST = 2.0  # its page, and what that only names
+BYTES_A_POST = 8_000
+BYTES_AN_ID = 600
+
+
+def plan_crawl(run: Run) -> Summary:
+    """Listings, posts and requests that are left, by what this data root shows or by assumption."""
+    kinds: dict[str, dict[str, int]] = {}
+    path = run.root / "state" / "reddit.sqlite"
+    if path.is_file():
+        with reading.state(path) as frontier:
+            kinds = frontier.kinds()
+
+    def waiting(kind: str) -> int:
+        return sum(kinds.get(kind, {}).get(one, 0) for one in ("todo", "in_progress", "error"))
+
+    section = run.profile.section("reddit")
+    spans = sum(name in ("top", "controversial") for name in section.listings)
+    every = len(section.listings) + spans * (len(section.spans) - 1) + len(section.search)
+    listings = waiting("listing") if kinds.get("listing") else every
+    pages, assumed = listings * PAGES, []
+    fresh = round(pages * LISTED * NEW_A_LISTING)
+    if listings:
+        assumed.append(f"{PAGES} pages a listing, {NEW_A_LISTING:.0%} of their posts new")
+    posts = waiting("tree") + fresh
+    done = kinds.get("tree", {}).get("done", 0)
+    further = sum(kinds.get("more", {}).values()) / INFO + sum(kinds.get("thread", {}).values())
+    each = 1 + further / done if done else REQUESTS_A_POST
+    size = BYTES_A_POST
+    if done:
+        segments = rawlog.segments(run.root, "reddit", "comments")
+        size = max(1, sum(one.stat().st_size for one in segments) // done)
+    elif posts:
+        assumed.append(f"{REQUESTS_A_POST:g} requests and {BYTES_A_POST // 1000} kB a post")
+    asked = round(posts * each) + math.ceil(waiting("more") / INFO) + waiting("thread")
+    phases = [
+        Phase("listings", listings, requests=pages, hours=_hours(run, pages)),
+        Phase("posts", posts, requests=asked, hours=_hours(run, asked), gb=posts * size / 1e9),
+    ]
+    return Summary(plan("reddit crawl", "reddit", phases, assumed))
+
+
+def plan_refresh(run: Run) -> Summary:
+    """What a refresh would read again now. Reads all raw answers, under the writer's lock."""
+    oldest = clock.now() - timedelta(days=run.profile.section("reddit").max_age_days)
+    with writer(run.root, "reddit"), known(run) as things:
+        parts = due_parts(things, tombstones.keys(run.root, "reddit"), oldest, run.again)
+        due = sum(pq.read_metadata(part).num_rows for part in parts)
+    return Summary(_of_ids(run, "refresh reddit", [("posts and comments to refresh", due)]))
+
+
+def plan_rebuild(run: Run, ids: Path | None) -> Summary:
+    """What a reconstruction of these ids would ask for. Raises SettingError."""
+    source = ids or run.root / "release" / "reddit"
+    if not source.exists():
+        raise SettingError(
+            f"there is no {source}", hint="run `kb reddit export` first, or name a file with --ids"
+        )
+    wanted = read_wanted(source)
+    return Summary(
+        _of_ids(
+            run,
+            "reddit reconstruct",
+            [("posts and comments", len(wanted.names))],
+            len(wanted.trees),
+        )
+    )
+
+
+def _of_ids(
+    run: Run, command: str, named: list[tuple[str, int]], trees: int = 0
+) -> dict[str, object]:
+    """Known ids are asked for a hundred a request; a tree takes requests of its own."""
+    assumed = [f"{BYTES_AN_ID} bytes an id"]
+    phases = []
+    for phase, items in named:
+        calls = math.ceil(items / INFO)
+        phases.append(Phase(phase, items, calls, 0, _hours(run, calls), items * BYTES_AN_ID / 1e9))
+    if trees:
+        calls = round(trees * REQUESTS_A_POST)
+        phases.append(
+            Phase("posts", trees, calls, 0, _hours(run, calls), trees * BYTES_A_POST / 1e9)
+        )
+        assumed.append(f"{REQUESTS_A_POST:g} requests a post with its comments")
+    return plan(command, "reddit", phases, assumed)
+
+
+def _hours(run: Run, requests: int) -> float:
+    """At the profile's pace; on loopback nothing is waited for."""
+    if is_loopback(run.settings.kb_reddit_endpoint or ROOT):
+        return 0.0
+    return requests / run.profile.section("reddit").requests_per_minute / 60

@@ -1,0 +1,67 @@
+"""The four answers of a source, counted in the files of clean/<source>: what all summaries say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import duckdb
+import pyarrow.parquet as pq
+
+from kb.store.reading import reading, scan
+
+# The sorted tables of each source, and what their keys begin with in rejected, failed and pending.
+SORTED: dict[str, dict[str, str]] = {
+    "youtube": {"videos": ""},
+    "wiki": {"pages": ""},
+    "reddit": {"posts": "t3_", "comments": "t1_"},
+}
+VERDICTS = ("rejected", "failed", "pending")
+
+
+def files(folder: Path) -> list[Path]:
+    """The whole files of a table."""
+    return sorted(path for path in folder.glob("*.parquet") if not path.name.startswith("."))
+
+
+def rows(folder: Path) -> int:
+    """Rows of a table, from its files' footers. Raises DamagedData."""
+    found = files(folder)
+    with reading(found):
+        return sum(pq.read_metadata(file).num_rows for file in found)
+
+
+def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
+    """By table: crawled, kept, rejected, failed, pending, and `missing` of the rejected ones.
+
+    `clean` is the folder of a source, `tables` as in SORTED. Tables that are not there are left
+    out. Raises DamagedData.
+    """
+    found = {}
+    verdicts = {verdict: _keys(clean / verdict, tables) for verdict in VERDICTS}
+    missing = _keys(clean / "rejected", tables, "stage = 'missing'")
+    for name in tables:
+        answers = {verdict: counts.get(name, 0) for verdict, counts in verdicts.items()}
+        if not files(clean / name) and not any(answers.values()):
+            continue
+        kept = rows(clean / name)
+        crawled = kept + sum(answers.values())
+        found[name] = {
+            "crawled": crawled,
+            "kept": kept,
+            **answers,
+            "missing": missing.get(name, 0),
+        }
+    return found
+
+
+def _keys(folder: Path, tables: Mapping[str, str], where: str = "true") -> dict[str, int]:
+    """How many keys of a verdict's files belong to which table."""
+    found = files(folder)
+    if not found:
+        return {}
+    sums = ", ".join("count(*) FILTER (starts_with(key, ?))" for _ in tables)
+    sql = f"SELECT {sums} FROM {scan(found)} WHERE {where}"
+    with reading(found), duckdb.connect() as con:
+        counts = con.execute(sql, list(tables.values())).fetchone() or ()
+    return dict(zip(tables, counts, strict=False))

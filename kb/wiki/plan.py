@@ -1,0 +1,64 @@
+"""What is left of a wiki's crawl and what it takes. Sends and writes nothing."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from kb.core.context import Run
+from kb.core.plan import Phase, plan
+from kb.core.verdict import Summary
+from kb.net.rate import is_loopback
+from kb.store import reading
+from kb.wiki.titles import read_titles
+
+BATCH = 50  # titles a request
+# Used only where this data root has nothing to measure.
+PAGES = 7_000
+IMAGES_A_PAGE = 3
+MB_A_PAGE = 0.7
+SECONDS_A_PAGE = 3  # that a browser takes
+
+
+def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
+    """Titles, pages and image files that are left, by what this data root shows or by assumption."""
+    section = run.profile.section("wiki")
+    kinds: dict[str, dict[str, int]] = {}
+    listed = False
+    path = run.root / "state" / "wiki.sqlite"
+    if path.is_file():
+        with reading.state(path) as frontier:
+            kinds = frontier.kinds()
+            listed = bool((frontier.cursor("round") or {}).get("done"))
+    waiting = {
+        kind: sum(counts.get(status, 0) for status in ("todo", "in_progress", "error"))
+        for kind, counts in kinds.items()
+    }
+    assumed = [f"{SECONDS_A_PAGE} s a page in each of {run.workers} browsers"]
+    asked = len(read_titles(titles).names) if titles else waiting.get("info", 0)
+    if not titles and not listed and not kinds.get("info"):
+        asked = PAGES
+        assumed.append(f"{PAGES:,} pages, as the wiki's list was not read yet")
+    pages = asked + waiting.get("pages", 0)
+    done = kinds.get("pages", {}).get("done", 0)
+    known_files = sum(kinds.get("files", {}).values())
+    each = known_files / done if done else IMAGES_A_PAGE
+    size = _size(run.root / "raw" / "wiki") / done / 1e9 if done else MB_A_PAGE / 1e3
+    if pages and not done:
+        assumed += [f"{IMAGES_A_PAGE} image files and {MB_A_PAGE} MB a page"]
+    files = waiting.get("files", 0) + round(pages * each)
+    pause = 0.0 if is_loopback(run.settings.kb_wiki_url or section.url) else section.seconds_between
+    if pause:
+        assumed.append(f"{pause:g} s between requests, unless robots.txt asks for more")
+    calls = math.ceil(asked / BATCH)
+    seconds = max(pause, SECONDS_A_PAGE / run.workers)
+    phases = [
+        Phase("titles", asked, requests=calls, hours=calls * pause / 3600),
+        Phase("pages", pages, requests=pages, hours=pages * seconds / 3600, gb=pages * size),
+        Phase("image files", files, requests=files, hours=files * pause / 3600),
+    ]
+    return Summary(plan("wiki crawl", "wiki", phases, assumed if pages or files else []))
+
+
+def _size(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
