@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,8 +24,16 @@ class Compiled:
         return self.folder / "model.onnx"
 
 
-def graph_runner(compiled: Compiled, threads: int, prefer: str | None = None) -> Runner | None:
-    """The graph in fp32 by OpenVINO or ONNX Runtime (`prefer` names one); None when neither is installed."""
+def graph_runner(
+    compiled: Compiled,
+    threads: int,
+    prefer: str | None = None,
+    exact: Callable[[], Network] | None = None,
+) -> Runner | None:
+    """The graph in fp32 by OpenVINO or ONNX Runtime; None when neither is installed.
+
+    `prefer` names one of them; `exact` is what `Runner` computes undecided windows with.
+    """
     meta = Meta.read(compiled.folder / "meta.json")
     for name in (prefer,) if prefer else ("openvino", "onnxruntime"):
         if installed(name):
@@ -33,7 +42,7 @@ def graph_runner(compiled: Compiled, threads: int, prefer: str | None = None) ->
                 if name == "openvino"
                 else _onnxruntime(compiled.graph, threads)
             )
-            return Runner(name, network, _tokenizer(compiled), meta)
+            return Runner(name, network, _tokenizer(compiled), meta, exact=exact)
     return None
 
 
