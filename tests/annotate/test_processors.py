@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 def texts():
     """Of the demo, and many for random weights, whose scores lie anywhere between 0 and 1."""
     rng = random.Random(12)
-    mixed = [" ".join(rng.choices(WORDS, k=rng.randint(1, 90))) for _ in range(400)]
+    mixed = [" ".join(rng.choices(WORDS, k=rng.randint(1, 40))) for _ in range(250)]
     return demo_texts(), mixed
 
 
@@ -57,25 +57,18 @@ def run(folder: Path, paths, texts, names, **environment):
     return json.loads((folder / "answer.json").read_text(encoding="utf-8"))
 
 
-def compare(found: dict, rows, backend: str):
-    for key, given in found.items():
-        if key.startswith((backend, "chosen")) and isinstance(given, list):
-            assert given == rows, key
-
-
 def test_the_least_instruction_sets_give_the_scores_that_are_kept(texts, kept, tmp_path):
     paths, rows = kept
     answer = run(tmp_path, paths, texts, BACKENDS)
     assert answer["torch"].upper() in ("DEFAULT", "NO AVX")
     for found, expected in zip(answer["scores"], rows, strict=True):
         for threads in (1, 2):
-            assert found[f"torch {threads}"]
-            assert found[f"chosen {threads}"] == expected, found[f"chosen name {threads}"]
-        for backend in BACKENDS:
-            compare(found, expected, backend)
-        for threads in (1, 2):
-            decisions = [max(row) > 0.5 for row in found[f"chosen {threads}"]]
-            assert decisions == [max(row) > 0.5 for row in expected]
+            assert found[f"torch {threads}"] == expected
+            for backend in ("onnxruntime", "openvino"):
+                # None: it doesn't run with so little, and is not what is taken then.
+                given = found.get(f"{backend} {threads}")
+                assert given == expected if given else found["chosen"] != backend
+            assert found[f"{found['chosen']} {threads}"] == expected
 
 
 def test_openvino_with_as_little_as_it_runs_with_gives_them_too(texts, kept, tmp_path):
@@ -86,7 +79,7 @@ def test_openvino_with_as_little_as_it_runs_with_gives_them_too(texts, kept, tmp
     answer = run(tmp_path, paths, texts, ["openvino"], **least)
     for found, expected in zip(answer["scores"], rows, strict=True):
         assert found["openvino 1"] == found["openvino 2"] == expected
-        assert found["chosen name 1"] == "openvino"
+        assert found["chosen"] == "openvino"
 
 
 def test_windows_near_a_tie_are_decided_in_float64(kept, texts):
