@@ -15,6 +15,9 @@ from tests.annotate.demo_texts import demo_texts
 from tests.annotate.least import LEAST
 from tests.annotate.made import WORDS, checkpoint_of, make_checkpoint
 
+pytestmark = pytest.mark.timeout(
+    900
+)  # on a busy machine: three backends without their fast kernels
 BACKENDS = ["torch", "onnxruntime", "openvino"]
 ROOT = Path(__file__).parents[2]
 
