@@ -74,17 +74,6 @@ def test_the_least_instruction_sets_give_the_scores_that_are_kept(texts, kept, t
             assert found[f"{found['chosen']} {threads}"] == expected
 
 
-def test_openvino_with_as_little_as_it_runs_with_gives_them_too(texts, kept, tmp_path):
-    """With SSE41 it stops, with AVX alone it was seen to crash: AVX2 is the least it is tried with."""
-    pytest.importorskip("openvino")
-    paths, rows = kept
-    least = {"ONEDNN_MAX_CPU_ISA": "AVX2", "DNNL_MAX_CPU_ISA": "AVX2"}
-    answer = run(tmp_path, paths, texts, ["openvino"], **least)
-    for found, expected in zip(answer["scores"], rows, strict=True):
-        assert found["openvino 1"] == found["openvino 2"] == expected
-        assert found["chosen"] == "openvino"
-
-
 def test_windows_near_a_tie_are_decided_in_float64(kept, texts):
     """Rounding alone splits machines: noise as large as they differ by moves scores over a tie."""
     import numpy as np
