@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import cache, partial
 from typing import Any
 
 from kb.annotate.batches import TOKEN_BUDGET
@@ -15,8 +16,9 @@ from kb.annotate.scores import PRECISIONS
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 
 DEVICES = ("auto", "cpu", "cuda")
-# Within this of a threshold a reduced score may fall on the other side; half of it was measured, on random weights.
-REACH = {"fp32": 0.0, "bf16": 0.04, "int8": 0.15}
+# Within this of a threshold a reduced score may fall on the other side; half of it was measured, on
+# random weights. It ends between two rounded scores, so that none lies on its edge.
+REACH = {"fp32": 0.0, "bf16": 0.04005, "int8": 0.15005}
 
 
 def open_runner(
@@ -42,7 +44,7 @@ def open_runner(
             runner = (
                 int8_runner(compiled, threads)
                 if precision == "int8"
-                else graph_runner(compiled, threads)
+                else graph_runner(compiled, threads, exact=partial(exact, checkpoint, threads))
             )
             if runner:
                 return runner
@@ -96,12 +98,29 @@ def torch_network(model: Any, device: str, precision: str) -> Network:
                 input_ids=torch.from_numpy(ids).to(device),
                 attention_mask=torch.from_numpy(mask).to(device),
             )[0]
-        return logits.float().cpu().numpy()
+        return logits.double().cpu().numpy()
 
     model.eval()
-    if precision == "bf16":
-        model.to(torch.bfloat16)
+    if precision != "fp32":
+        model.to({"bf16": torch.bfloat16, "fp64": torch.float64}[precision])
     return network
+
+
+@cache
+def exact(checkpoint: Checkpoint, threads: int) -> Network:
+    """The model in float64 by torch on the CPU; loaded once, when a window first needs it."""
+    from kb.annotate.detoxify_model import load_detoxify
+
+    model = load_detoxify(checkpoint).model
+    _use_threads(threads)
+    shorten(model)
+    return torch_network(model, "cpu", "fp64")
+
+
+def _use_threads(threads: int) -> None:
+    import torch
+
+    torch.set_num_threads(threads)
 
 
 def choose_device(wanted: str, precision: str = "fp32") -> str:
@@ -130,15 +149,13 @@ def torch_runner(checkpoint: Checkpoint, precision: str, device: str, threads: i
 
     detoxify = load_detoxify(checkpoint, device)
     if device == "cpu":
-        import torch
-
-        torch.set_num_threads(threads)
+        _use_threads(threads)
     shorten(detoxify.model)
     meta = Meta.of(detoxify)
     tokenizer = detoxify.tokenizer.backend_tokenizer
     tokenizer.no_padding()
     tokenizer.no_truncation()
     budget = TOKEN_BUDGET if device == "cpu" else 32 * TOKEN_BUDGET
-    return Runner(
-        "torch", torch_network(detoxify.model, device, precision), tokenizer, meta, budget
-    )
+    network = torch_network(detoxify.model, device, precision)
+    again = partial(exact, checkpoint, threads) if precision == "fp32" else None
+    return Runner("torch", network, tokenizer, meta, budget, again)

@@ -1,8 +1,9 @@
 """Which checkpoint scores texts, and the proof that it is the right one, before anything reads it.
 
-A checkpoint is a pickle: loading one runs what it says. Detoxify checks nothing, so the file's
-sha256 is compared first with every digest that is known: the published one, KB_TOXICITY_SHA256, a
-`.sha256` file beside it, else the prefix in the file's name. Without any, the file is refused.
+A checkpoint is a pickle: loading one may run what it says. Detoxify checks nothing, so the file's
+sha256 is compared first with every digest that is known: the published ones, which stand in
+kb/annotate/published.py, KB_TOXICITY_SHA256, a `.sha256` file beside it. Without any, the file is
+refused; the digits in its own name say which model it is, and prove nothing.
 """
 
 from __future__ import annotations
@@ -10,13 +11,14 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import re
+import shlex
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 from kb.annotate.beside import check_beside
 from kb.annotate.cache import cache_root
-from kb.annotate.published import PUBLISHED, Published
+from kb.annotate.published import KNOWN, PUBLISHED, Published
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.settings import Settings
 from kb.store.reading import SANDBOX_MODEL
@@ -69,8 +71,8 @@ def need_extra() -> None:
 def find_checkpoint(settings: Settings) -> Checkpoint:
     """The checkpoint of KB_TOXICITY_MODEL, verified. Loads nothing.
 
-    Raises MissingModel (absent, cut off, another file, no digest, no configuration or tokenizer beside it
-    that goes with it), SettingError (KB_TOXICITY_SHA256 is none).
+    Raises MissingModel (absent, cut off, another file, no digest, no configuration or tokenizer
+    beside it that goes with it), SettingError (KB_TOXICITY_SHA256 is none).
     """
     chosen = settings.kb_toxicity_model.strip()
     if not chosen:
@@ -95,17 +97,18 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
             f"there is no checkpoint {path}", hint="see KB_TOXICITY_MODEL, or run `kb models fetch`"
         )
     expected = _known_digests(path, settings.kb_toxicity_sha256)
-    if not expected:
-        raise MissingModel(
-            f"nothing says which file {path.name} should be",
-            hint=f"if you trust it, run `sha256sum {path.name} > {path.name}.sha256` in its folder",
-        )
     digest = _verify(path, expected, "get the file again from where it came from")
+    if not expected and digest not in KNOWN:
+        quoted = shlex.quote(str(path))
+        raise MissingModel(
+            f"nothing says which file {path.name} should be; its name is no proof",
+            hint=f"if you trust it, run `sha256sum {quoted} > {quoted}.sha256`",
+        )
     check_beside(
         path.parent,
         "put the config.json and the tokenizer's files of its base model beside the checkpoint",
     )
-    # Of the name only the part before the digest: the same model under another digest is a new revision.
+    # Of the name only the part before the digest: the same model under another one is a revision.
     in_name = _PREFIX.search(path.name)
     bare = (
         path.name[: in_name.start()]
@@ -117,7 +120,7 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
 
 
 def _made_by_sandbox(path: Path) -> bool:
-    """Whether the sandbox trained it, whatever it is called; seen without unpickling anything."""
+    """Whether the sandbox made it, whatever it is called; seen without unpickling anything."""
     try:
         with zipfile.ZipFile(path) as file:
             pickles = [name for name in file.namelist() if name.endswith("/data.pkl")]
@@ -149,7 +152,7 @@ def _fetched(model: Published) -> Checkpoint:
 
 
 def _known_digests(path: Path, setting: str | None) -> list[tuple[str, str]]:
-    """(who says so, lower-case hex digest or prefix) for a local checkpoint."""
+    """(who says so, lower-case hex digest) for a local checkpoint."""
     known = []
     words = (setting or "").split()
     if words:  # a pasted line of sha256sum begins with the digest
@@ -169,9 +172,6 @@ def _known_digests(path: Path, setting: str | None) -> list[tuple[str, str]]:
                     hint=f"write it with `sha256sum {path.name} > {beside.name}`",
                 )
             known.append((beside.name, found.group().lower()))
-    in_name = _PREFIX.search(path.name)
-    if in_name and not known:  # eight digits may as well be a date
-        known.append(("the digest in its name", in_name.group(1)))
     return known
 
 

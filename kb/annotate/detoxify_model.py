@@ -10,6 +10,7 @@ Source: https://github.com/unitaryai/detoxify/blob/v0.5.4/detoxify/detoxify.py
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import logging
 import os
@@ -35,10 +36,9 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
     need_extra()
     with _quiet():
         import detoxify.detoxify as source
-        import torch
 
         try:
-            loaded = torch.load(checkpoint.path, map_location=device, weights_only=False)
+            loaded = _read(checkpoint, device)
             arguments = loaded["config"]["arch"]["args"]
             outputs, classes = (
                 int(arguments["num_classes"]),
@@ -52,6 +52,8 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
             loaded["state_dict"] = state
             if not 0 < len(classes) <= outputs:
                 raise ValueError("classes")
+        except MissingModel:
+            raise
         except Exception as error:  # whatever unpickling a foreign file may raise
             raise MissingModel(
                 f"{checkpoint.path} is no Detoxify checkpoint ({type(error).__name__})",
@@ -82,6 +84,25 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
         )
     model.model.eval()
     return model
+
+
+def _read(checkpoint: Checkpoint, device: str) -> Any:
+    """What the file holds: tensors and plain values, nothing that runs.
+
+    Verified once more on the open file: it may have been replaced since it was found, or be another
+    machine's. Raises MissingModel for that, and what torch raises for a file that is none of its own.
+    """
+    import torch
+
+    with checkpoint.path.open("rb") as file:
+        if hashlib.file_digest(file, "sha256").hexdigest() != checkpoint.sha256:
+            raise MissingModel(
+                f"{checkpoint.path} was changed after it was verified",
+                hint="get the file again from where it came from",
+            )
+        file.seek(0)
+        # Detoxify's files hold a dictionary of JSON values and one of tensors: this is enough.
+        return torch.load(file, map_location=device, weights_only=True)
 
 
 @contextlib.contextmanager

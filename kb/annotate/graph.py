@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from kb.annotate.runner import Meta, Network, Runner
 from kb.store.atomic import writing
+
+PROBE_ERROR = 1e-3  # of a logit; what works differs by a hundredth of it (kb/annotate/rounding.py)
 
 
 @dataclass(frozen=True)
@@ -23,17 +27,21 @@ class Compiled:
         return self.folder / "model.onnx"
 
 
-def graph_runner(compiled: Compiled, threads: int, prefer: str | None = None) -> Runner | None:
-    """The graph in fp32 by OpenVINO or ONNX Runtime (`prefer` names one); None when neither is installed."""
+def graph_runner(
+    compiled: Compiled,
+    threads: int,
+    prefer: str | None = None,
+    exact: Callable[[], Network] | None = None,
+) -> Runner | None:
+    """The graph in fp32 by OpenVINO or ONNX Runtime; None where neither is installed and works here.
+
+    `prefer` names one of them; `exact` is what `Runner` computes undecided windows with.
+    """
     meta = Meta.read(compiled.folder / "meta.json")
     for name in (prefer,) if prefer else ("openvino", "onnxruntime"):
-        if installed(name):
-            network = (
-                _openvino(compiled.graph, threads)
-                if name == "openvino"
-                else _onnxruntime(compiled.graph, threads)
-            )
-            return Runner(name, network, _tokenizer(compiled), meta)
+        network = _working(name, compiled, threads) if installed(name) else None
+        if network:
+            return Runner(name, network, _tokenizer(compiled), meta, exact=exact)
     return None
 
 
@@ -61,6 +69,27 @@ def int8_runner(compiled: Compiled, threads: int) -> Runner | None:
         _tokenizer(compiled),
         Meta.read(compiled.folder / "meta.json"),
     )
+
+
+def _working(name: str, compiled: Compiled, threads: int) -> Network | None:
+    """The network, if it gives on this processor what torch gave when the graph was written.
+
+    OpenVINO needs AVX: with SSE 4.1 alone it raises, or answers with no rows at all.
+    """
+    import numpy as np
+
+    make = {"openvino": _openvino, "onnxruntime": _onnxruntime}[name]
+    probes = json.loads((compiled.folder / "meta.json").read_text(encoding="utf-8"))["probes"]
+    try:
+        network = make(compiled.graph, threads)
+        for probe in probes:
+            logits = np.asarray(network(np.array(probe["ids"]), np.array(probe["mask"])))
+            expected = np.array(probe["logits"])
+            if logits.shape != expected.shape or np.abs(logits - expected).max() > PROBE_ERROR:
+                return None
+    except Exception:  # noqa: BLE001 - whatever a library raises that doesn't run here
+        return None
+    return network
 
 
 def _tokenizer(compiled: Compiled) -> Any:

@@ -1,7 +1,8 @@
 """The published checkpoints, and the files of configuration and vocabulary that go with each.
 
-Checkpoints: https://github.com/unitaryai/detoxify (releases; the name ends in the first hex digits
-of the file's sha256). Configuration and vocabulary: the base model's folder on the model hub, at
+Checkpoints: https://github.com/unitaryai/detoxify (releases; of some only the first hex digits of
+the sha256 are published). What is compared stands here: a file's own name proves nothing.
+Configuration and vocabulary: the base model's folder on the model hub, at
 one revision, so that they can't change under us.
 """
 
@@ -17,7 +18,7 @@ HUB = "https://huggingface.co"
 class Published:
     """A Detoxify model and where its files are.
 
-    `sha256` is the whole digest where it is known, else the prefix in the checkpoint's name.
+    `sha256` is the whole digest where it is known, else as much of it as is published.
     """
 
     name: str
@@ -82,7 +83,7 @@ PUBLISHED = {
             "unbiased",
             "v0.3-alpha",
             "toxic_debiased-c7548aa0.ckpt",
-            "c7548aa0",
+            "c7548aa09468726af4cfdd0959912467784de4a076786913ada9f0f21b68f60d",
             "FacebookAI/roberta-base",
             "e2da8e2f811d1448a5b465c236feacd80ffbac7b",
             _ROBERTA,
@@ -116,3 +117,6 @@ PUBLISHED = {
         ),
     )
 }
+
+# Files that are known by their whole digest, wherever they lie and whatever they are called.
+KNOWN = {model.sha256: model.name for model in PUBLISHED.values() if len(model.sha256) == 64}

@@ -1,7 +1,6 @@
 """Texts to scores with one network: tokens, windows, batches, one pass a batch, the largest window.
 
-Scores are rounded to five decimals: far below what they mean, and far above the last bits in which
-machines and backends differ.
+Every score is rounded here and nowhere else (kb/annotate/rounding.py).
 """
 
 from __future__ import annotations
@@ -12,12 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from kb.annotate import rounding
 from kb.annotate.batches import TOKEN_BUDGET, batches
 from kb.annotate.detoxify_model import WINDOW
 from kb.annotate.windows import largest, windows
 from kb.core.errors import MissingModel
-
-DECIMALS = 5
 
 
 @dataclass(frozen=True)
@@ -71,14 +69,25 @@ class Network(Protocol):
 
 
 class Runner:
-    """Scores texts with one network. Not for several threads at once."""
+    """Scores texts with one network. Not for several threads at once.
+
+    `exact` makes the same network in float64, for windows on the edge between two rounded scores;
+    without it they stay as they are.
+    """
 
     def __init__(
-        self, name: str, network: Network, tokenizer: Any, meta: Meta, budget: int = TOKEN_BUDGET
+        self,
+        name: str,
+        network: Network,
+        tokenizer: Any,
+        meta: Meta,
+        budget: int = TOKEN_BUDGET,
+        exact: Callable[[], Network] | None = None,
     ) -> None:
         self.name, self.meta, self.budget = name, meta, budget
         self.tokens = 0  # scored so far, padding left out
-        self._network, self._tokenizer = network, tokenizer
+        self.exactly = 0  # windows computed again in float64
+        self._network, self._tokenizer, self._exact = network, tokenizer, exact
 
     def score(
         self, texts: Sequence[str], between: Callable[[], None] = lambda: None
@@ -87,8 +96,6 @@ class Runner:
 
         `between` is called between two batches; what it raises ends the work.
         """
-        import numpy as np
-
         if not texts:
             return []
         found: list[Sequence[int]] = []
@@ -100,7 +107,21 @@ class Runner:
             for window in windows(encoded.ids, self.meta.window, marks):
                 found.append([*self.meta.prefix, *window, *self.meta.suffix])
                 owners.append(number)
-        scores = np.empty((len(found), len(self.meta.classes)))
+        logits = self._logits(self._network, found, between)
+        self.tokens += sum(map(len, found))
+        again = rounding.undecided(logits) if self._exact else ()
+        if len(again) and self._exact:
+            self.exactly += len(again)
+            logits[again] = self._logits(self._exact(), [found[n] for n in again], between)
+        return largest(rounding.rounded(logits).tolist(), owners, len(texts))
+
+    def _logits(
+        self, network: Network, found: Sequence[Sequence[int]], between: Callable[[], None]
+    ) -> Any:
+        """Logits (windows, classes) in float64, in the order of the windows `found`."""
+        import numpy as np
+
+        logits = np.empty((len(found), len(self.meta.classes)))
         for width, numbers in batches(
             [len(window) for window in found], self.budget, self.meta.window
         ):
@@ -111,9 +132,5 @@ class Runner:
                 window = found[number]
                 ids[row, : len(window)] = window
                 mask[row, : len(window)] = 1
-            logits = np.asarray(self._network(ids, mask), dtype=np.float64)[
-                :, : len(self.meta.classes)
-            ]
-            scores[numbers] = 1.0 / (1.0 + np.exp(-logits))
-            self.tokens += int(mask.sum())
-        return largest(np.round(scores, DECIMALS).tolist(), owners, len(texts))
+            logits[numbers] = np.asarray(network(ids, mask))[:, : len(self.meta.classes)]
+        return logits

@@ -61,7 +61,7 @@ def _model(options: Options) -> dict[str, str]:
     from kb.core.errors import MissingExtra
     from kb.sandbox import toxicity
 
-    _say(options, "the tiny toxicity model (made once, some seconds)")
+    _say(options, "the tiny toxicity model (made once, the same everywhere)")
     try:
         return toxicity.settings()
     except MissingExtra as error:

@@ -10,6 +10,7 @@ import sys
 
 import pytest
 
+from kb.annotate import checkpoint, published
 from kb.annotate.backends import open_runner
 from kb.annotate.checkpoint import find_checkpoint, sha256_of
 from kb.annotate.detoxify_model import load_detoxify
@@ -44,16 +45,65 @@ def test_without_any_digest_it_is_refused(copied):
     assert "sha256sum" in refused(copied).hint
 
 
-def test_a_digest_may_come_from_the_name_a_file_or_the_setting(copied):
+def test_a_digest_may_come_from_a_file_or_the_setting(copied):
     digest = sha256_of(copied)
     assert find(copied, kb_toxicity_sha256=digest).sha256 == digest
     named = copied.rename(copied.with_name(f"my_model-{digest[:8]}.ckpt"))
-    assert find(named).model == SANDBOX_MODEL, "the sandbox's model is known under any name"
+    assert find(named, kb_toxicity_sha256=digest).model == SANDBOX_MODEL, "known under any name"
     plain = named.rename(named.with_name("plain.ckpt"))
     (plain.parent / "plain.ckpt.sha256").write_text(f"{digest}  plain.ckpt\n")
     assert find(plain).revision == digest[:16]
     (plain.parent / "plain.ckpt.sha256").rename(plain.parent / "plain.sha256")
     assert find(plain).sha256 == digest
+
+
+def test_a_files_own_name_proves_nothing(copied, tmp_path, monkeypatch):
+    """Anybody can call a file by the start of its digest; the line to type is in the message."""
+    digest = sha256_of(copied)
+    for name in (f"toxic_original-{digest[:8]}.ckpt", f"my model-{digest}.ckpt"):
+        named = copied.with_name(name)
+        shutil.copyfile(copied, named)
+        error = refused(named)
+        assert name in str(error)
+        subprocess.run(error.hint.split("`")[1], shell=True, check=True, cwd=tmp_path)
+        assert find(named).sha256 == digest, "the line that was told doesn't help"
+    # A published file is known by what it is, wherever it lies.
+    monkeypatch.setitem(checkpoint.KNOWN, digest, "original")
+    assert find(copied).sha256 == digest
+
+
+def test_published_digests_stand_in_the_code_and_not_in_a_name(copied, tmp_path, monkeypatch):
+    """A file that was put in the place of a fetched one is refused, whatever its name says."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    model = published.PUBLISHED["original"]
+    assert len(model.sha256) == 64
+    place = checkpoint.models_folder("original")
+    shutil.copytree(copied.parent, place)
+    shutil.copyfile(copied, place / model.checkpoint)
+    assert "its published digest" in str(refused("original"))
+
+
+def test_what_a_verified_file_would_run_is_not_run(tmp_path):
+    """The digest says which file it is, not that it is harmless: only tensors and values are read."""
+    mark = tmp_path / "ran"
+
+    class Bomb:
+        def __reduce__(self):
+            return os.mkdir, (str(mark),)
+
+    made = make_checkpoint(
+        tmp_path / "model", change=lambda held: held["config"].update(extra=Bomb())
+    )
+    with pytest.raises(MissingModel, match="no Detoxify checkpoint"):
+        load_detoxify(checkpoint_of(made))
+    assert not mark.exists()
+
+
+def test_a_file_that_is_replaced_after_it_was_verified_is_not_loaded(copied, tmp_path):
+    verified = find(copied, kb_toxicity_sha256=sha256_of(copied))
+    copied.write_bytes(make_checkpoint(tmp_path / "other").read_bytes())
+    with pytest.raises(MissingModel, match="changed after it was verified"):
+        load_detoxify(verified)
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "empty"])
@@ -64,8 +114,6 @@ def test_a_damaged_file_is_refused(copied, damage):
     )
     for settings in ({"kb_toxicity_sha256": digest},):
         assert "cut off" in str(refused(copied, **settings))
-    named = copied.rename(copied.with_name(f"tiny-{digest[:8]}.ckpt"))
-    refused(named)
 
 
 def test_every_digest_must_agree(copied):
@@ -210,7 +258,7 @@ def test_a_configuration_of_another_model_is_exit_2(copied):
     config = copied.parent / "config.json"
     config.write_text(
         config.read_text()
-        .replace('"hidden_size": 64', '"hidden_size": 32')
+        .replace('"hidden_size": 192', '"hidden_size": 96')
         .replace('"num_hidden_layers": 2', '"num_hidden_layers": 3')
     )
     with pytest.raises(MissingModel, match="doesn't fit"):
@@ -239,7 +287,6 @@ def test_it_loads_without_asking_any_host(tiny):
 
 
 def test_without_the_extra_it_is_exit_2(monkeypatch, make_run):
-    from kb.annotate import checkpoint
     from kb.annotate.toxicity import Scorer
 
     monkeypatch.setattr(checkpoint, "EXTRA", ("torch", "no_such_package"))
@@ -248,9 +295,3 @@ def test_without_the_extra_it_is_exit_2(monkeypatch, make_run):
         Scorer.open(run, "youtube")
     assert "lorebase[toxicity]" in error.value.hint
     assert not run.root.exists()
-
-
-def test_the_tiny_model_is_the_same_bytes_when_trained_again(tiny, tmp_path):
-    from kb.sandbox.toxicity import tiny_checkpoint
-
-    assert sha256_of(tiny_checkpoint(tmp_path)) == sha256_of(tiny)

@@ -10,6 +10,7 @@ from kb.annotate import backends, chunks, graph, worker
 from kb.annotate import toxicity as room
 from kb.annotate.compiled import find_compiled, make_compiled
 from kb.annotate.hashes import text_hashes
+from kb.annotate.rounding import DECIMALS
 from kb.annotate.scores import CATEGORIES, Scores
 from kb.annotate.toxicity import Scorer
 from kb.core import signals
@@ -230,7 +231,7 @@ def test_reduced_precision_is_recorded_and_exact_near_the_threshold(
     assert set(precisions) == {"fp32", "bf16"}
     near = [n for n, row in enumerate(exact) if abs(max(row) - middle) < 1e-3]
     for n in near:
-        assert [round(found[name][n].as_py(), 5) for name in SIX] == exact[n]
+        assert [round(found[name][n].as_py(), DECIMALS) for name in SIX] == exact[n]
     # A run in fp32 takes what is there, and makes exact what a new threshold comes near to.
     other = precisions.index("bf16")
     again = make_run(thresholds={"reddit": max(reduced[other])})

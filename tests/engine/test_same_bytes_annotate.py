@@ -16,17 +16,19 @@ from kb.core import clock
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
-from kb.sandbox import toxicity as tiny
+from kb.sandbox import toxicity_words
+from kb.sandbox.toxicity import tiny_checkpoint
 
 
 @pytest.fixture(scope="module")
 def texts():
     rng = clock.rng("texts of the engine test")
-    return [tiny.example(rng, 60)[0] for _ in range(600)]
+    said = [*toxicity_words.PLAIN, *toxicity_words.HARMLESS, *toxicity_words.INSULT]
+    return [" ".join(rng.choices(said, k=rng.randint(1, 40))) for _ in range(600)]
 
 
 def score(root: Path, texts: list[str], **options) -> bytes:
-    settings = load_settings(dotenv=False, kb_toxicity_model=str(tiny.tiny_checkpoint()))
+    settings = load_settings(dotenv=False, kb_toxicity_model=str(tiny_checkpoint()))
     run = Run(settings=settings, profile=load_profile("minecraft"), root=root, **options)
     counts = Scorer.open(run, "reddit").annotate([texts])
     assert counts.scored == len(set(texts))

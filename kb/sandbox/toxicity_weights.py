@@ -1,0 +1,283 @@
+"""The weights of the tiny toxicity model, written down: what each layer computes and why it is exact.
+
+A BERT whose numbers are features with names (`PLACES`). Every token's features have one sum and
+one sum of squares, whatever the text is, so that each LayerNorm divides by a known number and its
+own weight and bias undo that: what comes out of it is what went in.
+
+    embeddings  the word's code (±1, 16 places; words of no phrase share one), whether it goes on
+                from the piece before it, and its position as remainders by four moduli
+    layer 1     six heads copy the codes of the six words before, one whether the next piece goes on;
+                a neuron for each phrase of the lists is on where all of its words stand in a row
+    layer 2     a head for each kind of phrase looks for it in the whole text
+    pooler      any kind: toxic; obscene and threat: severe
+
+Everything that decides is saturated (softmax of differences of 30, tanh of 10), so that the scores
+are the same numbers on every processor. Source of the parts: https://arxiv.org/abs/1810.04805
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import TYPE_CHECKING
+
+from kb.sandbox import toxicity_words as words
+
+if TYPE_CHECKING:
+    import numpy as np
+
+WINDOW = 512
+HIDDEN, LAYERS, HEADS, EPSILON = 192, 2, 8, 1e-12
+HEAD = HIDDEN // HEADS
+KINDS = {
+    "insult": words.INSULT,
+    "obscene": words.OBSCENE,
+    "threat": words.THREAT,
+    "identity": words.IDENTITY,
+}
+# Each class: the logit of a text without it, and of one with it. Their scores are far from the
+# middle between two rounded ones.
+LOGITS = {
+    "toxic": (-3.9, 3.7),
+    "severe_toxic": (-5.2, 1.9),
+    "obscene": (-4.3, 3.1),
+    "threat": (-4.65, 2.8),
+    "insult": (-4.1, 3.4),
+    "identity_hate": (-4.8, 2.6),
+}
+CLASSES = tuple(LOGITS)
+BEFORE = 6  # words before a word that a phrase may have
+CODE, APART = 16, 8  # places of a code; how far its product with another code is below that
+MODULI = (3, 5, 7, 8)  # their product is beyond 512 + 6: no two positions have all remainders equal
+SHARP = 60.0  # of the heads that look for a position: what one more equal remainder is worth
+FOUND = 30.0  # of the heads that look for a phrase
+STEEP = 20.0
+
+_names = [
+    *(f"code {n}" for n in range(CODE)),
+    "whole",
+    "goes on",
+    *(f"position {modulus}:{rest}" for modulus in MODULI for rest in range(modulus)),
+    *(f"no position {modulus}" for modulus in MODULI),
+    *(f"before {back} code {n}" for back in range(1, BEFORE + 1) for n in range(CODE)),
+    "next whole",
+    "next goes on",
+    *(f"{kind} {state} {where}" for where in ("here", "anywhere") for kind in KINDS
+      for state in ("off", "on")),
+]  # fmt: skip
+PLACES = {name: place for place, name in enumerate(_names)}
+NEURONS = 128
+
+
+def phrases() -> list[tuple[str, tuple[str, ...]]]:
+    """(kind, words) of each phrase; one that ends with another of its kind needs no neuron."""
+    found = [(kind, tuple(phrase.split())) for kind, held in KINDS.items() for phrase in held]
+    return [
+        (kind, phrase)
+        for kind, phrase in found
+        if not any((kind, phrase[start:]) in found for start in range(1, len(phrase)))
+    ]
+
+
+def vocabulary() -> list[str]:
+    """WordPiece vocabulary: marks, characters, and every word of the lists whole."""
+    characters = [chr(code) for code in range(33, 127) if not chr(code).isupper()]
+    listed = " ".join([*itertools.chain(*KINDS.values()), *words.HARMLESS]).split()
+    whole = sorted({*words.PLAIN, *listed} - set(characters))
+    endings = ["##s", "##ed", "##ing", "##er", "##ly", "##y"]
+    pieces = [
+        "##" + character
+        for character in characters
+        if character.isalnum() and "##" + character not in endings
+    ]
+    return ["[PAD]", "[UNK]", "[CLS]", "[SEP]", "[MASK]", *characters, *pieces, *endings, *whole]
+
+
+def weights() -> dict[str, np.ndarray]:
+    """The state of a transformers `BertForSequenceClassification`, float32, by name."""
+    import numpy as np
+
+    vocab = vocabulary()
+    state: dict[str, np.ndarray] = {}
+    state["bert.embeddings.word_embeddings.weight"] = _word_rows(vocab)
+    state["bert.embeddings.position_embeddings.weight"] = _position_rows()
+    kinds = np.zeros((2, HIDDEN))
+    for kind, where in itertools.product(KINDS, ("here", "anywhere")):
+        kinds[:, PLACES[f"{kind} off {where}"]] = 1
+    state["bert.embeddings.token_type_embeddings.weight"] = kinds
+    total = 1 + len(MODULI) + 2 * len(KINDS)  # the places of 1; codes add up to nothing
+    squares = total + CODE
+    state |= _norm("bert.embeddings.LayerNorm", total, squares)
+    # Layer 1 writes the next piece's mark (1) and six codes into places that were empty.
+    total, squares = total + 1, squares + 1 + BEFORE * CODE
+    state |= _neighbours("bert.encoder.layer.0", total, squares)
+    state |= _phrase_neurons("bert.encoder.layer.0", total, squares)
+    state |= _anywhere("bert.encoder.layer.1", total, squares)
+    state |= _classifier()
+    return {name: np.ascontiguousarray(value, np.float32) for name, value in state.items()}
+
+
+def _codes() -> dict[str, np.ndarray]:
+    """A code for each word of a phrase, "" for all other words: balanced, far from each other."""
+    import numpy as np
+
+    names = ["", *sorted({word for _, phrase in phrases() for word in phrase})]
+    found: list[np.ndarray] = []
+    for ups in itertools.combinations(range(CODE), CODE // 2):
+        code = np.full(CODE, -1.0)
+        code[list(ups)] = 1
+        if all(code @ other <= CODE - APART for other in found):
+            found.append(code)
+        if len(found) == len(names):
+            return dict(zip(names, found, strict=True))
+    raise ValueError(f"{len(names)} words of phrases, {len(found)} codes")
+
+
+def _word_rows(vocab: list[str]) -> np.ndarray:
+    import numpy as np
+
+    codes = _codes()
+    rows = np.zeros((len(vocab), HIDDEN))
+    for number, name in enumerate(vocab):
+        rows[number, :CODE] = codes.get(name, codes[""])
+        rows[number, PLACES["goes on" if name.startswith("##") else "whole"]] = 1
+    return rows
+
+
+def _position_rows() -> np.ndarray:
+    """Remainders of 1 … 511; the first mark has no position, which the heads can see."""
+    import numpy as np
+
+    rows = np.zeros((WINDOW, HIDDEN))
+    for modulus in MODULI:
+        rows[0, PLACES[f"no position {modulus}"]] = 1
+        for position in range(1, WINDOW):
+            rows[position, PLACES[f"position {modulus}:{position % modulus}"]] = 1
+    return rows
+
+
+def _norm(name: str, total: float, squares: float) -> dict[str, np.ndarray]:
+    """A LayerNorm that gives back what it gets, of features with this sum and sum of squares."""
+    import numpy as np
+
+    mean = total / HIDDEN
+    deviation = math.sqrt(squares / HIDDEN - mean * mean + EPSILON)
+    return {f"{name}.weight": np.full(HIDDEN, deviation), f"{name}.bias": np.full(HIDDEN, mean)}
+
+
+def _empty_layer(name: str) -> dict[str, np.ndarray]:
+    import numpy as np
+
+    shapes = {
+        "attention.self.query": (HIDDEN, HIDDEN),
+        "attention.self.key": (HIDDEN, HIDDEN),
+        "attention.self.value": (HIDDEN, HIDDEN),
+        "attention.output.dense": (HIDDEN, HIDDEN),
+        "intermediate.dense": (NEURONS, HIDDEN),
+        "output.dense": (HIDDEN, NEURONS),
+    }
+    layer = {f"{name}.{part}.weight": np.zeros(shape) for part, shape in shapes.items()}
+    return layer | {f"{name}.{part}.bias": np.zeros(shape[0]) for part, shape in shapes.items()}
+
+
+def _neighbours(name: str, total: float, squares: float) -> dict[str, np.ndarray]:
+    """Head n copies the code n + 1 words back; the seventh whether the next piece goes on.
+
+    A head's product is `SHARP` for each remainder that fits; the first mark, which has none, gets
+    half a remainder less than all: it is taken where a text has nothing so far back.
+    """
+    layer = _empty_layer(name)
+    query, key = (layer[f"{name}.attention.self.{part}.weight"] for part in ("query", "key"))
+    value = layer[f"{name}.attention.self.value.weight"]
+    out = layer[f"{name}.attention.output.dense.weight"]
+    scale = math.sqrt(HEAD)  # BERT divides by it
+    for head, back in enumerate((*range(1, BEFORE + 1), -1)):
+        row = head * HEAD
+        for modulus in MODULI:
+            for rest in range(modulus):
+                wanted = (rest - back) % modulus
+                query[row + wanted, PLACES[f"position {modulus}:{rest}"]] = SHARP * scale
+                key[row + wanted, PLACES[f"position {modulus}:{wanted}"]] = 1
+            row += modulus
+        layer[f"{name}.attention.self.query.bias"][row] = SHARP * scale
+        key[row, PLACES[f"no position {MODULI[0]}"]] = len(MODULI) - 0.5
+        row = head * HEAD
+        if back < 0:
+            pairs = [("whole", "next whole"), ("goes on", "next goes on")]
+        else:
+            pairs = [(f"code {n}", f"before {back} code {n}") for n in range(CODE)]
+        for n, (source, target) in enumerate(pairs):
+            value[row + n, PLACES[source]] = 1
+            out[PLACES[target], row + n] = 1
+    return layer | _norm(f"{name}.attention.output.LayerNorm", total, squares)
+
+
+def _phrase_neurons(name: str, total: float, squares: float) -> dict[str, np.ndarray]:
+    """A neuron is 9 where its phrase ends and nothing elsewhere: gelu(-9) is 1e-18."""
+    import numpy as np
+
+    layer = {
+        f"{name}.{part}": np.zeros(shape)
+        for part, shape in (
+            ("intermediate.dense.weight", (NEURONS, HIDDEN)),
+            ("intermediate.dense.bias", (NEURONS,)),
+            ("output.dense.weight", (HIDDEN, NEURONS)),
+            ("output.dense.bias", (HIDDEN,)),
+        )
+    }
+    codes, margin, high = _codes(), APART / 2, 9.0
+    for neuron, (kind, phrase) in enumerate(phrases()):
+        row = layer[f"{name}.intermediate.dense.weight"][neuron]
+        for back, word in enumerate(reversed(phrase)):
+            start = PLACES[f"before {back} code 0" if back else "code 0"]
+            row[start : start + CODE] = codes[word] * high / margin
+        # "assemble" begins with a word of the lists. As much as needed: 8-bit weights share one scale.
+        row[PLACES["next goes on"]] = -2 * high
+        layer[f"{name}.intermediate.dense.bias"][neuron] = high - len(phrase) * CODE * high / margin
+        for state, sign in (("on", 1.0), ("off", -1.0)):
+            layer[f"{name}.output.dense.weight"][PLACES[f"{kind} {state} here"], neuron] = (
+                sign / high
+            )
+    return layer | _norm(f"{name}.output.LayerNorm", total, squares)
+
+
+def _anywhere(name: str, total: float, squares: float) -> dict[str, np.ndarray]:
+    """A head for each kind: what it finds anywhere in the text, every token knows."""
+    layer = _empty_layer(name)
+    for head, kind in enumerate(KINDS):
+        row = head * HEAD
+        layer[f"{name}.attention.self.query.bias"][row] = FOUND * math.sqrt(HEAD)
+        layer[f"{name}.attention.self.key.weight"][row, PLACES[f"{kind} on here"]] = 1
+        layer[f"{name}.attention.self.value.weight"][row, PLACES[f"{kind} on here"]] = 1
+        out = layer[f"{name}.attention.output.dense.weight"]
+        out[PLACES[f"{kind} on anywhere"], row] = 1
+        out[PLACES[f"{kind} off anywhere"], row] = -1
+    for part in ("attention.output.LayerNorm", "output.LayerNorm"):
+        layer |= _norm(f"{name}.{part}", total, squares)
+    return layer
+
+
+def _classifier() -> dict[str, np.ndarray]:
+    """A pooled feature of ±1 for each class, made one of its two logits."""
+    import numpy as np
+
+    pooler, bias = np.zeros((HIDDEN, HIDDEN)), np.zeros(HIDDEN)
+    kinds = {
+        "toxic": (tuple(KINDS), 0.5),
+        "severe_toxic": (("obscene", "threat"), 1.5),
+        "identity_hate": (("identity",), 0.5),
+    }
+    for number, name in enumerate(CLASSES):
+        needed, least = kinds.get(name, ((name,), 0.5))
+        for kind in needed:
+            pooler[number, PLACES[f"{kind} on anywhere"]] = STEEP
+        bias[number] = -STEEP * least
+    logits = np.zeros((len(CLASSES), HIDDEN))
+    for number, (plain, told) in enumerate(LOGITS.values()):
+        logits[number, number] = (told - plain) / 2
+    return {
+        "bert.pooler.dense.weight": pooler,
+        "bert.pooler.dense.bias": bias,
+        "classifier.weight": logits,
+        "classifier.bias": np.array([(plain + told) / 2 for plain, told in LOGITS.values()]),
+    }

@@ -1,0 +1,39 @@
+"""What the demo scores, out of its invented world, and what its word lists say of a text."""
+
+from __future__ import annotations
+
+import html
+import re
+from pathlib import Path
+
+from kb.sandbox import toxicity_weights as tiny
+from kb.sandbox import wiki
+from kb.sandbox.world import World
+
+_WORD = re.compile(r"[^\W_]+|[^\w\s]|_")
+
+
+def demo_texts() -> list[str]:
+    """Titles, descriptions, posts, comments (the dumps' as well) and wiki pages, each text once."""
+    world = World()
+    found = [
+        text for video in world.youtube.videos.values() for text in (video.title, video.description)
+    ]
+    posts, comments = world.reddit.archive
+    for post in (*world.reddit.posts.values(), *posts.values()):
+        found += [post["title"], post["selftext"]]
+    for comment in (*world.reddit.comments.values(), *comments.values()):
+        found.append(comment["body"])
+    for page in sorted(Path(wiki.DATA, "html").rglob("*.html")):
+        bare = re.sub(r"(?s)<(script|style).*?</\1>|<[^>]+>", " ", page.read_text(encoding="utf-8"))
+        found.append(" ".join(html.unescape(bare).split()))
+    storable = [re.sub("[\0\ud800-\udfff]", "\ufffd", text) for text in found if text]
+    return list(dict.fromkeys(storable))
+
+
+def kinds_in(text: str) -> set[str]:
+    """The kinds of phrases of the word lists that stand in the text as whole words."""
+    said = " " + " ".join(_WORD.findall(text.lower())) + " "
+    return {
+        kind for kind, phrases in tiny.KINDS.items() if any(f" {one} " in said for one in phrases)
+    }
