@@ -28,7 +28,6 @@ def words(data: Data, profile: Profile, table: str, columns: tuple[str, ...]) ->
     if len(found) < 5:
         return None
     source, _, rows = table.partition("/")
-    png, svg = _drawn(dict(found), profile.seed)
     return Figure(
         f"{source}-words",
         f"What {rows} are about",
@@ -38,14 +37,13 @@ def words(data: Data, profile: Profile, table: str, columns: tuple[str, ...]) ->
         "Word cloud; the largest words are "
         + ", ".join(f"{word} ({number(n)})" for word, n in found[:12])
         + ".",
-        png,
-        svg,
+        _drawn(dict(found), profile.seed),
         ("word", rows),
         found[:60],
     )
 
 
-def _drawn(frequencies: dict[str, int], seed: int) -> tuple[bytes, bytes]:
+def _drawn(frequencies: dict[str, int], seed: int) -> dict[str, bytes]:
     from matplotlib import get_data_path
     from matplotlib.font_manager import FontProperties
     from matplotlib.patches import PathPatch

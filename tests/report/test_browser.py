@@ -59,7 +59,7 @@ def test_readable_without_scrolling_sideways(browser: Any, page: Path, name: str
     pictures = browser.execute_script(
         "return [...document.querySelectorAll('figure img')].map(i => [i.complete, i.naturalWidth, i.getBoundingClientRect().width, i.alt.length])"
     )
-    assert len(pictures) == 14  # all but the quota, which this root has no ledger for
+    assert len(pictures) == 24  # all but the quota, which this root has no ledger for
     assert all(complete and natural > 0 and alt > 20 for complete, natural, _, alt in pictures)
     assert all(shown <= width for _, _, shown, _ in pictures)
     # Ten points of a figure's own width: what a label's letters measure on the screen.
