@@ -34,14 +34,15 @@ class Kind(NamedTuple):
     width: float
 
 
-# In the order of the legend; what encloses others is drawn first.
+# In the order of the legend; what encloses others is drawn first. Widths are whole CSS pixels
+# (0.75 points), so that at 1:1 a line ends where the element begins.
 KINDS = {
-    "text": Kind(BLUE, "-", 0.8),
+    "text": Kind(BLUE, "-", 0.75),
     "table": Kind(GREEN, "-", 1.5),
-    "cell": Kind(SKY, (0, (4, 1.5)), 0.9),
-    "image": Kind(RED, "-", 1.3),
-    "sprite": Kind(PURPLE, "-", 1.3),
-    "animation": Kind(ORANGE, (0, (1.5, 1)), 1.6),
+    "cell": Kind(SKY, (0, (4, 1.5)), 0.75),
+    "image": Kind(RED, "-", 1.5),
+    "sprite": Kind(PURPLE, "-", 1.5),
+    "animation": Kind(ORANGE, (0, (1.5, 1)), 1.5),
 }
 _CSS = 96  # CSS pixels per inch
 _CROP = (600, 520)  # CSS px, at most
