@@ -1,4 +1,5 @@
-"""What is true of each source whatever its data: how it is collected, what it lacks, whom it concerns.
+"""What is true of each source whatever its data: how it is collected, what it lacks, whom it
+concerns.
 
 The sentences are in templates/about/; the figures around them are measured (kb.release.measure).
 """
@@ -15,7 +16,7 @@ from kb.release.texts import line
 
 
 class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One source in sentences: for the card, the datasheet, Croissant's RAI part and the deposit."""
+    """One source in sentences: for card, datasheet, Croissant's RAI part and the deposit."""
 
     title: str
     summary: str

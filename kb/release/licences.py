@@ -1,4 +1,4 @@
-"""Licences by SPDX id: their texts travel with the code, so that a release is whole without a network.
+"""Licences by SPDX id: their texts travel with the code: a release is whole without a network.
 
 licences/known.toml lists them. Texts: the licence stewards' own, as SPDX lists them
 (https://spdx.org/licenses/).

@@ -44,5 +44,5 @@ ENVIRONMENT.filters |= {
 
 
 def render(name: str, **values: Any) -> str:
-    """The template of that name, filled. Raises jinja2.UndefinedError for a value that is missing."""
+    """The template of that name, filled. Raises jinja2.UndefinedError for a missing value."""
     return ENVIRONMENT.get_template(f"{name}.jinja").render(values)

@@ -111,7 +111,7 @@ MAKERS: dict[str, list[Maker]] = {  # the figures of a source, in the order of t
 
 
 def report(run: Run) -> Summary:
-    """Write `report/` anew. Raises MissingExtra when the figures' packages are not installed, and DamagedData."""
+    """Write `report/` anew. Raises MissingExtra without the figures' packages, and DamagedData."""
     missing = [
         name
         for name in ("matplotlib", "wordcloud", "PIL")
@@ -191,6 +191,7 @@ def _notes(run: Run) -> list[str]:
         for source in ("youtube", "wiki", "reddit")
     ):
         return [
-            "Toxicity scores are those of the sandbox's tiny model: they mean nothing about real texts."
+            "Toxicity scores are those of the sandbox's tiny model: "
+            "they mean nothing about real texts."
         ]
     return []

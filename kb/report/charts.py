@@ -1,4 +1,4 @@
-"""Plain kinds of chart: bars that lie, histograms, bars over time. Every axis says what it counts."""
+"""Plain kinds of chart: lying bars, histograms, bars over time. Every axis says what it counts."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def histogram(
     axes: Any = None,
     marks: Sequence[tuple[float, str]] = (),
 ) -> Any:
-    """Bars between edges; `log` for a logarithmic x axis; `marks` are vertical lines with a word."""
+    """Bars between edges; `log` for a logarithmic x axis; `marks`: vertical lines with a word."""
     sheet, axes = canvas(2.9) if axes is None else (axes.figure, axes)
     widths = [high - low for low, high in itertools.pairwise(edges)]
     axes.bar(

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 _W, _H = 1080, 640  # the cloud's own pixels
 _DARK = (BLUE, GREEN, RED, INK, PURPLE)  # readable on white
 _MORE = """
-just like get got can't don't i'm it's that's one would could also any anyone really make made want need know
-see im ive dont cant new use using still first even way much many thing things
+just like get got can't don't i'm it's that's one would could also any anyone really make made want
+need know see im ive dont cant new use using still first even way much many thing things
 """
 
 
@@ -32,7 +32,8 @@ def words(data: Data, profile: Profile, table: str, columns: tuple[str, ...]) ->
         f"{source}-words",
         f"What {rows} are about",
         (
-            f"The {len(found)} most frequent words of {' and '.join(columns)}; a word's size follows the number of {rows} that say it."
+            f"The {len(found)} most frequent words of {' and '.join(columns)}; "
+            f"a word's size follows the number of {rows} that say it."
         ),
         "Word cloud; the largest words are "
         + ", ".join(f"{word} ({number(n)})" for word, n in found[:12])

@@ -78,14 +78,17 @@ class Data:
         self.con.close()
 
     def files(self, name: str) -> list[str]:
-        """The clean files of a table ("youtube/videos", "pairs/pairs"), or of "youtube/rejected"."""
+        """The clean files of a table ("youtube/videos", "pairs/pairs", "youtube/rejected")."""
         folder = self.root / "pairs" if name == "pairs/pairs" else self.root / "clean" / name
         return [
             str(path) for path in sorted(folder.glob("*.parquet")) if not path.name.startswith(".")
         ]
 
     def rows(self, name: str, sql: str, *values: object) -> list[tuple[Any, ...]]:
-        """Rows of a query in which {t} stands for the table; nothing when there are no files. Raises DamagedData."""
+        """Rows of a query in which {t} stands for the table; nothing when there are no files.
+
+        Raises DamagedData.
+        """
         files = self.files(name)
         if not files:
             return []
@@ -122,7 +125,8 @@ class Data:
         """The most frequent values."""
         return self.rows(
             name,
-            f'SELECT "{column}"::VARCHAR, count(*) AS n FROM {{t}} WHERE "{column}" IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {n}',
+            f'SELECT "{column}"::VARCHAR, count(*) AS n FROM {{t}} WHERE "{column}" IS NOT NULL'
+            f" GROUP BY 1 ORDER BY n DESC, 1 LIMIT {n}",
         )
 
     def timeline(self, name: str, column: str) -> tuple[str, list[tuple[str, int]]] | None:
@@ -171,7 +175,8 @@ class Data:
         largest = self.rows(
             "youtube/videos",
             "SELECT coalesce(min(channel_title), channel_id), count(*) AS n FROM {t}"
-            f" WHERE channel_id IS NOT NULL GROUP BY channel_id ORDER BY n DESC, channel_id LIMIT {n}",
+            " WHERE channel_id IS NOT NULL GROUP BY channel_id"
+            f" ORDER BY n DESC, channel_id LIMIT {n}",
         )
         return Channels(int(whole[0][0]), whole[0][1], whole[0][2], largest)
 
@@ -223,7 +228,8 @@ class Data:
         word = "[a-z][a-z''’-]+[a-z]"
         found = self.rows(
             name,
-            f"SELECT w, count(*) AS n FROM (SELECT unnest(list_distinct(regexp_extract_all({plain}, '{word}'))) AS w"
+            "SELECT w, count(*) AS n FROM (SELECT"
+            f" unnest(list_distinct(regexp_extract_all({plain}, '{word}'))) AS w"
             f" FROM {{t}}) GROUP BY 1 ORDER BY n DESC, w LIMIT {n + len(stop)}",
         )
         return [(word, count) for word, count in found if word not in stop][:n]
@@ -237,7 +243,8 @@ class Data:
             if self.files(name)
             for row in self.rows(
                 name,
-                "SELECT strftime(max(fetched_at AT TIME ZONE 'UTC'), '%Y-%m-%d %H:%M UTC') FROM {t}",
+                "SELECT strftime(max(fetched_at AT TIME ZONE 'UTC'), '%Y-%m-%d %H:%M UTC')"
+                " FROM {t}",
             )
             if row[0]
         ]

@@ -38,7 +38,8 @@ def funnel(data: Data, profile: Profile, name: str) -> Figure | None:
     return Figure(
         f"{name.replace('/', '-')}-funnel",
         f"What the filters leave of the {what}",
-        f"{found.kept:,} of {found.crawled:,} {what} are kept ({share:.0%}). In brackets: what each stage dropped.",
+        f"{found.kept:,} of {found.crawled:,} {what} are kept ({share:.0%}). "
+        "In brackets: what each stage dropped.",
         f"Bars of {what} left after each stage: "
         + ", ".join(f"{label} {n:,}" for label, n, _ in lines)
         + ".",

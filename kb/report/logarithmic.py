@@ -75,7 +75,8 @@ def _logarithmic(
         title,
         f"Half of the {y} have {number(middle)} {unit} or fewer, the largest has {number(high)}.",
         (
-            f"Histogram of {unit} per row on a logarithmic axis from {number(edges[0])} to {number(edges[-1])}, median {number(middle)}."
+            f"Histogram of {unit} per row on a logarithmic axis from {number(edges[0])} to "
+            f"{number(edges[-1])}, median {number(middle)}."
         ),
         saved(sheet),
         (unit, y),

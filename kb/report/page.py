@@ -1,4 +1,4 @@
-"""index.html: one file that needs nothing else. Pictures and styles are inside, no script, no network."""
+"""index.html: one file that needs nothing else. Pictures and styles are inside, no script."""
 
 from __future__ import annotations
 

@@ -39,7 +39,8 @@ def lengths(data: Data, profile: Profile) -> Figure | None:
     found = data.rows(
         "pairs/pairs",
         (
-            "SELECT min(token_count), max(token_count), min(clip_end_s - clip_start_s), max(clip_end_s - clip_start_s) FROM {t}"
+            "SELECT min(token_count), max(token_count), min(clip_end_s - clip_start_s),"
+            " max(clip_end_s - clip_start_s) FROM {t}"
         ),
     )
     if not found or found[0][0] is None:
@@ -64,9 +65,11 @@ def lengths(data: Data, profile: Profile) -> Figure | None:
     return Figure(
         "pairs-lengths",
         "How long clips and texts are",
-        f"Clips last {short:.1f} to {long:.1f} seconds, texts have {low:.0f} to {high:.0f} CLIP tokens.",
+        f"Clips last {short:.1f} to {long:.1f} seconds, "
+        f"texts have {low:.0f} to {high:.0f} CLIP tokens.",
         (
-            f"Two histograms: clip length from {short:.1f} to {long:.1f} seconds, text length from {low:.0f} to {high:.0f} tokens."
+            f"Two histograms: clip length from {short:.1f} to {long:.1f} seconds, "
+            f"text length from {low:.0f} to {high:.0f} tokens."
         ),
         saved(sheet),
         ("seconds", "pairs"),

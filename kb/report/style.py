@@ -1,7 +1,7 @@
 """How every figure looks, and how it is saved: the same bytes for the same data.
 
-Colours: Okabe and Ito's palette, told apart with any colour vision and on paper. Figures are as wide
-as a phone's screen in points, so that their labels stay readable on one.
+Colours: Okabe and Ito's palette, told apart with any colour vision and on paper. Figures are as
+wide as a phone's screen in points, so that their labels stay readable on one.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One wiki page with the boxes of its elements: the whole page, and a part of it at its own size."""
+"""One wiki page with the boxes of its elements: the whole page, and a part at its own size."""
 
 from __future__ import annotations
 

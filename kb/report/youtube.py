@@ -43,11 +43,12 @@ def durations(data: Data, profile: Profile) -> Figure | None:
         "youtube-durations",
         "How long the videos are",
         (
-            f"Durations up to the {percent:g}th percentile ({high / 60:.1f} minutes); the longest {100 - percent:g}% are left out, as in the paper."
+            f"Durations up to the {percent:g}th percentile ({high / 60:.1f} minutes); "
+            f"the longest {100 - percent:g}% are left out, as in the paper."
         ),
         (
-            f"Histogram of video durations from {minutes[0]:.0f} to {minutes[-1]:.1f} minutes; half of the videos are "
-            f"shorter than {middle / 60:.1f} minutes."
+            f"Histogram of video durations from {minutes[0]:.0f} to {minutes[-1]:.1f} minutes; "
+            f"half of the videos are shorter than {middle / 60:.1f} minutes."
         ),
         saved(sheet),
         ("minutes", "videos"),
