@@ -22,7 +22,7 @@ app = group("Figures and one HTML page of what was collected.")
     ],
 )
 def report(run: Run) -> Summary:
-    """Figures (SVG, PNG) and one page that needs no network, in report/ under the data root.
+    """Figures (SVG, PNG, PDF) and one page that needs no network, in report/ under the data root.
 
     Works at any time on what was filtered so far; a source without data is named in a line.
     """

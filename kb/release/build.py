@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING
 from kb.core.errors import DamagedData, ReleaseRefused
 from kb.core.verdict import Summary
 from kb.release import check, checksums, folders, measure, sample
-from kb.release.card import card
-from kb.release.citation import citation
 from kb.release.croissant import croissant
-from kb.release.datasheet import datasheet
 from kb.release.folders import TOMBSTONES, Folder
-from kb.release.licences import KNOWN, licence
+from kb.release.licences import KNOWN
 from kb.release.metadata import deposit
+from kb.release.pages import card, citation, datasheet, law
 from kb.store.atomic import write_text
 
 if TYPE_CHECKING:
@@ -100,7 +98,7 @@ def _describe(run: Run, folder: Folder, task: Task) -> Facts:
         "README.md": card(run, facts),
         "DATASHEET.md": datasheet(run, facts),
         "CITATION.cff": citation(run, facts),
-        "LICENSE": _licence(facts),
+        "LICENSE": law(run, facts),
         "croissant.json": croissant(run, facts),
         folders.DEPOSIT: deposit(run, facts),
         **{
@@ -117,25 +115,6 @@ def _describe(run: Run, folder: Folder, task: Task) -> Facts:
     checksums.write(folder)
     task.advance(3)
     return facts
-
-
-def _licence(facts: Facts) -> str:
-    from kb.release.about import ABOUT
-
-    law = licence(facts.licence)
-    head = [
-        f"{law.title} ({law.spdx})",
-        law.url,
-        "",
-        f"{ABOUT[facts.source].attribution} {law.short}",
-    ]
-    if len(facts.licences) > 1:
-        head += [
-            "",
-            "Rows name these licences in their licence column:",
-            *(f"  {name} ({n:,} rows)" for name, n in facts.licences),
-        ]
-    return "\n".join([*head, "", "-" * 72, "", law.text])
 
 
 def _tombstones(run: Run, folder: Folder) -> None:

@@ -9,9 +9,10 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from kb.release.about import ABOUT
+from kb.release.about import about
 from kb.release.licences import licence
-from kb.release.texts import SANDBOX_NOTE, bibtex, day, language, name, summary
+from kb.release.pages import bibtex
+from kb.release.texts import SANDBOX_NOTE, day, language, name
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -67,13 +68,13 @@ CONTEXT: dict[str, Any] = {
 
 def croissant(run: Run, facts: Facts) -> str:
     """The whole document as text."""
-    about, section = ABOUT[facts.source], run.profile.release
+    said, section = about(facts.source, run.profile.title), run.profile.release
     document = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": CONFORMS,
         "name": name(run, facts),
-        "description": summary(run, facts) + (f" {SANDBOX_NOTE}" if facts.sandbox else ""),
+        "description": said.summary + (f" {SANDBOX_NOTE}" if facts.sandbox else ""),
         "license": licence(facts.licence).url,
         "version": section.version,
         "citeAs": bibtex(run, facts),
@@ -81,7 +82,7 @@ def croissant(run: Run, facts: Facts) -> str:
             {"@type": "sc:Organization" if "," not in one.name else "sc:Person", "name": one.name}
             for one in section.creators
         ],
-        "keywords": list(dict.fromkeys((run.profile.name, *about.words, *section.keywords))),
+        "keywords": list(dict.fromkeys((run.profile.name, *said.words, *section.keywords))),
         "datePublished": day(facts.built),
         "dateModified": day(facts.built),
         "inLanguage": language(run),
@@ -95,16 +96,16 @@ def croissant(run: Run, facts: Facts) -> str:
 
 
 def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
-    about = ABOUT[facts.source]
+    said = about(facts.source, run.profile.title)
     emails, phones = (sum(counts[i] for counts in facts.personal.values()) for i in (1, 2))
     found = {
-        "rai:dataCollection": about.on(run.profile.title, about.collection),
+        "rai:dataCollection": said.collection,
         "rai:dataCollectionType": ["Web API", "Web scraping"]
         if facts.source in ("youtube", "wiki")
         else ["Web API"],
-        "rai:dataCollectionRawData": about.raw,
-        "rai:dataCollectionMissingData": about.absent,
-        "rai:dataPreprocessingProtocol": list(about.processing),
+        "rai:dataCollectionRawData": said.raw,
+        "rai:dataCollectionMissingData": said.absent,
+        "rai:dataPreprocessingProtocol": list(said.processing),
         "rai:dataAnnotationProtocol": [
             f"Texts were scored by the toxicity model {model} ({revision}) in {precision}."
             for model, revision, precision in facts.models
@@ -113,14 +114,14 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
             f"Detoxify {model} {revision} {precision}"
             for model, revision, precision in facts.models
         ],
-        "rai:dataBiases": list(about.biases),
-        "rai:dataLimitations": [*about.limits, *(["not for: " + what for what in about.avoid])],
-        "rai:dataUseCases": list(about.uses),
+        "rai:dataBiases": list(said.biases),
+        "rai:dataLimitations": [*said.limits, *(["not for: " + what for what in said.avoid])],
+        "rai:dataUseCases": list(said.uses),
         "rai:personalSensitiveInformation": [
-            about.people,
+            said.people,
             f"Measured in the released texts: {emails:,} rows with an e-mail address, {phones:,} with a phone number.",
         ],
-        "rai:dataReleaseMaintenancePlan": about.upkeep,
+        "rai:dataReleaseMaintenancePlan": said.upkeep,
         "rai:dataSocialImpact": f"Lets research on {run.profile.title} be repeated on stated data. "
         "Harm by exposure of people is limited by leaving names and deleted material out.",
     }

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from kb.release.about import ABOUT
+from kb.release.about import about
 from kb.release.languages import three_letters
 from kb.release.licences import licence
-from kb.release.texts import SANDBOX_NOTE, day, language, name, size, span, summary, title
+from kb.release.texts import SANDBOX_NOTE, day, language, name, size, span
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -85,9 +85,9 @@ class Document(_Part):
 
 def deposit(run: Run, facts: Facts) -> str:
     """zenodo.json as text."""
-    section = run.profile.release
+    section, said = run.profile.release, about(facts.source, run.profile.title)
     metadata = Deposit(
-        title=title(run, facts),
+        title=said.title,
         description=_description(run, facts),
         creators=tuple(
             Creator(name=one.name, affiliation=one.affiliation, orcid=one.orcid)
@@ -97,9 +97,7 @@ def deposit(run: Run, facts: Facts) -> str:
         license=licence(facts.licence).zenodo,
         version=section.version,
         language=three_letters(language(run)),
-        keywords=tuple(
-            dict.fromkeys((run.profile.title, *ABOUT[facts.source].words, *section.keywords))
-        ),
+        keywords=tuple(dict.fromkeys((run.profile.title, *said.words, *section.keywords))),
         notes=SANDBOX_NOTE if facts.sandbox else None,
         communities=tuple(Community(identifier=one) for one in section.communities) or None,
         related_identifiers=(
@@ -118,7 +116,7 @@ def deposit(run: Run, facts: Facts) -> str:
 
 def _description(run: Run, facts: Facts) -> str:
     """HTML, as Zenodo shows it."""
-    about = ABOUT[facts.source]
+    said = about(facts.source, run.profile.title)
     tables = "".join(
         (
             f"<li><b>{html.escape(table.table.short)}</b>: {html.escape(table.table.doc)} {table.rows:,} rows, {size(table.size)}.</li>"
@@ -126,10 +124,10 @@ def _description(run: Run, facts: Facts) -> str:
         for table in facts.tables
     )
     sentences = [
-        summary(run, facts),
-        about.on(run.profile.title, about.collection),
+        said.summary,
+        said.collection,
         f"Read from the source {span(facts.read)}; material from {span(facts.made)}.",
-        f"{about.attribution} {licence(facts.licence).short}",
+        f"{said.attribution} {licence(facts.licence).short}",
     ]
     return (
         "".join(f"<p>{html.escape(line)}</p>" for line in sentences[:2])

@@ -1,17 +1,26 @@
-"""Small pieces of text that several of a release's files share: sizes, dates, tables, citation."""
+"""Small pieces of text that several of a release's files share: sizes, dates, escaping, names."""
 
 from __future__ import annotations
 
+import json
+import re
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
     from kb.core.context import Run
     from kb.release.measure import Facts
 
-SANDBOX_NOTE = "Made with the sandbox's tiny toxicity model, whose scores mean nothing about real texts: for trying the software only, not for publication."
+SANDBOX_NOTE = (
+    "Made with the sandbox's tiny toxicity model, whose scores mean nothing about real texts: "
+    "for trying the software only, not for publication."
+)
+# What ends a line, moves a cursor or turns the direction of what follows.
+_UNSEEN = re.compile(r"[\s\x00-\x1f\x7f-\x9f\u2028\u2029\u200e\u200f\u202a-\u202e\u2066-\u2069]+")
+# An underscore inside a word is no markup: game_label stays as it is.
+_MARKUP = re.compile(r"[\\`*\[\]|<>&~$]|(?<![0-9A-Za-z])_|_(?![0-9A-Za-z])|^[-+#=]")
+_IN_CELL = re.compile(r"(`[^`]*`)|<")
+_BIBTEX = {"\\": r"\textbackslash{}", **{sign: f"\\{sign}" for sign in "{}&%$#_"}}
 
 
 def day(moment: datetime) -> str:
@@ -46,36 +55,29 @@ def value(thing: Any) -> str:
     return f"{thing:,}" if isinstance(thing, int) and not isinstance(thing, bool) else str(thing)
 
 
-def rows(head: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
-    """A Markdown table; bars in cells are escaped."""
-    cells = [[str(cell).replace("|", "\\|").replace("\n", " ") for cell in line] for line in lines]
-    return (
-        "\n".join(
-            ["| " + " | ".join(line) + " |" for line in [list(head), ["---"] * len(head), *cells]]
-        )
-        + "\n"
-    )
+def line(text: object) -> str:
+    """A text as one line: every run of blanks, line ends and control characters is one blank."""
+    return _UNSEEN.sub(" ", str(text)).strip()
+
+
+def md(text: object) -> str:
+    """Data in Markdown, in running text or a table's cell: shown as it is, never read as markup."""
+    return _MARKUP.sub(r"\\\g<0>", line(text))
+
+
+def cell(text: object) -> str:
+    """Prose of our own in the cell of a Markdown table: code stays code, `<tar>` is no tag."""
+    return _IN_CELL.sub(lambda found: found[1] or "\\" + found[0], line(text).replace("|", "\\|"))
+
+
+def bib(text: object) -> str:
+    """Data in a field of BibTeX, between braces."""
+    return "".join(_BIBTEX.get(sign, sign) for sign in line(text))
 
 
 def folded(text: str) -> str:
     """A string for YAML, always quoted."""
-    import json
-
     return json.dumps(text, ensure_ascii=False)
-
-
-def title(run: Run, facts: Facts) -> str:
-    """The folder's title, with the domain's name."""
-    from kb.release.about import ABOUT
-
-    return ABOUT[facts.source].on(run.profile.title, ABOUT[facts.source].title)
-
-
-def summary(run: Run, facts: Facts) -> str:
-    """The folder's summary in a sentence or two."""
-    from kb.release.about import ABOUT
-
-    return ABOUT[facts.source].on(run.profile.title, ABOUT[facts.source].summary)
 
 
 def language(run: Run) -> str:
@@ -86,19 +88,3 @@ def language(run: Run) -> str:
 def name(run: Run, facts: Facts) -> str:
     """A short name without spaces: lorebase-minecraft-youtube."""
     return f"lorebase-{run.profile.name}-{facts.source}"
-
-
-def bibtex(run: Run, facts: Facts) -> str:
-    """How to cite the folder."""
-    authors = " and ".join(creator.name for creator in run.profile.release.creators)
-    key = name(run, facts).replace("-", "_")
-    lines = [
-        f"@misc{{{key},",
-        f"  title = {{{title(run, facts)}}},",
-        f"  author = {{{authors}}},",
-        f"  year = {{{facts.built.year}}},",
-        f"  version = {{{run.profile.release.version}}},",
-        "  note = {Built with Lorebase}",
-        "}",
-    ]
-    return "\n".join(lines)

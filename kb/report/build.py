@@ -1,18 +1,25 @@
-"""`kb report`: every figure as SVG and PNG, and one page with all of them."""
+"""`kb report`: every figure as SVG, PNG and PDF, and one page with all of them."""
 
 from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 from kb.core import signals
 from kb.core.errors import MissingExtra
 from kb.core.verdict import Summary
-from kb.report import cloud, figures, wikipage
+from kb.report import cloud, pairs, reddit, wikipage, youtube
 from kb.report.data import Data
+from kb.report.dates import dates
+from kb.report.elements import elements
+from kb.report.funnel import funnel
+from kb.report.logarithmic import scores, views
 from kb.report.page import Section, page
-from kb.report.style import applied
+from kb.report.services import quota
+from kb.report.style import BLUE, GREEN, PURPLE, applied
+from kb.report.toxicity import toxicity
 from kb.schema import table
 from kb.store.atomic import replacing_folder
 from kb.store.reading import SANDBOX_MODEL, filtered
@@ -22,7 +29,7 @@ if TYPE_CHECKING:
     from kb.core.profile import Profile
     from kb.report.style import Figure
 
-Maker = Callable[[Data, "Profile"], "Figure | None"]
+Maker = Callable[[Data, "Profile"], "Figure | tuple[Figure, ...] | None"]
 SAMPLES = {
     "youtube/videos": (
         "title",
@@ -66,30 +73,45 @@ NEXT = {
 }
 
 
-def makers(source: str) -> list[Maker]:
-    """The figures of a source, in the order of the page."""
-    if source == "youtube":
-        return [
-            _funnel("youtube/videos"),
-            figures.durations,
-            figures.views,
-            lambda data, profile: cloud.words(data, profile, "youtube/videos", ("title",)),
-        ]
-    if source == "wiki":
-        return [wikipage.page, _funnel("wiki/pages"), figures.elements]
-    if source == "reddit":
-        return [
-            _funnel("reddit/posts"),
-            figures.post_types,
-            figures.scores,
-            _funnel("reddit/comments"),
-            lambda data, profile: cloud.words(data, profile, "reddit/posts", ("title", "body")),
-        ]
-    return [figures.keywords, figures.lengths] if source == "pairs" else [figures.quota]
+MAKERS: dict[str, list[Maker]] = {  # the figures of a source, in the order of the page
+    "youtube": [
+        partial(funnel, name="youtube/videos"),
+        youtube.durations,
+        views,
+        partial(dates, table="youtube/videos", column="published_at", what="published", color=BLUE),
+        youtube.channels,
+        youtube.transcripts,
+        partial(
+            toxicity, table="youtube/videos", columns=("toxicity_title", "toxicity_description")
+        ),
+        partial(cloud.words, table="youtube/videos", columns=("title",)),
+    ],
+    "wiki": [
+        wikipage.page,
+        partial(funnel, name="wiki/pages"),
+        elements,
+        partial(
+            dates, table="wiki/pages", column="revision_timestamp", what="revised", color=GREEN
+        ),
+        partial(toxicity, table="wiki/pages", columns=("toxicity",)),
+    ],
+    "reddit": [
+        partial(funnel, name="reddit/posts"),
+        reddit.post_types,
+        scores,
+        partial(dates, table="reddit/posts", column="created_utc", what="made", color=PURPLE),
+        partial(funnel, name="reddit/comments"),
+        partial(toxicity, table="reddit/posts", columns=("toxicity_title", "toxicity_body")),
+        partial(toxicity, table="reddit/comments", columns=("toxicity_body",)),
+        partial(cloud.words, table="reddit/posts", columns=("title", "body")),
+    ],
+    "pairs": [pairs.keywords, pairs.lengths],
+    "services": [quota],
+}
 
 
 def report(run: Run) -> Summary:
-    """Write `report/` anew. Raises MissingExtra when the figures' packages are not installed, and DamagedData."""
+    """Write `report/` anew. Raises MissingExtra without the figures' packages, and DamagedData."""
     missing = [
         name
         for name in ("matplotlib", "wordcloud", "PIL")
@@ -114,8 +136,8 @@ def report(run: Run) -> Summary:
     with replacing_folder(run.root / "report") as folder:
         for section in sections:
             for figure in section.figures:
-                (folder / f"{figure.name}.svg").write_bytes(figure.svg)
-                (folder / f"{figure.name}.png").write_bytes(figure.png)
+                for suffix, content in figure.files.items():
+                    (folder / f"{figure.name}.{suffix}").write_bytes(content)
         (folder / "index.html").write_text(html, encoding="utf-8")
     return Summary(
         command="report",
@@ -127,14 +149,14 @@ def report(run: Run) -> Summary:
 
 def _section(run: Run, data: Data, source: str) -> Section:
     section = Section(source, TITLES[source])
-    todo = makers(source)
+    todo = MAKERS[source]
     with run.progress.task(f"report {source}", total=len(todo), unit="figures") as task:
         for make in todo:
             signals.stop.check()
             with applied():
-                figure = make(data, run.profile)
-            if figure is not None:
-                section.figures.append(figure)
+                made = make(data, run.profile)
+            if made is not None:
+                section.figures += made if isinstance(made, tuple) else (made,)
             task.advance()
     for name in TABLES.get(source, ()):
         if name in SAMPLES and run.profile.report.samples and data.count(name):
@@ -162,10 +184,6 @@ def _head(name: str, column: str) -> str:
     return f"{words} ({unit})" if unit in ("s", "px", "CSS px", "UTC") else words
 
 
-def _funnel(name: str) -> Maker:
-    return lambda data, profile: figures.funnel(data, name)
-
-
 def _notes(run: Run) -> list[str]:
     """What a reader must know before believing the figures."""
     if any(
@@ -173,6 +191,7 @@ def _notes(run: Run) -> list[str]:
         for source in ("youtube", "wiki", "reddit")
     ):
         return [
-            "Toxicity scores are those of the sandbox's tiny model: they mean nothing about real texts."
+            "Toxicity scores are those of the sandbox's tiny model: "
+            "they mean nothing about real texts."
         ]
     return []

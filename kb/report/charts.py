@@ -1,15 +1,19 @@
-"""Two plain kinds of chart: bars that lie, and histograms. Every axis says what it counts."""
+"""Plain kinds of chart: lying bars, histograms, bars over time. Every axis says what it counts."""
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from typing import Any
 
 from kb.report.style import BLUE, GREY, canvas, counts, number, powers
 
+# Behind a number: the grid's lines stop before it.
+HALO = {"facecolor": "white", "edgecolor": "none", "pad": 1.2}
 
-def lying_bars(
+
+def bars(
     labels: Sequence[str],
     values: Sequence[float],
     *,
@@ -22,7 +26,7 @@ def lying_bars(
     places = range(len(labels))
     axes.barh(places, values, color=colors, height=0.72)
     axes.set_yticks(places, labels)
-    axes.invert_yaxis()
+    axes.set_ylim(len(labels) - 0.4, -0.6)
     axes.set_xlabel(unit)
     counts(axes.xaxis)
     axes.set_xlim(0, max([*values, 1]) * 1.32)
@@ -37,6 +41,7 @@ def lying_bars(
             ha="left",
             fontsize=9,
             color=GREY if not value else None,
+            bbox=HALO,
         )
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
@@ -55,7 +60,7 @@ def histogram(
     axes: Any = None,
     marks: Sequence[tuple[float, str]] = (),
 ) -> Any:
-    """Bars between edges; `log` for a logarithmic x axis; `marks` are vertical lines with a word."""
+    """Bars between edges; `log` for a logarithmic x axis; `marks`: vertical lines with a word."""
     sheet, axes = canvas(2.9) if axes is None else (axes.figure, axes)
     widths = [high - low for low, high in itertools.pairwise(edges)]
     axes.bar(
@@ -84,3 +89,34 @@ def histogram(
             fontsize=9,
         )
     return sheet
+
+
+def over_time(
+    periods: Sequence[str],
+    values: Sequence[int],
+    *,
+    x: str,
+    y: str,
+    color: str = BLUE,
+    axes: Any = None,
+    labels: int = 5,
+) -> Any:
+    """One bar a period, in order; about `labels` of the periods are named below them."""
+    sheet, axes = canvas(2.9) if axes is None else (axes.figure, axes)
+    axes.bar(range(len(periods)), values, width=0.86, color=color)
+    room = max(0, 4 - len(periods)) / 2  # a single bar is no wall
+    axes.set_xlim(-0.6 - room, len(periods) - 0.4 + room)
+    step = max(1, math.ceil(len(periods) / labels))
+    shown = range(0, len(periods), step)
+    axes.set_xticks(shown, [periods[index] for index in shown])
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.set_ylim(0, max([*values, 1]) * 1.08)
+    counts(axes.yaxis)
+    axes.grid(axis="y")
+    return sheet
+
+
+def even(low: float, high: float, bins: int = 30) -> list[float]:
+    """Edges of bins of one width."""
+    return [low + (high - low) * step / bins for step in range(bins + 1)]

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 _W, _H = 1080, 640  # the cloud's own pixels
 _DARK = (BLUE, GREEN, RED, INK, PURPLE)  # readable on white
 _MORE = """
-just like get got can't don't i'm it's that's one would could also any anyone really make made want need know
-see im ive dont cant new use using still first even way much many thing things
+just like get got can't don't i'm it's that's one would could also any anyone really make made want
+need know see im ive dont cant new use using still first even way much many thing things
 """
 
 
@@ -28,24 +28,23 @@ def words(data: Data, profile: Profile, table: str, columns: tuple[str, ...]) ->
     if len(found) < 5:
         return None
     source, _, rows = table.partition("/")
-    png, svg = _drawn(dict(found), profile.seed)
     return Figure(
         f"{source}-words",
         f"What {rows} are about",
         (
-            f"The {len(found)} most frequent words of {' and '.join(columns)}; a word's size follows the number of {rows} that say it."
+            f"The {len(found)} most frequent words of {' and '.join(columns)}; "
+            f"a word's size follows the number of {rows} that say it."
         ),
         "Word cloud; the largest words are "
         + ", ".join(f"{word} ({number(n)})" for word, n in found[:12])
         + ".",
-        png,
-        svg,
+        _drawn(dict(found), profile.seed),
         ("word", rows),
         found[:60],
     )
 
 
-def _drawn(frequencies: dict[str, int], seed: int) -> tuple[bytes, bytes]:
+def _drawn(frequencies: dict[str, int], seed: int) -> dict[str, bytes]:
     from matplotlib import get_data_path
     from matplotlib.font_manager import FontProperties
     from matplotlib.patches import PathPatch

@@ -5,6 +5,7 @@ Only aggregates and a few sample rows are held in memory, whatever the size of t
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,8 @@ STAGES = {
     "reddit/posts": ("missing", "removed", "nsfw", "score", "toxicity"),
     "reddit/comments": ("missing", "post", "removed", "toxicity"),
 }
+_PERIODS = 72
+_STEPS = {"day": "%Y-%m-%d", "month": "%Y-%m", "year": "%Y", "decade": "%Ys", "century": "%Y"}
 FULL_NAMES = {"reddit/posts": "t3_", "reddit/comments": "t1_"}  # one rejected table holds both
 
 
@@ -46,6 +49,16 @@ class Funnel:
     failed: int
     pending: int
     kept: int
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Whose the videos are: (title, videos) of the largest channels; `half`: how many have half."""
+
+    videos: int
+    channels: int
+    half: int
+    largest: list[tuple[str, int]]
 
 
 class Data:
@@ -62,14 +75,17 @@ class Data:
         self.con.close()
 
     def files(self, name: str) -> list[str]:
-        """The clean files of a table ("youtube/videos", "pairs/pairs"), or of "youtube/rejected"."""
+        """The clean files of a table ("youtube/videos", "pairs/pairs", "youtube/rejected")."""
         folder = self.root / "pairs" if name == "pairs/pairs" else self.root / "clean" / name
         return [
             str(path) for path in sorted(folder.glob("*.parquet")) if not path.name.startswith(".")
         ]
 
     def rows(self, name: str, sql: str, *values: object) -> list[tuple[Any, ...]]:
-        """Rows of a query in which {t} stands for the table; nothing when there are no files. Raises DamagedData."""
+        """Rows of a query in which {t} stands for the table; nothing when there are no files.
+
+        Raises DamagedData.
+        """
         files = self.files(name)
         if not files:
             return []
@@ -92,21 +108,74 @@ class Data:
 
     def histogram(self, name: str, column: str, edges: Sequence[float]) -> list[int]:
         """Rows between neighbouring edges; the last bin has its upper edge in it."""
+        return self._binned(name, f'"{column}"', edges)
+
+    def _binned(self, name: str, value: str, edges: Sequence[float]) -> list[int]:
         tests = [
-            f'count(*) FILTER ("{column}" >= {low!r} AND "{column}" {"<=" if last else "<"} {high!r})'
-            for low, high, last in zip(
-                edges[:-1], edges[1:], [False] * (len(edges) - 2) + [True], strict=True
-            )
+            f"count(*) FILTER (v >= {low!r} AND v {'<=' if high == edges[-1] else '<'} {high!r})"
+            for low, high in itertools.pairwise(edges)
         ]
-        found = self.rows(name, f"SELECT {', '.join(tests)} FROM {{t}}")
-        return [int(n) for n in found[0]] if found else []
+        found = self.rows(name, f"SELECT {', '.join(tests)} FROM (SELECT {value} AS v FROM {{t}})")
+        return [int(n) for n in found[0]] if found else [0] * len(tests)
 
     def top(self, name: str, column: str, n: int) -> list[tuple[str, int]]:
         """The most frequent values."""
         return self.rows(
             name,
-            f'SELECT "{column}"::VARCHAR, count(*) AS n FROM {{t}} WHERE "{column}" IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {n}',
+            f'SELECT "{column}"::VARCHAR, count(*) AS n FROM {{t}} WHERE "{column}" IS NOT NULL'
+            f" GROUP BY 1 ORDER BY n DESC, 1 LIMIT {n}",
         )
+
+    def timeline(self, name: str, column: str) -> tuple[str, list[tuple[str, int]]] | None:
+        """(step, [(period, rows)]) in UTC, empty periods too; None when no row has a time.
+
+        The step is the shortest of day, month, year, decade, century that gives few bars.
+        """
+        moment = f"\"{column}\" AT TIME ZONE 'UTC'"
+        counted = ", ".join(f"date_diff('{step}', min(t), max(t))" for step in _STEPS)
+        found = self.rows(name, f"SELECT {counted} FROM (SELECT {moment} AS t FROM {{t}})")
+        if not found or found[0][0] is None:
+            return None
+        lengths = zip(_STEPS, found[0], strict=True)
+        step = next((step for step, n in lengths if n < _PERIODS), "century")
+        rows = self.rows(
+            name,
+            f"WITH d AS (SELECT date_trunc('{step}', {moment})::TIMESTAMP AS p, count(*) AS n"
+            f' FROM {{t}} WHERE "{column}" IS NOT NULL GROUP BY 1), s AS (SELECT unnest('
+            "generate_series((SELECT min(p) FROM d), (SELECT max(p) FROM d),"
+            f" INTERVAL 1 {step})) AS p) SELECT strftime(s.p, '{_STEPS[step]}'), coalesce(n, 0)"
+            " FROM s LEFT JOIN d USING (p) ORDER BY s.p",
+        )
+        return step, rows
+
+    def kept_scores(self, name: str, columns: Sequence[str], edges: Sequence[float]) -> list[int]:
+        """Kept rows by the largest of some scores; rows without any score are in no bin."""
+        return self._binned(name, f"greatest({', '.join(columns)})", edges)
+
+    def dropped_scores(self, name: str, edges: Sequence[float]) -> list[int]:
+        """Rows that the toxicity stage dropped, by the score that it dropped them for."""
+        where = f"stage = 'toxicity' AND starts_with(key, '{FULL_NAMES.get(name, '')}')"
+        value = f"CASE WHEN {where} THEN TRY_CAST(value AS FLOAT) END"
+        return self._binned(f"{name.partition('/')[0]}/rejected", value, edges)
+
+    def channels(self, n: int) -> Channels | None:
+        """The `n` channels with most videos, and how many there are; None when none is named."""
+        whole = self.rows(
+            "youtube/videos",
+            "WITH c AS (SELECT count(*) AS n FROM {t} WHERE channel_id IS NOT NULL"
+            " GROUP BY channel_id), s AS (SELECT n, sum(n) OVER () AS whole, sum(n) OVER"
+            " (ORDER BY n DESC ROWS UNBOUNDED PRECEDING) - n AS before FROM c)"
+            " SELECT sum(n), count(*), count(*) FILTER (before * 2 < whole) FROM s",
+        )
+        if not whole or not whole[0][0]:
+            return None
+        largest = self.rows(
+            "youtube/videos",
+            "SELECT coalesce(min(channel_title), channel_id), count(*) AS n FROM {t}"
+            " WHERE channel_id IS NOT NULL GROUP BY channel_id"
+            f" ORDER BY n DESC, channel_id LIMIT {n}",
+        )
+        return Channels(int(whole[0][0]), whole[0][1], whole[0][2], largest)
 
     def funnel(self, name: str) -> Funnel | None:
         """The stages of a table, None when nothing was filtered."""
@@ -156,7 +225,8 @@ class Data:
         word = "[a-z][a-z''’-]+[a-z]"
         found = self.rows(
             name,
-            f"SELECT w, count(*) AS n FROM (SELECT unnest(list_distinct(regexp_extract_all({plain}, '{word}'))) AS w"
+            "SELECT w, count(*) AS n FROM (SELECT"
+            f" unnest(list_distinct(regexp_extract_all({plain}, '{word}'))) AS w"
             f" FROM {{t}}) GROUP BY 1 ORDER BY n DESC, w LIMIT {n + len(stop)}",
         )
         return [(word, count) for word, count in found if word not in stop][:n]
@@ -170,7 +240,8 @@ class Data:
             if self.files(name)
             for row in self.rows(
                 name,
-                "SELECT strftime(max(fetched_at AT TIME ZONE 'UTC'), '%Y-%m-%d %H:%M UTC') FROM {t}",
+                "SELECT strftime(max(fetched_at AT TIME ZONE 'UTC'), '%Y-%m-%d %H:%M UTC')"
+                " FROM {t}",
             )
             if row[0]
         ]

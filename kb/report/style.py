@@ -1,13 +1,14 @@
 """How every figure looks, and how it is saved: the same bytes for the same data.
 
-Colours: Okabe and Ito's palette, told apart with any colour vision and on paper. Figures are as wide
-as a phone's screen in points, so that their labels stay readable on one.
+Colours: Okabe and Ito's palette, told apart with any colour vision and on paper. Figures are as
+wide as a phone's screen in points, so that their labels stay readable on one.
 """
 
 from __future__ import annotations
 
+import functools
 import io
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -22,12 +23,12 @@ BLUE, ORANGE, GREEN, RED, SKY, PURPLE, YELLOW = (
     "#CC79A7",
     "#F0E442",
 )
-SERIES = (BLUE, ORANGE, GREEN, PURPLE, RED, SKY)
 INK, GREY, PALE = "#1F2933", "#52606D", "#D9E2EC"
+FONT = "DejaVu Sans"  # comes with matplotlib: the same letters everywhere
 WIDTH = 4.6  # inches
 PIXELS = 200  # per inch, of the PNG
 _RULES: dict[str, Any] = {
-    "font.family": "DejaVu Sans",
+    "font.family": FONT,
     "font.size": 10,
     "axes.titlesize": 11,
     "axes.titleweight": "bold",
@@ -53,7 +54,9 @@ _RULES: dict[str, Any] = {
     "legend.fontsize": 9,
     "svg.hashsalt": "lorebase",
     "svg.fonttype": "path",
+    "pdf.fonttype": 42,  # letters stay letters; journals refuse type 3
     "path.simplify": True,
+    "text.parse_math": False,  # a dollar in somebody's title is a dollar
 }
 
 
@@ -65,10 +68,10 @@ class Figure:
     title: str
     caption: str
     alt: str
-    png: bytes
-    svg: bytes
+    files: dict[str, bytes]  # by suffix: svg, png, pdf
     head: Sequence[str] = ()
-    rows: Sequence[Sequence[object]] = field(default_factory=tuple)
+    rows: Sequence[Sequence[object]] = ()
+    screen: bool = False  # shows a screen: beside its like, and not enlarged
 
 
 def applied() -> Any:
@@ -78,29 +81,54 @@ def applied() -> Any:
     return matplotlib.rc_context(_RULES)
 
 
-def canvas(height: float, columns: int = 1, **options: Any) -> tuple[Any, Any]:
-    """A figure of the common width and its axes, drawn without any display."""
+def canvas(
+    height: float, columns: int = 1, rows: int = 1, width: float = WIDTH, **options: Any
+) -> tuple[Any, Any]:
+    """A figure (inches) and its axes, drawn without any display."""
     import logging
 
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Sheet
 
-    logging.getLogger("matplotlib").setLevel(logging.WARNING)  # --debug is for this project's lines
+    for name in ("matplotlib", "fontTools"):  # --debug is for this project's lines
+        logging.getLogger(name).setLevel(logging.WARNING)
     with applied():
-        sheet = Sheet(figsize=(WIDTH, height))
+        sheet = Sheet(figsize=(width, height))
         FigureCanvasAgg(sheet)
-        axes = sheet.subplots(1, columns, **options)
+        axes = sheet.subplots(rows, columns, **options)
     return sheet, axes
 
 
-def saved(sheet: Any) -> tuple[bytes, bytes]:
-    """(PNG, SVG) without dates or version names."""
+def saved(sheet: Any, pixels: int = PIXELS) -> dict[str, bytes]:
+    """The figure as PNG (`pixels` per inch), SVG and PDF, without dates or version names."""
+    without: dict[str, dict[str, None]] = {
+        "png": {"Software": None},
+        "svg": {"Date": None, "Creator": None},
+        "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    }
+    files = {}
     with applied():
-        png, svg = io.BytesIO(), io.BytesIO()
-        sheet.savefig(png, format="png", dpi=PIXELS, metadata={"Software": None})
-        sheet.set_layout_engine("none")  # its places stay as they are: no need to find them twice
-        sheet.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
-    return png.getvalue(), svg.getvalue()
+        for kind, metadata in without.items():
+            file = io.BytesIO()
+            sheet.savefig(file, format=kind, dpi=pixels, metadata=metadata)
+            files[kind] = file.getvalue()
+            sheet.set_layout_engine("none")  # its places stay: no need to find them twice
+    return files
+
+
+def readable(text: str, longest: int = 26) -> str:
+    """A label of the data's own words: one short line, "?" for letters that the font lacks."""
+    line = " ".join(text.split())
+    short = line if len(line) <= longest else line[: longest - 1].rstrip() + "…"
+    known = _letters()
+    return "".join(letter if ord(letter) in known else "?" for letter in short)
+
+
+@functools.cache
+def _letters() -> frozenset[int]:
+    from matplotlib.font_manager import FontProperties, findfont, get_font
+
+    return frozenset(get_font(findfont(FontProperties(family=FONT))).get_charmap())
 
 
 def number(n: float) -> str:

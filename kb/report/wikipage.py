@@ -1,79 +1,130 @@
-"""One wiki page with the boxes of its elements drawn on the screenshot."""
+"""One wiki page with the boxes of its elements: the whole page, and a part at its own size."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from kb.core.errors import DamagedData
 from kb.report.data import Data
-from kb.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, WIDTH, Figure, canvas, saved
+from kb.report.style import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    PALE,
+    PURPLE,
+    RED,
+    SKY,
+    WIDTH,
+    Figure,
+    canvas,
+    saved,
+)
 
 if TYPE_CHECKING:
     from kb.core.profile import Profile
 
+
+class Kind(NamedTuple):
+    """How the boxes of a kind are drawn: lines differ as well as colours."""
+
+    color: str
+    line: Any
+    width: float
+
+
+# In the order of the legend; what encloses others is drawn first. Widths are whole CSS pixels
+# (0.75 points), so that at 1:1 a line ends where the element begins.
 KINDS = {
-    "text": BLUE,
-    "image": RED,
-    "sprite": PURPLE,
-    "animation": ORANGE,
-    "table": GREEN,
-    "cell": SKY,
+    "text": Kind(BLUE, "-", 0.75),
+    "table": Kind(GREEN, "-", 1.5),
+    "cell": Kind(SKY, (0, (4, 1.5)), 0.75),
+    "image": Kind(RED, "-", 1.5),
+    "sprite": Kind(PURPLE, "-", 1.5),
+    "animation": Kind(ORANGE, (0, (1.5, 1)), 1.5),
 }
+_CSS = 96  # CSS pixels per inch
+_CROP = (600, 520)  # CSS px, at most
 _MARGIN = 40  # CSS px below the last element
-_TALLEST = 1.25  # height of what is shown, in widths of the page
+_TALLEST = 1.9  # height of the overview, in widths of the page
+_LEGEND = 0.5  # inches: whole pixels at any of our scales
+_LETTERS = 13  # points of the legend: it is read on a phone as well
 
 
-def page(data: Data, profile: Profile) -> Figure | None:
-    """The page whose first screen shows most kinds of elements; without screenshot, boxes on white."""
+@dataclass(frozen=True)
+class Box:
+    """A rectangle in CSS pixels of the page."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+    def grown(self, by: float) -> Box:
+        """The box with its sides moved outwards, so that a line on them hides nothing inside."""
+        return Box(self.x - by, self.y - by, self.width + 2 * by, self.height + 2 * by)
+
+
+def page(data: Data, profile: Profile) -> tuple[Figure, ...]:
+    """Overview and detail of the page whose upper part shows most kinds of elements.
+
+    Without a screenshot the boxes stand on white. Raises DamagedData for one that can't be read.
+    """
+    if not data.files("wiki/pages") or not data.files("wiki/elements"):
+        return ()
+    number = _chosen(data)
     found = data.rows(
         "wiki/pages",
-        (
-            "SELECT page_id, title, url, screenshot_path, page_width, page_height, device_pixel_ratio FROM {t} ORDER BY page_id"
-        ),
-    )
-    if not found or not data.files("wiki/elements"):
-        return None
-    chosen = _chosen(data)
-    if chosen is None:
-        return None
-    number, title, url, shot, width, height, ratio = next(
-        (row for row in found if row[0] == chosen), found[0]
-    )
-    low = data.rows(
-        "wiki/elements", "SELECT max(y + height) FROM {t} WHERE page_id = ? AND visible", number
-    )[0][0]
-    shown = min(
-        height, width * _TALLEST, (low or height) + _MARGIN
-    )  # pages often end in empty space
-    boxes = data.rows(
-        "wiki/elements",
-        (
-            "SELECT kind, x, y, width, height FROM {t} WHERE page_id = ? AND visible AND width > 0 AND height > 0 AND y < ? ORDER BY reading_order"
-        ),
+        "SELECT title, url, screenshot_path, page_width, page_height FROM {t} WHERE page_id = ?",
         number,
-        shown,
     )
-    sheet, axes = canvas(WIDTH * shown / width + 0.35)
-    image = _screenshot(data, shot, shown, ratio)
-    if image is not None:
-        axes.imshow(image, extent=(0, width, shown, 0), interpolation="lanczos", aspect="equal")
-    _draw(axes, boxes, width, shown)
-    png, svg = saved(sheet)
-    counts = {kind: sum(box[0] == kind for box in boxes) for kind in KINDS}
-    said = ", ".join(f"{n} {kind}" for kind, n in counts.items() if n)
-    more = (
-        ""
-        if shown >= min(height, (low or height) + _MARGIN)
-        else f" The first {shown:.0f} of {height:,} pixels are shown."
-    )
-    return Figure(
-        "wiki-page",
-        f"A page with its boxes: {title}",
-        f"Boxes of visible elements as the browser laid them out, in CSS pixels.{more} Source: {url}",
-        f"Screenshot of the page {title} with coloured boxes around its elements: {said}.",
-        png,
-        svg,
-        ("kind", "boxes"),
-        [(kind, n) for kind, n in counts.items() if n],
+    if not found:
+        return ()
+    title, url, shot, width, height = found[0]
+    shown = _shown(data, number, width, height)
+    boxes = [
+        (kind, Box(*place))
+        for kind, *place in data.rows(
+            "wiki/elements",
+            "SELECT kind, x, y, width, height FROM {t} WHERE page_id = ? AND visible"
+            " AND width > 0 AND height > 0 AND y < ? ORDER BY reading_order",
+            number,
+            shown,
+        )
+    ]
+    if not boxes:
+        return ()
+    crop = _crop(data, number, width, shown)
+    image = _screenshot(data, shot, width, shown)
+    whole = Box(0, 0, width, shown)
+    source = f"Source: {url}"
+    part = "" if shown >= height else f" The first {shown:.0f} of {height:,} pixels are shown."
+    return (
+        Figure(
+            "wiki-page-overview",
+            f"A page with its boxes: {title}",
+            f"Boxes of visible elements as the browser laid them out.{part} "
+            f"The dark frame is the part shown in its own size. {source}",
+            f"The page {title} with outlines around its elements: {_counted(boxes)}.",
+            _drawn(_part(image, whole, whole), whole, boxes, WIDTH / width * _CSS, frame=crop),
+            ("kind", "boxes"),
+            _counts(boxes),
+            screen=True,
+        ),
+        Figure(
+            "wiki-page",
+            f"{title}, in its own size",
+            f"{crop.width:.0f} by {crop.height:.0f} CSS pixels of the page, from "
+            f"({crop.x:.0f}, {crop.y:.0f}), at 1:1; each box is drawn just outside of its element. "
+            f"{source}",
+            f"Part of the page {title} in its own size, with outlines around its elements: "
+            f"{_counted(_inside(boxes, crop))}.",
+            _drawn(_part(image, whole, crop), crop, _inside(boxes, crop), 1.0),
+            ("kind", "boxes"),
+            _counts(_inside(boxes, crop)),
+            screen=True,
+        ),
     )
 
 
@@ -81,71 +132,155 @@ def _chosen(data: Data) -> int | None:
     """The page with the most kinds of elements, then the most pictures, near its top."""
     found = data.rows(
         "wiki/elements",
-        "SELECT page_id FROM {t} WHERE visible AND y < 1600 GROUP BY 1 ORDER BY count(DISTINCT kind) DESC,"
-        " least(count(*) FILTER (kind IN ('image', 'sprite', 'animation')), 12) DESC, least(count(*), 120) DESC, 1"
-        " LIMIT 1",
+        "SELECT page_id FROM {t} WHERE visible AND y < 1600 GROUP BY 1"
+        " ORDER BY count(DISTINCT kind) DESC,"
+        " least(count(*) FILTER (kind IN ('image', 'sprite', 'animation')), 12) DESC,"
+        " least(count(*), 120) DESC, 1 LIMIT 1",
     )
     return found[0][0] if found else None
 
 
-def _screenshot(data: Data, shot: str, shown: float, ratio: float) -> Any:
+def _shown(data: Data, number: int | None, width: float, height: float) -> float:
+    """How much of the page the overview shows: pages often end in empty space."""
+    low = data.rows(
+        "wiki/elements", "SELECT max(y + height) FROM {t} WHERE page_id = ? AND visible", number
+    )[0][0]
+    return float(min(height, width * _TALLEST, (low or height) + _MARGIN))
+
+
+def _crop(data: Data, number: int | None, width: float, shown: float) -> Box:
+    """The part with the most kinds of elements that are wholly in it, then the most elements."""
+    wide, high = min(_CROP[0], width), min(_CROP[1], shown)
+    found = data.rows(
+        "wiki/elements",
+        "SELECT l, t FROM (SELECT kind, x, y, x + width AS r, y + height AS b FROM {t}"
+        " WHERE page_id = ? AND visible AND width > 0 AND height > 0),"
+        f" (SELECT unnest(range(0, {int(width - wide) + 1}, 20)) AS l),"
+        f" (SELECT unnest(range(0, {int(shown - high) + 1}, 20)) AS t)"
+        f" WHERE x >= l AND y >= t AND r <= l + {wide!r} AND b <= t + {high!r}"
+        " GROUP BY ALL ORDER BY count(DISTINCT kind) DESC, count(*) DESC, t, l LIMIT 1",
+        number,
+    )
+    left, top = found[0] if found else (0, 0)
+    return Box(left, top, wide, high)
+
+
+def _screenshot(data: Data, shot: str, width: float, shown: float) -> Any:
     """The upper part of the screenshot, or None when the file is not there. Raises DamagedData."""
     path = data.path(shot)
     if not path.is_file():
         return None
     from PIL import Image
 
-    from kb.core.errors import DamagedData
-
-    # A page may be 100,000 pixels high: its own pipeline made it, so the guard against bombs is not for it.
+    # A page may be 100,000 pixels high: its own pipeline made it, so Pillow's guard is not for it.
     Image.MAX_IMAGE_PIXELS = None
     try:
         with Image.open(path) as picture:
-            return picture.crop(
-                (0, 0, picture.width, min(picture.height, round(shown * ratio)))
-            ).convert("RGB")
-    except (
-        OSError,
-        SyntaxError,
-        ValueError,
-    ) as error:  # what Pillow raises for a picture that is cut off or none
+            high = min(picture.height, round(shown * picture.width / width))
+            return picture.crop((0, 0, picture.width, high)).convert("RGB")
+    except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for a damaged file
         hint = "put it back from a copy, or remove it: the figure then has the boxes alone"
         raise DamagedData(f"the screenshot {path} can't be read: {error}", hint=hint) from None
 
 
-def _draw(axes: Any, boxes: list[tuple[Any, ...]], width: float, shown: float) -> None:
-    from matplotlib.patches import Patch, Rectangle
-
-    for kind, x, y, w, h in boxes:
-        color = KINDS.get(kind, BLUE)
-        axes.add_patch(
-            Rectangle((x, y), w, min(h, shown - y), facecolor=color, alpha=0.10, linewidth=0)
-        )
-        axes.add_patch(
-            Rectangle(
-                (x, y),
-                w,
-                min(h, shown - y),
-                fill=False,
-                edgecolor=color,
-                linewidth=0.7 if kind == "cell" else 1.1,
-            )
-        )
-    there = [kind for kind in KINDS if any(box[0] == kind for box in boxes)]
-    axes.set_xlim(0, width)
-    axes.set_ylim(shown, 0)
-    axes.set_aspect("equal")
+def _drawn(
+    image: Any, part: Box, boxes: list[tuple[str, Box]], scale: float, frame: Box | None = None
+) -> dict[str, bytes]:
+    """A part of the page, `scale` of its own size; a legend above it, and a frame in it."""
+    thin = max(scale, 0.5)
+    width, height = part.width * scale / _CSS, part.height * scale / _CSS
+    sheet, axes = canvas(height + _LEGEND, width=width)
+    sheet.set_layout_engine("none")
+    axes.set_position((0, 0, 1, height / (height + _LEGEND)))
+    right, bottom = part.x + part.width, part.y + part.height
+    if image is not None:
+        # The screenshot's own pixels: whoever shows the figure scales them once.
+        axes.imshow(image, extent=(part.x, right, bottom, part.y), interpolation="none")
+    for kind in KINDS:
+        for name, box in boxes:
+            if name == kind:
+                axes.add_patch(_outline(box, KINDS[kind], scale, thin))
+    if frame is not None:
+        axes.add_patch(_outline(frame, Kind(INK, "-", 1.8), scale))
+    axes.set_xlim(part.x, right)
+    axes.set_ylim(bottom, part.y)
+    axes.set_aspect("auto")
     axes.set_xticks([])
     axes.set_yticks([])
     for side in axes.spines.values():
-        side.set_visible(False)
-    axes.figure.legend(
-        handles=[
-            Patch(facecolor="none", edgecolor=KINDS[kind], linewidth=1.6, label=kind)
-            for kind in there
-        ],
-        loc="outside upper center",
-        ncols=len(there),
-        handlelength=1.2,
-        columnspacing=1.1,
+        side.set_visible(frame is not None)  # at 1:1 it would cover the outermost pixels
+        side.set_color(PALE)
+    there = [kind for kind in KINDS if any(name == kind for name, _ in boxes)]
+    _legend(sheet, there, _LETTERS * width / (_CROP[0] / _CSS))
+    return saved(sheet, 2 * _CSS)
+
+
+def _outline(box: Box, kind: Kind, scale: float, thin: float = 1.0) -> Any:
+    """A line around a box that covers nothing of it: its inner edge is the box's edge."""
+    from matplotlib.patches import Rectangle
+
+    outside = box.grown(kind.width * thin * _CSS / 72 / 2 / scale)
+    return Rectangle(
+        (outside.x, outside.y),
+        outside.width,
+        outside.height,
+        fill=False,
+        edgecolor=kind.color,
+        linestyle=kind.line,
+        linewidth=kind.width * thin,
+        joinstyle="miter",
     )
+
+
+def _legend(sheet: Any, kinds: list[str], points: float) -> None:
+    from matplotlib.lines import Line2D
+
+    sheet.legend(
+        handles=[
+            Line2D(
+                [],
+                [],
+                color=KINDS[kind].color,
+                linestyle=KINDS[kind].line,
+                linewidth=KINDS[kind].width * 1.3,
+                label=kind,
+            )
+            for kind in kinds
+        ],
+        loc="upper center",
+        fontsize=points,
+        ncols=len(kinds),
+        handlelength=1.5,
+        handletextpad=0.5,
+        columnspacing=1.0,
+    )
+
+
+def _part(image: Any, whole: Box, part: Box) -> Any:
+    """The part of a screenshot of `whole`, in its own pixels; None without a screenshot."""
+    if image is None:
+        return None
+    ratio = image.width / whole.width
+    edges = (part.x, part.y, part.x + part.width, part.y + part.height)
+    return image.crop(tuple(round(edge * ratio) for edge in edges))
+
+
+def _inside(boxes: list[tuple[str, Box]], part: Box) -> list[tuple[str, Box]]:
+    """The boxes of which something is in the part."""
+    return [
+        (kind, box)
+        for kind, box in boxes
+        if box.x < part.x + part.width
+        and box.y < part.y + part.height
+        and box.x + box.width > part.x
+        and box.y + box.height > part.y
+    ]
+
+
+def _counts(boxes: list[tuple[str, Box]]) -> list[tuple[str, int]]:
+    counts = [(kind, sum(name == kind for name, _ in boxes)) for kind in KINDS]
+    return [(kind, n) for kind, n in counts if n]
+
+
+def _counted(boxes: list[tuple[str, Box]]) -> str:
+    return ", ".join(f"{n} {kind}" for kind, n in _counts(boxes))

@@ -91,3 +91,6 @@ def test_links_lead_somewhere() -> None:
     for link in re.findall(r"\]\(([^)#]+)\)", TEXT):
         if "://" not in link:
             assert (ROOT / link).exists(), link
+    pictures = re.findall(r'<img src="([^"]+)"', TEXT)
+    assert pictures
+    assert {str(path.relative_to(ROOT)) for path in (ROOT / "docs").glob("*.png")} == set(pictures)

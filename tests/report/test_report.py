@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+import time
+from datetime import timedelta
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import duckdb
@@ -14,24 +18,38 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
-from kb.report import figures
+from kb.report import pairs, services, wikipage, youtube
 from kb.report.build import report
 from kb.report.data import Data
+from kb.report.funnel import funnel
+from kb.report.style import readable
+from kb.report.toxicity import toxicity
+from kb.schema import table
 from kb.store.frontier import Frontier
-from tests.release.made import build, rows
+from tests.release.made import START, build, rows
 
 FIGURES = {
     "youtube-videos-funnel",
     "youtube-durations",
     "youtube-views",
+    "youtube-dates",
+    "youtube-channels",
+    "youtube-transcripts",
+    "youtube-videos-toxicity",
     "youtube-words",
     "wiki-page",
+    "wiki-page-overview",
+    "wiki-dates",
+    "wiki-pages-toxicity",
     "wiki-pages-funnel",
     "wiki-elements",
     "reddit-posts-funnel",
     "reddit-types",
     "reddit-scores",
     "reddit-comments-funnel",
+    "reddit-dates",
+    "reddit-posts-toxicity",
+    "reddit-comments-toxicity",
     "reddit-words",
     "pairs-keywords",
     "pairs-lengths",
@@ -64,28 +82,38 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def test_every_figure_is_there_as_svg_and_png(root: Path) -> None:
+def test_every_figure_is_there_as_svg_png_and_pdf(root: Path) -> None:
     folder = root / "report"
-    assert {path.stem for path in folder.glob("*.svg")} == FIGURES
-    assert {path.stem for path in folder.glob("*.png")} == FIGURES
+    for suffix in ("svg", "png", "pdf"):
+        assert {path.stem for path in folder.glob(f"*.{suffix}")} == FIGURES
+    for path in folder.glob("*.pdf"):
+        content = path.read_bytes()
+        assert content.startswith(b"%PDF-")
+        assert b"/Type3" not in content  # journals refuse such letters
+        assert b"/CreationDate" not in content
     for path in folder.glob("*.svg"):
         ElementTree.parse(path)
         assert "<dc:date>" not in path.read_text()
 
 
-def test_same_bytes_whenever_and_with_any_number_of_workers(tmp_path: Path) -> None:
+def test_same_bytes_whenever_wherever_and_with_any_number_of_workers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     build(tmp_path, sources=("youtube",), export=False, n=40)
     contents = []
-    for workers in (1, 3):
+    for workers, now in ((1, "2026-11-02T00:00:00Z"), (3, "2027-12-31T23:59:59Z")):
+        monkeypatch.setenv("KB_NOW", now)
+        monkeypatch.setenv("TZ", "Asia/Tokyo" if workers == 3 else "UTC")
+        time.tzset()
         report(a_run(tmp_path, workers=workers))
         contents.append({path.name: path.read_bytes() for path in (tmp_path / "report").iterdir()})
     assert contents[0] == contents[1]
-    assert len(contents[0]) == 2 * 4 + 1
+    assert len(contents[0]) == 3 * 8 + 1
 
 
 def test_durations_end_at_the_percentile_of_the_profile(root: Path) -> None:
     data, profile = Data(a_run(root)), load_profile("minecraft")
-    figure = figures.durations(data, profile)
+    figure = youtube.durations(data, profile)
     files = [str(path) for path in (root / "clean" / "youtube" / "videos").glob("*.parquet")]
     limit = (
         duckdb.connect()
@@ -104,7 +132,7 @@ def test_durations_end_at_the_percentile_of_the_profile(root: Path) -> None:
 
 
 def test_funnel_loses_exactly_what_the_stages_dropped(root: Path) -> None:
-    figure = figures.funnel(Data(a_run(root)), "youtube/videos")
+    figure = funnel(Data(a_run(root)), load_profile("minecraft"), "youtube/videos")
     assert figure is not None
     assert figure.rows[0] == ("crawled", 222, 0)
     assert ("views", 157, 31) in [tuple(row) for row in figure.rows]
@@ -124,7 +152,7 @@ def test_posts_and_comments_share_a_rejected_table_but_no_funnel(root: Path) -> 
 
 
 def test_quota_adds_up_by_day(root: Path) -> None:
-    figure = figures.quota(Data(a_run(root)), load_profile("minecraft"))
+    figure = services.quota(Data(a_run(root)), load_profile("minecraft"))
     assert figure is not None
     assert sorted(tuple(row) for row in figure.rows) == sorted(
         [
@@ -136,7 +164,7 @@ def test_quota_adds_up_by_day(root: Path) -> None:
 
 
 def test_pair_lengths_count_every_pair(root: Path) -> None:
-    figure = figures.lengths(Data(a_run(root)), load_profile("minecraft"))
+    figure = pairs.lengths(Data(a_run(root)), load_profile("minecraft"))
     assert figure is not None
     assert sum(n for _, n in figure.rows) == 240
 
@@ -262,3 +290,145 @@ def test_command_prints_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[s
     summary = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert summary["figures"] == 2
     assert Path(summary["page"]).is_file()
+
+
+def test_each_service_has_a_scale_of_its_own(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Thirty units beside six: each panel is as high as its own largest day."""
+    sheets: list[Any] = []
+    monkeypatch.setattr(services, "saved", lambda sheet: sheets.append(sheet) or {})
+    services.quota(Data(a_run(root)), load_profile("minecraft"))
+    tops = [panel.get_ylim()[1] for panel in sheets[0].axes]
+    assert [panel.get_title(loc="left") for panel in sheets[0].axes] == [
+        "YouTube: general",
+        "YouTube: search",
+    ]
+    assert [panel.get_ylabel() for panel in sheets[0].axes] == ["units", "units"]
+    assert tops == pytest.approx([15 * 1.08, 3 * 1.08])
+
+
+def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(tmp_path: Path) -> None:
+    from PIL import Image
+
+    build(tmp_path, sources=("wiki",), export=False, n=10)
+    for page in range(1, 4):
+        path = tmp_path / "raw" / "wiki" / "pages" / f"{page}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.effect_noise((1280, 900), 64).convert("RGB").save(path)
+    data = Data(a_run(tmp_path))
+    _, detail = wikipage.page(data, load_profile("minecraft"))
+    width, height, left, top = map(int, re.findall(r"\d+", detail.caption)[:4])
+    shown = Image.open(BytesIO(detail.files["png"])).convert("RGB")
+    assert shown.width == 2 * width
+    shown = shown.crop((0, shown.height - 2 * height, 2 * width, shown.height))
+    url = detail.caption.rpartition("_")[2]
+    page = Image.open(tmp_path / "raw" / "wiki" / "pages" / f"{int(url) + 1}.png")
+    boxes = data.rows("wiki/elements", "SELECT x, y, width, height FROM {t} WHERE page_id = 1")
+    inside = [
+        (x - left, y - top, x - left + w, y - top + h)
+        for x, y, w, h in boxes
+        if x >= left and y >= top and x + w <= left + width and y + h <= top + height
+    ]
+    assert len(inside) >= 4
+    part = page.crop((left, top, left + width, top + height)).resize(
+        (2 * width, 2 * height), Image.Resampling.NEAREST
+    )
+    for box in inside:
+        place = tuple(round(2 * edge) for edge in box)
+        assert shown.crop(place).tobytes() == part.crop(place).tobytes()
+
+
+def test_a_table_of_one_row_with_nothing_in_it(tmp_path: Path) -> None:
+    """All that may be null is null, texts are empty, counts are 0."""
+
+    def edit(name: str, made: list[dict[str, Any]]) -> None:
+        del made[1:]
+        for column in table(name).columns:
+            if column.nullable:
+                made[0][column.name] = None
+            elif column.name.endswith(("_count", "_comments", "duration_s", "score")):
+                made[0][column.name] = 0
+            elif column.name == "title":
+                made[0][column.name] = ""
+
+    build(tmp_path, edit, export=False, n=1)
+    for path in (tmp_path / "clean").glob("*/rejected/*"):
+        path.unlink()
+    summary = report(a_run(tmp_path))
+    assert summary["without"] == "Services"
+    made = {path.stem for path in (tmp_path / "report").glob("*.pdf")}
+    assert {"youtube-durations", "wiki-page", "reddit-types", "pairs-lengths"} <= made
+    assert not {"youtube-dates", "youtube-channels", "youtube-videos-toxicity"} & made
+
+
+@pytest.mark.parametrize("source", ["youtube", "wiki", "reddit", "pairs"])
+def test_a_root_of_one_source(tmp_path: Path, source: str) -> None:
+    build(tmp_path, sources=(source,), export=False, n=20)
+    report(a_run(tmp_path))
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert page.count("No data of") == 3
+    assert "may not be passed on" in page
+
+
+def test_the_page_says_that_its_texts_may_not_be_passed_on(root: Path, tmp_path: Path) -> None:
+    page = (root / "report" / "index.html").read_text()
+    assert page.index("may not be passed on") < page.index("<figure ")
+    report(a_run(tmp_path))
+    assert "may not be passed on" not in (tmp_path / "report" / "index.html").read_text()
+
+
+def test_dates_are_counted_by_a_step_that_gives_few_bars(tmp_path: Path) -> None:
+    def edit(name: str, made: list[dict[str, Any]]) -> None:
+        for index, row in enumerate(made if name == "youtube/videos" else []):
+            row["published_at"] = START + timedelta(days=index // 2) if index else None
+        for index, row in enumerate(made if name == "reddit/posts" else []):
+            row["created_utc"] = START.replace(year=2006 + index)
+
+    build(tmp_path, edit, sources=("youtube", "reddit"), export=False, n=20)
+    data = Data(a_run(tmp_path))
+    step, days = data.timeline("youtube/videos", "published_at") or ("", [])
+    assert (step, days[0], days[1]) == ("day", ("2026-11-01", 1), ("2026-11-02", 2))
+    step, years = data.timeline("reddit/posts", "created_utc") or ("", [])
+    assert (step, len(years), sum(n for _, n in years)) == ("year", 20, 20)
+
+
+def test_scores_of_kept_and_dropped_rows_meet_at_the_threshold(tmp_path: Path) -> None:
+    def edit(name: str, made: list[dict[str, Any]]) -> None:
+        for row in made if name == "youtube/videos" else []:
+            row["toxicity_title"], row["toxicity_description"] = 0.01, 0.42
+
+    build(tmp_path, edit, sources=("youtube",), export=False, n=20)
+    figure = toxicity(
+        Data(a_run(tmp_path)),
+        load_profile("minecraft"),
+        "youtube/videos",
+        ("toxicity_title", "toxicity_description"),
+    )
+    assert figure is not None
+    assert [row for row in figure.rows if row[1] or row[2]] == [
+        ("0.40 to 0.45", 20, 0),
+        ("0.90 to 0.95", 0, 4),
+    ]
+    assert "dropped above 0.5" in figure.caption
+
+
+def test_share_of_the_channels(root: Path) -> None:
+    share = Data(a_run(root)).channels(3)
+    assert share is not None
+    assert (share.videos, share.channels, share.half, len(share.largest)) == (120, 7, 4, 3)
+
+
+def test_labels_of_any_script_and_sign(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    """A dollar is no formula, and what the font can't draw is a question mark, not a warning."""
+
+    def edit(name: str, made: list[dict[str, Any]]) -> None:
+        for index, row in enumerate(made):
+            if "keyword" in row:
+                row["keyword"] = ("$x_{", "採掘\n🧱", "a" * 80)[index % 3]
+            if "channel_title" in row or name == "youtube/videos":
+                row["channel_title"] = "$^$ 採掘"
+
+    build(tmp_path, edit, sources=("youtube", "pairs"), export=False, n=12)
+    report(a_run(tmp_path))
+    assert not [str(one.message) for one in recwarn if "missing from font" in str(one.message)]
+    assert readable("採掘\n🧱 ok") == "?? ? ok"
+    assert len(readable("a" * 80)) == 26

@@ -1,0 +1,36 @@
+"""When the material was made: rows by day, month or year."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kb.report.charts import over_time
+from kb.report.data import Data
+from kb.report.style import Figure, number, saved
+
+if TYPE_CHECKING:
+    from kb.core.profile import Profile
+
+
+def dates(
+    data: Data, profile: Profile, table: str, column: str, what: str, color: str
+) -> Figure | None:
+    """Rows of a table by the time in a column; `what` happened then, in words."""
+    found = data.timeline(table, column)
+    if found is None:
+        return None
+    step, periods = found
+    source, _, rows = table.partition("/")
+    names, values = [name for name, _ in periods], [n for _, n in periods]
+    most, n = max(periods, key=lambda period: period[1])
+    when = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+    sheet = over_time(names, values, x=f"{step} (UTC)", y=f"{rows} {what}", color=color)
+    return Figure(
+        f"{source}-dates",
+        f"When {rows} were {what}",
+        f"{sum(values):,} {rows} by {step}, {when}; most in {most} ({number(n)}).",
+        f"Bars of {rows} by the {step} in which they were {what}, {when}; most in {most}, {n:,}.",
+        saved(sheet),
+        (step, rows),
+        periods,
+    )

@@ -1,0 +1,36 @@
+"""What the wiki's pages consist of."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kb.report.charts import bars
+from kb.report.data import Data
+from kb.report.style import BLUE, Figure, saved
+from kb.report.wikipage import KINDS
+
+if TYPE_CHECKING:
+    from kb.core.profile import Profile
+
+
+def elements(data: Data, profile: Profile) -> Figure | None:
+    """Elements of the wiki's pages by kind."""
+    found = data.top("wiki/elements", "kind", 10)
+    if not found:
+        return None
+    sheet = bars(
+        [name for name, _ in found],
+        [n for _, n in found],
+        unit="elements",
+        colors=[KINDS[name].color if name in KINDS else BLUE for name, _ in found],
+    )
+    total = sum(n for _, n in found)
+    return Figure(
+        "wiki-elements",
+        "What is on the pages",
+        f"{total:,} elements with a box, by kind.",
+        "Bars of elements by kind: " + ", ".join(f"{name} {n:,}" for name, n in found) + ".",
+        saved(sheet),
+        ("kind", "elements"),
+        found,
+    )

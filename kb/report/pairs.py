@@ -1,0 +1,77 @@
+"""The video-text pairs: their keywords, their lengths."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING
+
+from kb.report.charts import bars, even, histogram
+from kb.report.data import Data
+from kb.report.style import GREEN, ORANGE, Figure, canvas, readable, saved
+
+if TYPE_CHECKING:
+    from kb.core.profile import Profile
+
+
+def keywords(data: Data, profile: Profile) -> Figure | None:
+    """Pairs for each of the most frequent keywords."""
+    found = data.top("pairs/pairs", "keyword", profile.report.top_keywords)
+    if not found:
+        return None
+    total = data.count("pairs/pairs")
+    distinct = data.rows("pairs/pairs", "SELECT count(DISTINCT keyword) FROM {t}")[0][0]
+    sheet = bars(
+        [readable(name) for name, _ in found], [n for _, n in found], unit="pairs", colors=GREEN
+    )
+    return Figure(
+        "pairs-keywords",
+        "Which keywords are spoken",
+        f"{total:,} pairs of {distinct:,} keywords; the {len(found)} most frequent.",
+        "Bars of pairs by keyword: " + ", ".join(f"{name} {n:,}" for name, n in found[:10]) + ".",
+        saved(sheet),
+        ("keyword", "pairs"),
+        found,
+    )
+
+
+def lengths(data: Data, profile: Profile) -> Figure | None:
+    """Lengths of clips and texts of the pairs."""
+    found = data.rows(
+        "pairs/pairs",
+        (
+            "SELECT min(token_count), max(token_count), min(clip_end_s - clip_start_s),"
+            " max(clip_end_s - clip_start_s) FROM {t}"
+        ),
+    )
+    if not found or found[0][0] is None:
+        return None
+    low, high, short, long = (float(value) for value in found[0])
+    tokens = even(low, max(high, low + 1) + 1, 20)
+    clips = even(short, max(long, short + 1), 20)
+    by_token = data.histogram("pairs/pairs", "token_count", tokens)
+    tests = ", ".join(
+        f"count(*) FILTER (d >= {a!r} AND d {'<=' if b == clips[-1] else '<'} {b!r})"
+        for a, b in itertools.pairwise(clips)
+    )
+    by_clip = [
+        int(n)
+        for n in data.rows(
+            "pairs/pairs", f"SELECT {tests} FROM (SELECT clip_end_s - clip_start_s AS d FROM {{t}})"
+        )[0]
+    ]
+    sheet, axes = canvas(2.7, 2)
+    histogram(clips, by_clip, x="clip (seconds)", y="pairs", color=GREEN, axes=axes[0])
+    histogram(tokens, by_token, x="text (CLIP tokens)", y="", color=ORANGE, axes=axes[1])
+    return Figure(
+        "pairs-lengths",
+        "How long clips and texts are",
+        f"Clips last {short:.1f} to {long:.1f} seconds, "
+        f"texts have {low:.0f} to {high:.0f} CLIP tokens.",
+        (
+            f"Two histograms: clip length from {short:.1f} to {long:.1f} seconds, "
+            f"text length from {low:.0f} to {high:.0f} tokens."
+        ),
+        saved(sheet),
+        ("seconds", "pairs"),
+        [(f"{a:.1f} to {b:.1f}", n) for a, b, n in zip(clips, clips[1:], by_clip, strict=False)],
+    )

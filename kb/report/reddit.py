@@ -1,0 +1,47 @@
+"""The posts by type (the paper's figure)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kb.report.charts import bars
+from kb.report.data import Data
+from kb.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, Figure, number, saved
+
+if TYPE_CHECKING:
+    from kb.core.profile import Profile
+
+TYPE_COLORS = {
+    "text": BLUE,
+    "image": ORANGE,
+    "video": GREEN,
+    "link": PURPLE,
+    "poll": SKY,
+    "gallery": RED,
+}
+
+
+def post_types(data: Data, profile: Profile) -> Figure | None:
+    """Shares of post types (the paper's figure)."""
+    found = data.top("reddit/posts", "type", 12)
+    total = sum(n for _, n in found)
+    if not total:
+        return None
+    names, values = [name for name, _ in found], [n for _, n in found]
+    notes = [f"{number(n)}  ({n / total:.0%})" for n in values]
+    sheet = bars(
+        names,
+        values,
+        unit="posts",
+        notes=notes,
+        colors=[TYPE_COLORS.get(name, BLUE) for name in names],
+    )
+    return Figure(
+        "reddit-types",
+        "What kinds of posts there are",
+        f"{total:,} kept posts by type; a crosspost has its parent's type.",
+        "Bars of posts by type: " + ", ".join(f"{name} {n:,}" for name, n in found) + ".",
+        saved(sheet),
+        ("type", "posts"),
+        found,
+    )
