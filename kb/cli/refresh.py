@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from kb.cli.command import command, group
 
@@ -12,22 +14,45 @@ if TYPE_CHECKING:
 
 app = group("Read again what the services' terms ask to keep fresh.")
 
+OlderThan = Annotated[
+    int | None,
+    typer.Option(
+        "--older-than",
+        min=0,
+        metavar="DAYS",
+        help="Read what is older than this; 0: everything. [default: the profile's max_age_days]",
+    ),
+]
+
 
 @command(
-    app, needs_data=True, examples=["kb refresh youtube --wait", "kb refresh youtube --limit 5000"]
+    app,
+    needs_data=True,
+    examples=[
+        "kb refresh youtube --wait",
+        "kb refresh youtube --limit 5000",
+        "kb refresh youtube --older-than 0        everything, now",
+    ],
 )
-def youtube(run: Run) -> Summary:
+def youtube(run: Run, older_than: OlderThan = None) -> Summary:
     """Read statistics older than the profile's max_age_days again and mark videos that vanished.
 
     One unit for 50 videos. Run `kb youtube filter` and `export` afterwards.
     """
     from kb.youtube.refresh import refresh
 
-    return refresh(run)
+    return refresh(run, older_than)
 
 
-@command(app, needs_data=True, examples=["kb refresh reddit --wait"])
-def reddit(run: Run) -> Summary:
+@command(
+    app,
+    needs_data=True,
+    examples=[
+        "kb refresh reddit --wait",
+        "kb refresh reddit --older-than 0         everything, now: a removal request came in",
+    ],
+)
+def reddit(run: Run, older_than: OlderThan = None) -> Summary:
     """Read scores, removals and deletions again, 100 ids a request, with your own app's key.
 
     With --again also what was missing the last time.
@@ -35,4 +60,4 @@ def reddit(run: Run) -> Summary:
     """
     from kb.reddit.refresh import refresh
 
-    return refresh(run)
+    return refresh(run, older_than)

@@ -55,6 +55,9 @@ def export(
         raise FatalError(
             f"nothing to export: {place} has no rows", hint=f"run `kb {source} filter` first"
         )
+    again = "kb pairs --again" if source == "pairs" else f"kb {source} filter"
+    for declared in released:
+        shards.check_columns(found[declared.name], declared, f"run `{again}`")
     summary = Summary(source=source)
     task = run.progress.task(f"export {source}", total=len(released), unit="tables")
     size = run.profile.release.rows_per_shard

@@ -28,7 +28,7 @@ from kb.core.verdict import Summary
 from kb.reddit import tree
 from kb.reddit.authors import Scrubber, load_key
 from kb.reddit.client import INFO, LISTED, ROOT, Client
-from kb.reddit.state import OUTSIDE, apply
+from kb.reddit.state import OUTSIDE, apply, unread_parts
 from kb.reddit.strip import without
 from kb.store.frontier import Frontier, Item
 from kb.store.identity import remember
@@ -154,6 +154,7 @@ class Crawl:
                 counts[kind].get(status, 0) for kind in KINDS for status in ("todo", "in_progress")
             ),
             failed=sum(counts[kind].get("error", 0) for kind in KINDS),
+            incomplete_posts=len(unread_parts(self.frontier)),
             missing=counts["tree"].get("skipped", 0) - outside,
             outside=outside,
             posts=sum(counts["tree"].values()),

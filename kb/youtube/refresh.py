@@ -18,7 +18,7 @@ from kb.core.context import Run
 from kb.core.errors import ItemFinal, LimitReached, QuotaSpent, Retryable
 from kb.core.verdict import Summary
 from kb.store import identity, lock, rawlog, tombstones
-from kb.store.frontier import Frontier
+from kb.store.frontier import ROUND, Frontier, going_on
 from kb.store.recorder import Recorder
 from kb.youtube import effects, parse
 from kb.youtube.api import GOOGLE, Api
@@ -49,14 +49,16 @@ def newest(root: Path) -> dict[str, str]:
     return found
 
 
-def refresh(run: Run) -> Summary:
+def refresh(run: Run, older_than: int | None = None) -> Summary:
     """Read the metadata of every video again whose newest answer is older than `max_age_days`.
 
-    One unit for 50 videos. Raises Stopped with `summary` when something is left.
+    `older_than` days count instead (0: everything). What it found due is kept until it is read, so the same
+    command goes on where it stopped. One unit for 50 videos. Raises Stopped with `summary` when something is left.
     """
     profile = run.profile.section("youtube")
     run.settings.need("youtube_api_key")
-    oldest = clock.now() - timedelta(days=profile.max_age_days)
+    days = profile.max_age_days if older_than is None else older_than
+    oldest = clock.now() - timedelta(days=days)
     with ExitStack() as stack:
         stack.enter_context(lock.writer(run.root, "youtube"))
         identity.remember(
@@ -77,21 +79,27 @@ def refresh(run: Run) -> Summary:
                 Effects(profile, lambda rows: (), lambda key: True, purged),
             )
         )
-        old = [
-            key
-            for key, at in newest(run.root).items()
-            if clock.parse(at) < oldest and key not in purged
-        ]
-        frontier.remove(REFRESH, [key for key, *_ in frontier.items(REFRESH)])
-        frontier.add(REFRESH, old)
-        return _read(run, profile, frontier, recorder, len(old))
+        if not going_on(frontier, REFRESH, older_than):
+            old = [
+                key
+                for key, at in newest(run.root).items()
+                # With 0 days also what was read in this very second.
+                if (clock.parse(at) < oldest or older_than == 0) and key not in purged
+            ]
+            with frontier.transaction():
+                frontier.replace(REFRESH, old)
+                frontier.set_cursor(ROUND, older_than)
+        left = frontier.counts(REFRESH).get("todo", 0)
+        return _read(run, profile, frontier, recorder, left, days)
 
 
-def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total: int) -> Summary:
+def _read(
+    run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total: int, days: int
+) -> Summary:
     before = frontier.requests()
     summary = Summary(crawled=0, missing=0, failed=0, requests=0, units=0, left=total)
     if not total:
-        run.progress.say(f"youtube: nothing is older than {profile.max_age_days} days")
+        run.progress.say(f"youtube: nothing is older than {days} days")
         return summary
     api, task = (
         Api(run.settings, profile, frontier, wait=run.wait),
