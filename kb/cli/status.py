@@ -78,6 +78,13 @@ def _lines(about: dict[str, Any]) -> list[str]:
                 else ""
             )
             lines.append(f"  read between {facts['oldest']} and {facts['newest']}{old}")
+        if facts.get("incomplete_posts"):
+            names = ", ".join(facts["incomplete"])
+            rest = ", …" if facts["incomplete_posts"] > len(facts["incomplete"]) else ""
+            lines.append(
+                f"  incomplete posts: {facts['incomplete_posts']:,} ({names}{rest}); "
+                "the next `kb reddit crawl` tries their comments again"
+            )
         if facts["unknown_keys"]:
             lines.append(
                 "  unknown keys in answers: "

@@ -134,13 +134,18 @@ def unread_parts(frontier: Frontier) -> dict[str, str]:
     return found
 
 
-def incomplete(root: Path) -> dict[str, Any]:
-    """`incomplete_posts` for summaries: how many posts have a part that could not be read."""
+def incomplete_posts(root: Path) -> dict[str, str]:
+    """The same of a data root; nothing where no crawl was."""
     path = root / "state" / "reddit.sqlite"
     if not path.exists():
-        return {"incomplete_posts": 0}
+        return {}
     with reading.state(path) as frontier:
-        return {"incomplete_posts": len(unread_parts(frontier))}
+        return unread_parts(frontier)
+
+
+def incomplete(root: Path) -> dict[str, int]:
+    """For summaries: how many posts have a part that could not be read."""
+    return {"incomplete_posts": len(incomplete_posts(root))}
 
 
 def gave_up(root: Path) -> Iterator[tuple[str, str]]:

@@ -68,7 +68,9 @@ def card(run: Run, facts: Facts) -> str:
         + "".join(f"- {line}\n" for line in about.processing),
         _dropped(facts),
         "## Limits\n\n"
-        + "".join(f"- {line}\n" for line in (*about.biases, *about.limits, about.absent)),
+        + "".join(
+            f"- {line}\n" for line in (*about.biases, *about.limits, about.absent, *facts.gaps)
+        ),
         "## People and removal\n\n"
         + about.people
         + "\n\n"

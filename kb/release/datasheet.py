@@ -106,7 +106,7 @@ def _sections(run: Run, facts: Facts) -> list[tuple[str, list[tuple[str, str]]]]
                 ),
                 (
                     "Are there errors, noise or redundancies?",
-                    " ".join(about.limits)
+                    " ".join((*about.limits, *facts.gaps))
                     + " Keys are unique; each row is the newest answer for its key.",
                 ),
                 ("Is the dataset self-contained?", "The tables are. " + about.raw),

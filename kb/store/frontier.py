@@ -357,7 +357,7 @@ def going_on(frontier: Frontier, kind: str, older_than: int | None) -> bool:
     """Whether a refresh with this `--older-than` was stopped and left items: they are read before others are sought."""
     if older_than is None or frontier.cursor(ROUND) != older_than:
         return False
-    return frontier.ready(kind)
+    return frontier.ready(kind) > 0
 
 
 def _json(value: Any) -> str:
