@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Collection, Mapping
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -132,22 +133,20 @@ def merged(
     import pyarrow.compute as pc
 
     path, key = folder / f"old-{name}" / f"{number}.arrow", table(f"reddit/{name}").key[0]
-    if not path.exists():
-        return fresh
-    with pa.ipc.open_file(str(path)) as file:
-        old = file.read_all()
-    prefix = "t3_" if name == "posts" else "t1_"
-    out = pa.array(
-        [key.removeprefix(prefix) for key in gone if key.startswith(prefix)], pa.string()
-    )
-    rows = pa.concat_tables([_declared(old, fresh.schema), fresh])
+    parts = [_declared(fresh, fresh.schema)]
+    if path.exists():
+        with pa.ipc.open_file(str(path)) as file:
+            parts.insert(0, _declared(file.read_all(), fresh.schema))
+    rows = pa.concat_tables(parts)
     rows = rows.append_column("_at", pa.array(range(rows.num_rows), pa.int64()))
     by = [(column, "ascending", "at_start") for column in (key, "fetched_at", "_at")]
     rows = rows.take(pc.sort_indices(rows, sort_keys=by))
     names = rows[key].to_pylist()
-    last = [one != after for one, after in zip(names, [*names[1:], None], strict=True)]
+    last = [one != after for one, after in zip_longest(names, names[1:])]
     rows = rows.filter(pa.array(last, pa.bool_())).drop_columns(["_at"])
-    return rows.filter(pc.invert(pc.is_in(rows[key], value_set=out)))
+    prefix = "t3_" if name == "posts" else "t1_"
+    out = [full.removeprefix(prefix) for full in gone if full.startswith(prefix)]
+    return rows.filter(pc.invert(pc.is_in(rows[key], value_set=pa.array(out, pa.string()))))
 
 
 def deep(comments: pa.Table) -> pa.Table:

@@ -117,7 +117,7 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
 def _check(root: Path) -> None:
     """Raise FatalError where tables are of an earlier version: rows can't be taken out of those."""
     for base, hint in zip(
-        BASES, ("run `kb reddit filter` again", "run `kb reddit reconstruct --again`"), strict=True
+        BASES, ("run `kb reddit filter`", "run `kb reddit reconstruct --again`"), strict=True
     ):
         for name in ("posts", "comments"):
             parts = sorted((root / base / name).glob("*.parquet"))
