@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 ROWS = 8_192
-KINDS = ("dumps", "info", "listings", "comments", "morechildren")
+# Of answers that are as old the later kind counts: a refresh (info) reads again what others brought.
+KINDS = ("dumps", "listings", "comments", "morechildren", "info")
 MARKS = READ, OPEN = "read", "open"  # states of rows that are no things: see `_marks`
 
 Row = dict[str, Any]
