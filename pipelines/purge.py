@@ -28,6 +28,8 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
     if not keys:
         return Summary(command=f"purge {source}", source=source, purged=0, rows=0, scores=0, **said)
     rows = store.drop_rows(run.root, room.ROWS, keys)
+    if hasattr(room, "mend"):
+        room.mend(run.root, keys)
     scores = _scores(run, source)
     _made(run, source)
     store.finish(run.root, source)

@@ -18,7 +18,8 @@ from kb.filters.chain import Chain, Clean
 from kb.filters.predicates import AtLeast, AtMost, In, NotIn, NotTrue, Predicate, Present, Waits
 from kb.reddit import parse
 from kb.reddit.assemble import HELPERS, assemble
-from kb.reddit.state import gave_up
+from kb.reddit.state import gave_up, incomplete
+from kb.reddit.threads import counted
 
 THERE = (
     NotTrue("missing", stage="missing", reason="missing"),
@@ -85,6 +86,8 @@ def clean(p: Profile) -> Clean:
         scorer=toxicity,
         unanswered=gave_up,
         ended_by_failure=("more",),
+        complete=counted,
+        about=incomplete,
     )
 
 
@@ -95,4 +98,4 @@ def export(run: Run, format: str) -> Summary:
         "minedojo": minedojo_reddit.export,
         "convokit": convokit.export,
     }
-    return write[format](run)
+    return write[format](run) | incomplete(run.root)

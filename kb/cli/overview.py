@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from kb.core.context import Run
 
 SOURCES = ("youtube", "wiki", "reddit")
+_SOME = 20  # names of posts that are shown
 _LEFT = ("todo", "in_progress")  # what failed is counted by itself, as in a crawl's summary
 
 
@@ -60,7 +61,17 @@ def _source(run: Run, source: str) -> dict[str, Any]:
     about["released"] = _released(run.root, source)
     about |= _age(run, source)
     about["unknown_keys"] = _unknown_keys(run.root, source)
+    if source == "reddit":
+        about |= _incomplete(run.root)
     return about
+
+
+def _incomplete(root: Path) -> dict[str, Any]:
+    """Posts of which a part of the tree could not be read, as summaries count them, and the names of some."""
+    from kb.reddit.state import incomplete_posts
+
+    found = sorted(incomplete_posts(root))
+    return {"incomplete_posts": len(found), "incomplete": [f"t3_{key}" for key in found[:_SOME]]}
 
 
 def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:

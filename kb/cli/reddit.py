@@ -134,6 +134,7 @@ def export(
     uses=("limit", "wait", "again"),
     examples=[
         "kb reddit reconstruct                                 the data root's own release",
+        "kb reddit reconstruct --ids release/reddit            a release, posts and comments",
         "kb reddit reconstruct --ids posts-00000-of-00001.parquet --out full",
         "kb reddit reconstruct --ids reddit.json --out full    MineDojo's published list: whole trees",
     ],
@@ -141,11 +142,12 @@ def export(
 def reconstruct(
     run: Run,
     ids: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
             "--ids",
-            metavar="FILE",
-            help="Full names one a line, a released Parquet file, or MineDojo's reddit.json. [default: release/reddit]",
+            metavar="FILE|FOLDER",
+            help="Full names one a line, a released Parquet file, MineDojo's reddit.json, or the folder "
+            "of a release; may be given several times. [default: release/reddit]",
         ),
     ] = None,
     out: Annotated[
@@ -160,14 +162,15 @@ def reconstruct(
 ) -> Summary:
     """Bring back full posts and comments from released ids, with your own app's key.
 
-    100 ids a request. What is gone is listed in missing.parquet. Cut off, the same command goes on.
+    100 ids a request. What is gone is listed in missing.parquet. What is in --out already is added to.
+    Cut off, the same command goes on.
     """
     from kb.reddit.plan import plan_rebuild
     from kb.reddit.reconstruction import OUT, rebuild
 
     if plan:
-        return plan_rebuild(run, ids)
-    return rebuild(run, ids, (out or run.root / OUT).absolute())
+        return plan_rebuild(run, ids or None)
+    return rebuild(run, ids or None, (out or run.root / OUT).absolute())
 
 
 def _span(since: str | None, until: str | None) -> tuple[datetime | None, datetime | None]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from kb.cli.command import command, group
 from kb.cli.options import CLUSTER, Plan
@@ -13,30 +15,47 @@ if TYPE_CHECKING:
 
 app = group("Read again what the services' terms ask to keep fresh.")
 
+OlderThan = Annotated[
+    int | None,
+    typer.Option(
+        "--older-than",
+        min=0,
+        metavar="DAYS",
+        help="Read what is older than this; 0: everything. [default: the profile's max_age_days]",
+    ),
+]
+
 
 @command(
     app,
     uses=("limit", "wait"),
     needs_data=True,
-    examples=["kb refresh youtube --wait", "kb refresh youtube --limit 5000"],
+    examples=[
+        "kb refresh youtube --wait",
+        "kb refresh youtube --limit 5000",
+        "kb refresh youtube --older-than 0        everything, now",
+    ],
 )
-def youtube(run: Run, plan: Plan = False) -> Summary:
+def youtube(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summary:
     """Read statistics older than the profile's max_age_days again and mark videos that vanished.
 
     One unit for 50 videos. Run `kb youtube filter` and `export` afterwards.
     """
     from kb.youtube.refresh import plan_refresh, refresh
 
-    return plan_refresh(run) if plan else refresh(run)
+    return plan_refresh(run, older_than) if plan else refresh(run, older_than)
 
 
 @command(
     app,
     uses=(*CLUSTER, "limit", "wait", "again"),
     needs_data=True,
-    examples=["kb refresh reddit --wait"],
+    examples=[
+        "kb refresh reddit --wait",
+        "kb refresh reddit --older-than 0         everything, now: a removal request came in",
+    ],
 )
-def reddit(run: Run, plan: Plan = False) -> Summary:
+def reddit(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summary:
     """Read scores, removals and deletions again, 100 ids a request, with your own app's key.
 
     With --again also what was missing the last time.
@@ -45,4 +64,4 @@ def reddit(run: Run, plan: Plan = False) -> Summary:
     from kb.reddit.plan import plan_refresh
     from kb.reddit.refresh import refresh
 
-    return plan_refresh(run) if plan else refresh(run)
+    return plan_refresh(run, older_than) if plan else refresh(run, older_than)

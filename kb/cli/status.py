@@ -104,6 +104,13 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
             else ""
         )
         lines.append(f"  read between {facts['oldest']} and {facts['newest']}{old}")
+    if facts.get("incomplete_posts"):
+        names = ", ".join(facts["incomplete"])
+        rest = ", …" if facts["incomplete_posts"] > len(facts["incomplete"]) else ""
+        lines.append(
+            f"  {vocabulary.phrase('incomplete_posts', facts['incomplete_posts'], {})}: {names}{rest};"
+            " the next `kb reddit crawl` tries their comments again"
+        )
     if facts["unknown_keys"]:
         keys = ", ".join(f"{key} ({n:,})" for key, n in facts["unknown_keys"].items())
         lines.append(f"  unknown keys in answers: {keys}")

@@ -41,8 +41,9 @@ def crawl(
         Path | None,
         typer.Option(
             "--titles",
-            metavar="FILE",
-            help="Page titles: lines, a released Parquet file or MineDojo's JSON; skips discovery.",
+            metavar="FILE|FOLDER",
+            help="Page titles: lines, a released Parquet file or the folder of a release, or MineDojo's JSON; "
+            "skips discovery.",
         ),
     ] = None,
     plan: Plan = False,

@@ -57,8 +57,9 @@ def crawl(
         Path | None,
         typer.Option(
             "--ids",
-            metavar="FILE",
-            help="Video ids: lines, a released Parquet file or MineDojo's JSON; skips discovery.",
+            metavar="FILE|FOLDER",
+            help="Video ids: lines, a released Parquet file or the folder of a release, or MineDojo's JSON; "
+            "skips discovery.",
         ),
     ] = None,
 ) -> Summary:

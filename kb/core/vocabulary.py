@@ -87,6 +87,10 @@ WORDS: dict[str, Word] = {
     "posts": Word("Posts.", "{n} posts"),
     "reddit crawl.posts": Word("Posts known so far.", "{n} posts known"),
     "comments": Word("Comments.", "{n} comments"),
+    "incomplete_posts": Word(
+        "Posts of which a part of the comments could not be read; the next crawl tries again.",
+        "{n} incomplete posts",
+    ),
     "comments_unread": Word(
         "Comments that are known to exist and were not read.", "{n} comments unread"
     ),

@@ -58,6 +58,9 @@ def export(
             f"nothing to export: {place if source == 'pairs' else place.parent} has no rows",
             hint=f"run `{made_by}` first",
         )
+    again = "kb pairs --again" if source == "pairs" else f"kb {source} filter"
+    for declared in released:
+        shards.check_columns(found[declared.name], declared, f"run `{again}`")
     summary: dict[str, int] = {}
     size = run.profile.release.rows_per_shard
     folder = run.root.absolute() / "release" / source

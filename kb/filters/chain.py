@@ -81,7 +81,8 @@ class Clean:
     `assemble` gets the newest rows of each kind (of one bucket) and returns rows by table name. It
     may return a function of the tables that were kept before it instead (comments need to know
     their posts). `unanswered` gives keys that have no row, with the reason: they count as failed; so does
-    such a key that is pending for one of the reasons `ended_by_failure`.
+    such a key that is pending for one of the reasons `ended_by_failure`. `complete` adds columns that hang
+    on what else of a bucket was kept (how many comments a post has); `about` adds to the summary.
     """
 
     source: str
@@ -93,6 +94,8 @@ class Clean:
     unanswered: Callable[[Path], Iterable[tuple[str, str]]] | None = None
     ended_by_failure: tuple[str, ...] = ()
     beside: Beside | None = None
+    complete: Callable[[dict[str, pa.Table]], dict[str, pa.Table]] | None = None
+    about: Callable[[Path], dict[str, Any]] | None = None
 
 
 class Sorted(NamedTuple):

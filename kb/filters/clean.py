@@ -59,6 +59,7 @@ def run_clean(run: Run, source: str) -> Summary:
                 job = job._replace(out=str(fresh))
                 counts = _sort(run, job, executor)
                 summary = _summary(spec, fresh, parsed, counts, key)
+                summary |= spec.about(run.root) if spec.about is not None else {}
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
     return summary
 

@@ -90,11 +90,14 @@ def sort_bucket(job: Job, number: int) -> dict[str, int]:
         return _join(job, spec, chain, rows)
 
     done, follows, counts = _walk(job, spec, number, join)
+    whole = {chain.table: found.kept for chain, found in done}
+    if spec.complete is not None:
+        whole = spec.complete(whole)
     for chain, found in done:
         counts["crawled"] += sum(part.num_rows for part in found)
         counts["kept"] += found.kept.num_rows
         counts[f"kept {chain.table}"] += found.kept.num_rows
-        _write(job, chain.table, number, declared_columns(found.kept, chain))
+        _write(job, chain.table, number, declared_columns(whole[chain.table], chain))
     for name, rows in follows.items():
         counts[f"kept {name}"] += rows.num_rows
         _write(job, name, number, rows)

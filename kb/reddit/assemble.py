@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from kb.reddit.parse import KINDS, schema
+from kb.reddit import threads
+from kb.reddit.parse import KINDS, MARKS, schema
 from kb.reddit.tree import depths
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def assemble(newest: dict[str, pa.Table]) -> dict[str, Any]:
     found = newest_of(newest)
     is_post = pc.starts_with(found["fullname"], "t3_")
     posts, comments = found.filter(is_post), found.filter(pc.invert(is_post))
+    posts = threads.with_unread(posts, comments, _marks(newest))
     posts, comments = _named(posts), _named(comments)
 
     def with_posts(kept: dict[str, pa.Table]) -> pa.Table:
@@ -52,7 +54,7 @@ def assemble(newest: dict[str, pa.Table]) -> dict[str, Any]:
 
 
 def newest_of(newest: dict[str, pa.Table]) -> pa.Table:
-    """One row a thing over all kinds of answers, sorted by full name."""
+    """One row a thing over all kinds of answers, sorted by full name; marks are no things."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -64,6 +66,7 @@ def newest_of(newest: dict[str, pa.Table]) -> pa.Table:
         if kind in newest
     ]
     rows = pa.concat_tables(tables)
+    rows = rows.filter(pc.invert(pc.is_in(rows["state"], value_set=pa.array(MARKS))))
     rows = rows.append_column("real", pc.not_equal(rows["state"], "stub"))
     by = ["fullname", "real", "fetched_at", "rank"]
     order = pc.sort_indices(
@@ -76,6 +79,17 @@ def newest_of(newest: dict[str, pa.Table]) -> pa.Table:
         else pa.array([], pa.bool_())
     )
     return rows.take(order.filter(last)).drop_columns(["rank", "real"]).combine_chunks()
+
+
+def _marks(newest: dict[str, pa.Table]) -> pa.Table:
+    """Which parts of trees are known, of all kinds of answers."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    rows = pa.concat_tables(
+        [found.select(["fullname", "post_id", "state"]) for found in newest.values()]
+    )
+    return rows.filter(pc.is_in(rows["state"], value_set=pa.array(MARKS)))
 
 
 def _differs(names: pa.Array) -> pa.Array:

@@ -28,7 +28,7 @@ from kb.core.verdict import Summary
 from kb.reddit import tree
 from kb.reddit.authors import Scrubber, load_key
 from kb.reddit.client import INFO, LISTED, ROOT, Client
-from kb.reddit.state import OUTSIDE, apply, crawled, outside
+from kb.reddit.state import OUTSIDE, apply, crawled, outside, unread_parts
 from kb.reddit.strip import without
 from kb.store import belonging
 from kb.store.frontier import Frontier, Item
@@ -160,6 +160,7 @@ class Crawl:
             crawled_in_all=in_all,
             missing=counts["tree"].get("skipped", 0) - left_out,
             failed=sum(counts[kind].get("error", 0) for kind in KINDS),
+            incomplete_posts=len(unread_parts(self.frontier)),
             pending=self.frontier.waiting("tree"),
             comments=self.comments,
             outside=left_out,

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 ROWS = 8_192
-KINDS = ("dumps", "info", "listings", "comments", "morechildren")
+# Of answers that are as old the later kind counts: a refresh (info) reads again what others brought.
+KINDS = ("dumps", "listings", "comments", "morechildren", "info")
+MARKS = READ, OPEN = "read", "open"  # states of rows that are no things: see `_marks`
 
 Row = dict[str, Any]
 
@@ -47,7 +49,7 @@ def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
     read = Reader(kind, links)
     waiting: list[Row] = []
     for line in lines:
-        waiting += read.envelope(line)
+        waiting += read.envelope(line, marks=True)
         if len(waiting) >= ROWS:
             yield to_table(waiting)
             waiting = []
@@ -63,8 +65,8 @@ class Reader:
         self._live = kind != "dumps"
         self._classify: Callable[[str], str] = link_classifier(links)
 
-    def envelope(self, line: bytes) -> list[Row]:
-        """The rows of one line. Raises DamagedData when it is no envelope."""
+    def envelope(self, line: bytes, *, marks: bool = False) -> list[Row]:
+        """The rows of one line, with `marks` those too. Raises DamagedData when it is no envelope."""
         try:
             envelope = msgspec.json.decode(line)
         except (msgspec.DecodeError, UnicodeDecodeError):
@@ -92,6 +94,8 @@ class Reader:
         known = {row["fullname"] for row in found}
         asked = asked_for(self._kind, params, status)
         found += [_row(name, post, "missing") for name, post in asked if name not in known]
+        if marks:
+            found += _marks(self._kind, envelope["response"], params, status)
         dump = (
             ""
             if self._live
@@ -180,6 +184,23 @@ def asked_for(kind: str, params: dict[str, Any], status: int) -> list[tuple[str,
     ):
         return [(f"t3_{params['article']}", str(params["article"]))]
     return []
+
+
+def _marks(kind: str, response: Any, params: dict[str, Any], status: int) -> Iterator[Row]:
+    """Rows that say which parts of a tree are known: `read` the page of a post or of a comment's
+    thread, `open` the comment whose replies are behind "continue this thread".
+    """
+    post = str(params.get("article") or tree.bare(params.get("link_id")))
+    if kind == "comments" and post and status in (200, 404, 410):  # what is gone has nothing unread
+        comment = params.get("comment")
+        yield _row(f"t1_{comment}" if comment else f"t3_{post}", post, READ)
+    if kind not in ("comments", "morechildren") or status != 200:
+        return
+    for thing in tree.things(response):
+        if thing.kind != "more" or not tree.is_continuation(thing.data):
+            continue
+        if thing.data["parent_id"].startswith("t1_"):
+            yield _row(thing.data["parent_id"], post, OPEN)
 
 
 def schema() -> pa.Schema:

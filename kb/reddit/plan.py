@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import math
-from datetime import timedelta
-from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from kb.core import clock
 from kb.core.context import Run
-from kb.core.errors import SettingError
 from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
 from kb.net.rate import is_loopback
 from kb.reddit.client import INFO, ROOT
 from kb.reddit.known import known
-from kb.reddit.refresh import due_parts
+from kb.reddit.refresh import due_parts, oldest_due
 from kb.reddit.state import PAGES
-from kb.reddit.wanted import read_wanted
+from kb.reddit.wanted import Ids, asked_for
 from kb.store import rawlog, reading, tombstones
 from kb.store.lock import writer
 
@@ -67,23 +63,19 @@ def plan_crawl(run: Run) -> Summary:
     return Summary(plan("reddit crawl", "reddit", phases, assumed))
 
 
-def plan_refresh(run: Run) -> Summary:
+def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
     """What a refresh would read again now. Reads all raw answers, under the writer's lock."""
-    oldest = clock.now() - timedelta(days=run.profile.section("reddit").max_age_days)
+    days = run.profile.section("reddit").max_age_days if older_than is None else older_than
+    oldest = oldest_due(days, older_than)
     with writer(run.root, "reddit"), known(run) as things:
         parts = due_parts(things, tombstones.keys(run.root, "reddit"), oldest, run.again)
         due = sum(pq.read_metadata(part).num_rows for part in parts)
     return Summary(_of_ids(run, "refresh reddit", [("posts and comments to refresh", due)]))
 
 
-def plan_rebuild(run: Run, ids: Path | None) -> Summary:
+def plan_rebuild(run: Run, ids: Ids) -> Summary:
     """What a reconstruction of these ids would ask for. Raises SettingError."""
-    source = ids or run.root / "release" / "reddit"
-    if not source.exists():
-        raise SettingError(
-            f"there is no {source}", hint="run `kb reddit export` first, or name a file with --ids"
-        )
-    wanted = read_wanted(source)
+    wanted, _ = asked_for(ids, run.root / "release" / "reddit")
     return Summary(
         _of_ids(
             run,

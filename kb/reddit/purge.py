@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from kb.core.context import Run
-from kb.reddit import tree
+from kb.reddit import threads, tree
 from kb.reddit.crossposts import drop_parents, repeats
 from kb.reddit.known import known
 from kb.reddit.places import settle
@@ -21,11 +21,13 @@ from kb.reddit.refresh import KIND as INFO
 from kb.reddit.state import apply
 from kb.reddit.strip import strip
 from kb.reddit.wanted import read_wanted
+from kb.schema import table
 from kb.store import lock, purge, tombstones
 from kb.store.frontier import Frontier
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope
 from kb.store.recorder import Recorder
+from kb.store.shards import check_columns, write_table
 
 BASES = ("clean/reddit", str(OUT))
 ROWS = (
@@ -87,6 +89,7 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
     """
     if ids:
         read_wanted(ids)
+    _check(run.root)
     with lock.writer(run.root, "reddit"):
         frontier = Frontier(run.root / "state" / "reddit.sqlite")
         try:
@@ -109,6 +112,30 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
         finally:
             frontier.close()
     return keys
+
+
+def _check(root: Path) -> None:
+    """Raise FatalError where tables are of an earlier version: rows can't be taken out of those."""
+    for base, hint in zip(
+        BASES, ("run `kb reddit filter`", "run `kb reddit reconstruct --again`"), strict=True
+    ):
+        for name in ("posts", "comments"):
+            parts = sorted((root / base / name).glob("*.parquet"))
+            check_columns(parts, table(f"reddit/{name}"), hint)
+
+
+def mend(root: Path, keys: Collection[str]) -> None:
+    """What rows say of other rows, after those of `keys` went: counts, missing parents, parts that failed."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    for path in sorted((root / "clean" / "reddit" / "failed").glob("*.parquet")):
+        rows = pq.read_table(path)
+        left = [key.partition("/")[0] not in keys for key in rows["key"].to_pylist()]
+        if not all(left):
+            write_table(path, rows.filter(pa.array(left, pa.bool_())), "shared/failed")
+    for base in BASES:
+        threads.count_again(root / base)
 
 
 def _strip(

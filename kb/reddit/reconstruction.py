@@ -3,7 +3,8 @@
 Known ids go through `info`, 100 full names a request, posts and comments together. Posts of the
 published `reddit.json` have no comment ids: their whole trees are read, with every nested reply.
 Answers wait in a work folder until every id is answered, so a run that was cut off asks again only
-for what was in flight; then tables are written and the work folder goes.
+for what was in flight; then they are added to the tables and the work folder goes. What other runs
+brought into the same folder stays (kb.reddit.earlier).
 
     out/posts/*.parquet  out/comments/*.parquet     the clean tables' columns, scores of models null
     out/missing.parquet                             key, reason: missing, deleted, removed, purged, forbidden, malformed, failed
@@ -12,24 +13,23 @@ for what was in flight; then tables are written and the work folder goes.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
-
-import msgspec
 
 from kb.core import vocabulary
 from kb.core.context import Run
 from kb.core.errors import FatalError, ItemFinal, KbError, LimitReached, Retryable
 from kb.core.progress import Task
 from kb.core.verdict import Summary
-from kb.reddit import tables
+from kb.reddit import earlier, tables
 from kb.reddit.client import INFO
 from kb.reddit.crawl import Crawl, Session, session
-from kb.reddit.wanted import Wanted, read_names, read_wanted, released_depths
-from kb.store.atomic import write_bytes
+from kb.reddit.wanted import Ids, Wanted, asked_for, released
+from kb.store.lock import writer
 
+LOCK = ".lock"  # in the folder of the tables: one run at a time adds to them
 OUT = Path("export", "reconstructed")  # below the data root
 
 
@@ -76,7 +76,7 @@ class Missing(NamedTuple):
 
 
 def reconstruct(
-    ids: Path | str | Iterable[str] | None = None,
+    ids: Ids = None,
     *,
     out: Path | str | None = None,
     run: Run | None = None,
@@ -85,7 +85,8 @@ def reconstruct(
 ) -> Iterator[Post | Comment | Missing]:
     """Typed rows of released ids, for a notebook: `for row in kb.reddit.reconstruct("posts-00000-of-00001.parquet"): …`
 
-    `ids`: a file or folder as for `--ids`, or full names; by default the data root's own release. `settings`
+    `ids`: a file or folder as for `--ids`, several of them, or full names; by default the data root's own
+    release. What `out` has already is added to, and comes as well. `settings`
     are names of kb.core.settings (`reddit_client_id="…"`, `kb_data="…"`); the environment and `.env` count
     as for the command. Everything is read first (cut off, the same call goes on), then posts, comments and
     what is missing come in order. Raises as `rebuild`.
@@ -109,49 +110,56 @@ def rows(out: Path) -> Iterator[Post | Comment | Missing]:
         yield Missing(row["key"], row["reason"])
 
 
-def rebuild(run: Run, ids: Path | str | Iterable[str] | None, out: Path) -> Summary:
-    """Read everything, write the tables. With `--again` a finished reconstruction is read anew.
+def rebuild(run: Run, ids: Ids, out: Path) -> Summary:
+    """Read everything, add it to the tables in `out`. With `--again` what was answered before is read anew.
 
     Raises SettingError (also where the tables would take the place of other files) and MissingCredential
-    before anything is sent (exit 2); LimitReached, Blocked,
-    Unreachable and Interrupted (exit 3; the same command goes on); CredentialRefused (exit 1).
+    before anything is sent (exit 2); LimitReached, Blocked, Unreachable and Interrupted (exit 3; the same
+    command goes on); CredentialRefused and WriterLocked (exit 1).
     """
     for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
         run.settings.need(name)
-    source = (
-        run.root / "release" / "reddit"
-        if ids is None
-        else Path(ids)
-        if isinstance(ids, (str, Path))
-        else None
-    )
-    wanted = read_names(ids, "ids") if source is None else read_wanted(source)
+    wanted, sources = asked_for(ids, run.root / "release" / "reddit")
     digest = wanted.digest()
     tables.check_place(out)
-    done, work = out / tables.DONE, out / f"{tables.WORK}{digest}"
-    if done.exists() and not run.again:
-        old = msgspec.json.decode(done.read_bytes())
-        if old.pop("ids", "") == digest and tables.are_whole(out, old):
+    with writer(out / LOCK, "reddit"):
+        earlier.settle(out)
+        done, work = earlier.load(out), out / f"{tables.WORK}{digest}"
+        if digest in done.answered and not run.again:
             shutil.rmtree(work, ignore_errors=True)
             run.progress.say(f"{out}: every id was answered before; --again reads them anew")
-            return Summary(**{**old, "requests": 0})
-    with session(run, work) as at:
-        job = Rebuild(at, wanted)
-        summary = job.run()
-        done.unlink(missing_ok=True)  # it tells of the tables that go now
-        try:
-            depths = released_depths(source) if source else None
-            counts = tables.write(
-                work, out, wanted, job.unanswered(), run.profile.section("reddit").links, depths
-            )
-        except KbError as error:
-            error.summary = summary
-            raise
-        summary |= counts
-    if not summary["failed"]:
-        write_bytes(done, msgspec.json.encode({**summary, "ids": digest}))
-        shutil.rmtree(work)
+            return Summary(**{**done.answered[digest], **_counts(out, done), "requests": 0})
+        with session(run, work) as at:
+            stale = earlier.begin(work, done)
+            job = Rebuild(at, wanted)
+            summary = job.run()
+            try:
+                answers = tables.Answers(
+                    work, wanted, job.unanswered(), released(sources), stale, at.gone
+                )
+                done.answered.pop(digest, None)
+                done.counts = tables.write(answers, out, run.profile.section("reddit").links)
+                done.writes += 1
+                summary |= _counts(out, done)
+            except KbError as error:
+                error.summary = summary
+                raise
+            earlier.wrote(work, done)
+        if not summary["failed"]:
+            done.answered[digest] = dict(summary)
+        earlier.save(out, done)
+        if not summary["failed"]:
+            shutil.rmtree(work)
     return summary
+
+
+def _counts(out: Path, done: earlier.Done) -> dict[str, int]:
+    """Rows of the tables as they are now; what failed is not `missing`, as it is asked for again."""
+    failed = sum(reason == "failed" for reason in earlier.missing(out).values())
+    return {
+        **{name: done.counts[name] for name in earlier.NAMES},
+        "missing": done.counts[earlier.MISSING] - failed,
+    }
 
 
 class Rebuild(Crawl):

@@ -21,6 +21,7 @@ from kb.reddit.client import INFO
 from kb.reddit.crawl import DOWN, Session, patient, session
 from kb.reddit.known import Known, known
 from kb.store.atomic import full_disk_is_resumable
+from kb.store.frontier import ROUND, going_on
 from kb.store.merge import Merge
 from kb.store.shards import PAGE
 
@@ -33,28 +34,46 @@ _MANY, _MOST = (
 _log = logging.getLogger("kb.reddit")
 
 
-def refresh(run: Run) -> Summary:
-    """Read again what is due; with --again also what was missing. Raises MissingCredential (exit 2), LimitReached, Blocked, Unreachable and
+def refresh(run: Run, older_than: int | None = None) -> Summary:
+    """Read again what is due; with --again also what was missing.
+
+    `older_than` days count instead of the profile's age (0: everything). What it found due is kept until it is
+    read, so the same command goes on where it stopped. Raises MissingCredential (exit 2), LimitReached, Blocked, Unreachable and
     Interrupted (exit 3; the same command goes on) and CredentialRefused, with the summary so far.
     """
     with session(run) as at:
         section = run.profile.section("reddit")
-        oldest = clock.now() - timedelta(days=section.max_age_days)
-        with (
-            known(run) as things,
-            closing(Merge(due_parts(things, at.gone, oldest, run.again), _ORDER, _ORDER)) as due,
-        ):
-            items = (
-                (row["fullname"], {"post": row["place"][1:]})
-                for rows in due
-                for row in rows.to_pylist()
-            )
-            total = at.frontier.replace(KIND, items)
-        return _read(run, at, total, section.max_age_days)
+        days = section.max_age_days if older_than is None else older_than
+        if run.again or not going_on(at.frontier, KIND, older_than):
+            _seek(run, at, oldest_due(days, older_than), older_than)
+        return _read(run, at, at.frontier.counts(KIND).get("todo", 0), days)
 
 
-def due_parts(things: Known, gone: Collection[str], oldest: datetime, again: bool) -> list[Path]:
-    """What is due of each share, with `again` what is missing as well.
+def oldest_due(days: int, older_than: int | None) -> datetime | None:
+    """What was read before is due; None means all that is there, also what was read this very second."""
+    return None if older_than == 0 else clock.now() - timedelta(days=days)
+
+
+def _seek(run: Run, at: Session, oldest: datetime | None, older_than: int | None) -> None:
+    """Put what is due into the frontier."""
+    with (
+        known(run) as things,
+        closing(Merge(due_parts(things, at.gone, oldest, run.again), _ORDER, _ORDER)) as due,
+    ):
+        items = (
+            (row["fullname"], {"post": row["place"][1:]})
+            for rows in due
+            for row in rows.to_pylist()
+        )
+        with at.frontier.transaction():
+            at.frontier.replace(KIND, items)
+            at.frontier.set_cursor(ROUND, older_than)
+
+
+def due_parts(
+    things: Known, gone: Collection[str], oldest: datetime | None, again: bool
+) -> list[Path]:
+    """What is due of each share, with `again` what is missing as well; without `oldest` all that is there.
 
     `place` is "0" or "1" and the post: posts first, then comments post by post.
     """
@@ -65,11 +84,10 @@ def due_parts(things: Known, gone: Collection[str], oldest: datetime, again: boo
     purged, parts = pa.array(sorted(gone), pa.string()), []
     by = [(name, "ascending") for name in _ORDER]
     for number, rows in enumerate(things):
+        before = pa.scalar(oldest, rows["fetched_at"].type)
+        # Without a bound, or a time of its own, everything counts as old.
         old = pc.or_(
-            pc.invert(rows["live"]),
-            pc.fill_null(
-                pc.less(rows["fetched_at"], pa.scalar(oldest, rows["fetched_at"].type)), True
-            ),
+            pc.invert(rows["live"]), pc.fill_null(pc.less(rows["fetched_at"], before), True)
         )
         # What is missing or was deleted by its author stays so; a removal may be taken back.
         here = pc.and_(rows["there"], pc.fill_null(pc.not_equal(rows["gone"], "deleted"), True))

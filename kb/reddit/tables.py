@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import re
+import shutil
 import zlib
+from collections.abc import Collection
 from contextlib import ExitStack
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kb.core.errors import SettingError
 from kb.core.profile.reddit import Links
-from kb.reddit import parse
+from kb.reddit import earlier, parse
 from kb.reddit.assemble import assemble, newest_of
-from kb.reddit.wanted import Wanted
+from kb.reddit.earlier import DONE, MISSING, NAMES
+from kb.reddit.threads import counted
+from kb.reddit.wanted import Released, Wanted
 from kb.schema.tables import Table, table
 from kb.store import database, rawlog
 from kb.store.atomic import full_disk_is_resumable, replacing_folder
@@ -23,8 +27,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 IDS = 200_000  # a bucket
-DONE, WORK, MISSING = ".done.json", ".work-", "missing.parquet"
-_NAMES = ("posts", "comments")
+WORK = ".work-"
 _PART = re.compile(r"part-\d{5,}\.parquet\Z")
 
 
@@ -33,7 +36,7 @@ def check_place(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise SettingError(f"--out {out} is no folder", hint="give a folder")
     ours = (out / DONE).exists() or (out / MISSING).exists() or any(out.glob(f"{WORK}*"))
-    for place in (out / name for name in _NAMES):
+    for place in (out / name for name in NAMES):
         there = (
             sorted(place.iterdir())
             if place.is_dir() and not place.is_symlink()
@@ -51,74 +54,108 @@ def check_place(out: Path) -> None:
             )
 
 
-def are_whole(out: Path, counts: dict[str, int]) -> bool:
-    """Whether the tables below `out` are all there, with so many rows."""
-    import pyarrow.parquet as pq
+class Answers(NamedTuple):
+    """What one run knows: `unanswered` full name → reason; `released` fills in what no answer says.
 
-    try:
-        for name in _NAMES:
-            parts = list((out / name).glob("*.parquet"))
-            if not parts or sum(pq.read_metadata(path).num_rows for path in parts) != counts[name]:
-                return False
-        return pq.read_metadata(out / MISSING).num_rows == counts["missing"]
-    except (OSError, ValueError, KeyError):
-        return False
-
-
-def write(
-    work: Path,
-    out: Path,
-    wanted: Wanted,
-    unanswered: dict[str, str],
-    links: Links,
-    depths: pa.Table | None = None,
-) -> dict[str, int]:
-    """posts/, comments/ and missing.parquet below `out`; how many rows each has (`missing` without those that failed).
-
-    Raises DamagedData, DiskFull.
-
-    `depths` (comment_id, depth) fills in where ancestors are gone.
+    `stale`: other runs have written the tables since these answers were read. `purged` are tombstones.
     """
 
-    buckets = 1 + (len(wanted.names) + 50 * len(wanted.trees)) // IDS
+    work: Path
+    wanted: Wanted
+    unanswered: dict[str, str]
+    released: Released
+    stale: bool = False
+    purged: Collection[str] = ()
+
+
+def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
+    """Add the answers to posts/, comments/ and missing.parquet below `out`; how many rows each has then.
+
+    Each table takes its place whole; killed between two of them, the same again ends the same.
+    Raises DamagedData, DiskFull.
+    """
+    wanted, work = answers.wanted, answers.work
+    size = len(wanted.names) + 50 * len(wanted.trees) + earlier.size(out)
+    buckets = 1 + size // IDS
+    spread = work / "rows"
     with full_disk_is_resumable(work), ExitStack() as folders:
-        spread = work / "rows"
+        shutil.rmtree(spread, ignore_errors=True)
+        spread.mkdir(parents=True)
         _spread(work, spread, buckets, links)
-        fresh = {name: folders.enter_context(replacing_folder(out / name)) for name in _NAMES}
-        counts = {"posts": 0, "comments": 0}
-        gone: dict[str, str] = {}
+        earlier.spread(out, spread, buckets)
+        gone = dict(answers.unanswered)
         for number in range(buckets):
-            newest = {
-                kind: _read(spread / kind / f"{number}.arrow")
-                for kind in parse.KINDS
-                if (spread / kind / f"{number}.arrow").exists()
-            }
-            if not newest:
-                continue
-            made = assemble(newest)
-            posts = made["reddit/posts"]
-            for name, rows in (
-                ("posts", posts),
-                ("comments", made["reddit/comments"]({"reddit/posts": posts})),
-            ):
-                kept = _sort(
-                    rows, table(f"reddit/{name}"), "t3_" if name == "posts" else "t1_", gone
-                )
-                if name == "comments" and depths is not None:
-                    kept = _deep(kept, depths)
-                if kept.num_rows:
-                    write_table(fresh[name] / f"part-{number:05d}.parquet", kept, f"reddit/{name}")
-                    counts[name] += kept.num_rows
-        for name in _NAMES:
-            if not counts[name]:
-                write_table(
-                    fresh[name] / "part-00000.parquet",
-                    table(f"reddit/{name}").arrow().empty_table(),
-                    f"reddit/{name}",
-                )
-        lost = _lost(spread, fresh, wanted, {**unanswered, **gone})
+            gone |= _answered(spread, number, answers)
+        gone |= dict.fromkeys(answers.purged, "purged")
+        why, out_of = earlier.reasons(earlier.missing(out), gone, stale=answers.stale)
+        for name in answers.purged:  # they go, but nobody asked for them
+            why.pop(name)
+        fresh = {name: folders.enter_context(replacing_folder(out / name)) for name in NAMES}
+        counts = _write_tables(spread, fresh, buckets, out_of)
+        lost = _lost(spread, fresh, wanted, why)
         write_table(out / MISSING, lost, "reddit/missing")
-    return {**counts, "missing": sum(reason != "failed" for reason in lost["reason"].to_pylist())}
+    return {**counts, MISSING: lost.num_rows}
+
+
+def _answered(spread: Path, number: int, answers: Answers) -> dict[str, str]:
+    """The rows of a bucket that this run got → `spread/new-<name>-<number>.arrow`; why others are not there."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    found = {
+        kind: _read(path)
+        for kind in parse.KINDS
+        if (path := spread / kind / f"{number}.arrow").exists()
+    }
+    if not found:
+        return {}
+    gone: dict[str, str] = {}
+    made = assemble(found)
+    posts = made["reddit/posts"]
+    for name, rows in (
+        ("posts", posts),
+        ("comments", made["reddit/comments"]({"reddit/posts": posts})),
+    ):
+        kept = _sort(rows, table(f"reddit/{name}"), "t3_" if name == "posts" else "t1_", gone)
+        if name == "posts":
+            # Of a post that was asked for by its id alone nobody looked for the rest of the tree.
+            trees = pc.is_in(kept["post_id"], pa.array(answers.wanted.trees, pa.string()))
+            unread = pc.if_else(trees, kept["comments_unread"], pa.scalar(None, pa.int64()))
+            kept = _put(kept, "comments_unread", unread)
+            kept = _filled(kept, "post_id", "comments_unread", answers.released.unread)
+        else:
+            kept = _filled(kept, "comment_id", "depth", answers.released.depths)
+        with pa.ipc.new_file(str(_new(spread, name, number)), kept.schema) as file:
+            file.write_table(kept)
+    return gone
+
+
+def _write_tables(
+    spread: Path, fresh: dict[str, Path], buckets: int, gone: Collection[str]
+) -> dict[str, int]:
+    """Old and new rows, bucket by bucket → part files; how many rows each table has."""
+    import pyarrow as pa
+
+    counts = dict.fromkeys(NAMES, 0)
+    for number in range(buckets):
+        whole = {}
+        for name in NAMES:
+            rows = table(f"reddit/{name}").arrow().empty_table()
+            if (path := _new(spread, name, number)).exists():
+                with pa.ipc.open_file(str(path)) as file:
+                    rows = file.read_all()
+            whole[f"reddit/{name}"] = earlier.merged(name, number, spread, rows, gone)
+        whole["reddit/comments"] = earlier.deep(whole["reddit/comments"])
+        for name, rows in counted(whole).items():
+            short = table(name).short
+            if rows.num_rows or not number:  # a first part even where there is nothing
+                write_table(fresh[short] / f"part-{number:05d}.parquet", rows, name)
+                counts[short] += rows.num_rows
+    return counts
+
+
+def _new(spread: Path, name: str, number: int) -> Path:
+    return spread / f"new-{name}-{number}.arrow"
 
 
 def _lost(
@@ -223,15 +260,18 @@ def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, str]) ->
     return kept.select(declared.names())
 
 
-def _deep(rows: pa.Table, depths: pa.Table) -> pa.Table:
+def _filled(rows: pa.Table, key: str, name: str, known: pa.Table | None) -> pa.Table:
+    """The column `name` where it is null from `known` (key, name)."""
     import pyarrow.compute as pc
 
-    known = depths["depth"].take(
-        pc.index_in(rows["comment_id"], value_set=depths["comment_id"].combine_chunks())
-    )
-    return rows.set_column(
-        rows.column_names.index("depth"), "depth", pc.coalesce(rows["depth"], known)
-    )
+    if known is None:
+        return rows
+    place = pc.index_in(rows[key], value_set=known[key].combine_chunks())
+    return _put(rows, name, pc.coalesce(rows[name], known[name].take(place)))
+
+
+def _put(rows: pa.Table, name: str, values: pa.ChunkedArray) -> pa.Table:
+    return rows.set_column(rows.column_names.index(name), name, values)
 
 
 def _reason(state: str, gone: str | None) -> str | None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,13 +16,16 @@ from kb.core.errors import SettingError
 if TYPE_CHECKING:
     import pyarrow as pa
 
+Ids = Path | str | Iterable[str | Path] | None
+"""A file or folder of ids, several of them, or full names; None: the data root's own release."""
+
 _NAME = re.compile(r"t[13]_[0-9a-z]{1,13}\Z")
 
 
 class Wanted(NamedTuple):
     """`names`: full names to ask for by `info`. `trees`: bare ids of posts whose whole trees are to be fetched."""
 
-    names: list[str] | Released
+    names: list[str] | Files | Several
     trees: list[str]
 
     def digest(self) -> str:
@@ -35,7 +39,20 @@ class Wanted(NamedTuple):
         return found.hexdigest()[:16]
 
 
-class Released:
+class Several:
+    """Full names of several sources, one after the other; a name may stand in more than one."""
+
+    def __init__(self, parts: Sequence[list[str] | Files]) -> None:
+        self._parts = parts
+
+    def __len__(self) -> int:
+        return sum(map(len, self._parts))
+
+    def __iter__(self) -> Iterator[str]:
+        return chain.from_iterable(self._parts)
+
+
+class Files:
     """Full names in Parquet files: read whenever they are iterated, never held. Raises SettingError."""
 
     def __init__(self, files: list[Path]) -> None:
@@ -56,6 +73,32 @@ class Released:
                     yield from (prefix + str(key) for key in batch.column(0).to_pylist())
 
 
+def asked_for(ids: Ids, release: Path) -> tuple[Wanted, list[Path]]:
+    """What is wanted, and the files and folders that it stands in. `ids` as for a reconstruction.
+
+    Without `ids` it is the data root's own `release`. Raises SettingError.
+    """
+    if ids is None:
+        if not release.is_dir():
+            raise SettingError(
+                f"there is no release to take ids from at {release}",
+                hint="name what to bring back, as in `kb reddit reconstruct --ids release/reddit`, "
+                "or make one first with `kb reddit export`",
+            )
+        return read_wanted(release), [release]
+    if isinstance(ids, (str, Path)):
+        return read_wanted(Path(ids)), [Path(ids)]
+    ids = list(ids)
+    paths = [one for one in ids if isinstance(one, Path)]
+    if not paths:
+        return read_names(ids, "ids"), []
+    found = [read_wanted(Path(one)) for one in ids]
+    if len(found) == 1:
+        return found[0], paths
+    trees = dict.fromkeys(key for one in found for key in one.trees)
+    return Wanted(Several([one.names for one in found]), list(trees)), [Path(one) for one in ids]
+
+
 def read_wanted(path: Path) -> Wanted:
     """The ids of a file in its order, without doubles but for Parquet. Raises SettingError (exit 2).
 
@@ -73,11 +116,11 @@ def read_wanted(path: Path) -> Wanted:
                     f"{path} holds no released posts or comments",
                     hint="give --ids FILE, or run `kb reddit export` first",
                 )
-            return _some(Released(files))
+            return _some(Files(files))
         with path.open("rb") as file:
             start = file.read(4)
         if start == b"PAR1":
-            return _some(Released([path]))
+            return _some(Files([path]))
         text = path.read_text(encoding="utf-8-sig")
         if path.suffix == ".json" or text.lstrip().startswith("["):
             return _published(path, text)
@@ -110,24 +153,45 @@ def read_names(lines: Iterable[str], where: str) -> Wanted:
     return _some(list(dict.fromkeys(found)))
 
 
-def released_depths(path: Path) -> pa.Table | None:
-    """(comment_id, depth) of released comments, None when the file has none: `info` gives no ancestors that are gone."""
+class Released(NamedTuple):
+    """What a release says of its rows and an answer by id can't: each (id, value), None where no file has it.
+
+    `depths` of comments whose ancestors may be gone by now; `unread` comments of posts.
+    """
+
+    depths: pa.Table | None
+    unread: pa.Table | None
+
+
+def released(sources: Sequence[Path]) -> Released:
+    """What the released tables among these files and folders say."""
+    return Released(
+        _column_of(sources, "comments", "comment_id", "depth"),
+        _column_of(sources, "posts", "post_id", "comments_unread"),
+    )
+
+
+def _column_of(sources: Sequence[Path], short: str, key: str, name: str) -> pa.Table | None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    files = sorted(path.glob("comments-*.parquet")) if path.is_dir() else [path]
+    files = [
+        file
+        for path in sources
+        for file in (sorted(path.glob(f"{short}-*.parquet")) if path.is_dir() else [path])
+    ]
     found = []
     for file in files:
         with file.open("rb") as opened:
             if opened.read(4) != b"PAR1":
                 continue
-        if {"comment_id", "depth"} <= set(pq.read_schema(file).names):
-            rows = pq.read_table(file, columns=["comment_id", "depth"])
-            found.append(rows.cast(pa.schema([("comment_id", pa.string()), ("depth", pa.int64())])))
+        if {key, name} <= set(pq.read_schema(file).names):
+            rows = pq.read_table(file, columns=[key, name])
+            found.append(rows.cast(pa.schema([(key, pa.string()), (name, pa.int64())])))
     return pa.concat_tables(found) if found else None
 
 
-def _some(names: list[str] | Released) -> Wanted:
+def _some(names: list[str] | Files) -> Wanted:
     if not len(names):
         raise SettingError(
             "there are no ids to ask for",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from kb.release.checksums import digest
 from kb.release.folders import Folder, Part, clean_files, released_tables
+from kb.release.gaps import gaps
 from kb.release.licences import KNOWN
 from kb.store import database
 from kb.store.reading import SANDBOX_MODEL, filtered
@@ -66,7 +67,10 @@ class TableFacts:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """All of a folder. `rejected` is (stage, reason) → rows; `spans` are dates of the material itself."""
+    """All of a folder. `rejected` is (stage, reason) → rows; `spans` are dates of the material itself.
+
+    `gaps` are sentences on what these very rows lack.
+    """
 
     source: str
     built: datetime
@@ -82,6 +86,7 @@ class Facts:
     models: tuple[tuple[str, str, str], ...]
     tombstones: int
     personal: dict[tuple[str, str], tuple[int, int, int]] = field(default_factory=dict)
+    gaps: tuple[str, ...] = ()
 
     @property
     def rows(self) -> int:
@@ -126,6 +131,7 @@ def measure(run: Run, folder: Folder) -> Facts:
         models=models(run.root, folder.source),
         tombstones=_tombstones(con, run.root, folder.source),
         personal=personal_counts(folder),
+        gaps=gaps(con, folder),
     )
     con.close()
     return facts

@@ -80,17 +80,16 @@ class Subreddit:
 
     @cached_property
     def posts(self) -> dict[str, dict[str, Any]]:
-        """Posts, oldest first."""
-        return {post["id"]: post for post in (self._post(n) for n in range(self.n_posts))}
+        """Posts, oldest first, with the number of their comments from the first answer on."""
+        found = {post["id"]: post for post in (self._post(n) for n in range(self.n_posts))}
+        self._threads = [self._thread(number, post) for number, post in enumerate(found.values())]
+        return found
 
     @cached_property
     def comments(self) -> dict[str, dict[str, Any]]:
         """All comments, parents before replies."""
-        found: dict[str, dict[str, Any]] = {}
-        for number, post in enumerate(self.posts.values()):
-            for comment in self._thread(number, post):
-                found[comment["id"]] = comment
-        return found
+        assert self.posts  # they come with their threads
+        return {comment["id"]: comment for thread in self._threads for comment in thread}
 
     @cached_property
     def replies(self) -> dict[str, list[str]]:

@@ -22,6 +22,7 @@ from kb.core.errors import DamagedData
 from kb.store.atomic import full_disk_is_resumable
 
 VERSION = 1
+ROUND = "refresh: older than"  # the cursor of a refresh that was asked for by --older-than
 _TABLES = """
 CREATE TABLE items (
   kind TEXT NOT NULL, key TEXT NOT NULL, seq INTEGER NOT NULL,
@@ -355,6 +356,13 @@ class Frontier:
             self._db.execute(
                 "INSERT OR REPLACE INTO offsets VALUES (?, ?, ?)", (kind, segment, offset)
             )
+
+
+def going_on(frontier: Frontier, kind: str, older_than: int | None) -> bool:
+    """Whether a refresh with this `--older-than` was stopped and left items: they are read before others are sought."""
+    if older_than is None or frontier.cursor(ROUND) != older_than:
+        return False
+    return frontier.ready(kind) > 0
 
 
 def _json(value: Any) -> str:

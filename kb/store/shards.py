@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from kb.core.errors import FatalError
 from kb.schema.conform import conform
 from kb.schema.tables import Table, table
 from kb.store.atomic import writing
@@ -146,6 +147,21 @@ def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any
         write_page_index=True,
         sorting_columns=marks if in_order else None,
     )
+
+
+def check_columns(parts: Sequence[Path], declared: Table, hint: str) -> None:
+    """Raise FatalError with `hint` where a table's parts lack a column: an earlier version wrote them."""
+    import pyarrow.parquet as pq
+
+    for path in parts[:1]:  # all parts of a table are written together
+        with reading([path]):
+            there = pq.read_schema(path).names
+        lacking = [name for name in declared.names() if name not in there]
+        if lacking:
+            raise FatalError(
+                f"{path.parent} was made by an earlier version: it has no column {lacking[0]}",
+                hint=hint,
+            )
 
 
 def sorted_shards(

@@ -37,12 +37,10 @@ def read_titles(path: Path) -> Titles:
 def read_names(path: Path, option: str, columns: tuple[str, ...]) -> Titles:
     """Titles and addresses of pages by lines, Parquet (the first of `columns` that it has) or JSON, ids where `columns` has them.
 
-    Underscores are spaces, as the wiki writes titles. Raises SettingError (exit 2).
+    A folder is that of a release: its pages. Underscores are spaces, as the wiki writes titles. Raises SettingError (exit 2).
     """
     try:
-        with path.open("rb") as file:
-            parquet = file.read(4) == b"PAR1"
-        found = _parquet(path, columns) if parquet else _text(path)
+        found = [entry for file in _files(path, option) for entry in _file(file, columns)]
     except OSError as error:
         raise SettingError(f"{option} {path} can't be read: {error.strerror or error}") from None
     except ValueError as error:
@@ -58,6 +56,24 @@ def read_names(path: Path, option: str, columns: tuple[str, ...]) -> Titles:
         if isinstance(entry, int):
             ids.add(name)
     return Titles(list(names), frozenset(ids), bad)
+
+
+def _files(path: Path, option: str) -> list[Path]:
+    """The file itself, or the shards of a release's folder that name pages."""
+    if not path.is_dir():
+        return [path]
+    if shards := sorted(path.glob("pages-*-of-*.parquet")):
+        return shards
+    raise SettingError(
+        f"{option} {path} holds no released pages",
+        hint=f"name the folder of a release, as in `{option} release/wiki`, or a file",
+    )
+
+
+def _file(path: Path, columns: tuple[str, ...]) -> Iterable[object]:
+    with path.open("rb") as file:
+        parquet = file.read(4) == b"PAR1"
+    return _parquet(path, columns) if parquet else _text(path)
 
 
 def _parquet(path: Path, columns: tuple[str, ...]) -> list[object]:

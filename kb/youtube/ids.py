@@ -16,11 +16,13 @@ _ID = re.compile(r"(?:^|[=/])([A-Za-z0-9_-]{11})(?:$|[?&#])")
 def read_ids(path: Path) -> tuple[list[str], int]:
     """(ids in the file's order without doubles, lines without one).
 
-    Lines (ids or addresses), a Parquet file with `video_id`, or MineDojo's JSON (objects with `id`).
-    Raises SettingError.
+    Lines (ids or addresses), a Parquet file with `video_id`, MineDojo's JSON (objects with `id`), or the folder
+    of a release. Raises SettingError.
     """
     try:
-        if path.suffix == ".parquet":
+        if path.is_dir():
+            values = [key for shard in _released(path) for key in _parquet(shard)]
+        elif path.suffix == ".parquet":
             values = _parquet(path)
         elif path.suffix == ".json":
             values = _minedojo(path)
@@ -47,6 +49,17 @@ def some_ids(path: Path) -> tuple[list[str], int]:
             hint="write one a line: 11 characters, or a video's address",
         )
     return found, bad_lines
+
+
+def _released(folder: Path) -> list[Path]:
+    """The shards of a release that name videos: its `videos`, else its `pairs`."""
+    for name in ("videos", "pairs"):
+        if shards := sorted(folder.glob(f"{name}-*-of-*.parquet")):
+            return shards
+    raise SettingError(
+        f"--ids {folder} holds no released videos or pairs",
+        hint="name the folder of a release, as in `--ids release/youtube`, or a file",
+    )
 
 
 def _parquet(path: Path) -> list[str]:

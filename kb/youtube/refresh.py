@@ -20,7 +20,7 @@ from kb.core.errors import ItemFinal, LimitReached, QuotaSpent, Retryable
 from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
 from kb.store import identity, lock, rawlog, tombstones
-from kb.store.frontier import Frontier
+from kb.store.frontier import ROUND, Frontier, going_on
 from kb.store.recorder import Recorder
 from kb.youtube import effects, parse
 from kb.youtube.api import GOOGLE, Api
@@ -53,9 +53,10 @@ def newest(root: Path) -> dict[str, str]:
     return found
 
 
-def plan_refresh(run: Run) -> Summary:
+def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
     """What a refresh would read again now, and its units. Sends and writes nothing."""
-    old = len(_old(run, run.profile.section("youtube"), tombstones.keys(run.root, "youtube")))
+    purged = tombstones.keys(run.root, "youtube")
+    old = len(_old(run, run.profile.section("youtube"), purged, older_than))
     calls = math.ceil(old / PACK)
     gb = calls * BYTES_A_CALL / 1e9
     phase = Phase("videos to refresh", old, requests=calls, units=calls, gb=gb)
@@ -63,24 +64,28 @@ def plan_refresh(run: Run) -> Summary:
     return Summary(plan("refresh youtube", "youtube", [phase], assumed))
 
 
-def _old(run: Run, profile: Any, purged: set[str]) -> list[str]:
-    """Ids of videos whose newest answer is older than the profile allows."""
-    oldest = clock.now() - timedelta(days=profile.max_age_days)
+def _old(run: Run, profile: Any, purged: set[str], older_than: int | None) -> list[str]:
+    """Ids of videos whose newest answer is older than `older_than` days, or than the profile allows."""
+    days = profile.max_age_days if older_than is None else older_than
+    oldest = clock.now() - timedelta(days=days)
     return [
         key
         for key, at in newest(run.root).items()
-        if clock.parse(at) < oldest and key not in purged
+        # With 0 days also what was read in this very second.
+        if (clock.parse(at) < oldest or older_than == 0) and key not in purged
     ]
 
 
-def refresh(run: Run) -> Summary:
+def refresh(run: Run, older_than: int | None = None) -> Summary:
     """Read the metadata of every video again whose newest answer is older than `max_age_days`.
 
-    One unit for 50 videos. Raises Stopped with `summary` when something is left.
+    `older_than` days count instead (0: everything). What it found due is kept until it is read, so the same
+    command goes on where it stopped. One unit for 50 videos. Raises Stopped with `summary` when something is left.
     """
     profile = run.profile.section("youtube")
     run.settings.need("youtube_api_key")
     run.settings.check_contact()
+    days = profile.max_age_days if older_than is None else older_than
     with ExitStack() as stack:
         stack.enter_context(lock.writer(run.root, "youtube"))
         identity.remember(
@@ -101,13 +106,18 @@ def refresh(run: Run) -> Summary:
                 Effects(profile, lambda rows: (), lambda key: True, purged),
             )
         )
-        old = _old(run, profile, purged)
-        frontier.remove(REFRESH, [key for key, *_ in frontier.items(REFRESH)])
-        frontier.add(REFRESH, old)
-        return _read(run, profile, frontier, recorder, len(old))
+        if not going_on(frontier, REFRESH, older_than):
+            old = _old(run, profile, purged, older_than)
+            with frontier.transaction():
+                frontier.replace(REFRESH, old)
+                frontier.set_cursor(ROUND, older_than)
+        left = frontier.counts(REFRESH).get("todo", 0)
+        return _read(run, profile, frontier, recorder, left, days)
 
 
-def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total: int) -> Summary:
+def _read(
+    run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total: int, days: int
+) -> Summary:
     before = frontier.requests()
     summary = Summary(
         command="refresh youtube",
@@ -122,7 +132,7 @@ def _read(run: Run, profile: Any, frontier: Frontier, recorder: Recorder, total:
         left_by={},
     )
     if not total:
-        run.progress.say(f"youtube: nothing is older than {profile.max_age_days} days")
+        run.progress.say(f"youtube: nothing is older than {days} days")
         return summary
     api, task = (
         Api(run.settings, profile, frontier, wait=run.wait),

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import kb.reddit
-from kb.core.errors import LimitReached, SettingError
+from kb.core.errors import LimitReached, SettingError, WriterLocked
 from kb.reddit.wanted import read_wanted
 from kb.sandbox.server import Sandbox
 from kb.sandbox.subreddit import _PEOPLE
@@ -296,8 +296,9 @@ def test_ids_with_a_byte_order_mark(tmp_path: Path) -> None:
 
 def test_without_a_release_or_ids_the_hint_names_both(work: Work) -> None:
     line = work.job().stopped("reddit", "reconstruct", code=2)
-    assert "release" in line
-    assert "--ids" in line
+    assert "`kb reddit reconstruct --ids release/reddit`" in line
+    assert "kb reddit export" in line
+    assert "No such file" not in line
     assert len(work.sandbox.ledger) == 0
 
 
@@ -323,3 +324,183 @@ def test_ids_of_released_tables_and_of_keys(tmp_path: Path) -> None:
     assert list(read_wanted(tmp_path / "c").names) == ["t1_a1", "t1_a2"]
     assert list(read_wanted(tmp_path / "p.parquet").names) == ["t3_p", "t3_q"]
     assert list(read_wanted(tmp_path / "k.parquet").names) == ["t3_p", "t1_a"]
+
+
+def shards(whole: Work, name: str) -> Path:
+    (path,) = released(whole).glob(f"{name}-*.parquet")
+    return path
+
+
+def missing(work: Work) -> dict[str, str]:
+    rows = pq.read_table(work.place / "out" / "missing.parquet").to_pylist()
+    return {row["key"]: row["reason"] for row in rows}
+
+
+def is_whole(whole: Work, far: Work) -> bool:
+    return all(
+        plain(rows(far.place / "out" / name)) == plain(whole.table("clean", "reddit", name))
+        for name in ("posts", "comments")
+    )
+
+
+def test_a_second_list_of_ids_adds_to_what_is_there(whole: Work, far: Work) -> None:
+    first = far.rebuild(shards(whole, "posts"))
+    assert first["comments"] == 0
+    second = far.rebuild(shards(whole, "comments"))
+    assert (second["posts"], second["missing"]) == (first["posts"], 0)
+    assert is_whole(whole, far)
+    since = len(far.sandbox.ledger)
+    for name in ("posts", "comments"):
+        assert far.rebuild(shards(whole, name))["requests"] == 0
+    assert len(far.sandbox.ledger) == since
+    assert is_whole(whole, far)
+
+
+def test_half_a_thread_after_the_other_has_its_depths(whole: Work, far: Work) -> None:
+    names = [f"t1_{row['comment_id']}" for row in whole.table("clean", "reddit", "comments")]
+    names += [f"t3_{row['post_id']}" for row in whole.table("clean", "reddit", "posts")]
+    for number in (1, 0):
+        ids = far.place / f"{number}.txt"
+        ids.parent.mkdir(parents=True, exist_ok=True)
+        ids.write_text("\n".join(names[number::2]))
+        far.rebuild(ids)
+    found = {row["comment_id"]: row for row in rows(far.place / "out" / "comments")}
+    for row in whole.table("clean", "reddit", "comments"):
+        # Without a release's depths they are known where no ancestor is gone.
+        assert found[row["comment_id"]]["depth"] in (None, row["depth"])
+        assert found[row["comment_id"]]["parent_in_release"] == row["parent_in_release"]
+    assert sum(row["depth"] is None for row in found.values()) < 60
+
+
+def test_ids_may_be_given_several_times(whole: Work, far: Work) -> None:
+    (far.place / "more.txt").parent.mkdir(parents=True, exist_ok=True)
+    (far.place / "more.txt").write_text("t3_nowhere")
+    words = ["--ids", str(far.place / "more.txt"), "--out", str(far.place / "out")]
+    for name in ("posts", "comments"):
+        words += ["--ids", str(shards(whole, name))]
+    summary = far.job().done("reddit", "reconstruct", *words)
+    assert summary["missing"] == 1
+    assert missing(far) == {"t3_nowhere": "missing"}
+    assert is_whole(whole, far)
+
+
+def test_what_is_removed_later_leaves_and_what_comes_back_is_not_missing(work: Work) -> None:
+    posts = [key for key, row in work.world.posts.items() if row.get("score")][:4]
+    ids, other = work.place / "ids.txt", work.place / "other.txt"
+    ids.write_text("\n".join(f"t3_{key}" for key in posts))
+    other.write_text(f"t3_{posts[0]}\nt3_{posts[1]}")
+    work.rebuild(ids)
+    work.world.removed.add(f"t3_{posts[0]}")
+    work.world.gone.add(f"t3_{posts[1]}")
+    summary = work.rebuild(other)
+    assert (summary["posts"], summary["missing"]) == (2, 2)
+    assert missing(work) == {f"t3_{posts[0]}": "removed", f"t3_{posts[1]}": "missing"}
+    title = work.world.posts[posts[0]]["title"]
+    assert title not in {row["title"] for row in rows(work.place / "out" / "posts")} - {
+        work.world.posts[key]["title"] for key in posts[2:]
+    }
+    assert {row["post_id"] for row in rows(work.place / "out" / "posts")} == set(posts[2:])
+    work.world.gone.clear()
+    work.rebuild(other, again=True)
+    assert missing(work) == {f"t3_{posts[0]}": "removed"}
+    assert len(rows(work.place / "out" / "posts")) == 3
+
+
+def test_what_only_failed_keeps_the_older_row(work: Work) -> None:
+    posts = list(work.world.posts)[:3]
+    ids = work.place / "ids.txt"
+    ids.write_text("\n".join(f"t3_{key}" for key in posts))
+    work.rebuild(ids)
+    fault = work.sandbox.faults.add("api/info", status=503, times=None)
+    summary = work.rebuild(ids, again=True)
+    assert (summary["posts"], summary["failed"], missing(work)) == (3, 3, {})
+    work.sandbox.faults.remove(fault)
+    assert work.rebuild(ids)["failed"] == 0
+
+
+def test_an_older_run_that_goes_on_undoes_no_removal(work: Work) -> None:
+    posts = list(work.world.posts)[:3]
+    ids, other = work.place / "ids.txt", work.place / "other.txt"
+    ids.write_text("\n".join(f"t3_{key}" for key in posts))
+    other.write_text(f"t3_{posts[0]}")
+    with pytest.raises(LimitReached):
+        work.rebuild(ids, limit=2)
+    work.world.removed.add(f"t3_{posts[0]}")
+    work.rebuild(other)
+    assert missing(work) == {f"t3_{posts[0]}": "removed"}
+    work.rebuild(ids)  # it has read the post before that
+    assert missing(work) == {f"t3_{posts[0]}": "removed"}
+    assert {row["post_id"] for row in rows(work.place / "out" / "posts")} == set(posts[1:])
+
+
+def test_killed_in_a_second_run_what_was_there_stays(whole: Work, far: Work) -> None:
+    far.rebuild(shards(whole, "posts"))
+    before = {path: path.read_bytes() for path in (far.place / "out").rglob("*.parquet")}
+    held = far.sandbox.faults.add("api/info", after=3, hold=True)
+    words = ["--ids", str(shards(whole, "comments")), "--out", str(far.place / "out")]
+    child = far.job().start("reddit", "reconstruct", *words)
+    assert held.arrived.wait(60)
+    child.send_signal(signal.SIGKILL)
+    child.communicate()
+    held.release()
+    assert {path: path.read_bytes() for path in before} == before
+    far.rebuild(shards(whole, "comments"))
+    assert is_whole(whole, far)
+
+
+@pytest.mark.parametrize("at", [1, 2, 3, 4])
+def test_killed_between_the_renames_nothing_is_lost(whole: Work, far: Work, at: int) -> None:
+    far.rebuild(shards(whole, "posts"))
+    code = (
+        "import os, signal\n"
+        "real, left = os.rename, [%d]\n"
+        "def rename(old, new):\n"
+        "    if '/out/' in str(new) and '.work' not in str(new):\n"
+        "        left[0] -= 1\n"
+        "        if not left[0]: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "    real(old, new)\n"
+        "os.rename = rename\n"
+        "from kb.__main__ import main\nmain()\n"
+    )
+    words = ["reddit", "reconstruct", "--ids", str(shards(whole, "comments"))]
+    words += ["--out", str(far.place / "out")]
+    job = far.job()
+    killed = subprocess.run(
+        [sys.executable, "-c", code % at, *words], cwd=job.place, env=job.env, capture_output=True
+    )
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    since = len(far.sandbox.ledger)
+    far.rebuild(shards(whole, "comments"))
+    assert len(far.sandbox.ledger.requests("api/info", since=since)) == 0
+    assert is_whole(whole, far)
+    assert missing(far) == {}
+
+
+def test_tables_of_an_earlier_version_are_added_to(whole: Work, far: Work) -> None:
+    far.rebuild(shards(whole, "posts"))
+    for path in (far.place / "out" / "posts").glob("*.parquet"):
+        rest = pq.read_table(path).drop_columns(["comments_released", "comments_unread"])
+        pq.write_table(rest, path)
+    (far.place / "out" / ".done.json").write_text('{"ids": "0", "posts": 3}')
+    far.rebuild(shards(whole, "comments"))
+    found = {row["post_id"]: row["comments_released"] for row in rows(far.place / "out" / "posts")}
+    assert found == {
+        row["post_id"]: row["comments_released"] for row in whole.table("clean", "reddit", "posts")
+    }
+
+
+def test_two_runs_do_not_write_to_one_folder(work: Work) -> None:
+    ids = work.place / "ids.txt"
+    ids.write_text(f"t3_{next(iter(work.world.posts))}")
+    held = work.sandbox.faults.add("api/info", hold=True)
+    child = work.job().start(
+        "reddit", "reconstruct", "--ids", str(ids), "--out", str(work.place / "out")
+    )
+    assert held.arrived.wait(60)
+    other = work.place / "other.txt"
+    other.write_text(f"t3_{list(work.world.posts)[1]}")
+    with pytest.raises(WriterLocked, match=str(child.pid)):
+        work.rebuild(other)
+    held.release()
+    child.communicate()
+    assert child.returncode == 0

@@ -116,6 +116,33 @@ def test_a_refresh_that_was_stopped_asks_only_for_the_rest(
     assert tiny.refresh()["crawled"] == 0
 
 
+def test_everything_may_be_read_again_now(tiny: Work) -> None:
+    """A removal request came in: what was read in this very second is due as well."""
+    tiny.filter()
+    there = {f"t3_{row['post_id']}" for row in tiny.table("clean", "reddit", "posts")}
+    since = len(tiny.sandbox.ledger)
+    tiny.world.removed.add(min(there))
+    with pytest.raises(LimitReached):
+        tiny.refresh(older_than=0, limit=30)
+    # The same command goes on with the rest, and the next one begins anew.
+    second = tiny.refresh(older_than=0)
+    names = asked(tiny, since)
+    assert there < set(names)
+    assert len(names) == len(set(names)) == 30 + second["crawled"]
+    assert tiny.refresh(older_than=0)["crawled"] == len(names)
+    tiny.filter()
+    left = {f"t3_{row['post_id']}" for row in tiny.table("clean", "reddit", "posts")}
+    assert there - left == {min(there)}
+
+
+def test_older_than_counts_days_instead_of_the_profile_s(
+    tiny: Work, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("KB_NOW", "2026-11-25T12:00:00Z")  # five days later
+    assert tiny.refresh()["crawled"] == tiny.refresh(older_than=6)["crawled"] == 0
+    assert tiny.job().done("refresh", "reddit", "--older-than", "4", KB_NOW=LATER)["crawled"] > 0
+
+
 def test_a_purge_leaves_no_trace_in_any_file(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
     world, posts = tiny.world, list(tiny.world.posts)
     text, image, link = (posts[CASES.index(case)] for case in ("text", "image", "link"))

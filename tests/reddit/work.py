@@ -74,8 +74,8 @@ class Work:
     def export(self, layout: str = "parquet") -> Summary:
         return pipeline.load(str(pipeline.locate("reddit"))).export(self.run(), layout)
 
-    def refresh(self, **options: Any) -> Summary:
-        return refresh(self.run(**options))
+    def refresh(self, older_than: int | None = None, **options: Any) -> Summary:
+        return refresh(self.run(**options), older_than)
 
     def rebuild(self, ids: Path | None = None, out: Path | None = None, **options: Any) -> Summary:
         return rebuild(self.run(**options), ids, out or self.place / "out")

@@ -108,7 +108,7 @@ def test_describe_after_a_purge_needs_no_gate(tmp_path: Path) -> None:
 
 
 def test_sample_is_bounded_and_whole_groups(tmp_path: Path) -> None:
-    build(tmp_path, sources=("reddit",), n=2500)
+    build(tmp_path, sources=("reddit",), n=5000)
     folder = find(tmp_path)[0]
     total = sum(path.stat().st_size for path in folder.data)
     written = sample.write(folder, total / 4 / 1e6)

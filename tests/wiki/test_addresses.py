@@ -96,6 +96,10 @@ def test_read_titles(tmp_path, make_rows):
     assert read_titles(lines)[::2] == (["Iron Ore", "Gold"], 0)
     pq.write_table(make_rows("wiki/pages", 3, released=True, title=["A", "B", "A"]), parquet)
     assert read_titles(parquet).names == ["A", "B"]
+    with pytest.raises(SettingError, match="holds no released pages"):
+        read_titles(tmp_path)
+    (tmp_path / "pages-00000-of-00001.parquet").write_bytes(parquet.read_bytes())
+    assert read_titles(tmp_path).names == ["A", "B"]
     minedojo.write_text(
         json.dumps(
             {

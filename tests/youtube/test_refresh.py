@@ -40,6 +40,28 @@ def test_what_is_too_old_is_read_again_fifty_a_unit(job: Job) -> None:
     ]
 
 
+def test_everything_may_be_read_again_now_and_goes_on_where_it_stopped(job: Job) -> None:
+    known = job.done(*CRAWL)["crawled"]
+    before = len(job.sandbox.ledger)
+    words = ("refresh", "youtube", "--older-than", "0")
+    assert job.done("refresh", "youtube", "--older-than", "1")["crawled"] == 0
+    assert job.done(*words, "--limit", "10", code=3)["crawled"] == 10
+    asked = [
+        key
+        for seen in job.sandbox.ledger.requests("/youtube/v3/videos", since=before)
+        for key in seen.args["id"].split(",")
+    ]
+    second = job.done(*words)
+    everything = [
+        key
+        for seen in job.sandbox.ledger.requests("/youtube/v3/videos", since=before)
+        for key in seen.args["id"].split(",")
+    ]
+    assert (len(asked), second["crawled"]) == (10, len(everything) - 10)
+    assert len(everything) == len(set(everything)) >= known
+    assert job.done(*words)["crawled"] == len(everything)
+
+
 def test_wait_sleeps_through_a_burst_and_ends_whole(job: Job) -> None:
     job.sandbox.faults.add(
         "/youtube/v3/videos",

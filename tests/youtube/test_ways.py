@@ -8,11 +8,15 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
+from kb.core.errors import SettingError
 from kb.sandbox import youtube
 from kb.sandbox.server import Sandbox, Server
 from kb.sandbox.world import World
+from kb.youtube.ids import read_ids
 from tests.youtube.job import Job, plain_units
 from tests.youtube.test_faults import CRAWL, check
 
@@ -136,6 +140,18 @@ def test_known_ids_alone_leave_no_search_behind(job: Job) -> None:
     check(job)
     assert "--again" in job.kb(*CRAWL, "--ids", str(file)).stderr
     assert "--again" not in job.kb(*CRAWL, "--ids", str(file), "--again").stderr
+
+
+def test_ids_of_a_release_s_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "release"
+    folder.mkdir()
+    with pytest.raises(SettingError, match="holds no released videos or pairs"):
+        read_ids(folder)
+    for number, key in enumerate(("aaaaaaaaaaa", "bbbbbbbbbbb")):
+        rows = pa.table({"video_id": [key], "title": ["t"]})
+        pq.write_table(rows, folder / f"videos-0000{number}-of-00002.parquet")
+    pq.write_table(pa.table({"video_id": ["ccccccccccc"]}), folder / "sample-videos.parquet")
+    assert read_ids(folder) == (["aaaaaaaaaaa", "bbbbbbbbbbb"], 0)
 
 
 def test_known_ids_skip_discovery(job: Job) -> None:

@@ -1,0 +1,105 @@
+"""How whole a thread is: what of a post's tree was not read, and what of it a table holds.
+
+What is unread follows from the raw answers alone, so that the same answers give the same tables on
+every machine: stubs whose comments never came, threads whose page was never answered, and what
+Reddit counts beyond what was read where the post's own page is not there.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kb.reddit.parse import OPEN, READ
+from kb.store.reading import reading
+from kb.store.shards import write_table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_NAMES = ("posts", "comments")
+
+
+def with_unread(posts: pa.Table, comments: pa.Table, marks: pa.Table) -> pa.Table:
+    """`posts` with the column `comments_unread`.
+
+    `comments` are the newest rows of things with `fullname, post_id, state, parent_id`; `marks` rows of
+    `fullname, post_id, state` as kb.reddit.parse makes them.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    read = marks["fullname"].filter(pc.equal(marks["state"], READ)).combine_chunks()
+    stubs = comments.filter(pc.equal(comments["state"], "stub"))
+    known = comments.filter(pc.is_in(comments["state"], pa.array(["there", "missing"])))
+    opened = marks.filter(pc.equal(marks["state"], OPEN))
+    # A dump may have brought the replies that no page was asked for.
+    for answered in (read, known["parent_id"].combine_chunks()):
+        opened = opened.filter(pc.invert(pc.is_in(opened["fullname"], answered)))
+    opened = opened.group_by(["fullname", "post_id"]).aggregate([])
+    told = pc.add(_count(posts, stubs), _count(posts, opened))
+    beyond = pc.subtract(posts["num_comments"], _count(posts, known))
+    whole = pc.and_(pc.is_in(posts["fullname"], read), pc.equal(told, 0))
+    unread = pc.if_else(whole, 0, pc.max_element_wise(told, beyond))
+    return posts.append_column("comments_unread", unread)
+
+
+def counted(kept: dict[str, pa.Table]) -> dict[str, pa.Table]:
+    """Kept posts and comments with `comments_released` and `parent_in_release`; both of the same posts."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    posts, comments = (kept.get(f"reddit/{name}") for name in _NAMES)
+    found = dict(kept)
+    if comments is not None:
+        ids = comments["comment_id"].combine_chunks()
+        parent = comments["parent_id"]
+        there = pc.is_in(pc.utf8_slice_codeunits(parent, 3), ids)
+        # Every comment's post is there: the stage `post` saw to it.
+        there = pc.or_(pc.starts_with(parent, "t3_"), there)
+        found["reddit/comments"] = _with(comments, "parent_in_release", there)
+    if posts is not None:
+        below = (
+            pa.chunked_array([pa.repeat(pa.scalar(0, pa.int64()), posts.num_rows)])
+            if comments is None
+            else _count(posts, comments)
+        )
+        found["reddit/posts"] = _with(posts, "comments_released", below)
+    return found
+
+
+def count_again(folder: Path) -> None:
+    """After rows were taken out of the tables below `folder`: their counts, part by part.
+
+    Parts of both tables with one number are of the same posts. A part that says the right thing stays
+    as it is.
+    """
+    import pyarrow.parquet as pq
+
+    for name in sorted({path.name for kind in _NAMES for path in _parts(folder / kind)}):
+        paths = {f"reddit/{kind}": folder / kind / name for kind in _NAMES}
+        paths = {kind: path for kind, path in paths.items() if path.exists()}
+        with reading(paths.values()):
+            old = {kind: pq.read_table(path, partitioning=None) for kind, path in paths.items()}
+        for kind, rows in counted(old).items():
+            if not rows.equals(old[kind]):
+                write_table(paths[kind], rows, kind)
+
+
+def _parts(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.glob("*.parquet") if not path.name.startswith("."))
+
+
+def _count(posts: pa.Table, below: pa.Table) -> pa.ChunkedArray:
+    """How many rows of `below` each post has."""
+    import pyarrow.compute as pc
+
+    sums = below.group_by("post_id").aggregate([([], "count_all")])
+    place = pc.index_in(posts["post_id"], sums["post_id"].combine_chunks())
+    return pc.fill_null(sums["count_all"].combine_chunks().take(place.combine_chunks()), 0)
+
+
+def _with(rows: pa.Table, name: str, values: pa.ChunkedArray) -> pa.Table:
+    if name in rows.column_names:
+        return rows.set_column(rows.column_names.index(name), name, values)
+    return rows.append_column(name, values)

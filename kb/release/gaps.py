@@ -1,0 +1,70 @@
+"""What a release lacks of what it is about, measured on its own rows: sentences for card and datasheet."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kb.store.reading import scan
+
+if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection
+
+    from kb.release.folders import Folder
+
+# The longest chain of comments that can be walked from a post, each by its parent.
+_WALK = """
+    WITH RECURSIVE walk(name, steps) AS (
+        SELECT 't1_' || comment_id, 0 FROM {c} WHERE starts_with(parent_id, 't3_')
+        UNION ALL
+        SELECT 't1_' || comment_id, steps + 1 FROM {c} JOIN walk ON parent_id = walk.name
+    )
+    SELECT max(steps) FROM walk"""
+
+
+def gaps(con: DuckDBPyConnection, folder: Folder) -> tuple[str, ...]:
+    """One sentence a gap. Only Reddit's tables say of themselves what is not in them."""
+    if folder.source != "reddit":
+        return ()
+    return tuple(sentence for sentence in (_threads(con, folder), _unread(con, folder)) if sentence)
+
+
+def _threads(con: DuckDBPyConnection, folder: Folder) -> str:
+    scan = _scan(folder, "comments")
+    if not scan:
+        return ""
+    total, cut, deepest = con.execute(
+        f"SELECT count(*), count(*) FILTER (NOT parent_in_release), max(depth) FROM {scan}"
+    ).fetchone() or (0, 0, None)
+    if not cut:
+        return ""
+    walked = (con.execute(_WALK.format(c=scan)).fetchone() or (None,))[0]
+    return (
+        f"Threads have gaps: {cut:,} of {total:,} comments answer one that was left out, because it was "
+        "deleted, removed, dropped by a filter or not to be had (`parent_in_release` is false). `depth` is "
+        f"the true one: the deepest comment is at {_at(deepest)}, the deepest that can be reached from its "
+        f"post along `parent_id` at {_at(walked)}."
+    )
+
+
+def _unread(con: DuckDBPyConnection, folder: Folder) -> str:
+    scan = _scan(folder, "posts")
+    if not scan:
+        return ""
+    posts, unread = con.execute(
+        f"SELECT count(*), sum(comments_unread) FROM {scan} WHERE comments_unread > 0"
+    ).fetchone() or (0, 0)
+    if not posts:
+        return ""
+    return (
+        f"{unread:,} comments of {posts:,} posts are known to exist and were not read, because the source "
+        "did not answer or was not asked for them (`comments_unread`)."
+    )
+
+
+def _scan(folder: Folder, short: str) -> str:
+    shards = [shard for part in folder.parts if part.table.short == short for shard in part.shards]
+    return scan(shards) if shards else ""
+
+
+def _at(depth: int | None) -> str:
+    return "none" if depth is None else f"{depth:,}"
