@@ -51,13 +51,15 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
     from kb.core.errors import KbError
     from kb.core.verdict import Summary
     from kb.filters.clean import texts
+    from kb.store.lock import taking
 
     run.profile.section(source)
     scorer = Scorer.open(run, source, precision and str(precision), str(device))
     if not scorer.on:
         return Summary(source=source, toxicity="off in the profile", scored=0)
     try:
-        counts = scorer.annotate(texts(run, source))
+        with taking(run.root, source):
+            counts = scorer.annotate(texts(run, source))
     except KbError as error:
         error.summary = Summary(source=source, precisions=scorer.scores.precisions())  # type: ignore[attr-defined, union-attr]
         raise

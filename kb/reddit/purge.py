@@ -18,10 +18,10 @@ from kb.reddit.known import known
 from kb.reddit.places import settle
 from kb.reddit.reconstruction import OUT
 from kb.reddit.refresh import KIND as INFO
-from kb.reddit.state import apply
+from kb.reddit.state import ASKED, apply
 from kb.reddit.strip import strip
 from kb.reddit.wanted import read_wanted
-from kb.store import lock, purge, tombstones
+from kb.store import lock, mending, purge, tombstones
 from kb.store.frontier import Frontier
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope
@@ -92,10 +92,11 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
         try:
             # What an import that was killed had not noted holds texts too; it reads them again.
             settle(run.root)
-            # Opening the recorder cuts torn frames, closes segments and takes in what was not read yet.
-            Recorder(run.root, "reddit", frontier, apply).close()
+            # Opening the recorder sets damage aside, closes segments and takes in what was not read yet.
+            Recorder(run.root, "reddit", frontier, apply, asked=ASKED, every=True).close()
             keys = purge.begin(run.root, "reddit", collect(run, ids))
             if keys:
+                mending.drop_asides(run.root, "reddit", frontier, keys, ())
                 crossposts: set[str] = set()
                 purge.rewrite_raw(
                     run.root, "reddit", keys.keys(), partial(_strip, crossposts), frontier

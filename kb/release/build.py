@@ -19,6 +19,7 @@ from kb.release.folders import TOMBSTONES, Folder
 from kb.release.licences import KNOWN, licence
 from kb.release.metadata import deposit
 from kb.store.atomic import write_text
+from kb.store.lock import RELEASES, taking
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,6 +31,11 @@ if TYPE_CHECKING:
 
 def release(run: Run) -> Summary:
     """Check and describe every exported folder. Raises ReleaseRefused with `.problems`."""
+    with taking(run.root, *RELEASES):
+        return _release(run)
+
+
+def _release(run: Run) -> Summary:
     found = exported(run)
     refuse(check.check(run, found))
     facts = [write(run, folder) for folder in found]

@@ -15,6 +15,7 @@ from kb.report.page import Section, page
 from kb.report.style import applied
 from kb.schema import table
 from kb.store.atomic import replacing_folder
+from kb.store.lock import taking
 from kb.store.reading import SANDBOX_MODEL, filtered
 
 if TYPE_CHECKING:
@@ -99,6 +100,11 @@ def report(run: Run) -> Summary:
         raise MissingExtra(
             f"figures need {', '.join(missing)}", hint="pip install 'lorebase[figures]'"
         )
+    with taking(run.root, "report"):
+        return _report(run)
+
+
+def _report(run: Run) -> Summary:
     with Data(run) as data:
         sections = [_section(run, data, source) for source in TITLES]
         cards = [

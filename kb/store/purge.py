@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
-import zstandard
 
 from kb.schema.tables import table
-from kb.store import lock, rawlog, tombstones
+from kb.store import lock, mending, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
@@ -52,14 +51,19 @@ def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:
 
 
 def finish(root: Path, source: str) -> None:
-    """Everything is done: nothing of it is left in the state, and the list is forgotten. Raises WriterLocked, DiskFull."""
+    """Everything is done: nothing of it is left in the state, and the list is forgotten.
+
+    Raises WriterLocked, DiskFull, and DamagedData where raw data could not be read in full: all that
+    could be read was purged.
+    """
     with lock.writer(root, source):
         frontier = Frontier(root / "state" / f"{source}.sqlite")
         try:
             frontier.forget()
+            _plan(root, source).unlink(missing_ok=True)
+            mending.tell(root, source, frontier)
         finally:
             frontier.close()
-        _plan(root, source).unlink(missing_ok=True)
 
 
 def unfinished(root: Path, source: str) -> bool:
@@ -72,8 +76,8 @@ def rewrite_raw(
 ) -> int:
     """Write raw segments again without the keys; how many envelopes changed.
 
-    Call it under the writer's lock, with every segment closed and taken into the frontier. A segment keeps its
-    name and place in the order; the new one takes the old one's place by a rename.
+    Call it under the writer's lock, with every segment closed, taken into the frontier, and rid of what can't
+    be read (a Recorder with `every`). A segment keeps its name and place in the order; the new one takes the old one's place by a rename.
     """
     changed = 0
     for kind in rawlog.kinds(root, source):
@@ -91,11 +95,14 @@ def _rewrite(path: Path, kind: str, keys: Collection[str], strip: Strip) -> int:
         for envelope in map(rawlog.decode, (line for _, line in rawlog.Frames(path)))
     ):
         return 0
-    changed, before = 0, 0
-    engine = zstandard.ZstdCompressor(level=3)
+    changed = 0
+    engine = rawlog.compressor()
     with writing(path) as temporary, path.open("rb") as old, temporary.open("wb") as fresh:
-        for after, line in rawlog.Frames(path):
-            envelope, frame, before = rawlog.decode(line), old.read(after - before), after
+        frames = rawlog.Frames(path)
+        for after, line in frames:
+            envelope = rawlog.decode(line)
+            old.seek(frames.start)
+            frame = old.read(after - frames.start)
             left = strip(kind, envelope, keys)
             changed += left is not envelope
             if left is envelope:

@@ -42,7 +42,7 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
         remember(run.root, "wiki", wiki=url)
         frontier = Frontier(run.root / "state" / "wiki.sqlite")
         try:
-            with Recorder(run.root, "wiki", frontier, state.apply) as recorder:
+            with Recorder(run.root, "wiki", frontier, state.apply, asked=state.ASKED) as recorder:
                 web = Web(run, url, section.hosts, section.seconds_between)
                 job = Crawl(
                     run=run,

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 from kb.core.context import Run
-from kb.store import lock, purge, rawlog, tombstones
+from kb.store import lock, mending, purge, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope
@@ -49,8 +49,8 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
     with lock.writer(run.root, "wiki"):
         frontier = Frontier(run.root / "state" / "wiki.sqlite")
         try:
-            # Opening the recorder cuts torn frames, closes segments and takes in what was not read yet.
-            Recorder(run.root, "wiki", frontier, state.apply).close()
+            # Opening the recorder sets damage aside, closes segments and takes in what was not read yet.
+            Recorder(run.root, "wiki", frontier, state.apply, asked=state.ASKED, every=True).close()
             gone = {
                 key: str(reason)
                 for key, _, reason, _ in frontier.items("pages", "skipped")
@@ -62,6 +62,7 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
             )
             keys.said = {"unknown": len(unknown), "bad_lines": bad} if ids else {}
             if keys:
+                mending.drop_asides(run.root, "wiki", frontier, keys, ("renders",))
                 _remove(run.root, frontier, keys)
             return keys
         finally:

@@ -20,6 +20,8 @@ TOO_LARGE = {
     "too_many_elements": "max_elements",
 }  # and what allows more in [wiki]
 
+ASKED = ("info", "pages", "files")  # what a crawl asks for
+
 
 def apply(frontier: Frontier, kind: str, envelope: Envelope) -> None:
     """Take one envelope into the frontier; idempotent."""

@@ -75,6 +75,7 @@ def refresh(run: Run) -> Summary:
                 "youtube",
                 frontier,
                 Effects(profile, lambda rows: (), lambda key: True, purged),
+                asked=effects.ASKED,
             )
         )
         old = [
