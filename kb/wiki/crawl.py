@@ -109,6 +109,7 @@ class Crawl(Job):
         for kind in ("info", "pages", "files"):
             self.frontier.reopen(kind, "error")
         state.reopen_larger(self.frontier, self.section)
+        state.reopen_moved(self.frontier, self.web.today)
         return number, tag
 
     def _work_left(self, wanted: list[str] | None) -> bool:

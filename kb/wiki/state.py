@@ -8,6 +8,7 @@ files       address        the original picture is fetched
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from kb.core.profile.wiki import Wiki
@@ -164,6 +165,18 @@ def reopen_larger(frontier: Frontier, section: Wiki) -> None:
         ):
             frontier.payload("pages", key, {**payload, "final": None})
             frontier.mark("pages", [key], "todo")
+
+
+def reopen_moved(frontier: Frontier, today: Callable[[str], str]) -> None:
+    """What was refused for its host and is reached at another address by now becomes todo again."""
+    for kind in ("pages", "files"):
+        moved = [
+            key
+            for key, _, reason, payload in frontier.items(kind, "skipped")
+            if reason == "other_host"
+            and today(address := (payload or {}).get("url") or key) != address
+        ]
+        frontier.mark(kind, moved, "todo")
 
 
 def _files(frontier: Frontier, envelope: Envelope) -> None:
