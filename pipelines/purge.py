@@ -30,6 +30,11 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
         return _purge(run, source, ids)
 
 
+def plan(run: Run, source: str, ids: Path | None) -> Summary:
+    """What would go, counted by table and folder. Changes nothing."""
+    return importlib.import_module(f"kb.{source}.purge").plan(run, ids)
+
+
 def _purge(run: Run, source: str, ids: Path | None) -> Summary:
     room = importlib.import_module(f"kb.{source}.purge")
     keys = room.purge_raw(run, ids)

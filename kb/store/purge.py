@@ -41,13 +41,19 @@ class Place(NamedTuple):
 
 def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:
     """Note what is to go (key → reason), together with what an unfinished purge left; its whole list."""
-    plan = _plan(root, source)
-    if plan.exists():
-        found = {**msgspec.json.decode(plan.read_bytes(), type=dict[str, str]), **found}
+    found = {**left_over(root, source), **found}
     if found:
-        write_bytes(plan, msgspec.json.encode(found, order="sorted"))
+        write_bytes(_plan(root, source), msgspec.json.encode(found, order="sorted"))
         tombstones.add(root, source, found.items())
     return found
+
+
+def left_over(root: Path, source: str) -> dict[str, str]:
+    """The list of a purge that was cut off, {} when none was."""
+    path = _plan(root, source)
+    if not path.exists():
+        return {}
+    return msgspec.json.decode(path.read_bytes(), type=dict[str, str])
 
 
 def finish(root: Path, source: str) -> None:

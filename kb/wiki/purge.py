@@ -12,7 +12,8 @@ from typing import Any
 import msgspec
 
 from kb.core.context import Run
-from kb.store import lock, mending, purge, rawlog, tombstones
+from kb.core.verdict import Summary
+from kb.store import lock, mending, purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope
@@ -51,11 +52,7 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
         try:
             # Opening the recorder sets damage aside, closes segments and takes in what was not read yet.
             Recorder(run.root, "wiki", frontier, state.apply, asked=state.ASKED, every=True).close()
-            gone = {
-                key: str(reason)
-                for key, _, reason, _ in frontier.items("pages", "skipped")
-                if reason in ("deleted", "moved")
-            }
+            gone = _gone(frontier)
             known, unknown, bad = _find(named, frontier, tombstones.keys(run.root, "wiki"))
             keys = Keys(
                 purge.begin(run.root, "wiki", gone | dict.fromkeys([*known, *unknown], "named"))
@@ -67,6 +64,28 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
             return keys
         finally:
             frontier.close()
+
+
+def plan(run: Run, ids: Path | None) -> Summary:
+    """What `kb purge wiki` would remove, counted. Changes nothing."""
+    named = read_names(ids, "--ids", ("page_id", "title")) if ids else Titles([], frozenset(), 0)
+    root = run.root
+    with purge_plan.state(root, "wiki") as frontier:
+        if frontier is None:
+            return purge_plan.plan(root, "wiki", {}, lambda kind, envelope, keys: envelope, ())
+        known, unknown, bad = _find(named, frontier, tombstones.keys(root, "wiki"))
+        keys = {**purge.left_over(root, "wiki"), **_gone(frontier), **dict.fromkeys(known, "named")}
+        counts = purge_plan.plan(root, "wiki", keys, _strip(root, frontier, keys), ROWS)
+    said = {"unknown": len(unknown), "bad_lines": bad} if ids else {}
+    return Summary(counts, **said)
+
+
+def _gone(frontier: Frontier) -> dict[str, str]:
+    return {
+        key: str(reason)
+        for key, _, reason, _ in frontier.items("pages", "skipped")
+        if reason in ("deleted", "moved")
+    }
 
 
 def _find(
@@ -94,13 +113,17 @@ def _find(
     return known, unknown, bad
 
 
-def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
-    strip = Strip(
+def _strip(root: Path, frontier: Frontier, keys: Collection[str]) -> Strip:
+    return Strip(
         keys,
         {payload["title"] for key, _, _, payload in frontier.items("pages") if key in keys}
         | {key for key in keys if not key.isdigit()},
         *_own_files(root, keys),
     )
+
+
+def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
+    strip = _strip(root, frontier, keys)
     for path in sorted(strip.paths):
         (root / path).unlink(missing_ok=True)
     for key in keys:

@@ -9,7 +9,8 @@ from pathlib import Path
 import msgspec
 
 from kb.core.context import Run
-from kb.store import lock, mending, purge, rawlog, tombstones
+from kb.core.verdict import Summary
+from kb.store import lock, mending, purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope, Request
@@ -42,6 +43,13 @@ class Keys(dict[str, str]):
 def collect(run: Run, named: Collection[str]) -> dict[str, str]:
     """What is to go: videos that the API no longer returns ("vanished"), and named ones ("named")."""
     return dict.fromkeys(vanished(run.root), "vanished") | dict.fromkeys(named, "named")
+
+
+def plan(run: Run, ids: Path | None) -> Summary:
+    """What `kb purge youtube` would remove, counted. Changes nothing."""
+    named, bad_lines = read_ids(ids) if ids else ([], 0)
+    counts = purge_plan.plan(run.root, "youtube", collect(run, named), strip, ROWS)
+    return Summary(counts, **({"bad_lines": bad_lines} if ids else {}))
 
 
 def vanished(root: Path) -> set[str]:
