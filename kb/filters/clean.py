@@ -162,7 +162,13 @@ def _damaged(job: Job, found: list[tuple[str, Path, int]]) -> DamagedData:
 def _suspect(run: Run, source: str, error: DamagedData) -> None:
     """Note damaged segments for the crawl, which is what to run."""
     paths = getattr(error, "paths", None) or [getattr(error, "path", None)]
-    found = [(path.parent.name, rawlog.base_name(path)) for path in paths if path is not None]
+    found = [
+        (path.parent.name, rawlog.base_name(path))
+        for path in paths
+        if path is not None and rawlog.damage(path, path.stat().st_size)
+    ]
+    if not found:
+        return  # whole, but not what the parser takes: no crawl would find anything to mend
     frontier = Frontier(run.root / "state" / f"{source}.sqlite")
     try:
         mending.suspect(frontier, found)

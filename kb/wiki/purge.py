@@ -15,6 +15,7 @@ from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.store import lock, mending, purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
+from kb.store.inside import is_inside
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope
 from kb.store.recorder import Recorder
@@ -148,7 +149,7 @@ def _own_files(root: Path, keys: Collection[str]) -> tuple[set[str], set[str]]:
         gone = str(answer["page_id"]) in keys
         mine[gone] |= {file["key"] for file in answer["files"]}
         folder = root / answer["folder"]
-        if (folder / "extraction.json.zst").exists():
+        if is_inside(root, answer["folder"]) and (folder / "extraction.json.zst").exists():
             sprites = tables.read_extraction(folder).get("sprites", {})
             paths[gone] |= {f"raw/wiki/images/{name}.png" for name in sprites.values()}
     files = mine[True] - mine[False]
@@ -156,7 +157,8 @@ def _own_files(root: Path, keys: Collection[str]) -> tuple[set[str], set[str]]:
         answer = envelope.response
         if answer.get("path"):
             paths[answer["key"] in files].add(answer["path"])
-    return files, paths[True] - paths[False]
+    # What lies elsewhere was not written by a crawl, whatever the data say, and is not ours to remove.
+    return files, {path for path in paths[True] - paths[False] if is_inside(root, path)}
 
 
 @dataclass
