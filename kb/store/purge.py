@@ -88,8 +88,10 @@ def rewrite_raw(
     changed = 0
     for kind in rawlog.kinds(root, source):
         for path in rawlog.segments(root, source, kind):
+            # Shorter soon: a state that knows more than there is would take it for lost. Killed
+            # before the last line, the segment is read again, which changes nothing.
+            frontier.set_offset(kind, rawlog.base_name(path), 0)
             changed += _rewrite(path, kind, keys, strip)
-            # Shorter now; what is behind the old offset must not be taken for unread, nor the other way round.
             frontier.set_offset(kind, rawlog.base_name(path), path.stat().st_size)
     return changed
 
