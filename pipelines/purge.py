@@ -15,28 +15,46 @@ import shutil
 from pathlib import Path
 
 from kb.core.context import Run
-from kb.core.errors import MissingExtra
+from kb.core.errors import DamagedData, MissingExtra
 from kb.core.verdict import Summary
+from kb.store import lock
 from kb.store import purge as store
 
 
 def purge(run: Run, source: str, ids: Path | None) -> Summary:
-    """Everything, in the order above. Cut off, the same command goes on."""
+    """Everything, in the order above, while nobody else writes what it touches.
+
+    Cut off, the same command goes on.
+    """
+    with lock.taking(run.root, *lock.of_purge(source)):
+        return _purge(run, source, ids)
+
+
+def plan(run: Run, source: str, ids: Path | None) -> Summary:
+    """What would go, counted by table and folder. Changes nothing."""
+    return importlib.import_module(f"kb.{source}.purge").plan(run, ids)
+
+
+def _purge(run: Run, source: str, ids: Path | None) -> Summary:
     room = importlib.import_module(f"kb.{source}.purge")
     keys = room.purge_raw(run, ids)
     said = getattr(keys, "said", {})
-    if not keys:
-        return Summary(command=f"purge {source}", source=source, purged=0, rows=0, scores=0, **said)
-    rows = store.drop_rows(run.root, room.ROWS, keys)
-    if hasattr(room, "mend"):
+    rows = store.drop_rows(run.root, room.ROWS, keys) if keys else 0
+    if keys and hasattr(room, "mend"):
         room.mend(run.root, keys)
-    scores = _scores(run, source)
-    _made(run, source)
-    store.finish(run.root, source)
+    scores = _scores(run, source) if keys else 0
+    if keys:
+        _made(run, source)
     purged = sum(reason != "post" for reason in keys.values()) - said.get("unknown", 0)
-    return Summary(
+    summary = Summary(
         command=f"purge {source}", source=source, purged=purged, rows=rows, scores=scores, **said
     )
+    try:
+        store.finish(run.root, source)
+    except DamagedData as error:
+        error.summary = summary
+        raise
+    return summary
 
 
 def _scores(run: Run, source: str) -> int:

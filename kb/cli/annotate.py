@@ -54,6 +54,7 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
     from kb.core.errors import KbError
     from kb.core.verdict import Summary
     from kb.filters.clean import texts
+    from kb.store.lock import taking
 
     run.profile.section(source)
     scorer = Scorer.open(run, source, precision and str(precision), str(device))
@@ -62,7 +63,8 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
             command=f"annotate {source}", source=source, scored=0, toxicity="off in the profile"
         )
     try:
-        counts = scorer.annotate(texts(run, source))
+        with taking(run.root, source):
+            counts = scorer.annotate(texts(run, source))
     except KbError as error:
         error.summary = Summary(
             command=f"annotate {source}", source=source, precisions=scorer.scores.precisions()

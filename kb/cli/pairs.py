@@ -58,10 +58,12 @@ def pairs(
     """
     from kb.core.errors import SettingError
     from kb.core.pipeline import load, locate
+    from kb.store.lock import taking
 
     pipeline = load(str(locate("pairs", run.pipeline)))
     if from_index is None:
-        return pipeline.pairs(run, format.value)
+        with taking(run.root, "pairs", "release-pairs"):
+            return pipeline.pairs(run, format.value)
     if format is not Format.parquet:
         raise SettingError("--from-index fills pairs/; it goes with no --format")
     if run.limit is not None or run.again:

@@ -23,26 +23,41 @@ Ids = Annotated[
     ),
 ]
 
+Plan = Annotated[
+    bool,
+    typer.Option("--plan", help="Count what would go, by table and folder; change nothing."),
+]
+
+
+def _purge(run: Run, source: str, ids: Path | None, plan: bool) -> Summary:
+    if not plan:
+        return pipeline(run, "purge").purge(run, source, ids)
+    counts = pipeline(run, "purge").plan(run, source, ids)
+    typer.echo("folder\twhat\tcount")
+    for line in counts["lines"]:
+        typer.echo(f"{line['folder']}\t{line['what']}\t{line['count']}")
+    return counts
+
 
 @command(
     app,
     uses=CLUSTER,
     needs_data=True,
-    examples=["kb purge youtube", "kb purge youtube --ids gone.txt"],
+    examples=["kb purge youtube", "kb purge youtube --ids gone.txt", "kb purge youtube --plan"],
 )
-def youtube(run: Run, ids: Ids = None) -> Summary:
+def youtube(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
     """Remove videos that vanished from YouTube, or are named, from every folder, and remember them."""
-    return pipeline(run, "purge").purge(run, "youtube", ids)
+    return _purge(run, "youtube", ids, plan)
 
 
 @command(app, uses=CLUSTER, needs_data=True, examples=["kb purge wiki --ids pages.txt"])
-def wiki(run: Run, ids: Ids = None) -> Summary:
+def wiki(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
     """Remove pages that the wiki deleted, or that are named, from every folder, and remember them.
 
     The file names pages by id, title or address, a line each, or is MineDojo's JSON. Names that nothing here bears
     are counted as unknown, and kept away from later crawls.
     """
-    return pipeline(run, "purge").purge(run, "wiki", ids)
+    return _purge(run, "wiki", ids, plan)
 
 
 @command(
@@ -51,6 +66,6 @@ def wiki(run: Run, ids: Ids = None) -> Summary:
     needs_data=True,
     examples=["kb purge reddit", "kb purge reddit --ids requests.txt"],
 )
-def reddit(run: Run, ids: Ids = None) -> Summary:
+def reddit(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
     """Remove posts and comments that were deleted or removed, or are named, and remember them."""
-    return pipeline(run, "purge").purge(run, "reddit", ids)
+    return _purge(run, "reddit", ids, plan)

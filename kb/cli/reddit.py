@@ -125,8 +125,10 @@ def export(
 ) -> Summary:
     """Write clean/reddit as the released tables, or in another layout."""
     from kb.core import pipeline
+    from kb.store.lock import taking
 
-    return pipeline.load(str(pipeline.locate("reddit", run.pipeline))).export(run, format.value)
+    with taking(run.root, "release-reddit"):
+        return pipeline.load(str(pipeline.locate("reddit", run.pipeline))).export(run, format.value)
 
 
 @command(

@@ -93,5 +93,7 @@ def export(
 ) -> Summary:
     """Write clean/wiki as the released tables with their pictures, or in another layout."""
     from kb.core.pipeline import load, locate
+    from kb.store.lock import taking
 
-    return load(str(locate("wiki", run.pipeline))).export(run, format.value)
+    with taking(run.root, "release-wiki"):
+        return load(str(locate("wiki", run.pipeline))).export(run, format.value)

@@ -101,5 +101,9 @@ def export(
 ) -> Summary:
     """Write clean/youtube as the released tables, or in another layout."""
     from kb.core import pipeline
+    from kb.store.lock import taking
 
-    return pipeline.load(str(pipeline.locate("youtube", run.pipeline))).export(run, format.value)
+    with taking(run.root, "release-youtube"):
+        return pipeline.load(str(pipeline.locate("youtube", run.pipeline))).export(
+            run, format.value
+        )

@@ -28,6 +28,7 @@ from kb.export.parquet import clean_parts
 from kb.export.wiki_tar import rows
 from kb.schema.tables import table
 from kb.store.atomic import replacing_folder
+from kb.store.inside import inside
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -90,7 +91,7 @@ def wiki(run: Run) -> Summary:
             taken.add(name.casefold())
             folder = fresh / name
             (folder / "images").mkdir(parents=True)
-            shutil.copyfile(run.root / page["screenshot_path"], folder / "screenshot.png")
+            shutil.copyfile(inside(run.root, page["screenshot_path"]), folder / "screenshot.png")
             key = page["page_id"]
             data = _data(run.root, folder, page, elements.of(key), cells.of(key), images.of(key))
             (folder / "data.json").write_bytes(orjson.dumps(data, option=orjson.OPT_INDENT_2))
@@ -206,7 +207,7 @@ def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
     """One picture with its file beside the page; None where the wiki could not give the file."""
     if not row["path"]:
         return None
-    source = root / row["path"]
+    source = inside(root, row["path"])
     name = source.name
     if row["media_type"] == "image/svg+xml":
         name = f"{row['sha256']}-{row['element_id']}.png"

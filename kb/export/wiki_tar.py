@@ -24,6 +24,7 @@ from kb.core.errors import DamagedData, FatalError
 from kb.core.verdict import Summary
 from kb.export import parquet
 from kb.schema.tables import table
+from kb.store.inside import inside
 from kb.store.merge import Merge
 
 if TYPE_CHECKING:
@@ -138,7 +139,7 @@ def _images(root: Path) -> Iterator[Sample]:
 
 
 def _sample(root: Path, name: str, path: str, about: dict[str, Any]) -> Sample:
-    file = root / path
+    file = inside(root, path)
     try:
         size = file.stat().st_size
     except OSError:

@@ -20,14 +20,15 @@ from typing import TYPE_CHECKING, Any
 
 from kb.core import pipeline, vocabulary
 from kb.core.engine import make_executor, map_in_order
-from kb.core.errors import CountMismatch, FatalError
+from kb.core.errors import CountMismatch, DamagedData, FatalError
 from kb.core.verdict import Summary, Tally
 from kb.filters.chain import VERDICTS, Clean
 from kb.filters.tasks import Job, parse_segment, removed_keys, sort_bucket, spec_of, texts_of
 from kb.schema.tables import table
-from kb.store import buckets, rawlog, tally, tombstones
+from kb.store import buckets, mending, rawlog, tally, tombstones
 from kb.store.atomic import replacing_folder, write_text
-from kb.store.lock import writer
+from kb.store.frontier import Frontier
+from kb.store.lock import of_clean, taking, writer
 from kb.store.shards import write_table
 
 if TYPE_CHECKING:
@@ -47,12 +48,17 @@ def run_clean(run: Run, source: str) -> Summary:
     spec = spec_of(job)
     key = spec.scorer.check(run, source) if spec.scorer is not None else ""
     _segments(run.root, spec)  # without any, nothing is written
-    with writer(run.root, source), _work(job) as work:
+    with taking(run.root, *of_clean(source)), _work(job) as work:
         segments = _segments(run.root, spec)
         tombstones.heal(run.root, source)
+        mending.check(run.root, source)
         job = job._replace(work=str(work), buckets=_buckets(run.root, spec, segments), scores=key)
         with make_executor(run.engine, run.workers, run.scheduler) as executor:
-            parsed = _parse(run, job, segments, executor)
+            try:
+                parsed = _parse(run, job, segments, executor)
+            except DamagedData as error:
+                _suspect(run, source, error)
+                raise
             if key and spec.scorer is not None:
                 spec.scorer.annotate(run, source, _texts(run, job, executor))
             with replacing_folder(run.root / "clean" / source) as fresh:
@@ -130,17 +136,49 @@ def _parse(run: Run, job: Job, segments: list[tuple[str, Path]], executor: Any) 
     """Counts of rows, and of unknown keys as "?<path>"."""
     total: Counter[str] = Counter()
     tasks = ((job, kind, str(path), place) for place, (kind, path) in enumerate(segments))
+    damaged: list[tuple[int, int]] = []  # segment, and the first byte that can't be read
     with run.progress.task(f"parse {job.source}", total=len(segments), unit="raw files") as task:
         for number, done in enumerate(
             map_in_order(executor, parse_segment, tasks, window=2 * run.workers)
         ):
             total["rows"] += done["rows"]
             total.update({f"?{path}": count for path, count in done["unknown"].items()})
-            if done["torn"]:
-                total["truncated_files"] += 1
-                run.progress.say(f"{segments[number][1]} is cut off: what is whole in it was read")
+            if done["damaged"] is not None:
+                damaged.append((number, done["damaged"]))
             task.advance(1, rows=total["rows"])
+    if damaged:
+        raise _damaged(job, [(*segments[number], at) for number, at in damaged])
     return total
+
+
+def _damaged(job: Job, found: list[tuple[str, Path, int]]) -> DamagedData:
+    _, path, at = found[0]
+    more = f" (and {len(found) - 1:,} more files)" if len(found) > 1 else ""
+    error = DamagedData(f"{path} is damaged at byte {at:,}{more}")
+    error.paths = [path for _, path, _ in found]  # type: ignore[attr-defined]
+    error.summary = Summary(source=job.source, truncated_files=len(found))
+    return error
+
+
+def _suspect(run: Run, source: str, error: DamagedData) -> None:
+    """Note damaged segments for the crawl, which is what to run."""
+    paths = getattr(error, "paths", None) or [getattr(error, "path", None)]
+    found = [
+        (path.parent.name, rawlog.base_name(path))
+        for path in paths
+        if path is not None and rawlog.damage(path, path.stat().st_size)
+    ]
+    if not found:
+        return  # whole, but not what the parser takes: no crawl would find anything to mend
+    frontier = Frontier(run.root / "state" / f"{source}.sqlite")
+    try:
+        mending.suspect(frontier, found)
+    finally:
+        frontier.close()
+    error.hint = (
+        f"run `kb {source} crawl`: it sets aside what can't be read"
+        " and asks again for what that held"
+    )
 
 
 def _texts(run: Run, job: Job, executor: Any) -> Iterator[pa.Array]:
@@ -255,7 +293,7 @@ def _summary(
         tally=found,
     )
     summary["duplicates"] = counts["duplicates"]
-    summary["truncated_files"] = parsed["truncated_files"]
+    summary["truncated_files"] = 0  # with any there is no summary of a filter: DamagedData has it
     summary["stages"] = {
         name.removeprefix("stage "): count
         for name, count in sorted(counts.items())

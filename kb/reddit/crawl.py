@@ -28,7 +28,7 @@ from kb.core.verdict import Summary
 from kb.reddit import tree
 from kb.reddit.authors import Scrubber, load_key
 from kb.reddit.client import INFO, LISTED, ROOT, Client
-from kb.reddit.state import OUTSIDE, apply, crawled, outside, unread_parts
+from kb.reddit.state import ASKED, OUTSIDE, apply, crawled, outside, unread_parts
 from kb.reddit.strip import without
 from kb.store import belonging
 from kb.store.frontier import Frontier, Item
@@ -97,7 +97,7 @@ def session(run: Run, place: Path | None = None) -> Iterator[Session]:
                 max_tries=section.max_tries,
                 say=run.progress.say,
             )
-            with Recorder(place, "reddit", frontier, apply) as recorder:
+            with Recorder(place, "reddit", frontier, apply, asked=ASKED) as recorder:
                 yield Session(run, frontier, recorder, client, Scrubber(load_key(run.root)))
         finally:
             frontier.close()

@@ -28,9 +28,9 @@ from kb.reddit.dumps import Chunk, Seen, chunks
 from kb.reddit.places import KIND, Place
 from kb.reddit.search import Search
 from kb.reddit.segments import Segments
-from kb.reddit.state import apply
+from kb.reddit.state import ASKED, apply
 from kb.reddit.strip import without
-from kb.store import belonging, rawlog
+from kb.store import belonging, mending, rawlog
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.frontier import Frontier
 from kb.store.identity import remember
@@ -75,7 +75,7 @@ def import_dumps(
         frontier = Frontier(run.root / "state" / "reddit.sqlite")
         try:
             places.settle(run.root)
-            Recorder(run.root, "reddit", frontier, apply).close()
+            Recorder(run.root, "reddit", frontier, apply, asked=ASKED).close()
             span = (since.timestamp() if since else 0.0, until.timestamp() if until else math.inf)
             root = str(run.root.absolute())
             jobs = [
@@ -84,6 +84,7 @@ def import_dumps(
             ]
             try:
                 found = _import(run, jobs)
+                mending.asked_again(frontier, imported=run.again)
             finally:
                 for path in rawlog.segments(run.root, "reddit", KIND):
                     frontier.set_offset(KIND, rawlog.base_name(path), path.stat().st_size)

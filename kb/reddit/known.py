@@ -45,12 +45,13 @@ class Known:
 
 
 @contextmanager
-def known(run: Run) -> Iterator[Known]:
-    """Everything that is known, in a folder that goes at the end. Call it under the writer's lock.
+def known(run: Run, folder: Path | None = None) -> Iterator[Known]:
+    """Everything that is known, in a folder that goes at the end. Call it under the writer's lock, or with a
+    `folder` elsewhere to read beside others.
 
     Stubs and things without an id are left out. Raises DamagedData, DiskFull and Interrupted.
     """
-    folder = run.root / "state" / ".reddit.known"
+    folder = folder or run.root / "state" / ".reddit.known"
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
     try:
         with (

@@ -7,22 +7,24 @@ their addresses hold its title. Replies to a purged comment stay.
 from __future__ import annotations
 
 import shutil
+import tempfile
 from collections.abc import Collection
 from functools import partial
 from pathlib import Path
 
 from kb.core.context import Run
+from kb.core.verdict import Summary
 from kb.reddit import threads, tree
 from kb.reddit.crossposts import drop_parents, repeats
 from kb.reddit.known import known
 from kb.reddit.places import settle
 from kb.reddit.reconstruction import OUT
 from kb.reddit.refresh import KIND as INFO
-from kb.reddit.state import apply
+from kb.reddit.state import ASKED, apply
 from kb.reddit.strip import strip
 from kb.reddit.wanted import read_wanted
 from kb.schema import table
-from kb.store import lock, purge, tombstones
+from kb.store import lock, mending, purge, purge_plan, tombstones
 from kb.store.frontier import Frontier
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope
@@ -48,7 +50,15 @@ ROWS = (
 )
 
 
-def collect(run: Run, ids: Path | None) -> dict[str, str]:
+def plan(run: Run, ids: Path | None) -> Summary:
+    """What `kb purge reddit` would remove, counted. Changes nothing."""
+    with tempfile.TemporaryDirectory(prefix="lorebase-plan-") as scratch:
+        found = collect(run, ids, Path(scratch, "known"))
+    crossposts: set[str] = set()
+    return purge_plan.plan(run.root, "reddit", found, partial(_strip, crossposts), ROWS)
+
+
+def collect(run: Run, ids: Path | None, scratch: Path | None = None) -> dict[str, str]:
     """What is to go and why: `deleted`, `removed`, `missing`, `named`, and `post` for comments of posts that go."""
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -57,7 +67,7 @@ def collect(run: Run, ids: Path | None) -> dict[str, str]:
     if ids:
         wanted = read_wanted(ids)
         found = dict.fromkeys([*wanted.names, *(f"t3_{key}" for key in wanted.trees)], "named")
-    with known(run) as things:
+    with known(run, scratch) as things:
         for rows in things:
             lost = rows.filter(pc.or_(pc.invert(rows["there"]), pc.is_valid(rows["gone"])))
             for name, reason in zip(
@@ -95,10 +105,11 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
         try:
             # What an import that was killed had not noted holds texts too; it reads them again.
             settle(run.root)
-            # Opening the recorder cuts torn frames, closes segments and takes in what was not read yet.
-            Recorder(run.root, "reddit", frontier, apply).close()
+            # Opening the recorder sets damage aside, closes segments and takes in what was not read yet.
+            Recorder(run.root, "reddit", frontier, apply, asked=ASKED, every=True).close()
             keys = purge.begin(run.root, "reddit", collect(run, ids))
             if keys:
+                mending.drop_asides(run.root, "reddit", frontier, keys, ())
                 crossposts: set[str] = set()
                 purge.rewrite_raw(
                     run.root, "reddit", keys.keys(), partial(_strip, crossposts), frontier

@@ -8,8 +8,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import zstandard
-
 from kb.reddit import places
 from kb.reddit.dumps import Seen, retrieved
 from kb.reddit.places import KIND, Place
@@ -26,7 +24,7 @@ class Segments:
         self._root, self._dump, self._name, self._most = root, file, name, size
         self._base = rawlog.folder(root, "reddit", KIND)
         self._base.mkdir(parents=True, exist_ok=True)
-        self._engine = zstandard.ZstdCompressor(level=3)
+        self._engine = rawlog.compressor()
         self._digest = hashlib.sha256()
         self._file: Any = None
 

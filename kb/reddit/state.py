@@ -18,6 +18,7 @@ from kb.store import reading
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 
+ASKED = ("listing", "tree", "more", "thread")  # what a crawl asks for
 PAGES = 10  # of 100: Reddit ends a listing at about 1,000
 OUTSIDE = (
     "outside --since/--until"  # not read by this crawl; one with another span, or none, reads it

@@ -17,6 +17,7 @@ from kb.release.licences import KNOWN
 from kb.release.metadata import deposit
 from kb.release.pages import card, citation, datasheet, law
 from kb.store.atomic import write_text
+from kb.store.lock import RELEASES, taking
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,6 +30,11 @@ if TYPE_CHECKING:
 
 def release(run: Run) -> Summary:
     """Check and describe every exported folder. Raises ReleaseRefused with `.problems`."""
+    with taking(run.root, *RELEASES):
+        return _release(run)
+
+
+def _release(run: Run) -> Summary:
     found = exported(run)
     refuse(check.check(run, found))
     facts = [write(run, folder) for folder in found]

@@ -23,7 +23,7 @@ from kb.release.measure import models
 from kb.release.metadata import Document
 from kb.release.problem import Problem
 from kb.store.atomic import write_text
-from kb.store.lock import writer
+from kb.store.lock import RELEASES, taking, writer
 from kb.store.reading import SANDBOX_MODEL
 
 if TYPE_CHECKING:
@@ -38,10 +38,15 @@ MOST_FILES, MOST_BYTES = 100, 50 * 10**9  # a record at Zenodo
 
 def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None = None) -> Summary:
     """Deposit every folder of release/. Raises ReleaseRefused, MissingCredential, CredentialRefused, Stopped."""
-    from kb.net.client import make_session
-
     token = run.settings.need("zenodo_token")
     endpoint = run.settings.kb_zenodo_endpoint or HOSTS[to]
+    with taking(run.root, *RELEASES):
+        return _publish(run, endpoint, token, publish, only)
+
+
+def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str] | None) -> Summary:
+    from kb.net.client import make_session
+
     found = [folder for folder in exported(run) if not only or folder.source in only]
     if not found:
         raise UsageError(

@@ -22,6 +22,7 @@ from kb.report.style import BLUE, GREEN, PURPLE, applied
 from kb.report.toxicity import toxicity
 from kb.schema import table
 from kb.store.atomic import replacing_folder
+from kb.store.lock import taking
 from kb.store.reading import SANDBOX_MODEL, filtered
 
 if TYPE_CHECKING:
@@ -121,6 +122,11 @@ def report(run: Run) -> Summary:
         raise MissingExtra(
             f"figures need {', '.join(missing)}", hint="pip install 'lorebase[figures]'"
         )
+    with taking(run.root, "report"):
+        return _report(run)
+
+
+def _report(run: Run) -> Summary:
     with Data(run) as data:
         sections = [_section(run, data, source) for source in TITLES]
         cards = [

@@ -70,8 +70,9 @@ def spread(
 ) -> dict[str, Any]:
     """Parse one segment and write `folder/<bucket>/<number>.arrow`.
 
-    Returns rows, unknown keys as they were seen, and whether a closed segment is cut off (its whole
-    frames are read). Raises DamagedData naming the segment when a line is no envelope.
+    Returns rows, unknown keys as they were seen, and the first byte that can't be read, if any (the
+    frames around it are read; the tail of an open segment doesn't count). Raises DamagedData naming
+    the segment when a line is no envelope.
     """
     import pyarrow as pa
 
@@ -94,9 +95,11 @@ def spread(
                     writers[bucket] = pa.ipc.new_file(str(path), part.schema, options=options)
                 writers[bucket].write_table(part)
     except DamagedData as error:
-        raise DamagedData(
+        named = DamagedData(
             f"{segment}: {error}", hint="move the file away, or copy it again from where it came"
-        ) from None
+        )
+        named.path = segment  # type: ignore[attr-defined]
+        raise named from None
     finally:
         if collecting:
             gc.enable()
@@ -105,8 +108,14 @@ def spread(
     return {
         "rows": rows,
         "unknown": dict(unknown),
-        "torn": frames.torn and not segment.name.endswith(".open"),
+        "damaged": _first_damaged(frames),
     }
+
+
+def _first_damaged(frames: Frames) -> int | None:
+    if frames.damaged:
+        return frames.damaged[0][0]
+    return frames.good if frames.torn and not frames.path.name.endswith(".open") else None
 
 
 def _lines(frames: Frames, name: str, unknown: Counter[str]) -> Iterator[bytes]:

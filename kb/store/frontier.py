@@ -75,6 +75,7 @@ class Frontier:
             with full_disk_is_resumable(path):
                 self._db.execute("PRAGMA journal_mode = WAL")
                 self._db.execute("PRAGMA synchronous = FULL")
+                self._db.execute("PRAGMA secure_delete = ON")  # what is removed leaves its page
                 self._prepare()
                 # Whatever was in flight when the last writer ended is asked again.
                 self._db.execute("UPDATE items SET status = 'todo' WHERE status = 'in_progress'")
@@ -349,6 +350,17 @@ class Frontier:
                 "SELECT offset FROM offsets WHERE kind = ? AND segment = ?", (kind, segment)
             ).fetchone()
         return 0 if row is None else int(row[0])
+
+    def offsets(self) -> dict[tuple[str, str], int]:
+        """How far each raw segment was taken in, by (kind, segment)."""
+        with self._lock:
+            rows = self._db.execute("SELECT kind, segment, offset FROM offsets").fetchall()
+        return {(kind, segment): int(offset) for kind, segment, offset in rows}
+
+    def drop_offset(self, kind: str, segment: str) -> None:
+        """Forget a raw segment that is no longer there."""
+        with self.transaction():
+            self._db.execute("DELETE FROM offsets WHERE kind = ? AND segment = ?", (kind, segment))
 
     def set_offset(self, kind: str, segment: str, offset: int) -> None:
         """Note how far a raw segment was taken in, in the transaction of its effects."""

@@ -1,4 +1,16 @@
-"""One writer per source and data root, held by the kernel, so that a crash frees it."""
+"""One lock for whatever writes or removes, held by the kernel, so that a crash frees it.
+
+    youtube wiki reddit    raw/, state/, annotations/ and clean/ of a source
+    pairs                  pairs/, state/pairs/
+    release-<source>       release/<source>/ and export/ of it; of `pairs` too
+    report                 report/
+    deposits               what was uploaded
+
+A command takes all that it writes, and what it reads whole (`pairs` and exports read clean/, so a
+filter and a purge take their locks as well), always in this order, so that no two wait for each
+other; nobody waits, a second command ends with one line. Single readers (`kb query`, `kb status`)
+take none. Whoever gets a lock sweeps what killed commands left there (kb.store.leftovers).
+"""
 
 from __future__ import annotations
 
@@ -9,13 +21,34 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import WriterLocked
+from kb.store import leftovers
 from kb.store.atomic import full_disk_is_resumable
+
+SOURCES = ("youtube", "wiki", "reddit")
+RELEASES = tuple(f"release-{name}" for name in (*SOURCES, "pairs"))
+ORDER = (*SOURCES, "pairs", *RELEASES, "report", "deposits")
+
+_taken: set[Path] = set()  # by `taking` of this process: its own steps may take them again
+
+
+def of_clean(source: str) -> tuple[str, ...]:
+    """What writing clean/<source> takes: the source's own lock and those of who reads it whole."""
+    return (source, *(("pairs",) if source == "youtube" else ()), f"release-{source}")
+
+
+def of_purge(source: str) -> tuple[str, ...]:
+    """What removing keys of a source takes: everything that is made of it."""
+    made = ("release-pairs",) if source == "youtube" else ()
+    return (*of_clean(source), *made, "report")
 
 
 @contextlib.contextmanager
-def writer(root: Path, source: str) -> Iterator[None]:
-    """Hold the right to write to a source. Raises WriterLocked naming the holder's pid."""
-    path = root / "state" / f"{source}.lock"
+def writer(root: Path, name: str) -> Iterator[None]:
+    """Hold the right to write, by a name above. Raises WriterLocked naming the holder's pid."""
+    path = root / "state" / f"{name}.lock"
+    if path.resolve() in _taken:
+        yield
+        return
     path.parent.mkdir(parents=True, exist_ok=True)
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
     try:
@@ -23,14 +56,35 @@ def writer(root: Path, source: str) -> Iterator[None]:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             holder = os.read(descriptor, 32).decode(errors="replace").strip() or "unknown"
+            what = name.replace("release-", "release/")
             raise WriterLocked(
-                f"another process (pid {holder}) writes to {source} in {root}",
+                f"another process (pid {holder}) writes to {what} in {root}",
                 hint="wait for it, or stop it; a second machine takes its own --data folder",
             ) from None
         with full_disk_is_resumable(path):
             os.ftruncate(descriptor, 0)
             os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+        leftovers.sweep(root, name)
         yield
         os.ftruncate(descriptor, 0)
     finally:
         os.close(descriptor)
+
+
+@contextlib.contextmanager
+def taking(root: Path, *names: str) -> Iterator[None]:
+    """Hold several, in their order; what is called meanwhile may take them again.
+
+    Nothing is taken, and nothing written, where there is no data root. Raises WriterLocked.
+    """
+    if not root.is_dir():
+        yield
+        return
+    with contextlib.ExitStack() as stack:
+        for name in sorted(set(names), key=ORDER.index):
+            path = (root / "state" / f"{name}.lock").resolve()
+            if path not in _taken:
+                stack.enter_context(writer(root, name))
+                _taken.add(path)
+                stack.callback(_taken.discard, path)
+        yield

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
-import zstandard
 
 from kb.schema.tables import table
-from kb.store import lock, rawlog, tombstones
+from kb.store import lock, mending, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
@@ -42,24 +41,35 @@ class Place(NamedTuple):
 
 def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:
     """Note what is to go (key → reason), together with what an unfinished purge left; its whole list."""
-    plan = _plan(root, source)
-    if plan.exists():
-        found = {**msgspec.json.decode(plan.read_bytes(), type=dict[str, str]), **found}
+    found = {**left_over(root, source), **found}
     if found:
-        write_bytes(plan, msgspec.json.encode(found, order="sorted"))
+        write_bytes(_plan(root, source), msgspec.json.encode(found, order="sorted"))
         tombstones.add(root, source, found.items())
     return found
 
 
+def left_over(root: Path, source: str) -> dict[str, str]:
+    """The list of a purge that was cut off, {} when none was."""
+    path = _plan(root, source)
+    if not path.exists():
+        return {}
+    return msgspec.json.decode(path.read_bytes(), type=dict[str, str])
+
+
 def finish(root: Path, source: str) -> None:
-    """Everything is done: nothing of it is left in the state, and the list is forgotten. Raises WriterLocked, DiskFull."""
+    """Everything is done: nothing of it is left in the state, and the list is forgotten.
+
+    Raises WriterLocked, DiskFull, and DamagedData where raw data could not be read in full: all that
+    could be read was purged.
+    """
     with lock.writer(root, source):
         frontier = Frontier(root / "state" / f"{source}.sqlite")
         try:
             frontier.forget()
+            _plan(root, source).unlink(missing_ok=True)
+            mending.tell(root, source, frontier)
         finally:
             frontier.close()
-        _plan(root, source).unlink(missing_ok=True)
 
 
 def unfinished(root: Path, source: str) -> bool:
@@ -72,14 +82,16 @@ def rewrite_raw(
 ) -> int:
     """Write raw segments again without the keys; how many envelopes changed.
 
-    Call it under the writer's lock, with every segment closed and taken into the frontier. A segment keeps its
-    name and place in the order; the new one takes the old one's place by a rename.
+    Call it under the writer's lock, with every segment closed, taken into the frontier, and rid of what can't
+    be read (a Recorder with `every`). A segment keeps its name and place in the order; the new one takes the old one's place by a rename.
     """
     changed = 0
     for kind in rawlog.kinds(root, source):
         for path in rawlog.segments(root, source, kind):
+            # Shorter soon: a state that knows more than there is would take it for lost. Killed
+            # before the last line, the segment is read again, which changes nothing.
+            frontier.set_offset(kind, rawlog.base_name(path), 0)
             changed += _rewrite(path, kind, keys, strip)
-            # Shorter now; what is behind the old offset must not be taken for unread, nor the other way round.
             frontier.set_offset(kind, rawlog.base_name(path), path.stat().st_size)
     return changed
 
@@ -91,11 +103,14 @@ def _rewrite(path: Path, kind: str, keys: Collection[str], strip: Strip) -> int:
         for envelope in map(rawlog.decode, (line for _, line in rawlog.Frames(path)))
     ):
         return 0
-    changed, before = 0, 0
-    engine = zstandard.ZstdCompressor(level=3)
+    changed = 0
+    engine = rawlog.compressor()
     with writing(path) as temporary, path.open("rb") as old, temporary.open("wb") as fresh:
-        for after, line in rawlog.Frames(path):
-            envelope, frame, before = rawlog.decode(line), old.read(after - before), after
+        frames = rawlog.Frames(path)
+        for after, line in frames:
+            envelope = rawlog.decode(line)
+            old.seek(frames.start)
+            frame = old.read(after - frames.start)
             left = strip(kind, envelope, keys)
             changed += left is not envelope
             if left is envelope:

@@ -3,8 +3,11 @@
     raw/<source>/<kind>/000001-1f2e3d4c.ndjson.zst         closed, never touched again
     raw/<source>/<kind>/000002-1f2e3d4c.ndjson.zst.open    being written
 
+    raw/<source>/<kind>/….ndjson.zst.damaged-<offset>      what could not be read, set aside
+
 A frame is on disk (fsync) before the frontier hears of it. A segment that SIGKILL cut off is
-cut back to its last whole frame when its writer starts again.
+cut back to its last whole frame when its writer starts again; what the state has committed is
+never cut (kb.store.mending).
 """
 
 from __future__ import annotations
@@ -12,20 +15,21 @@ from __future__ import annotations
 import os
 import re
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import msgspec
 import zstandard
 
 from kb.core.errors import DamagedData
 from kb.net import redact
-from kb.store.atomic import full_disk_is_resumable, sync_folder
+from kb.store.atomic import full_disk_is_resumable, sync_folder, write_bytes, writing
 
 SUFFIX = ".ndjson.zst"
 OPEN = SUFFIX + ".open"
 SEGMENT_BYTES = 64 << 20
+_MAGIC = b"\x28\xb5\x2f\xfd"
 _CHUNK = 1 << 16  # small, as the rest of a chunk is copied once for each frame in it
 
 
@@ -89,39 +93,98 @@ def decode(line: bytes) -> Envelope:
 
 
 class Frames:
-    """The whole frames of a segment, in order, as (offset behind the frame, line).
+    """The readable frames of a segment, in order, as (offset behind the frame, line).
 
-    After the iteration `good` is the offset behind the last whole frame and `torn` tells
-    whether bytes follow it. Works on a segment that is still being written.
+    What can't be read is passed over: reading goes on at the next whole frame. `start` is the
+    offset of the frame in hand. After the iteration `good` is the offset behind the last readable
+    frame, `torn` tells whether bytes follow it, and `damaged` lists the stretches (start, end)
+    between readable frames that hold none. With `checked` a frame whose line is no envelope counts
+    as damaged too. Works on a segment that is still being written.
     """
 
-    def __init__(self, path: Path, start: int = 0) -> None:
-        self.path, self.good, self.torn = path, start, False
+    def __init__(self, path: Path, start: int = 0, *, checked: bool = False) -> None:
+        self.path, self.start, self.good, self.torn = path, start, start, False
+        self.damaged: list[tuple[int, int]] = []
+        self._checked = checked
 
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
-        engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
+        at = self.good
         with self.path.open("rb") as file:
-            file.seek(self.good)
+            for start, end, line in _frames(file, at):
+                if self._checked and not _is_envelope(line):
+                    continue
+                if start > self.good:
+                    self.damaged.append((self.good, start))
+                self.start, self.good = start, end
+                yield end, line
+            self.torn = self.good < file.seek(0, os.SEEK_END)
+
+
+def _frames(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:
+    """(start, end, content) of every whole frame from `at` on, whatever lies between them."""
+    engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
+    file.seek(at)
+    rest = file.read(_CHUNK)
+    while rest:
+        found = _frame(engine, file, rest)
+        if found is None:
+            following = _next_frame(file, at + 1)
+            if following is None:
+                return
+            at = following
+            file.seek(at)
             rest = file.read(_CHUNK)
-            while rest:
-                frame, parts, used = engine.decompressobj(), [], 0
-                while rest:
-                    try:
-                        parts.append(frame.decompress(rest))
-                    except zstandard.ZstdError:
-                        self.torn = True
-                        return
-                    used += len(rest) - len(frame.unused_data)
-                    rest = frame.unused_data
-                    if frame.eof:
-                        break
-                    rest = file.read(_CHUNK)
-                if not frame.eof:
-                    self.torn = True
-                    return
-                self.good += used
-                yield self.good, b"".join(parts)
-                rest = rest or file.read(_CHUNK)
+            continue
+        content, used, rest = found
+        yield at, at + used, content
+        at += used
+        rest = rest or file.read(_CHUNK)
+
+
+def _frame(
+    engine: zstandard.ZstdDecompressor, file: BinaryIO, rest: bytes
+) -> tuple[bytes, int, bytes] | None:
+    """A frame that begins with `rest`: content, size, and what was read behind it; None: damaged."""
+    frame = engine.decompressobj()
+    parts, used = [], 0
+    while rest:
+        try:
+            parts.append(frame.decompress(rest))
+        except (zstandard.ZstdError, MemoryError):
+            return None
+        used += len(rest) - len(frame.unused_data)
+        rest = frame.unused_data
+        if frame.eof:
+            return b"".join(parts), used, rest
+        rest = file.read(_CHUNK)
+    return None
+
+
+def _next_frame(file: BinaryIO, at: int) -> int | None:
+    """The offset of the next bytes that may begin a frame, at `at` or behind it."""
+    file.seek(at)
+    held = b""
+    while chunk := file.read(_CHUNK):
+        held += chunk
+        place = held.find(_MAGIC)
+        if place >= 0:
+            return at + place
+        known = max(0, len(held) - len(_MAGIC) + 1)
+        at, held = at + known, held[known:]
+    return None
+
+
+def _is_envelope(line: bytes) -> bool:
+    try:
+        _decoder.decode(line)
+    except (msgspec.DecodeError, msgspec.ValidationError):
+        return False
+    return True
+
+
+def compressor() -> zstandard.ZstdCompressor:
+    """What makes frames; their checksum tells a changed bit that would still be an answer."""
+    return zstandard.ZstdCompressor(level=3, write_checksum=True)
 
 
 def folder(root: Path, source: str, kind: str) -> Path:
@@ -174,7 +237,7 @@ class Segment:
     def __init__(self, base: Path) -> None:
         base.mkdir(parents=True, exist_ok=True)
         self._base = base
-        self._compressor = zstandard.ZstdCompressor(level=3)
+        self._compressor = compressor()
         self._file: Any = None
         self.path: Path | None = None
         self.size = 0
@@ -227,9 +290,10 @@ class Segment:
 
 
 def recover(root: Path, source: str) -> list[str]:
-    """Cut torn frames off open segments and close them; names of what was cut.
+    """Cut torn frames off the ends of open segments and close them; names of what was cut.
 
-    Called under the writer's lock, before anything is written.
+    Called under the writer's lock, before anything is written, and after `kb.store.mending` took
+    out what had been committed and can't be read: only what no state knows is cut.
     """
     cut = []
     for kind in kinds(root, source):
@@ -250,3 +314,56 @@ def recover(root: Path, source: str) -> list[str]:
                 os.rename(path, path.with_name(path.name.removesuffix(".open")))
             sync_folder(path.parent)
     return cut
+
+
+def damage(path: Path, committed: int) -> list[tuple[int, int]]:
+    """The stretches (start, end) of a segment that hold no readable answer.
+
+    A torn tail of an open segment counts where it begins before `committed`, the offset that the
+    state knows; behind it nothing was promised.
+    """
+    frames = Frames(path, checked=True)
+    for _ in frames:
+        pass
+    found = list(frames.damaged)
+    if frames.torn and (not path.name.endswith(".open") or frames.good < committed):
+        found.append((frames.good, path.stat().st_size))
+    return found
+
+
+def aside_name(path: Path, start: int, end: int) -> str:
+    """The name of the file that gets the damaged bytes of a segment; no reader of raw takes it.
+
+    A file that has these bytes already, of a run that was killed, keeps them.
+    """
+    first = name = f"{base_name(path)}{SUFFIX}.damaged-{start}"
+    number = 1
+    with path.open("rb") as file:
+        file.seek(start)
+        data = file.read(end - start)
+    while (held := path.with_name(name)).exists() and held.read_bytes() != data:
+        number += 1
+        name = f"{first}-{number}"
+    return name
+
+
+def set_aside(path: Path, found: Sequence[tuple[int, int, str]]) -> None:
+    """Take stretches (start, end, name of the new file) out of a segment, which is written anew. Raises DiskFull."""
+    with path.open("rb") as file:
+        for start, end, name in found:
+            file.seek(start)
+            write_bytes(path.with_name(name), file.read(end - start))
+        with writing(path) as temporary, temporary.open("wb") as fresh:
+            at = 0
+            for start, end in [*((start, end) for start, end, _ in found), (None, None)]:
+                file.seek(at)
+                left = None if start is None else start - at
+                while chunk := file.read(_CHUNK if left is None else min(_CHUNK, left)):
+                    fresh.write(chunk)
+                    left = None if left is None else left - len(chunk)
+                at = end or at
+
+
+def asides(root: Path, source: str) -> list[Path]:
+    """What was set aside of a source's segments."""
+    return sorted((root / "raw" / source).glob(f"*/*{SUFFIX}.damaged-*"))

@@ -3,18 +3,19 @@
     ledger row (committed) → request → one frame, synced → frontier and offset in one transaction
 
 At start the raw tail past the known offset is replayed into the frontier by the same function
-that a live answer goes through, so nothing that was answered is asked again.
+that a live answer goes through, so nothing that was answered is asked again. What the state knows
+and the raw data have lost is (kb.store.mending).
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
 from kb.core import clock
-from kb.store import rawlog, tombstones
+from kb.store import mending, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope, Request, Segment
 
@@ -23,15 +24,33 @@ Apply = Callable[[Frontier, str, Envelope], None]
 
 
 class Recorder:
-    """Writes a source's answers. Make it under the source's writer lock; close it at the end."""
+    """Writes a source's answers. Make it under the source's writer lock; close it at the end.
 
-    def __init__(self, root: Path, source: str, frontier: Frontier, apply: Apply) -> None:
+    `asked`: the kinds of items that a crawl asks for. Raw data that are damaged or missing are set
+    aside, and what they held becomes to do again: DamagedData (exit 1) names them once. With
+    `every` all segments are looked into, and the caller says what was found by `mending.tell`.
+    """
+
+    def __init__(
+        self,
+        root: Path,
+        source: str,
+        frontier: Frontier,
+        apply: Apply,
+        *,
+        asked: Collection[str] = (),
+        every: bool = False,
+    ) -> None:
         self._root, self._source, self._frontier, self._apply = root, source, frontier, apply
         self._segments: dict[str, Segment] = {}
         self._lock = threading.Lock()
         tombstones.heal(root, source)
+        mending.take_out(root, source, frontier, every=every)
         self.cut = rawlog.recover(root, source)
         self.replayed = self._replay()
+        mending.look_up(root, source, frontier, apply, asked)
+        if not every:
+            mending.tell(root, source, frontier)
 
     def record(
         self,
@@ -62,6 +81,7 @@ class Recorder:
             for segment in self._segments.values():
                 segment.close()
             self._segments.clear()
+            mending.asked_again(self._frontier)
 
     def __enter__(self) -> Recorder:
         return self

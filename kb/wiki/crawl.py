@@ -44,7 +44,7 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
         remember(run.root, "wiki", wiki=url)
         frontier = Frontier(run.root / "state" / "wiki.sqlite")
         try:
-            with Recorder(run.root, "wiki", frontier, state.apply) as recorder:
+            with Recorder(run.root, "wiki", frontier, state.apply, asked=state.ASKED) as recorder:
                 web = Web(run, url, section.hosts, section.seconds_between)
                 job = Crawl(
                     run=run,
@@ -116,6 +116,7 @@ class Crawl(Job):
         for kind in ("info", "pages", "files"):
             self.frontier.reopen(kind, "error")
         state.reopen_larger(self.frontier, self.section)
+        state.reopen_moved(self.frontier, self.web.today)
         return number, tag
 
     def _work_left(self, wanted: list[str] | None) -> bool:

@@ -104,7 +104,8 @@ def _one(job: Job, item: Item, page: dict[str, Any]) -> dict[str, Any]:
     folder = job.run.root / "raw" / "wiki" / "images"
     inspect = partial(pictures.inspect, max_pixels=section.max_pixels)
     reason, value = "", None
-    for url in dict.fromkeys(filter(None, (info.get("url"), item.key, item.payload.get("src")))):
+    known = filter(None, (info.get("url"), item.key, item.payload.get("src")))
+    for url in dict.fromkeys(map(web.today, known)):
         if not web.allowed(url):
             reason, value = "robots", url
             continue

@@ -12,8 +12,10 @@ from typing import Any
 import msgspec
 
 from kb.core.context import Run
-from kb.store import lock, purge, rawlog, tombstones
+from kb.core.verdict import Summary
+from kb.store import lock, mending, purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
+from kb.store.inside import is_inside
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope
 from kb.store.recorder import Recorder
@@ -49,23 +51,42 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
     with lock.writer(run.root, "wiki"):
         frontier = Frontier(run.root / "state" / "wiki.sqlite")
         try:
-            # Opening the recorder cuts torn frames, closes segments and takes in what was not read yet.
-            Recorder(run.root, "wiki", frontier, state.apply).close()
-            gone = {
-                key: str(reason)
-                for key, _, reason, _ in frontier.items("pages", "skipped")
-                if reason in ("deleted", "moved")
-            }
+            # Opening the recorder sets damage aside, closes segments and takes in what was not read yet.
+            Recorder(run.root, "wiki", frontier, state.apply, asked=state.ASKED, every=True).close()
+            gone = _gone(frontier)
             known, unknown, bad = _find(named, frontier, tombstones.keys(run.root, "wiki"))
             keys = Keys(
                 purge.begin(run.root, "wiki", gone | dict.fromkeys([*known, *unknown], "named"))
             )
             keys.said = {"unknown": len(unknown), "bad_lines": bad} if ids else {}
             if keys:
+                mending.drop_asides(run.root, "wiki", frontier, keys, ("renders",))
                 _remove(run.root, frontier, keys)
             return keys
         finally:
             frontier.close()
+
+
+def plan(run: Run, ids: Path | None) -> Summary:
+    """What `kb purge wiki` would remove, counted. Changes nothing."""
+    named = read_names(ids, "--ids", ("page_id", "title")) if ids else Titles([], frozenset(), 0)
+    root = run.root
+    with purge_plan.state(root, "wiki") as frontier:
+        if frontier is None:
+            return purge_plan.plan(root, "wiki", {}, lambda kind, envelope, keys: envelope, ())
+        known, unknown, bad = _find(named, frontier, tombstones.keys(root, "wiki"))
+        keys = {**purge.left_over(root, "wiki"), **_gone(frontier), **dict.fromkeys(known, "named")}
+        counts = purge_plan.plan(root, "wiki", keys, _strip(root, frontier, keys), ROWS)
+    said = {"unknown": len(unknown), "bad_lines": bad} if ids else {}
+    return Summary(counts, **said)
+
+
+def _gone(frontier: Frontier) -> dict[str, str]:
+    return {
+        key: str(reason)
+        for key, _, reason, _ in frontier.items("pages", "skipped")
+        if reason in ("deleted", "moved")
+    }
 
 
 def _find(
@@ -93,13 +114,17 @@ def _find(
     return known, unknown, bad
 
 
-def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
-    strip = Strip(
+def _strip(root: Path, frontier: Frontier, keys: Collection[str]) -> Strip:
+    return Strip(
         keys,
         {payload["title"] for key, _, _, payload in frontier.items("pages") if key in keys}
         | {key for key in keys if not key.isdigit()},
         *_own_files(root, keys),
     )
+
+
+def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
+    strip = _strip(root, frontier, keys)
     for path in sorted(strip.paths):
         (root / path).unlink(missing_ok=True)
     for key in keys:
@@ -124,7 +149,7 @@ def _own_files(root: Path, keys: Collection[str]) -> tuple[set[str], set[str]]:
         gone = str(answer["page_id"]) in keys
         mine[gone] |= {file["key"] for file in answer["files"]}
         folder = root / answer["folder"]
-        if (folder / "extraction.json.zst").exists():
+        if is_inside(root, answer["folder"]) and (folder / "extraction.json.zst").exists():
             sprites = tables.read_extraction(folder).get("sprites", {})
             paths[gone] |= {f"raw/wiki/images/{name}.png" for name in sprites.values()}
     files = mine[True] - mine[False]
@@ -132,7 +157,8 @@ def _own_files(root: Path, keys: Collection[str]) -> tuple[set[str], set[str]]:
         answer = envelope.response
         if answer.get("path"):
             paths[answer["key"] in files].add(answer["path"])
-    return files, paths[True] - paths[False]
+    # What lies elsewhere was not written by a crawl, whatever the data say, and is not ours to remove.
+    return files, {path for path in paths[True] - paths[False] if is_inside(root, path)}
 
 
 @dataclass

@@ -80,7 +80,7 @@ def show_pages(job: Job, pool: Pool, api: Api) -> int:
 
 def _page(job: Job, pool: Pool, item: Item) -> dict[str, Any]:
     """All tries of one page: the answer to be recorded. Raises Stopped, MissingExtra."""
-    section, url = job.section, item.payload["url"]
+    section, url = job.section, job.web.today(item.payload["url"])
     answer: dict[str, Any] = {
         "page_id": int(item.key),
         "title": item.payload["title"],

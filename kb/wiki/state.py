@@ -8,6 +8,7 @@ files       address        the original picture is fetched
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from kb.core.profile.wiki import Wiki
@@ -19,6 +20,8 @@ TOO_LARGE = {
     "too_tall": "max_page_height",
     "too_many_elements": "max_elements",
 }  # and what allows more in [wiki]
+
+ASKED = ("info", "pages", "files")  # what a crawl asks for
 
 
 def apply(frontier: Frontier, kind: str, envelope: Envelope) -> None:
@@ -177,6 +180,18 @@ def crawled(frontier: Frontier) -> int:
     )
     pages = frontier.counts("pages")
     return pages.get("done", 0) + pages.get("skipped", 0) - gone + missing(frontier)
+
+
+def reopen_moved(frontier: Frontier, today: Callable[[str], str]) -> None:
+    """What was refused for its host and is reached at another address by now becomes todo again."""
+    for kind in ("pages", "files"):
+        moved = [
+            key
+            for key, _, reason, payload in frontier.items(kind, "skipped")
+            if reason == "other_host"
+            and today(address := (payload or {}).get("url") or key) != address
+        ]
+        frontier.mark(kind, moved, "todo")
 
 
 def _files(frontier: Frontier, envelope: Envelope) -> None:

@@ -11,6 +11,7 @@ import zstandard
 
 from kb.core.errors import DamagedData
 from kb.schema.tables import table
+from kb.store.inside import inside
 from kb.wiki import addresses
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
     ):
         found: Row = {}
         if folder is not None:
-            extraction = read_extraction(root / folder)
+            extraction = read_extraction(inside(root, folder))
             text = page_text(extraction["elements"])
             found = {name: measure(extraction["page"]) for name, measure in MEASURED.items()}
             found |= {

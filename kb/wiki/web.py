@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
-from urllib.parse import urlsplit
+from urllib.parse import urlsplit, urlunsplit
 
 from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable, Unreachable
@@ -47,6 +47,17 @@ class Web:
         self._files = Pace(0.0 if is_loopback(root) else min(pause, FILE_PAUSE))
         self._counting = threading.Lock()
         self.requests = 0
+
+    def today(self, url: str) -> str:
+        """An address of ours that was kept, as it is reached now.
+
+        Services on loopback come up on another port each time; of those the port of today's root
+        takes the place of the one that was noted. Other addresses stay as they are.
+        """
+        parts = urlsplit(url)
+        if parts.netloc in self._hosts or not (is_loopback(self._root) and is_loopback(url)):
+            return url
+        return urlunsplit(parts._replace(netloc=urlsplit(self._root).netloc))
 
     # -- robots ----------------------------------------------------------------------------------
 

@@ -81,7 +81,9 @@ def crawl(
         stack.callback(frontier.close)
         purged = tombstones.keys(run.root, "youtube")
         follow = Effects(profile, wanted, mine, purged)
-        recorder = stack.enter_context(Recorder(run.root, "youtube", frontier, follow))
+        recorder = stack.enter_context(
+            Recorder(run.root, "youtube", frontier, follow, asked=effects.ASKED)
+        )
         job = Job(run, frontier, recorder, _phases(only, ids))
         job.summary["bad_lines"] = bad_lines
         if ids:

@@ -28,6 +28,7 @@ SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH = (
     "transcripts",
     "refresh",
 )
+ASKED = (SEARCHES, UPLOADS, VIDEOS, TRANSCRIPTS)  # what a crawl asks for
 # raw kinds
 RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS = (
     "search",

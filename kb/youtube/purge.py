@@ -9,7 +9,8 @@ from pathlib import Path
 import msgspec
 
 from kb.core.context import Run
-from kb.store import lock, purge, rawlog, tombstones
+from kb.core.verdict import Summary
+from kb.store import lock, mending, purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope, Request
@@ -30,6 +31,8 @@ ROWS = (
     Place("pairs", "pairs/pairs", "video_id"),
 )
 
+EXACT = (effects.RAW_VIDEOS, effects.RAW_TRANSCRIPTS)  # raw kinds whose answers are of videos alone
+
 
 class Keys(dict[str, str]):
     """What a purge removes, key → reason; `said`: what its summary says besides."""
@@ -40,6 +43,13 @@ class Keys(dict[str, str]):
 def collect(run: Run, named: Collection[str]) -> dict[str, str]:
     """What is to go: videos that the API no longer returns ("vanished"), and named ones ("named")."""
     return dict.fromkeys(vanished(run.root), "vanished") | dict.fromkeys(named, "named")
+
+
+def plan(run: Run, ids: Path | None) -> Summary:
+    """What `kb purge youtube` would remove, counted. Changes nothing."""
+    named, bad_lines = read_ids(ids) if ids else ([], 0)
+    counts = purge_plan.plan(run.root, "youtube", collect(run, named), strip, ROWS)
+    return Summary(counts, **({"bad_lines": bad_lines} if ids else {}))
 
 
 def vanished(root: Path) -> set[str]:
@@ -66,17 +76,20 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
         stack.enter_context(lock.writer(run.root, "youtube"))
         frontier = Frontier(run.root / "state" / "youtube.sqlite")
         stack.callback(frontier.close)
-        # Opening the recorder cuts torn frames, closes segments and takes in what was not read yet.
+        # Opening the recorder sets damage aside, closes segments and takes in what was not read yet.
         known = tombstones.keys(run.root, "youtube")
         Recorder(
             run.root,
             "youtube",
             frontier,
             Effects(run.profile.section("youtube"), lambda rows: (), lambda key: True, known),
+            asked=effects.ASKED,
+            every=True,
         ).close()
         keys = Keys(purge.begin(run.root, "youtube", collect(run, named)))
         keys.said = {"bad_lines": bad_lines} if ids else {}
         if keys:
+            mending.drop_asides(run.root, "youtube", frontier, keys, EXACT)
             purge.rewrite_raw(run.root, "youtube", keys.keys(), strip, frontier)
             for kind in (VIDEOS, TRANSCRIPTS, REFRESH):
                 frontier.remove(kind, keys)

@@ -104,6 +104,7 @@ def refresh(run: Run, older_than: int | None = None) -> Summary:
                 "youtube",
                 frontier,
                 Effects(profile, lambda rows: (), lambda key: True, purged),
+                asked=effects.ASKED,
             )
         )
         if not going_on(frontier, REFRESH, older_than):

@@ -271,12 +271,15 @@ def test_unknown_keys_are_counted(root: Path) -> None:
     assert summary["unknown_keys"] == {"videos.items[].snippet.mood": 2, "videos.items[].aura": 1}
 
 
-def test_a_cut_off_segment_is_counted_and_read_as_far_as_it_is_whole(root: Path) -> None:
+def test_a_cut_off_segment_is_named_and_no_table_is_made_of_the_rest(root: Path) -> None:
     put(root, "videos", (MONDAY, {}, listing(video("whole"))), (MONDAY, {}, listing(video("half"))))
     path = rawlog.segments(root, "youtube", "videos")[-1]
     path.write_bytes(path.read_bytes()[:-9])
-    summary = run_clean(run_at(root), "youtube")
-    assert (summary["truncated_files"], summary["crawled"]) == (1, 22)
+    with pytest.raises(DamagedData, match=rf"{path.name} is damaged at byte \d+") as caught:
+        run_clean(run_at(root), "youtube")
+    assert "kb youtube crawl" in caught.value.hint
+    assert caught.value.summary == {"source": "youtube", "truncated_files": 1}
+    assert not (root / "clean" / "youtube").exists()
     # the tail of an open segment is the crawl's to cut, and nothing to worry about
     path.rename(path.with_name(path.name + ".open"))
     assert run_clean(run_at(root), "youtube")["truncated_files"] == 0

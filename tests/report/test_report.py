@@ -268,7 +268,7 @@ def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     for shot in shots:
         shot.unlink()
     path = tmp_path / "state" / "reddit.sqlite"
-    path.parent.mkdir()
+    path.parent.mkdir(exist_ok=True)
     path.write_text("garbage")
     with pytest.raises(DamagedData, match=r"reddit\.sqlite can't be read"):
         report(a_run(tmp_path))

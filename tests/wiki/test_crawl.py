@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -28,6 +29,7 @@ from kb.filters.clean import run_clean
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store import rawlog, tombstones
+from kb.store.frontier import Frontier
 from kb.wiki import chromium
 from kb.wiki.crawl import crawl
 
@@ -214,6 +216,37 @@ def test_limit_and_goes_on(make_run, tmp_path):
     ]
     assert crawl(dataclasses.replace(run, limit=None), names)["crawled"] == 2
     assert len(tables(run)["pages"]) == 3
+
+
+def test_services_on_other_ports_are_the_same_wiki(whole, run_on, programs, tmp_path):
+    """A stopped crawl of a sandbox goes on when it is up again; what was refused for the old port is looked at."""
+
+    def at(sandbox, **options):
+        run = run_on(tmp_path / "data", sandbox.servers["wiki"].url, **options)
+        off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
+        return dataclasses.replace(run, profile=run.profile.model_copy(update={"toxicity": off}))
+
+    with Sandbox(World(), services=["wiki"]) as first, pytest.raises(LimitReached):
+        crawl(at(first, limit=3))
+    frontier = Frontier(tmp_path / "data" / "state" / "wiki.sqlite")
+    # As an earlier version left it, and as a kill before the pictures does.
+    refused = [key for key, *_ in frontier.items("pages", "todo")][:4]
+    frontier.mark("pages", refused, "skipped", "other_host")
+    pictures = [key for key, *_ in frontier.items("files", "done")]
+    frontier.mark("files", pictures[:1], "skipped", "other_host")
+    frontier.mark("files", pictures[1:], "todo")
+    frontier.close()
+    assert pictures
+    with Sandbox(World(), services=["wiki"]) as second:
+        run = at(second)
+        summary = crawl(run)
+        assert (summary["crawled"], summary["rejected"], summary["failed"]) == (12, 0, 0)
+        assert summary["pictures_failed"] == 0
+
+    def without_ports(found):
+        return re.sub(r"127\.0\.0\.1:\d+", "wiki", repr(found))
+
+    assert without_ports(tables(run)) == without_ports(whole[2])
 
 
 def test_named_titles(make_run, tmp_path):

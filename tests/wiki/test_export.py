@@ -8,6 +8,7 @@ import json
 import tarfile
 
 import jsonschema
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
@@ -229,6 +230,28 @@ def test_minedojo_layout(run):
     assert data["tables"][0]["cells"]["text"] == ["c"]
     assert [image["caption"] for image in data["images"]] == ["a caption", ""]
     assert len(data["sprites"]) == 1
+
+
+@pytest.mark.parametrize(
+    "path", ["../secret.png", "raw/wiki/images/../../../../secret.png", "link"]
+)
+def test_no_path_in_data_leads_out_of_the_data_root(run, path):
+    secret = run.root.parent / "secret.png"
+    secret.write_bytes(b"somebody else's")
+    if path == "link":
+        path = "raw/wiki/images/aaaa.png"
+        (run.root / path).unlink()
+        (run.root / path).symlink_to(secret)
+    part = run.root / "clean" / "wiki" / "images" / "part-00000.parquet"
+    rows = pq.read_table(part)
+    paths = [
+        path if value == "raw/wiki/images/aaaa.png" else value for value in rows["path"].to_pylist()
+    ]
+    place = rows.column_names.index("path")
+    write_table(part, rows.set_column(place, "path", pa.array(paths, pa.string())), "wiki/images")
+    for write in (wiki_tar.export, minedojo_wiki.wiki):
+        with pytest.raises(DamagedData, match="which is not in"):
+            write(run)
 
 
 def test_nothing_to_export_and_lost_files(run, run_on, tmp_path):

@@ -224,13 +224,17 @@ def test_unknown_keys_and_cut_off_files_are_counted(root: Path) -> None:
         (MONDAY, told()),
     )
     last = rawlog.segments(root, "wiki", "titles")[-1]
-    last.write_bytes(last.read_bytes()[:-5])
+    whole = last.read_bytes()
+    last.write_bytes(whole[:-5])
+    with pytest.raises(DamagedData, match=f"{last.name} is damaged") as caught:
+        run_clean(run_at(root), "wiki")
+    assert caught.value.summary["truncated_files"] == 1
+    last.write_bytes(whole[: next(iter(rawlog.Frames(last)))[0]])
     summary = run_clean(run_at(root), "wiki")
     assert summary["unknown_keys"] == {
         "pages.query.pages[].mood": 1,
         "titles.query.allpages[].aura": 1,
     }
-    assert summary["truncated_files"] == 1
 
 
 def test_buckets_and_workers_change_no_row(

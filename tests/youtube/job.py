@@ -11,6 +11,7 @@ from typing import Any
 
 from kb.core.resources import folder
 from kb.sandbox.server import Sandbox
+from kb.store import rawlog
 from tests.cli.conftest import clean_environment
 
 NOW = "2026-11-20T12:00:00Z"
@@ -120,7 +121,7 @@ class Job:
         import zstandard
 
         found = []
-        for path in sorted((self.root / "raw" / "youtube" / kind).glob("*.ndjson.zst*")):
+        for path in rawlog.segments(self.root, "youtube", kind):
             with path.open("rb") as file:
                 text = (
                     zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True).read()

@@ -110,3 +110,23 @@ def test_a_purge_that_was_killed_goes_on(finished: Job) -> None:
     for key in named:
         assert traces(job, key) == set()
     assert not list((job.root / "state").glob("*.purge.json"))
+
+
+def test_a_plan_counts_and_changes_nothing(finished: Job) -> None:
+    """By table and folder, the same numbers as the purge; nothing is sent."""
+    job = finished
+    named = [row["video_id"] for row in job.rows("SELECT DISTINCT video_id FROM clean.pairs")][:2]
+    words = ("purge", "youtube", "--ids", ids_file(job, *named))
+    before, asked = job.digests(), len(job.sandbox.ledger)
+    plan = job.done(*words, "--plan")
+    assert job.digests() == before
+    assert len(job.sandbox.ledger) == asked
+    counts = {(line["folder"], line["what"]): line["count"] for line in plan["lines"]}
+    assert counts["clean/youtube/videos", "youtube/videos"] == 2
+    assert counts["release/youtube", "youtube/videos"] == 2
+    assert counts["raw/youtube/transcripts", "answers"] == 2
+    pairs = len(job.rows(f"SELECT 1 FROM clean.pairs WHERE video_id IN {tuple(named)}"))
+    assert counts["pairs", "pairs/pairs"] == counts["release/pairs", "pairs/pairs"] == pairs > 0
+    done = job.done(*words)
+    assert (done["purged"], done["rows"]) == (plan["purged"], plan["rows"] + plan["pairs"])
+    assert {line["folder"] for line in job.done(*words, "--plan")["lines"]} == {"export"}

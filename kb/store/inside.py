@@ -1,0 +1,25 @@
+"""Paths that stand in data are data: none names a place outside of the folder it belongs to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from kb.core.errors import DamagedData
+
+FILES = Path("raw", "wiki")  # where captured pages and pictures are, below the data root
+
+
+def is_inside(root: Path, path: str) -> bool:
+    """Whether `path`, relative to the data root, leads into raw/wiki, links resolved."""
+    base = (root / FILES).resolve()
+    return (root / path).resolve().is_relative_to(base)
+
+
+def inside(root: Path, path: str) -> Path:
+    """The place of `path`. Raises DamagedData where it is not in raw/wiki."""
+    if not is_inside(root, path):
+        raise DamagedData(
+            f"the wiki's data name {path!r}, which is not in {root / FILES}",
+            hint="the raw files that say so are not of a crawl: move them away",
+        )
+    return root / path

@@ -1,0 +1,255 @@
+"""Raw segments that can't be read in full: nothing good is cut, and what is lost is asked for again.
+
+    damaged bytes     set aside as `<segment>.ndjson.zst.damaged-<offset>`; the frames on both sides stay
+    missing, short    the state knows how far each segment was read, so it knows what is not there
+    what was in it    the state says what was answered; the raw data that are left say what still is
+
+Everything is noted in the state before a file changes, so that a run that is killed is finished
+by the next one. The command that finds damage ends with exit 1 and names it; the next crawl asks
+again, and until it has, `check` keeps filters from taking what is lost for what never was.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Collection, Iterable
+from pathlib import Path
+
+import msgspec
+
+from kb.core.errors import DamagedData
+from kb.store import rawlog
+from kb.store.frontier import Frontier
+from kb.store.rawlog import Envelope
+
+Apply = Callable[[Frontier, str, Envelope], None]
+DUMPS = "dumps"  # the one raw kind that no crawl can ask for: its files have to be imported again
+_LOST, _SUSPECTS = "lost", "suspects"  # cursors of the frontier
+_NAMED = 3  # items that a message names
+
+
+class Lost(msgspec.Struct):
+    """A stretch of a raw segment that is gone, `start` and `end` in bytes of the segment as it was.
+
+    `aside` is the name of the file beside it that has the bytes, "" where there are none. `items`
+    are the (kind, key) of what the state says was answered and no raw answer shows any more, None
+    until that was looked up. `told`: an error has named it.
+    """
+
+    kind: str
+    segment: str
+    start: int
+    end: int
+    aside: str = ""
+    items: list[tuple[str, str]] | None = None
+    told: bool = False
+
+
+def suspect(frontier: Frontier, found: Iterable[tuple[str, str]]) -> None:
+    """Note (kind, segment) for the next command that writes raw data to look into."""
+    known = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [])}
+    frontier.set_cursor(_SUSPECTS, sorted(known | set(found)))
+
+
+def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False) -> None:
+    """Set aside what can't be read, and note what is missing or short.
+
+    Looked into are open segments, those that the state does not know in full, suspects, and with
+    `every` all of them. Call it under the writer's lock, before open segments are closed. Raises DiskFull.
+    """
+    suspects = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [])}
+    suspects |= {(lost.kind, lost.segment) for lost in _load(frontier) if lost.items is None}
+    known = frontier.offsets()
+    for kind in rawlog.kinds(root, source):
+        for path in rawlog.segments(root, source, kind):
+            name, size = rawlog.base_name(path), path.stat().st_size
+            committed = known.pop((kind, name), 0)
+            sure = committed == size and not path.name.endswith(".open")
+            if committed > size:
+                with frontier.transaction():
+                    _note(frontier, [Lost(kind, name, size, committed)])
+                    frontier.set_offset(kind, name, size)
+                committed = size
+            if every or not sure or (kind, name) in suspects:
+                _take_out_of(path, kind, committed, frontier)
+    for (kind, name), committed in known.items():
+        with frontier.transaction():
+            _note(frontier, [Lost(kind, name, 0, committed)] if committed else [])
+            frontier.drop_offset(kind, name)
+    frontier.set_cursor(_SUSPECTS, None)
+
+
+def _take_out_of(path: Path, kind: str, committed: int, frontier: Frontier) -> None:
+    name = rawlog.base_name(path)
+    if not (found := rawlog.damage(path, committed)):
+        return
+    named = [(start, end, rawlog.aside_name(path, start, end)) for start, end in found]
+    with frontier.transaction():
+        _note(frontier, [Lost(kind, name, *stretch) for stretch in named])
+        # Killed before the last line, the whole segment is read again, which changes nothing.
+        frontier.set_offset(kind, name, 0)
+    rawlog.set_aside(path, named)
+    gone = sum(max(0, min(end, committed) - start) for start, end in found)
+    frontier.set_offset(kind, name, max(0, committed - gone))
+
+
+def look_up(
+    root: Path, source: str, frontier: Frontier, apply: Apply, asked: Collection[str]
+) -> None:
+    """Find out what was in the stretches that are lost, and make it to do again.
+
+    The state is built once more out of the raw data that are left; what it had as answered and
+    that one has not is lost. `asked` are the kinds of items that a crawl asks for.
+    """
+    found = _load(frontier)
+    if all(lost.items is not None for lost in found):
+        return
+    scratch = root / "state" / f".{source}.rebuilt"
+    shutil.rmtree(scratch, ignore_errors=True)
+    rebuilt = Frontier(scratch / "state.sqlite")
+    try:
+        with rebuilt.transaction():
+            for kind in rawlog.kinds(root, source):
+                for envelope in rawlog.read(root, source, kind):
+                    apply(rebuilt, kind, envelope)
+        items = [
+            (kind, key)
+            for kind in asked
+            for key, *_ in frontier.items(kind, "done", "skipped")
+            if (rebuilt.get(kind, key) or ("",))[0] not in ("done", "skipped")
+        ]
+        with frontier.transaction():
+            for kind, key in items:
+                held = rebuilt.get(kind, key)
+                if held is not None and held[1] is not None:
+                    frontier.payload(kind, key, held[1])
+                frontier.mark(kind, [key], "todo")
+            for lost in found:
+                if lost.items is None:
+                    lost.items = items
+            _save(frontier, found)
+    finally:
+        rebuilt.close()
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def tell(root: Path, source: str, frontier: Frontier) -> None:
+    """Raises DamagedData naming what no error has named yet. Call it under the writer's lock."""
+    found = _load(frontier)
+    new = [lost for lost in found if not lost.told]
+    if not new:
+        return
+    error = _error(root, source, new)
+    for lost in found:
+        lost.told = True
+    _save(frontier, [lost for lost in found if lost.items or lost.kind == DUMPS])
+    raise error
+
+
+def asked_again(frontier: Frontier, *, imported: bool = False) -> None:
+    """Forget what was asked for again since it was lost; `imported`: every dump was read again."""
+    found = _load(frontier)
+    left = [
+        lost
+        for lost in found
+        if not lost.told or (_open(frontier, lost) and not (imported and lost.kind == DUMPS))
+    ]
+    if len(left) < len(found):
+        _save(frontier, left)
+
+
+def check(root: Path, source: str) -> None:
+    """Raises DamagedData when raw answers are lost that were not asked for again. Reads only.
+
+    That is what a crawl or purge took out, and segments that are shorter than the state knows.
+    """
+    path = root / "state" / f"{source}.sqlite"
+    if not path.is_file():
+        return
+    frontier = Frontier(path, readonly=True)
+    try:
+        found = [lost for lost in _load(frontier) if _open(frontier, lost)]
+        known = frontier.offsets()
+    finally:
+        frontier.close()
+    for kind in rawlog.kinds(root, source):
+        for segment in rawlog.segments(root, source, kind):
+            name, size = rawlog.base_name(segment), segment.stat().st_size
+            committed = known.pop((kind, name), 0)
+            if committed > size:
+                found.append(Lost(kind, name, size, committed))
+    found += [Lost(*place, 0, committed) for place, committed in known.items() if committed]
+    if found:
+        raise _error(root, source, found)
+
+
+def drop_asides(
+    root: Path, source: str, frontier: Frontier, keys: Collection[str], exact: Collection[str]
+) -> int:
+    """Remove what was set aside and may hold one of the purged keys; how many files went.
+
+    Nobody can read the bytes. They stay where the state says what they held and none of it is to
+    go: in raw kinds (`exact`) that hold one answer a key.
+    """
+    known = {lost.aside: lost for lost in _load(frontier) if lost.aside}
+    gone = 0
+    for path in rawlog.asides(root, source):
+        lost = known.get(path.name)
+        held = {key for _, key in lost.items or ()} if lost is not None else set()
+        if path.parent.name not in exact or not held or held & set(keys):
+            path.unlink()
+            gone += 1
+    return gone
+
+
+def _open(frontier: Frontier, lost: Lost) -> bool:
+    """Whether something of it was not asked for again."""
+    if lost.items is None or not lost.told or lost.kind == DUMPS:
+        return True
+    return any(
+        (frontier.get(kind, key) or ("",))[0] in ("todo", "in_progress") for kind, key in lost.items
+    )
+
+
+def _error(root: Path, source: str, found: list[Lost]) -> DamagedData:
+    first = found[0]
+    where = rawlog.folder(root, source, first.kind) / f"{first.segment}{rawlog.SUFFIX}"
+    if first.aside:
+        what = f"is damaged: {first.end - first.start:,} bytes at {first.start:,} can't be read"
+        what += f" and were set aside as {first.aside}"
+    elif first.start:
+        what = f"ends at byte {first.start:,}, {first.end - first.start:,} bytes are missing"
+    else:
+        what = "is missing"
+    items = first.items or []
+    if items:
+        named = ", ".join(f"{kind} {key}" for kind, key in items[:_NAMED])
+        more = f" and {len(items) - _NAMED:,} more" if len(items) > _NAMED else ""
+        what += f"; lost are the answers of {named}{more}"
+    if len(found) > 1:
+        what += f" (and {len(found) - 1:,} more places)"
+    return DamagedData(f"{where} {what}", hint=_hint(source, found))
+
+
+def _hint(source: str, found: list[Lost]) -> str:
+    if any(lost.kind == DUMPS for lost in found):
+        return "run `kb reddit import --again` with the dumps that were imported"
+    if all(lost.items == [] for lost in found):
+        return "no answer was lost that the state knows of: the same command goes on"
+    return f"run `kb {source} crawl`: it asks for them again"
+
+
+def _note(frontier: Frontier, new: list[Lost]) -> None:
+    found = _load(frontier)
+    known = {(lost.kind, lost.segment, lost.start, lost.end) for lost in found if not lost.told}
+    fresh = [lost for lost in new if (lost.kind, lost.segment, lost.start, lost.end) not in known]
+    if fresh:
+        _save(frontier, found + fresh)
+
+
+def _load(frontier: Frontier) -> list[Lost]:
+    return msgspec.convert(frontier.cursor(_LOST, []), list[Lost])
+
+
+def _save(frontier: Frontier, found: list[Lost]) -> None:
+    frontier.set_cursor(_LOST, msgspec.to_builtins(found) or None)

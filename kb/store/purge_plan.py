@@ -1,0 +1,121 @@
+"""What a purge would remove, counted by table and folder. Sends nothing, changes nothing."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from kb.core.verdict import Summary
+from kb.store import purge, rawlog
+from kb.store.frontier import Frontier
+from kb.store.purge import Place, Strip
+from kb.store.reading import reading
+
+
+class Line(msgspec.Struct):
+    """A line of the plan: a folder under the data root, what it has of the keys, and how many."""
+
+    folder: str
+    what: str
+    count: int
+
+
+@contextmanager
+def state(root: Path, source: str) -> Iterator[Frontier | None]:
+    """A copy of the source's state to read, as opening it in place would leave files; None without one."""
+    files = [
+        root / "state" / f"{source}.sqlite{suffix}"
+        for suffix in ("", "-wal")
+        if (root / "state" / f"{source}.sqlite{suffix}").is_file()
+    ]
+    if not files:
+        yield None
+        return
+    with tempfile.TemporaryDirectory(prefix="lorebase-plan-") as scratch:
+        for file in files:
+            shutil.copyfile(file, Path(scratch, file.name))
+        frontier = Frontier(Path(scratch, files[0].name), readonly=True)
+        try:
+            yield frontier
+        finally:
+            frontier.close()
+
+
+def plan(
+    root: Path, source: str, found: dict[str, str], strip: Strip, places: Iterable[Place]
+) -> Summary:
+    """Counts of what would go for `found` (key to reason) and what an unfinished purge has left.
+
+    `lines` has what each folder loses: raw answers that are changed or removed, rows, and files
+    that are made again. Raises DamagedData.
+    """
+    keys = purge.left_over(root, source) | found
+    lines = [*_raw(root, source, keys, strip)] if keys else []
+    seen = set()
+    for place in (*places, *_released(places)) if keys else ():
+        if place not in seen:
+            lines.append(Line(place.folder, place.table, _rows(root, place, keys)))
+            seen.add(place)
+    lines = [line for line in lines if line.count]
+    lines += _made(root, source) if keys else []
+
+    def total(what: str) -> int:
+        return sum(line.count for line in lines if line.folder.split("/")[0] == what)
+
+    return Summary(
+        source=source,
+        purged=sum(reason != "post" for reason in keys.values()),
+        answers=total("raw"),
+        rows=total("clean"),
+        pairs=total("pairs"),
+        released=total("release"),
+        lines=[msgspec.to_builtins(line) for line in lines],
+    )
+
+
+def _raw(root: Path, source: str, keys: Collection[str], strip: Strip) -> Iterator[Line]:
+    for kind in rawlog.kinds(root, source):
+        changed = sum(
+            strip(kind, envelope, keys) is not envelope
+            for envelope in rawlog.read(root, source, kind)
+        )
+        yield Line(f"raw/{source}/{kind}", "answers", changed)
+
+
+def _released(places: Iterable[Place]) -> Iterator[Place]:
+    """The same tables in release/, whose folders are flat."""
+    for place in places:
+        source, _, name = place.table.partition("/")
+        if place.folder == f"clean/{source}/{name}" or place.folder == name:
+            yield place._replace(folder=f"release/{source}")
+
+
+def _rows(root: Path, place: Place, keys: Collection[str]) -> int:
+    wanted = pa.array(
+        sorted(key.removeprefix(place.prefix) for key in keys if key.startswith(place.prefix)),
+        pa.string(),
+    )
+    name = place.table.partition("/")[2]
+    pattern = f"{name}-*.parquet" if place.folder.startswith("release/") else "*.parquet"
+    count = 0
+    for path in sorted((root / place.folder).glob(pattern)):
+        with reading([path]):
+            column = pq.read_table(path, columns=[place.column], partitioning=None)[place.column]
+        count += pc.sum(pc.is_in(column.cast(pa.string()), value_set=wanted)).as_py() or 0
+    return count
+
+
+def _made(root: Path, source: str) -> Iterator[Line]:
+    """What has to be written anew as a whole."""
+    for folder in ("export", "report"):
+        files = sum(path.is_file() for path in (root / folder).rglob("*"))
+        if files:
+            yield Line(folder, "files, made again as far as they are of this source", files)

@@ -1,0 +1,97 @@
+"""Two commands at once on one data root: one is paused where it writes, the other says who holds it, and both are right."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from kb.core.resources import folder
+from tests.cli.conftest import clean_environment
+from tests.conftest import ROOT
+from tests.crash.killed import GONE, make, traces
+from tests.filters.made import digests
+
+# Runs `kb`, and stops itself when it makes a folder or file of the name given first.
+PAUSED = """
+import os, signal, sys
+wanted = [sys.argv.pop(1)]
+def look(event, args):
+    if wanted and event in ("os.mkdir", "open") and os.path.basename(str(args[0])).startswith(wanted[0]):
+        wanted.clear()
+        os.kill(os.getpid(), signal.SIGSTOP)
+sys.addaudithook(look)
+from kb.cli.app import main
+sys.exit(main())
+"""
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("base") / "data"
+    make(root)
+    return root
+
+
+@pytest.fixture
+def root(base: Path, tmp_path: Path) -> Path:
+    shutil.copytree(base, tmp_path / "data")
+    profile = tmp_path / "profile" / "profile.toml"
+    shutil.copytree(folder("profiles") / "minecraft", profile.parent)
+    profile.write_text(profile.read_text().replace('toxicity = "on"', 'toxicity = "off"'))
+    return tmp_path / "data"
+
+
+def start(root: Path, *words: str, pause: str = "") -> subprocess.Popen[str]:
+    program = ["-c", PAUSED, pause] if pause else ["-m", "kb"]
+    env = {"KB_PROFILE": str(root.parent / "profile" / "profile.toml"), "PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(
+        [sys.executable, *program, *words, "--data", str(root), "--workers", "1"],
+        cwd=root.parent,
+        env=clean_environment() | env,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+
+
+@pytest.mark.parametrize(
+    ("first", "pause", "second"),
+    [
+        (("pairs", "--again"), ".pairs.new", ("purge", "youtube")),
+        (("youtube", "export"), ".youtube.new", ("purge", "youtube")),
+        (("youtube", "export"), ".youtube.new", ("youtube", "export")),
+        (("purge", "youtube"), ".youtube.new", ("pairs", "--again")),
+        (("purge", "youtube"), ".youtube.new", ("youtube", "export")),
+        (("youtube", "filter"), ".youtube.new", ("youtube", "export")),
+    ],
+)
+def test_the_second_names_the_first_and_nothing_comes_back(
+    root: Path, first: tuple[str, ...], pause: str, second: tuple[str, ...]
+) -> None:
+    ids = root.parent / "ids.txt"
+    ids.write_text(f"{GONE}\n")
+    named = {"purge": ("--ids", str(ids))}
+    child = start(root, *first, *named.get(first[0], ()), pause=pause)
+    try:
+        _, status = os.waitpid(child.pid, os.WUNTRACED)
+        assert os.WIFSTOPPED(status), child.communicate()
+        other = start(root, *second, *named.get(second[0], ()))
+        said = other.communicate(timeout=120)[1]
+        assert other.returncode == 1, said
+        assert f"another process (pid {child.pid}) writes to" in said
+    finally:
+        os.kill(child.pid, signal.SIGCONT)
+    said = child.communicate(timeout=120)[1]
+    assert child.returncode == 0, said
+    assert start(root, *second, *named.get(second[0], ())).wait(120) == 0
+    if "purge" in (first[0], second[0]):
+        assert traces(root) == []
+    else:
+        assert digests(root / "release" / "youtube")
+    assert not list(root.rglob(".*"))

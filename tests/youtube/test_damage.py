@@ -1,0 +1,176 @@
+"""Damaged raw data: what can be read stays, what is lost is named, set aside and asked for again."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from kb.sandbox.server import Sandbox
+from kb.sandbox.world import World
+from kb.store import rawlog
+from tests.youtube.job import Job
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
+    """A job that nothing happened to: crawled, filtered, exported."""
+    with Sandbox(World(n_channels=6, n_videos=40), services=["youtube"]) as sandbox:
+        job = Job(sandbox, tmp_path_factory.mktemp("plain"))
+        for step in ("crawl", "filter", "export"):
+            job.done("youtube", step)
+        yield job
+
+
+@pytest.fixture
+def job(plain: Job, tmp_path: Path) -> Job:
+    """A copy of it on the same services."""
+    copy = Job(plain.sandbox, tmp_path)
+    shutil.copytree(plain.root, copy.root)
+    return copy
+
+
+def segment(job: Job, kind: str) -> Path:
+    [path] = rawlog.segments(job.root, "youtube", kind)
+    return path
+
+
+def frames(path: Path) -> list[tuple[int, int, bytes]]:
+    """(start, end, line) of every frame of a segment that is whole."""
+    read = rawlog.Frames(path)
+    return [(read.start, end, line) for end, line in read]
+
+
+def overwrite(path: Path, start: int, data: bytes) -> None:
+    with path.open("r+b") as file:
+        file.seek(start)
+        file.write(data)
+
+
+def video_of(line: bytes) -> str:
+    return str(rawlog.decode(line).response["video_id"])
+
+
+def opened(path: Path) -> None:
+    path.rename(path.with_name(path.name + ".open"))
+
+
+@pytest.mark.parametrize("kind_of_file", ["closed", "open"])
+def test_crawl_keeps_both_sides_of_a_damaged_frame_and_asks_again_for_it(
+    plain: Job, job: Job, kind_of_file: str
+) -> None:
+    path = segment(job, "transcripts")
+    before = frames(path)
+    start, end, line = before[len(before) // 2]
+    overwrite(path, start + 10, b"\xff" * 12)
+    damaged = path.read_bytes()[start:end]
+    if kind_of_file == "open":
+        opened(path)
+    else:  # the filter reads every byte, and leaves the tables as they are
+        tables = job.digests("clean")
+        said = job.stopped("youtube", "filter", "--quiet", code=1)
+        assert f"{path.name} is damaged at byte {start:,}" in said
+        assert "kb youtube crawl" in said
+        assert job.digests("clean") == tables
+    asked = len(job.sandbox.ledger.requests("/watch"))
+    said = job.stopped("youtube", "crawl", "--quiet", code=1)
+    aside = path.with_name(f"{path.name}.damaged-{start}")
+    assert f"{end - start:,} bytes at {start:,}" in said
+    assert aside.name in said
+    assert f"transcripts {video_of(line)}" in said
+    assert "kb youtube crawl" in said
+    assert aside.read_bytes() == damaged
+    assert [line for _, _, line in frames(path)] == [line for at, _, line in before if at != start]
+    # Until it was asked for again, nobody takes it for a video without a transcript.
+    assert "transcripts" in job.stopped("youtube", "filter", code=1)
+    assert job.done("youtube", "crawl")["left"] == 0
+    assert len(job.sandbox.ledger.requests("/watch")) == asked + 1
+    for step in ("filter", "export"):
+        job.done("youtube", step)
+    assert job.released() == plain.released()
+
+
+@pytest.mark.parametrize(
+    ("kind", "how"),
+    [("videos", "deleted"), ("transcripts", "cut"), ("search", "emptied"), ("videos", "cut")],
+)
+def test_what_a_deleted_or_cut_segment_held_is_asked_for_again(
+    plain: Job, job: Job, kind: str, how: str
+) -> None:
+    path = segment(job, kind)
+    if how == "deleted":
+        path.unlink()
+    else:
+        with path.open("r+b") as file:
+            file.truncate(path.stat().st_size // 2 if how == "cut" else 0)
+    assert path.name in job.stopped("youtube", "filter", "--quiet", code=1)
+    assert path.name in job.stopped("youtube", "crawl", "--quiet", code=1)
+    job.done("youtube", "crawl")
+    for step in ("filter", "export"):
+        job.done("youtube", step)
+    assert job.released() == plain.released()
+    assert "nothing left" in job.kb("youtube", "crawl").stderr
+
+
+def test_only_a_torn_tail_that_the_state_does_not_know_is_cut(plain: Job, job: Job) -> None:
+    path = segment(job, "transcripts")
+    whole = path.read_bytes()
+    path.write_bytes(whole + whole[:50])
+    opened(path)
+    assert job.done("youtube", "crawl")["left"] == 0
+    assert segment(job, "transcripts").read_bytes() == whole
+    assert not rawlog.asides(job.root, "youtube")
+
+
+def test_purge_keeps_both_sides_of_a_damaged_frame(job: Job) -> None:
+    path = segment(job, "transcripts")
+    before = frames(path)
+    (start, end, line), (_, _, named) = before[len(before) // 2], before[3]
+    overwrite(path, start + 10, b"\xff" * 12)
+    gone = job.place / "gone.txt"
+    gone.write_text(video_of(named) + "\n")
+    said = job.stopped("purge", "youtube", "--ids", str(gone), code=1)
+    aside = path.with_name(f"{path.name}.damaged-{start}")
+    assert aside.name in said
+    assert f"transcripts {video_of(line)}" in said
+    assert aside.stat().st_size == end - start
+    left = {video_of(line) for _, _, line in frames(path)}
+    vanished = {
+        row["key"] for row in job.rows("SELECT key FROM youtube_tombstones WHERE reason <> 'named'")
+    }
+    asked = {video_of(line) for _, _, line in before}
+    assert left == asked - vanished - {video_of(line), video_of(named)}
+    assert not list((job.root / "state").glob("*.purge.json"))
+    job.done("youtube", "crawl")
+    assert video_of(line) in {str(one["response"]["video_id"]) for one in job.raw("transcripts")}
+    job.done("purge", "youtube")
+
+
+def test_a_purge_leaves_no_damaged_bytes_that_may_hold_its_key(job: Job) -> None:
+    path = segment(job, "transcripts")
+    _, end, line = frames(path)[4]
+    overwrite(path, end - 6, b"\xff" * 6)  # all but the last block could still be read
+    gone = job.place / "gone.txt"
+    gone.write_text(video_of(line) + "\n")
+    job.stopped("purge", "youtube", "--ids", str(gone), code=1)
+    assert not rawlog.asides(job.root, "youtube")
+    job.done("youtube", "crawl")
+    assert video_of(line) not in {
+        str(one["response"]["video_id"]) for one in job.raw("transcripts")
+    }
+
+
+def test_a_flipped_bit_never_makes_another_answer(job: Job) -> None:
+    """The frame's checksum tells it, wherever it is."""
+    path = segment(job, "videos")
+    whole, lines = path.read_bytes(), {line for _, _, line in frames(path)}
+    for place in range(0, len(whole), max(1, len(whole) // 400)):
+        flipped = bytearray(whole)
+        flipped[place] ^= 1 << place % 8
+        path.write_bytes(flipped)
+        read = rawlog.Frames(path)
+        found = {line for _, line in read}
+        assert found <= lines
+        assert found == lines or read.damaged or read.torn
