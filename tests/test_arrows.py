@@ -21,6 +21,7 @@ GROUND = {"net", "store", "schema"}
 ALLOWED: dict[str, set[str]] = {
     "core": set(),
     **{room: GROUND | {"core"} for room in GROUND | ROOMS},
+    "crawl": GROUND | {"core"},
     "sandbox": ROOMS | GROUND | {"core"},
     "cli": ROOMS | GROUND | {"core", "sandbox"},
     "pipelines": ROOMS | GROUND | {"core", "sandbox"},
