@@ -14,10 +14,11 @@ from urllib.parse import urlsplit
 from kb.core import signals
 from kb.core.errors import DamagedData, KbError, UsageError
 from kb.core.verdict import Summary
+from kb.net.session import Session, host_of
 from kb.release import check
 from kb.release.build import exported, refuse
 from kb.release.checksums import digest
-from kb.release.deposit import Forbidden, Gone, Zenodo, md5
+from kb.release.deposit import TIMEOUT_S, Forbidden, Gone, Zenodo, md5, stray
 from kb.release.folders import DEPOSIT, SUMS, Folder
 from kb.release.measure import models
 from kb.release.metadata import Document
@@ -38,8 +39,6 @@ MOST_FILES, MOST_BYTES = 100, 50 * 10**9  # a record at Zenodo
 
 def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None = None) -> Summary:
     """Deposit every folder of release/. Raises ReleaseRefused, MissingCredential, CredentialRefused, Stopped."""
-    from kb.net.client import make_session
-
     token = run.settings.need("zenodo_token")
     endpoint = run.settings.kb_zenodo_endpoint or HOSTS[to]
     found = [folder for folder in exported(run) if not only or folder.source in only]
@@ -61,7 +60,7 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
     )
     deposits: dict[str, Any] = {}
     with writer(run.root, "deposits"):
-        service = Zenodo(make_session(run.settings), endpoint, token, wait=run.wait)
+        service = Zenodo(_session(run, endpoint), endpoint, token, wait=run.wait)
         for folder in found:
             try:
                 signals.stop.check()
@@ -71,6 +70,11 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
                 error.summary = _summary(deposits)
                 raise
     return _summary(deposits)
+
+
+def _session(run: Run, endpoint: str) -> Session:
+    """Uploads take their time; the token goes to one host only."""
+    return Session(run.settings, hosts={host_of(endpoint)}, stray=stray, timeout=TIMEOUT_S)
 
 
 def _summary(deposits: dict[str, dict[str, Any]]) -> Summary:

@@ -14,7 +14,7 @@ import requests
 
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.crawl.source import Answer, Phase, Plain
-from kb.net.client import make_session, send
+from kb.net.session import Session, send
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
 
@@ -36,7 +36,7 @@ class Feed(Plain):
     payloads: ClassVar[dict[str, type[msgspec.Struct]]] = {"pages": Page}
 
     def __init__(self, settings: Any, root: str) -> None:
-        self._root, self._session = root, make_session(settings)
+        self._root, self._session = root, Session(settings)
 
     def identity(self) -> dict[str, str]:
         """The feed's address."""
