@@ -1,7 +1,7 @@
 """The import arrows of the design, read from the source text:
 
-cli → pipelines → {youtube, wiki, reddit, annotate, filters, pairs, export, release, report, query}
-    → store → {schema, net} → core
+cli → pipelines → {annotate, filters, pairs, export, release, report, query} and
+    {youtube, wiki, reddit} → crawl → store → {schema, net} → core
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ ALLOWED: dict[str, set[str]] = {
     "schema": {"core"},
     "net": {"core"},
     "store": {"schema", "net", "core"},
-    **{room: GROUND | {"core"} for room in ROOMS},
+    "crawl": GROUND | {"core"},
+    **{room: GROUND | {"core"} | ({"crawl"} if room in SOURCES else set()) for room in ROOMS},
     "query": {"store", "schema", "core"},
     "sandbox": ROOMS | GROUND | {"core"},
     "cli": ROOMS | ASKING | GROUND | {"core", "sandbox"},

@@ -10,14 +10,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import requests
+
 from kb.annotate.beside import problem_of
 from kb.annotate.checkpoint import models_folder, sha256_of
 from kb.annotate.published import PUBLISHED, Published
 from kb.core import signals
 from kb.core.errors import DamagedData, FatalError, Retryable, SettingError
 from kb.core.verdict import Summary
-from kb.net.client import make_session
-from kb.net.retry import attempt, retry_after
+from kb.net.retry import attempt
+from kb.net.session import Session, failure, send
 from kb.store.atomic import full_disk_is_resumable, sync_file, sync_folder
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ def fetch(
     folder = folder or models_folder(published.name)
     with full_disk_is_resumable(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    session = make_session(run.settings)
+    session = Session(run.settings)
     # A compressed answer could not be continued in its middle.
     session.headers["Accept-Encoding"] = "identity"
     fetched = present = size = 0
@@ -65,11 +67,13 @@ def fetch(
     )
 
 
-def _download(session: Any, address: str, path: Path, digest: str, task: Any) -> int:
+def _download(session: Session, address: str, path: Path, digest: str, task: Any) -> int:
     part = path.with_name(f".{path.name}.part")
     for left in (1, 0):
         continued = part.exists()
-        attempt(lambda: _receive(session, address, part, task))
+        attempt(
+            lambda: _receive(session, address, part, task), service="the host of the model files"
+        )
         found = sha256_of(part)
         problem = "" if digest else problem_of(part, path.name)
         if found.startswith(digest) and not problem:
@@ -87,44 +91,34 @@ def _download(session: Any, address: str, path: Path, digest: str, task: Any) ->
     return path.stat().st_size
 
 
-def _receive(session: Any, address: str, part: Path, task: Any) -> None:
+def _receive(session: Session, address: str, part: Path, task: Any) -> None:
     """One request for what is missing of the file. Raises Retryable when the connection breaks."""
-    import requests
-
     have = part.stat().st_size if part.exists() else 0
     headers = {"Range": f"bytes={have}-"} if have else {}
-    try:
-        with session.get(address, headers=headers, stream=True) as response:
-            if (
-                response.status_code == 416
-            ):  # nothing is left: complete, or a longer file than theirs
-                total = response.headers.get("Content-Range", "").rpartition("/")[2]
-                if total != str(have):
-                    part.unlink()
-                    raise Retryable("the part on disk is longer than the file")
-                return
-            if response.status_code == 429 or response.status_code >= 500:
-                raise Retryable(
-                    f"HTTP {response.status_code} at {address}",
-                    after=retry_after(response.headers.get("Retry-After")),
-                    unreachable=response.status_code >= 500,
-                )
-            if response.status_code not in (200, 206):
-                raise FatalError(
-                    f"{address} answers HTTP {response.status_code}",
-                    hint="check the address or KB_MODELS_ENDPOINT; the file may have moved",
-                )
-            goes_on = response.status_code == 206 and response.headers.get(
-                "Content-Range", ""
-            ).startswith(f"bytes {have}-")
-            expected = response.headers.get("Content-Length")
-            if expected and expected.isdigit():
-                task.expect(int(expected))
+    with send(session, "GET", address, headers=headers, stream=True) as response:
+        if response.status_code == 416:
+            # Nothing is left: it is complete, or longer than the file there.
+            total = response.headers.get("Content-Range", "").rpartition("/")[2]
+            if total != str(have):
+                part.unlink()
+                raise Retryable("the part on disk is longer than the file")
+            return
+        if response.status_code not in (200, 206):
+            raise FatalError(
+                f"{address} answers HTTP {response.status_code}",
+                hint="check the address or KB_MODELS_ENDPOINT; the file may have moved",
+            )
+        begins = response.headers.get("Content-Range", "").startswith(f"bytes {have}-")
+        goes_on = response.status_code == 206 and begins
+        expected = response.headers.get("Content-Length")
+        if expected and expected.isdigit():
+            task.expect(int(expected))
+        try:
             received = _write(response, part, "ab" if goes_on else "wb", task)
-            if expected and received != int(expected):
-                raise Retryable(f"{address} was cut off", unreachable=True)
-    except requests.RequestException as error:
-        raise Retryable(f"{type(error).__name__} at {address}", unreachable=True) from None
+        except requests.RequestException as error:
+            raise failure(error, address) from None
+        if expected and received != int(expected):
+            raise Retryable(f"{address} was cut off", unreachable=True)
 
 
 def _write(response: Any, part: Path, mode: str, task: Any) -> int:

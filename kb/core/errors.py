@@ -160,7 +160,8 @@ class Retryable(ItemError):
     """May go well next time. `after` is the service's own wish in seconds (Retry-After).
 
     `unreachable`: there was no connection. `throttled`: the service asked us to slow down; when
-    that does not end, it blocks us, which is no fact about an item.
+    that does not end, it blocks us, which is no fact about an item. `status`: the HTTP status that
+    said so, if one did.
     """
 
     def __init__(
@@ -170,8 +171,10 @@ class Retryable(ItemError):
         after: float | None = None,
         unreachable: bool = False,
         throttled: bool = False,
+        status: int | None = None,
     ) -> None:
         super().__init__(reason)
+        self.status = status
         self.reason = reason
         self.after = after
         self.unreachable = unreachable

@@ -30,12 +30,14 @@ def attempt(
     tries: int = TRIES,
     patience: float = PATIENCE_S,
     sleep: Callable[[float], None] | None = None,
+    service: str | None = None,
 ) -> Result:
     """The result of `call`, tried again while it raises Retryable, at most `tries` times in all.
 
     After the last try: Unreachable when there was no connection, else the Retryable itself (the item failed
     and the next run tries it again). Raises Blocked when the service asks to wait longer than `patience` seconds,
     or turns every try away (429). `sleep` waits between the tries instead of the clock's, and may raise.
+    `service` names a service without which nothing goes on: what fails to the end is Unreachable then.
     """
     import tenacity
 
@@ -69,6 +71,11 @@ def attempt(
             )
             stop.after = error.after or min(patience, PATIENCE_S)
             raise stop from error
+        if service is not None:
+            raise Unreachable(
+                f"{service} gives no usable answer: {error.reason}",
+                hint="the same command goes on where it stopped",
+            ) from error
         raise
 
 

@@ -9,26 +9,26 @@ or exit 3 with the time, 5xx and broken connections a few more tries and then ex
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
-from urllib.parse import quote, urlsplit
+from typing import IO, Any
+from urllib.parse import quote
+
+import requests
 
 from kb.core import clock, signals
 from kb.core.errors import CredentialRefused, FatalError, QuotaSpent, Retryable, Unreachable
 from kb.net.retry import attempt, retry_after
+from kb.net.session import Session, failure, host_of, refusal
 from kb.release.checksums import digest
 
-if TYPE_CHECKING:
-    import requests
-
 TRIES = 5
-TIMEOUT = (10, 300)  # seconds to connect, and between two bytes of an answer
+TIMEOUT_S = (10.0, 300.0)  # seconds to connect, and between two bytes of an answer
 LONGEST_WAIT = 120  # seconds that a limit may ask for before the run stops instead
 LONGEST_LIMIT = 366 * 86_400  # seconds: what asks for more is no time to come back at
 PAGE = 100
-_LIMITED, _DAMAGED = "limited", "damaged upload"
 _GO_ON = "the same command goes on where it stopped"
 _SCOPES = "it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own"
 
@@ -41,12 +41,19 @@ class Forbidden(CredentialRefused):
     """The token may not do this to this deposit: it is another account's, or is closed, or a scope is missing."""
 
 
+class Damaged(Retryable):
+    """The service received other bytes than were sent."""
+
+
+def stray(url: str) -> FatalError:
+    """The error for an address at another host."""
+    return FatalError("the deposit service links to another host", hint="nothing was sent there")
+
+
 class Zenodo:
     """One account at one service. The token goes into the header only, and to that service only."""
 
-    def __init__(
-        self, session: requests.Session, endpoint: str, token: str, *, wait: bool = False
-    ) -> None:
+    def __init__(self, session: Session, endpoint: str, token: str, *, wait: bool = False) -> None:
         self._session, self._wait = session, wait
         self.root = endpoint.rstrip("/").removesuffix("/api")
         self._base = f"{self.root}/api/deposit/depositions"
@@ -80,11 +87,6 @@ class Zenodo:
         `sent` is told the bytes of the file when it is there. Raises FatalError when it never arrives whole,
         and Interrupted in the midst of it: the next run sends the file again.
         """
-        if urlsplit(bucket)[:2] != urlsplit(self.root)[:2]:
-            raise FatalError(
-                "the deposit service names a bucket on another host", hint="nothing was sent there"
-            )
-
         size = path.stat().st_size
 
         def put() -> None:
@@ -96,17 +98,17 @@ class Zenodo:
                     headers={"Content-Type": "application/octet-stream"},
                 )
             if answer.get("checksum", "").removeprefix("md5:") != md5:
-                raise Retryable(_DAMAGED)
+                raise Damaged("damaged upload")
 
         try:
             self._attempt(put)
-        except Retryable as error:
-            if error.reason == _DAMAGED:
-                raise FatalError(
-                    f"{path.name} arrived damaged {TRIES} times",
-                    hint="check the network, then run the same command again",
-                ) from None
-            raise
+        except Unreachable as error:
+            if not isinstance(error.__cause__, Damaged):
+                raise
+            raise FatalError(
+                f"{path.name} arrived damaged {TRIES} times",
+                hint="check the network, then run the same command again",
+            ) from None
         sent(size)
 
     def describe(self, number: int, metadata: dict[str, Any]) -> dict[str, Any]:
@@ -155,46 +157,30 @@ class Zenodo:
             try:
                 return call()
             except Retryable as error:
-                if once and error.reason != _LIMITED:
+                if once and not error.throttled:
                     raise Unreachable(
                         f"the deposit service did not answer ({error.reason})", hint=_GO_ON
                     ) from None
                 raise
 
-        try:
-            return attempt(guarded, tries=TRIES, patience=float("inf"))
-        except Retryable as error:
-            if error.reason == _DAMAGED:
-                raise
-            raise Unreachable(
-                f"the deposit service does not answer ({error.reason})", hint=_GO_ON
-            ) from None
+        return attempt(guarded, tries=TRIES, patience=math.inf, service="the deposit service")
 
     def _request(
         self, method: str, url: str, *, headers: dict[str, str] | None = None, **what: Any
     ) -> Any:
-        import requests
-
-        if urlsplit(url)[:2] != urlsplit(self.root)[:2]:
-            raise FatalError(
-                "the deposit service links to another host", hint="nothing was sent there"
-            )
+        if host_of(url) != host_of(self.root):
+            raise stray(url)
         try:
             # Redirects would carry the token to wherever they point.
             answer = self._session.request(
                 method,
                 url,
                 headers={**self._headers, **(headers or {})},
-                timeout=TIMEOUT,
                 allow_redirects=False,
                 **what,
             )
-        except (
-            requests.ConnectionError,
-            requests.Timeout,
-            requests.exceptions.ChunkedEncodingError,
-        ) as error:
-            raise Retryable(type(error).__name__, unreachable=True) from None
+        except requests.RequestException as error:
+            raise failure(error, url) from None
         if answer.status_code == 401 or (answer.status_code == 403 and url == self._base):
             raise CredentialRefused(
                 "the deposit service does not accept ZENODO_TOKEN", hint=_SCOPES
@@ -206,8 +192,9 @@ class Zenodo:
             )
         if answer.status_code == 429:
             raise self._limited(answer.headers)
-        if answer.status_code >= 500:
-            raise Retryable(f"status {answer.status_code}", unreachable=True)
+        refused = refusal(answer, url)
+        if refused is not None:
+            raise refused
         if answer.status_code == 404 and url == self._base:
             raise FatalError(
                 f"there is no deposit API at {self.root}", hint="check KB_ZENODO_ENDPOINT"
@@ -237,7 +224,7 @@ class Zenodo:
             )  # a number as well: seconds since 1970
             seconds = None if reset is None else max(0.0, reset - now.timestamp())
         if seconds is None or seconds <= LONGEST_WAIT or (self._wait and seconds <= LONGEST_LIMIT):
-            return Retryable(_LIMITED, after=seconds, throttled=True)
+            return Retryable("limited", after=seconds, throttled=True)
         back = now + timedelta(seconds=min(seconds, LONGEST_LIMIT))
         return QuotaSpent(
             f"the deposit service's limit is spent until {clock.stamp(back)}",

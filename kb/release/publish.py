@@ -14,10 +14,11 @@ from urllib.parse import urlsplit
 from kb.core import signals
 from kb.core.errors import DamagedData, KbError, UsageError
 from kb.core.verdict import Summary
+from kb.net.session import Session, host_of
 from kb.release import check
 from kb.release.build import exported, refuse
 from kb.release.checksums import digest
-from kb.release.deposit import Forbidden, Gone, Zenodo, md5
+from kb.release.deposit import TIMEOUT_S, Forbidden, Gone, Zenodo, md5, stray
 from kb.release.folders import DEPOSIT, SUMS, Folder
 from kb.release.measure import models
 from kb.release.metadata import Document
@@ -45,8 +46,6 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
 
 
 def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str] | None) -> Summary:
-    from kb.net.client import make_session
-
     found = [folder for folder in exported(run) if not only or folder.source in only]
     if not found:
         raise UsageError(
@@ -66,7 +65,7 @@ def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str]
     )
     deposits: dict[str, Any] = {}
     with writer(run.root, "deposits"):
-        service = Zenodo(make_session(run.settings), endpoint, token, wait=run.wait)
+        service = Zenodo(_session(run, endpoint), endpoint, token, wait=run.wait)
         for folder in found:
             try:
                 signals.stop.check()
@@ -76,6 +75,11 @@ def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str]
                 error.summary = _summary(deposits)
                 raise
     return _summary(deposits)
+
+
+def _session(run: Run, endpoint: str) -> Session:
+    """Uploads take their time; the token goes to one host only."""
+    return Session(run.settings, hosts={host_of(endpoint)}, stray=stray, timeout=TIMEOUT_S)
 
 
 def _summary(deposits: dict[str, dict[str, Any]]) -> Summary:

@@ -10,7 +10,7 @@ import contextlib
 import shutil
 import sqlite3
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -52,10 +52,22 @@ class Item:
 
 
 class Frontier:
-    """The state of one source. Open it under the source's writer lock, or `readonly`."""
+    """The state of one source. Open it under the source's writer lock, or `readonly`.
 
-    def __init__(self, path: Path, *, readonly: bool = False) -> None:
+    `payloads` gives the type of each kind's payload; those of other kinds are plain JSON values.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        readonly: bool = False,
+        payloads: Mapping[str, type[msgspec.Struct]] | None = None,
+    ) -> None:
         self.path = path
+        self._decoders = {
+            kind: msgspec.json.Decoder(declared) for kind, declared in (payloads or {}).items()
+        }
         self._lock = threading.RLock()
         self._depth = 0
         try:
@@ -172,10 +184,7 @@ class Frontier:
                 "UPDATE items SET status = 'in_progress' WHERE kind = ? AND key = ?",
                 [(kind, row[0]) for row in rows],
             )
-        return [
-            Item(kind, key, tries, msgspec.json.decode(payload) if payload else None)
-            for key, tries, payload in rows
-        ]
+        return [Item(kind, key, tries, self._decode(kind, payload)) for key, tries, payload in rows]
 
     def mark(self, kind: str, keys: Iterable[str], status: str, reason: str | None = None) -> None:
         """Set the status of known keys; an "error" counts one try."""
@@ -223,11 +232,7 @@ class Frontier:
             row = self._db.execute(
                 "SELECT status, payload, reason FROM items WHERE kind = ? AND key = ?", (kind, key)
             ).fetchone()
-        return (
-            None
-            if row is None
-            else (row[0], msgspec.json.decode(row[1]) if row[1] else None, row[2])
-        )
+        return None if row is None else (row[0], self._decode(kind, row[1]), row[2])
 
     def items(self, kind: str, *statuses: str) -> Iterator[tuple[str, str, str | None, Any]]:
         """(key, status, reason, payload) of all items of a kind, oldest first; their list is held in memory."""
@@ -238,7 +243,20 @@ class Frontier:
                 (kind, *statuses),
             ).fetchall()
         for key, status, reason, payload in rows:
-            yield key, status, reason, msgspec.json.decode(payload) if payload else None
+            yield key, status, reason, self._decode(kind, payload)
+
+    def _decode(self, kind: str, payload: str | None) -> Any:
+        """A payload as its kind's type. Raises DamagedData when it is not one."""
+        if not payload:
+            return None
+        try:
+            decoder = self._decoders.get(kind)
+            return decoder.decode(payload) if decoder else msgspec.json.decode(payload)
+        except (msgspec.DecodeError, msgspec.ValidationError) as error:
+            raise DamagedData(
+                f"the state {self.path} holds an unreadable item of {kind}: {error}",
+                hint="move it away; the next run rebuilds it from the raw data",
+            ) from None
 
     def remove(self, kind: str, keys: Iterable[str]) -> None:
         """Forget items (purge)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,12 +11,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit, urlunsplit
 
+import requests
+
 from kb.core.context import Run
-from kb.core.errors import Blocked, ItemFinal, Retryable, Unreachable
+from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.net import retry
-from kb.net.client import PRODUCT, TIMEOUT_S, make_session, user_agent
 from kb.net.rate import Pace, is_loopback
 from kb.net.robots import Robots, robots_url
+from kb.net.session import PRODUCT, PerThread, Session, failure, host_of, send, user_agent
 from kb.store.atomic import writing
 
 Result = TypeVar("Result")
@@ -39,8 +42,11 @@ class Web:
     def __init__(self, run: Run, root: str, hosts: tuple[str, ...], pause: float) -> None:
         self.agent = user_agent(run.settings.kb_contact)
         self._run, self._root = run, root
-        self._sessions = threading.local()
-        self._hosts = {urlsplit(root).netloc, *hosts}
+        schemes = {"https", urlsplit(root).scheme}
+        self._hosts = {host_of(root)} | {
+            f"{scheme}://{host}".lower() for host in hosts for scheme in schemes
+        }
+        self._sessions = PerThread(self._session)
         self._robots: Robots | None = None
         # On loopback only the limits that the service announces apply.
         self.pace = Pace(0.0 if is_loopback(root) else pause)
@@ -55,7 +61,7 @@ class Web:
         takes the place of the one that was noted. Other addresses stay as they are.
         """
         parts = urlsplit(url)
-        if parts.netloc in self._hosts or not (is_loopback(self._root) and is_loopback(url)):
+        if host_of(url) in self._hosts or not (is_loopback(self._root) and is_loopback(url)):
             return url
         return urlunsplit(parts._replace(netloc=urlsplit(self._root).netloc))
 
@@ -93,18 +99,8 @@ class Web:
 
     def attempt(self, call: Callable[[], Result]) -> Result:
         """`call` with tries, growing pauses and the server's own wish. Raises Unreachable or Blocked at the end."""
-        patience = float("inf") if self._run.wait else retry.PATIENCE_S
-        try:
-            return retry.attempt(call, tries=TRIES, patience=patience)
-        except Retryable as error:
-            if error.reason == "http_429":
-                raise Blocked(
-                    "the wiki answers 429 without end", hint="wait and run the same command again"
-                ) from None
-            raise Unreachable(
-                f"the wiki gives no usable answer: {error.reason}",
-                hint="the same command goes on where it stopped",
-            ) from None
+        patience = math.inf if self._run.wait else retry.PATIENCE_S
+        return retry.attempt(call, tries=TRIES, patience=patience, service="the wiki")
 
     def rest(self, after: float | None) -> None:
         """What the wiki wished for (Retry-After, seconds) counts for all threads.
@@ -119,12 +115,17 @@ class Web:
         self.rest(after)
         return (after or 0.0) <= within and self.pace.wait_within(within)
 
-    @property
-    def _session(self) -> Any:
-        """One session a thread."""
-        if not hasattr(self._sessions, "held"):
-            self._sessions.held = make_session(self._run.settings)
-        return self._sessions.held
+    def _session(self) -> Session:
+        return Session(
+            self._run.settings,
+            hosts=self._hosts,
+            ledger=self._count,
+            stray=lambda url: ItemFinal("redirected_away", url),
+        )
+
+    def _count(self, request: requests.PreparedRequest) -> None:
+        with self._counting:
+            self.requests += 1
 
     def _fetch(self, url: str, params: dict[str, str]) -> Answer:
         with self._open(url, params, stream=False) as response:
@@ -135,40 +136,14 @@ class Web:
                 retry.retry_after(response.headers.get("retry-after")),
             )
 
-    def _open(self, url: str, params: dict[str, str], *, stream: bool) -> Any:
-        import requests
-
-        if urlsplit(url).netloc not in self._hosts:
+    def _open(self, url: str, params: dict[str, str], *, stream: bool) -> requests.Response:
+        if host_of(url) not in self._hosts:
             raise ItemFinal("other_host", urlsplit(url).netloc)
-        with self._counting:
-            self.requests += 1
         try:
-            response = self._session.get(
-                url, params=params, timeout=TIMEOUT_S, stream=stream, allow_redirects=False
-            )
-            for _ in range(5):
-                if not response.is_redirect:
-                    break
-                target = requests.compat.urljoin(response.url, response.headers["location"])
-                response.close()
-                if urlsplit(target).netloc not in self._hosts:
-                    raise ItemFinal("redirected_away", target)
-                response = self._session.get(
-                    target, timeout=TIMEOUT_S, stream=stream, allow_redirects=False
-                )
-        except (
-            requests.ConnectionError,
-            requests.Timeout,
-            requests.exceptions.ChunkedEncodingError,
-        ) as error:
-            raise Retryable(type(error).__name__, unreachable=True) from None
-        except requests.RequestException as error:
-            raise ItemFinal("bad_address", type(error).__name__) from None
-        if response.status_code == 429 or response.status_code >= 500:
-            response.close()
-            after = retry.retry_after(response.headers.get("retry-after"))
-            self.rest(after)
-            raise Retryable(f"http_{response.status_code}", after=after)
+            response = send(self._sessions.session, "GET", url, params=params, stream=stream)
+        except Retryable as error:
+            self.rest(error.after)
+            raise
         if response.status_code >= 400:
             response.close()
             raise ItemFinal(f"http_{response.status_code}")
@@ -182,8 +157,6 @@ class Web:
         Raises ItemFinal("too_large"), ItemFinal("not_a_picture") or Retryable. A file that is
         there already is not written again.
         """
-        import requests
-
         self._files.wait()
         held, digest = bytearray(), hashlib.sha256()
         with self._open(url, {}, stream=True) as response:
@@ -197,7 +170,7 @@ class Web:
                     if len(held) > limit:
                         raise ItemFinal("too_large", f"more than {limit}")
             except requests.RequestException as error:
-                raise Retryable(type(error).__name__, unreachable=True) from None
+                raise failure(error, url) from None
             if (
                 wanted
                 and wanted.isdigit()

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import http.client
 import json
 import math
 from typing import Any
+
+import requests
+from googleapiclient.discovery import build
+from googleapiclient.errors import HttpError
 
 from kb.core import clock
 from kb.core.errors import Blocked, Retryable, Unreachable
 from kb.core.profile.youtube import YouTube
 from kb.core.settings import Settings
-from kb.net.client import TIMEOUT_S, user_agent
 from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
+from kb.net.session import Session, failure, host_of, user_agent
 from kb.store.frontier import Frontier
 from kb.youtube import quota
 from kb.youtube.errors import meaning
+from kb.youtube.transport import Transport
 
 GOOGLE = "https://youtube.googleapis.com"
 BLOCKED = "api_blocked"  # cursor: since when the API turns us away
@@ -31,21 +35,19 @@ class Api:
     def __init__(
         self, settings: Settings, profile: YouTube, frontier: Frontier, *, wait: bool = False
     ) -> None:
-        import httplib2
-        from googleapiclient.discovery import build
-
+        endpoint = settings.kb_youtube_endpoint or GOOGLE
+        session = Session(settings, hosts={host_of(endpoint)})
         # build() must not see a secret in an exception of its own; it only reads a file of the package.
-        self._http = httplib2.Http(timeout=TIMEOUT_S[1])
         self._service = build(
             "youtube",
             "v3",
             developerKey=settings.need("youtube_api_key"),
-            http=self._http,
+            http=Transport(session),
             static_discovery=True,
             cache_discovery=False,
-            client_options={"api_endpoint": settings.kb_youtube_endpoint or GOOGLE},
+            client_options={"api_endpoint": endpoint},
         )
-        self._agent = user_agent(settings.kb_contact)
+        self._agent = user_agent(settings.kb_contact)  # Google's client would put its own there
         self._profile, self._frontier = profile, frontier
         self._patience = math.inf if wait else PATIENCE_S
         self._wait, self._blocked = wait, frontier.cursor(BLOCKED) is not None
@@ -107,9 +109,6 @@ class Api:
             raise
 
     def _once(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
-        import httplib2
-        from googleapiclient.errors import HttpError
-
         row = quota.spend(self._frontier, self._profile, bucket, endpoint)
         try:
             # num_retries=0: the client would also retry the 429 of a bucket that is spent for the day.
@@ -119,11 +118,12 @@ class Api:
             self._frontier.outcome(row, str(error.resp.status))
             after = retry_after(error.resp.get("retry-after"), error.resp.get("date"))
             raise meaning(int(error.resp.status), _json(error.content), bucket, after) from None
-        except (httplib2.HttpLib2Error, http.client.HTTPException, OSError, ValueError) as error:
+        except (requests.RequestException, OSError, ValueError) as error:
             self._frontier.outcome(row, type(error).__name__)
+            broken = failure(error, endpoint)
+            unreachable = isinstance(broken, Retryable) and broken.unreachable
             raise Retryable(
-                f"{type(error).__name__} at {endpoint}",
-                unreachable=not isinstance(error, ValueError),
+                f"{type(error).__name__} at {endpoint}", unreachable=unreachable
             ) from None
         if not isinstance(answer, dict):
             # A body that was cut off comes back as text, without an error.

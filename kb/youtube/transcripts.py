@@ -8,20 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import SplitResult, urljoin, urlsplit
 from xml.etree.ElementTree import ParseError
+
+import requests
+import urllib3
 
 from kb.core.errors import Retryable
 from kb.core.profile.youtube import YouTube
 from kb.core.settings import Settings
-from kb.net.client import make_session
 from kb.net.rate import Pace
-from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
+from kb.net.retry import PATIENCE_S, attempt, blocked
+from kb.net.session import Door, Session, failure, refusal
 from kb.youtube import player
-
-if TYPE_CHECKING:
-    import requests
 
 SITE = "https://www.youtube.com/"
 REDIRECTS = 5  # in a row
@@ -49,10 +49,9 @@ class Fetcher:
         self._profile, self._pace, self._sleep = profile, pace, sleep
         self._patience = math.inf if wait else PATIENCE_S
         # The library's own User-Agent would be Python's; the site serves any, so ours says who we are.
-        self._session = make_session(settings)
+        self._session = Session(settings)
         self._session.max_redirects = REDIRECTS
-        self._session.adapters.clear()  # nothing goes past ours
-        self._session.mount("", _adapter(settings.kb_youtube_web, before))
+        self._session.mount("", Site(settings.kb_youtube_web, before))
         self._session.hooks["response"].append(self._look)
         self._page, self._answer = "", None
         self._api = YouTubeTranscriptApi(http_client=self._session)
@@ -84,8 +83,6 @@ class Fetcher:
         )
 
     def _once(self, video_id: str) -> dict[str, Any]:
-        import requests
-        import urllib3
         import youtube_transcript_api as lib
 
         self._page, self._answer = "", None
@@ -124,18 +121,13 @@ class Fetcher:
         ) as error:
             # An empty body of the timed text raises the parser's own error.
             raise Retryable(_reason(error)) from None
-        except (
-            requests.ConnectionError,
-            requests.Timeout,
-            requests.exceptions.ChunkedEncodingError,
-        ) as error:
-            raise Retryable(
-                f"{type(error).__name__} at www.youtube.com", unreachable=True
-            ) from None
         except (requests.RequestException, urllib3.exceptions.HTTPError) as error:
+            # Of an address that leads nowhere the site's own answers are to blame, not the video.
+            broken = failure(error, SITE)
+            unreachable = isinstance(broken, Retryable) and broken.unreachable
             raise Retryable(
-                f"{type(error).__name__} at www.youtube.com"
-            ) from None  # redirects in a circle, a body that can't be decoded
+                f"{type(error).__name__} at www.youtube.com", unreachable=unreachable
+            ) from None
         except (LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
             raise Retryable(
                 f"unreadable ({type(error).__name__})"
@@ -193,10 +185,10 @@ class Fetcher:
 
     def _look(self, response: requests.Response, *_: Any, **__: Any) -> None:
         """Sees every answer before the library does."""
-        if response.status_code == 429:
+        refused = refusal(response, SITE)
+        if refused is not None and refused.throttled:
             # The library calls every 429 a block; with a wish to wait it is none yet.
-            after = retry_after(response.headers.get("Retry-After"), response.headers.get("Date"))
-            raise Retryable("429 from YouTube", after=after, throttled=True)
+            raise Retryable("429 from YouTube", after=refused.after, throttled=True)
         shown = (
             urljoin(response.url, response.headers["Location"])
             if response.is_redirect
@@ -221,31 +213,45 @@ def _no_wall(target: SplitResult) -> None:
         raise blocked("YouTube blocks this address (automated queries)")
 
 
-def _adapter(root: str | None, before: Callable[[str], None]) -> Any:
-    """Writes the ledger, and sends to `root` what is for the web site; nothing is sent anywhere else.
+class Site(Door):
+    """Sends to `root` what is for the web site, and nothing anywhere else. `before` writes the ledger.
 
-    What comes back carries the site's own address again, so that paths and redirects mean the same under any root.
+    What comes back carries the site's own address again, so that paths and redirects mean the same under
+    any root.
     """
-    from requests.adapters import HTTPAdapter
 
-    names = {"/watch": "watch", "/youtubei/v1/player": "player", "/api/timedtext": "timedtext"}
+    def __init__(self, root: str | None, before: Callable[[str], None]) -> None:
+        super().__init__(ledger=lambda request: before(_endpoint(request)))
+        self._root = root
 
-    class Adapter(HTTPAdapter):
-        def send(self, request: Any, *arguments: Any, **options: Any) -> Any:
-            if root and request.url.startswith(f"{root}/"):
-                request.url = SITE + request.url.removeprefix(
-                    f"{root}/"
-                )  # a redirect that names the root
-            if not request.url.startswith(SITE):
-                raise Retryable("redirected away from YouTube")
-            before(names.get(urlsplit(request.url).path, "web"))
-            sent = request.copy()
-            sent.url = root + "/" + request.url.removeprefix(SITE) if root else request.url
-            response = super().send(sent, *arguments, **options)
-            response.request, response.url = request, request.url
-            return response
+    def check(self, url: str) -> None:
+        """Raises Retryable for an address that is not the site's."""
+        if not self._own(url).startswith(SITE):
+            raise Retryable("redirected away from YouTube")
 
-    return Adapter()
+    def pass_on(self, request: requests.PreparedRequest, *arguments: Any, **options: Any) -> Any:
+        """To the root instead of the site, where there is one."""
+        request.url = self._own(request.url or "")
+        sent = request.copy()
+        if self._root:
+            sent.url = f"{self._root}/" + request.url.removeprefix(SITE)
+        response = super().pass_on(sent, *arguments, **options)
+        response.request, response.url = request, request.url
+        return response
+
+    def _own(self, url: str) -> str:
+        """The site's address of one under the root: a redirect may name either."""
+        if self._root and url.startswith(f"{self._root}/"):
+            return SITE + url.removeprefix(f"{self._root}/")
+        return url
+
+
+_ENDPOINTS = {"/watch": "watch", "/youtubei/v1/player": "player", "/api/timedtext": "timedtext"}
+
+
+def _endpoint(request: requests.PreparedRequest) -> str:
+    """The ledger's name of a request."""
+    return _ENDPOINTS.get(urlsplit(request.url or "").path, "web")
 
 
 def _reason(error: Exception) -> str:

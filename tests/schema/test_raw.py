@@ -16,6 +16,7 @@ from kb.core.resources import folder
 from kb.schema import raw
 
 ALLOWED = {
+    "x-keys",
     "$schema",
     "title",
     "description",

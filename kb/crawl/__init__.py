@@ -1,0 +1,10 @@
+"""The frame of every crawl, refresh, import and purge: what is the same for all sources, once.
+
+    source     what a source says of itself: phases, discovery, fetching, what an answer means
+    session    lock, identity, frontier, recorder and tombstones of a data root, in this order
+    loop       the phases until nothing is left or something stops: limit, wait, signals, failures
+
+A source owns what is its own: what to ask, how to read it, what its errors mean.
+"""
+
+from __future__ import annotations

@@ -1,0 +1,71 @@
+"""What keeps a run from going on: `--limit`, spent quotas, blocks; and when it may again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from datetime import datetime, timedelta
+
+from kb.core import clock
+from kb.core.errors import Blocked, KbError, LimitReached, QuotaSpent, Stopped
+from kb.crawl.source import Phase
+
+
+class Limit:
+    """`--limit N`: how many more items may be taken of what it counts. Not thread-safe by itself."""
+
+    def __init__(self, most: int | None) -> None:
+        self._most, self._taken = most, 0
+
+    def room(self, wanted: int) -> int:
+        """How many of `wanted` items may be taken now."""
+        return wanted if self._most is None else min(wanted, self._most - self._taken)
+
+    def take(self, n: int) -> None:
+        """`n` items are being worked on; negative when some were given back."""
+        self._taken += n
+
+    def reached(self) -> LimitReached:
+        """Why the run stops here."""
+        return LimitReached(f"--limit {self._most} reached", hint="run the same command to go on")
+
+
+def upstream(phases: Sequence[Phase], kind: str) -> set[str]:
+    """The kinds whose answers lead to items of `kind`, directly or by way of others."""
+    found: set[str] = set()
+    waiting = [kind]
+    while waiting:
+        wanted = waiting.pop()
+        for phase in phases:
+            if wanted in phase.feeds and phase.kind not in found and phase.kind != kind:
+                found.add(phase.kind)
+                waiting.append(phase.kind)
+    return found
+
+
+def together(phases: Sequence[Phase], phase: Phase, stop: Stopped) -> set[str]:
+    """The kinds that a stop of one phase closes: its bucket for a quota, else its whole lane."""
+    if isinstance(stop, LimitReached):
+        return {phase.kind} | upstream(phases, phase.kind)
+    if isinstance(stop, QuotaSpent):
+        return {each.kind for each in phases if each.bucket == phase.bucket}
+    return {each.kind for each in phases if each.lane == phase.lane}
+
+
+def back_at(stops: Iterable[KbError]) -> datetime | None:
+    """When the first of the stops is over, None when none of them says so."""
+    times = []
+    for stop in stops:
+        if isinstance(stop, QuotaSpent) and stop.reset_at is not None:
+            times.append(stop.reset_at)
+        elif isinstance(stop, Blocked) and stop.after is not None:
+            times.append(clock.now() + timedelta(seconds=stop.after))
+    return min(times, default=None)
+
+
+def worst(stops: Iterable[KbError]) -> KbError | None:
+    """The stop that the run ends with: an error before what is only put off; then the first."""
+    return min(stops, key=lambda stop: (stop.exit_code == 3, _is_limit(stop)), default=None)
+
+
+def _is_limit(stop: KbError) -> bool:
+    return isinstance(stop, LimitReached)

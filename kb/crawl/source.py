@@ -1,0 +1,119 @@
+"""What a source says of itself, so that the frame can run it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import msgspec
+
+from kb.store.frontier import Frontier, Item
+from kb.store.rawlog import Envelope
+
+
+@dataclass(frozen=True, kw_only=True)
+class Phase:
+    """One kind of frontier items, and how they are worked on.
+
+    kind      the items' kind in the frontier
+    unit      what one item is, in the plural, for people: "videos"
+    feeds     the kinds that its answers add items to
+    batch     how many items one fetch takes at most
+    workers   how many fetches may run at once
+    lane      phases of one lane share its threads; lanes run side by side
+    bucket    phases of one bucket stop together when its quota is spent
+    limited   `--limit` counts these items
+    whole     starts only when all that feeds it is done
+    packed    waits for a full batch while more may come from its own lane
+    down      so many failures one after the other mean that the service is down
+    """
+
+    kind: str
+    unit: str
+    feeds: tuple[str, ...] = ()
+    batch: int = 1
+    workers: int = 1
+    lane: str = "main"
+    bucket: str = ""
+    limited: bool = False
+    whole: bool = False
+    packed: bool = False
+    down: int = 3
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One answer of the service, to be recorded under a raw kind.
+
+    `failed` is the reason when the answer says that the item could not be had this time: it is
+    recorded, and counts as one more failure in a row.
+    """
+
+    kind: str
+    endpoint: str
+    params: dict[str, Any]
+    response: Any
+    status: int = 200
+    failed: str | None = None
+
+
+class Source(Protocol):
+    """One source. Its state is its own; the frame calls it from the lanes' threads.
+
+    name       the folder under raw/, the file under state/
+    phases     in the order of work: what is nearest to a whole item first, unless `whole` says other
+    payloads   the type of each kind's payload in the frontier; kinds without payload are left out
+    """
+
+    name: str
+    phases: Sequence[Phase]
+    payloads: Mapping[str, type[msgspec.Struct]]
+
+    def identity(self) -> dict[str, str]:
+        """Hosts, subreddit or wiki that the data root is bound to.
+
+        Raises UsageError when a setting that every request needs is missing.
+        """
+        ...
+
+    def discover(self, frontier: Frontier) -> None:
+        """Add the seeds, and what a new round starts with. Sends nothing."""
+        ...
+
+    def leave_out(self, phase: Phase, item: Item) -> str | None:
+        """Why an item is not to be asked for; None when it is."""
+        ...
+
+    def pack(self, phase: Phase, items: list[Item]) -> list[Item]:
+        """Those of the items that one fetch can take together; the others wait."""
+        ...
+
+    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
+        """Ask for the items. Raises what kb.core.errors sorts by consequence."""
+        ...
+
+    def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
+        """Take an answer into the frontier; the same live and in a replay, so idempotent."""
+        ...
+
+    def close(self) -> None:
+        """Close connections and programs."""
+        ...
+
+
+class Plain:
+    """What most sources say of themselves, to inherit from."""
+
+    payloads: Mapping[str, type[msgspec.Struct]] = {}
+
+    def leave_out(self, phase: Phase, item: Item) -> str | None:
+        """Nothing is left out."""
+        return None
+
+    def pack(self, phase: Phase, items: list[Item]) -> list[Item]:
+        """All together."""
+        return items
+
+    def close(self) -> None:
+        """Nothing to close."""

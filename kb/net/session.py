@@ -1,0 +1,216 @@
+"""The one way out: every request of ours and of the libraries that we use goes through a `Session`.
+
+A request goes, in this order: is its host one that was asked for, and may it be asked in the clear →
+the pace → the ledger's row → out → the row's outcome. Redirects are requests of their own. Nothing is
+tried again here: that is kb.net.retry's, for what `failure` and `refusal` call Retryable.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Collection
+from typing import Any
+from urllib.parse import urlsplit
+
+import requests
+from requests.adapters import HTTPAdapter
+
+from kb import __version__
+from kb.core.errors import FatalError, ItemFinal, KbError, Retryable
+from kb.core.settings import Settings
+from kb.net import redact
+from kb.net.rate import Pace, is_loopback
+from kb.net.retry import retry_after
+
+PRODUCT = "lorebase"  # our name in the User-Agent and in robots.txt
+TIMEOUT_S = (10.0, 60.0)  # to connect, and between two bytes
+_BROKEN = (
+    requests.ConnectionError,
+    requests.Timeout,
+    requests.exceptions.ChunkedEncodingError,
+    requests.exceptions.ContentDecodingError,
+)
+_NO_ADDRESS = (
+    requests.exceptions.InvalidURL,
+    requests.exceptions.InvalidSchema,
+    requests.exceptions.MissingSchema,
+    requests.TooManyRedirects,
+)
+
+Note = Callable[[str], None]
+Ledger = Callable[[requests.PreparedRequest], Note | None]
+"""Writes the row of a request before it goes out; what it returns notes the outcome. May raise."""
+Stray = Callable[[str], Exception]
+"""The error for a request that would leave the service's hosts: (address)."""
+
+
+def user_agent(contact: str | None) -> str:
+    """Name, version and whom to write to."""
+    return f"{PRODUCT}/{__version__}" + (f" (+{contact})" if contact else "")
+
+
+def host_of(url: str) -> str:
+    """Scheme, host and port of an address, as `Session` compares them."""
+    parts = urlsplit(url)
+    return f"{parts.scheme}://{parts.netloc}".lower()
+
+
+class Session(requests.Session):
+    """One connection pool with the policy of this module. Not for several threads at once.
+
+    `hosts` are the only ones that are asked, as `host_of` gives them; None allows any. Credentials are
+    those of the settings alone, never of ~/.netrc; proxies of the environment are used. Raises
+    SettingError for a contact that is none.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        *,
+        hosts: Collection[str] | None = None,
+        pace: Pace | None = None,
+        ledger: Ledger | None = None,
+        stray: Stray | None = None,
+        timeout: tuple[float, float] = TIMEOUT_S,
+    ) -> None:
+        settings.check_contact()
+        super().__init__()
+        self._timeout = timeout
+        # With an `auth` of our own requests looks for none in ~/.netrc, which would take our token's place.
+        self.auth = _as_it_is
+        self.headers["User-Agent"] = user_agent(settings.kb_contact)
+        self.adapters.clear()  # nothing goes past ours
+        self.mount("", Door(hosts=hosts, pace=pace, ledger=ledger, stray=stray))
+
+    def request(self, *arguments: Any, **options: Any) -> requests.Response:
+        """As in requests, with our time-outs where none are given."""
+        if options.get("timeout") is None:
+            options["timeout"] = self._timeout
+        return super().request(*arguments, **options)
+
+    def rebuild_auth(self, prepared_request: Any, response: Any) -> None:
+        """A redirect to another host does not get our token."""
+        if "Authorization" in prepared_request.headers and self.should_strip_auth(
+            response.request.url, prepared_request.url
+        ):
+            del prepared_request.headers["Authorization"]
+
+
+class Door(HTTPAdapter):
+    """What every single request passes, redirects included."""
+
+    def __init__(
+        self,
+        *,
+        hosts: Collection[str] | None = None,
+        pace: Pace | None = None,
+        ledger: Ledger | None = None,
+        stray: Stray | None = None,
+    ) -> None:
+        super().__init__()
+        self._hosts = None if hosts is None else frozenset(hosts)
+        self._pace, self._ledger, self._stray = pace, ledger, stray or _stray
+
+    def send(self, request: requests.PreparedRequest, *arguments: Any, **options: Any) -> Any:
+        """One request on the wire. Raises what `stray` makes, and what the pace and the ledger raise."""
+        self.check(request.url or "")
+        if self._pace is not None:
+            self._pace.wait()
+        note = self._ledger(request) if self._ledger is not None else None
+        try:
+            response = self.pass_on(request, *arguments, **options)
+        except BaseException as error:
+            if note is not None:
+                note(type(error).__name__)
+            raise
+        if note is not None:
+            note(str(response.status_code))
+        return response
+
+    def check(self, url: str) -> None:
+        """Raises when nothing may be sent to an address."""
+        if self._hosts is not None and host_of(url) not in self._hosts:
+            raise self._stray(url)
+        if urlsplit(url).scheme != "https" and not is_loopback(url):
+            raise self._stray(url)  # what we send and read is nobody else's on the way
+
+    def pass_on(self, request: requests.PreparedRequest, *arguments: Any, **options: Any) -> Any:
+        """Send it as it is."""
+        return super().send(request, *arguments, **options)
+
+
+class PerThread:
+    """A session for each thread that asks, made by `make` when it is first needed."""
+
+    def __init__(self, make: Callable[[], Session]) -> None:
+        self._make, self._held, self._all = make, threading.local(), list[Session]()
+        self._lock = threading.Lock()
+
+    @property
+    def session(self) -> Session:
+        """This thread's session."""
+        if not hasattr(self._held, "session"):
+            self._held.session = self._make()
+            with self._lock:
+                self._all.append(self._held.session)
+        session: Session = self._held.session
+        return session
+
+    def close(self) -> None:
+        """Close the connections of all threads."""
+        with self._lock:
+            for session in self._all:
+                session.close()
+            self._all.clear()
+
+
+def send(session: requests.Session, method: str, url: str, **options: Any) -> requests.Response:
+    """One request, its answer whole unless `stream` is given.
+
+    Raises what `failure` and `refusal` make of it. Any other status is the
+    caller's to judge. Messages hold no secret, as they may end in a log or a table.
+    """
+    try:
+        response = session.request(method, url, **options)
+        if not options.get("stream"):
+            response.content  # noqa: B018  an answer that breaks off raises here
+    except requests.RequestException as error:
+        raise failure(error, url) from None
+    refused = refusal(response, url)
+    if refused is not None:
+        response.close()
+        raise refused
+    return response
+
+
+def failure(error: Exception, url: str) -> KbError:
+    """What follows from a request that got no whole answer: Retryable, or ItemFinal("bad_address")."""
+    if isinstance(error, _NO_ADDRESS):
+        return ItemFinal("bad_address", type(error).__name__)
+    what = f"{type(error).__name__} at {place(url)}"
+    return Retryable(what, unreachable=isinstance(error, _BROKEN))
+
+
+def refusal(response: requests.Response, url: str) -> Retryable | None:
+    """What follows from an answer that says "not now" (408, 429, 5xx); None for any other."""
+    status = response.status_code
+    if status not in (408, 429) and status < 500:
+        return None
+    after = retry_after(response.headers.get("Retry-After"), response.headers.get("Date"))
+    return Retryable(
+        f"HTTP {status} at {place(url)}", after=after, throttled=status == 429, status=status
+    )
+
+
+def place(url: str) -> str:
+    """Host and path of an address, without its query."""
+    return redact.text(url.partition("?")[0])
+
+
+def _stray(url: str) -> FatalError:
+    why = "" if urlsplit(url).scheme == "https" else ", which is not https"
+    return FatalError(f"a service leads to {place(url)}{why}", hint="nothing was sent there")
+
+
+def _as_it_is(request: requests.PreparedRequest) -> requests.PreparedRequest:
+    return request

@@ -1,0 +1,66 @@
+"""The feed's service on loopback, with faults that a test plants."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+PAGE = 3
+
+
+class Service:
+    """`asked` counts requests by path; `fault` answers instead: (status, headers), or None."""
+
+    def __init__(self, notes: int) -> None:
+        self.ids = [f"n{number:03d}" for number in range(notes)]
+        self.asked: Counter[str] = Counter()
+        self.fault: Callable[[str], tuple[int, dict[str, str]] | None] = lambda path: None
+        self.root = ""
+
+    def answer(self, path: str) -> tuple[int, dict[str, str], bytes]:
+        """Status, headers and body of one request."""
+        self.asked[path] += 1
+        planted = self.fault(path)
+        if planted is not None:
+            return (*planted, b"{}")
+        if path.startswith("/notes?page="):
+            number = int(path.rpartition("=")[2])
+            ids = self.ids[(number - 1) * PAGE : number * PAGE]
+            following = number + 1 if number * PAGE < len(self.ids) else None
+            return 200, {}, json.dumps({"ids": ids, "next": following}).encode()
+        key = path.rpartition("/")[2]
+        body = {"id": key, "text": f"the text of {key}"}
+        return (200, {}, json.dumps(body).encode()) if key in self.ids else (404, {}, b"{}")
+
+
+@contextmanager
+def serving(notes: int) -> Iterator[Service]:
+    """The service, until the block ends."""
+    service = Service(notes)
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            status, headers, body = service.answer(self.path)
+            self.send_response(status)
+            for name, value in {**headers, "Content-Length": str(len(body))}.items():
+                self.send_header(name, value)
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, format: str, *values: object) -> None:
+            """Nothing to tell."""
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    service.root = f"http://127.0.0.1:{server.server_port}"
+    try:
+        yield service
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
