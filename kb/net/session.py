@@ -28,7 +28,6 @@ _BROKEN = (
     requests.ConnectionError,
     requests.Timeout,
     requests.exceptions.ChunkedEncodingError,
-    requests.exceptions.ContentDecodingError,
 )
 _NO_ADDRESS = (
     requests.exceptions.InvalidURL,

@@ -9,18 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from datetime import timedelta
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import requests
 
 from kb.core import clock
 from kb.core.errors import Blocked, CredentialRefused, FatalError, ItemFinal, KbError, Retryable
 from kb.core.settings import Settings
-from kb.net.client import TIMEOUT_S, user_agent
 from kb.net.rate import Pace, is_loopback
-from kb.net.retry import PATIENCE_S, attempt, retry_after
+from kb.net.retry import PATIENCE_S, attempt
+from kb.net.session import Ledger, Session, host_of, refusal
 from kb.reddit.answers import problem
-
-if TYPE_CHECKING:
-    import requests
 
 ROOT = "https://www.reddit.com"
 OAUTH = "https://oauth.reddit.com"
@@ -114,8 +113,10 @@ class Client:
         """`say` tells the user of a wait. Raises MissingCredential before anything is sent."""
         self._id = settings.need("reddit_client_id")
         self._secret = settings.need("reddit_client_secret")
-        self._contact = settings.need("kb_contact")
+        settings.need("kb_contact")
+        self._settings = settings
         self._root = settings.kb_reddit_endpoint or ""
+        self._hosts = {host_of(root) for root in ((self._root,) if self._root else (ROOT, OAUTH))}
         self._spend = spend
         self._tries = max_tries
         public = not (self._root and is_loopback(self._root))
@@ -161,9 +162,10 @@ class Client:
                 hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET",
             ) from None
         except wrong.RequestException as error:
-            raise Retryable(
-                f"{type(error.original_exception).__name__} at {path}", unreachable=True
-            ) from None
+            broken = error.original_exception
+            if isinstance(broken, KbError):  # of the ledger, the pace or the door
+                raise broken from None
+            raise Retryable(f"{type(broken).__name__} at {path}", unreachable=True) from None
         except RecursionError:
             raise Retryable(f"an answer nested too deep to be read at {path}") from None
         except wrong.BadJSON:
@@ -179,25 +181,17 @@ class Client:
 
     def _connected(self) -> Any:
         if self._reddit is None:
-            self._reddit = _praw(
-                self._id,
-                self._secret or None,
-                user_agent(self._contact),
-                self._root,
-                self._limiter,
-                self._spend,
-            )
+            session = Session(self._settings, hosts=self._hosts, ledger=_ledger(self._spend))
+            self._reddit = _praw(self._id, self._secret or None, session, self._root, self._limiter)
         return self._reddit
 
 
 def _consequence(response: Any, path: str) -> KbError:
     """What follows from an answer that is no 200. Of the token's own requests none is a fact about an item."""
     status, token = response.status_code, "access_token" in (response.url or "")
-    after = retry_after(response.headers.get("Retry-After"))
-    if status == 429:
-        return Retryable(f"HTTP 429 at {path}", throttled=True, after=after)
-    if status >= 500 or status == 408:
-        return Retryable(f"HTTP {status} at {path}", after=after)
+    refused = refusal(response, path)
+    if refused is not None:
+        return refused
     if status == 403 and b"<html" in response.content[:2_000].lower():
         # The API answers in JSON; a page comes from what guards it.
         return Blocked(
@@ -220,39 +214,16 @@ def _consequence(response: Any, path: str) -> KbError:
     return FatalError(f"Reddit answers HTTP {status} at {path}")
 
 
-def _praw(
-    client_id: str, secret: str | None, agent: str, root: str, limiter: Limiter, spend: Spend
-) -> Any:
+def _praw(client_id: str, secret: str | None, session: Session, root: str, limiter: Limiter) -> Any:
     import praw
     from prawcore.requestor import Requestor
     from prawcore.sessions import FiniteRetryStrategy
 
-    class Ledgered(Requestor):
-        """Writes the ledger row before a request goes out; the outcome after it."""
+    class Ours(Requestor):
+        """Sends by our session."""
 
-        def request(
-            self, *arguments: Any, timeout: float | None = None, **options: Any
-        ) -> requests.Response:
-            url = str(arguments[1] if len(arguments) > 1 else options.get("url", ""))
-            note = spend(_endpoint(url), 0 if "access_token" in url else 1)
-            try:
-                response = super().request(*arguments, timeout=TIMEOUT_S, **options)
-            except BaseException as error:
-                note(type(error).__name__)
-                raise
-            note(str(response.status_code))
-            if "access_token" in url and response.status_code == 200:
-                _check_token(response)
-            # prawcore decides by this header, and fails on answers that don't have it in Reddit's own form.
-            if response.status_code == 401 and "access_token" not in url:
-                response.headers["www-authenticate"] = (
-                    'Bearer realm="reddit", error="invalid_token"'
-                )
-            elif response.status_code == 403:
-                response.headers.pop("www-authenticate", None)
-            elif response.status_code in (301, 302):
-                response.headers.setdefault("location", "")
-            return response
+        def __init__(self, *, session: Any = None, **options: Any) -> None:
+            super().__init__(**options, session=ours)
 
     class Once(FiniteRetryStrategy):
         """No retries of prawcore's own: they would pass the ledger's back."""
@@ -260,12 +231,14 @@ def _praw(
         def should_retry_on_failure(self) -> bool:
             return False
 
+    ours = session
+    ours.hooks["response"].append(_in_reddits_form)
     roots = {"reddit_url": root, "oauth_url": root, "short_url": root} if root else {}
     reddit = praw.Reddit(
         client_id=client_id,
         client_secret=secret,
-        user_agent=agent,
-        requestor_class=Ledgered,
+        user_agent=str(session.headers["User-Agent"]),
+        requestor_class=Ours,
         check_for_updates=False,
         check_for_async=False,
         **roots,
@@ -274,6 +247,29 @@ def _praw(
     core = reddit._core
     core._rate_limiter, core._retry_strategy_class = limiter, Once
     return reddit
+
+
+def _ledger(spend: Spend) -> Ledger:
+    """The token's own requests cost nothing of the window."""
+
+    def row(request: requests.PreparedRequest) -> Callable[[str], None]:
+        url = request.url or ""
+        return spend(_endpoint(url), 0 if "access_token" in url else 1)
+
+    return row
+
+
+def _in_reddits_form(response: requests.Response, *_: Any, **__: Any) -> None:
+    """prawcore decides by these headers, and fails on answers that don't have them in Reddit's own form."""
+    token = "access_token" in (response.url or "")
+    if token and response.status_code == 200:
+        _check_token(response)
+    if response.status_code == 401 and not token:
+        response.headers["www-authenticate"] = 'Bearer realm="reddit", error="invalid_token"'
+    elif response.status_code == 403:
+        response.headers.pop("www-authenticate", None)
+    elif response.status_code in (301, 302):
+        response.headers.setdefault("location", "")
 
 
 def _check_token(response: requests.Response) -> None:
