@@ -57,7 +57,9 @@ def play(monkeypatch: pytest.MonkeyPatch) -> Callable[[list[Exchange]], Cassette
 
         def praw(*arguments: object) -> object:
             reddit = made(*arguments)
-            reddit._core.requestor._http.mount("https://", cassette)
+            # Behind our door: hosts and the ledger are met as with the real network.
+            door = reddit._core.requestor._http.get_adapter("https://")
+            monkeypatch.setattr(door, "pass_on", cassette.send)
             return reddit
 
         monkeypatch.setattr(room, "_praw", praw)
