@@ -18,11 +18,12 @@ from pathlib import Path
 from kb.core.context import Run
 from kb.core.errors import LimitReached
 from kb.core.verdict import Summary
+from kb.export import clip4mc, minedojo_pairs, parquet, video2dataset
+from kb.pairs.build import build
 
 
 def pairs(run: Run, layout: str) -> Summary:
     """Make the pairs, then write them in the layout asked for."""
-    from kb.pairs.build import build
 
     try:
         made = build(run)
@@ -41,7 +42,6 @@ def refill(run: Run, index: Path) -> Summary:
 
 def _write(run: Run, layout: str) -> dict[str, object]:
     """The release, or another layout: where it is."""
-    from kb.export import clip4mc, minedojo_pairs, parquet, video2dataset
 
     if layout == "parquet":
         parquet.export(run, "pairs")

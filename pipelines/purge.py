@@ -14,9 +14,17 @@ import importlib
 import shutil
 from pathlib import Path
 
+import pyarrow as pa
+
+from kb.annotate.hashes import text_hashes
 from kb.core.context import Run
 from kb.core.errors import DamagedData, MissingExtra
+from kb.core.pipeline import load, locate
 from kb.core.verdict import Summary
+from kb.export import clip4mc, minedojo_pairs, parquet, video2dataset
+from kb.filters.clean import texts
+from kb.release.build import describe
+from kb.report.build import report
 from kb.store import lock
 from kb.store import purge as store
 
@@ -61,10 +69,6 @@ def _scores(run: Run, source: str) -> int:
     """Scores of texts that are still somewhere stay."""
     if not (run.root / "annotations" / source).is_dir():
         return 0
-    import pyarrow as pa
-
-    from kb.annotate.hashes import text_hashes
-    from kb.filters.clean import texts
 
     hashes = [text_hashes(part) for part in texts(run, source)]
     return store.drop_annotations(
@@ -76,9 +80,6 @@ def _scores(run: Run, source: str) -> int:
 
 def _made(run: Run, source: str) -> None:
     """Exports are written again from clean, and everything around them; what can't be is removed."""
-    from kb.core.pipeline import load, locate
-    from kb.export import clip4mc, minedojo_pairs, parquet, video2dataset
-    from kb.release.build import describe
 
     export = load(str(locate(source))).export
     layouts = {"parquet": f"release/{source}", "minedojo": f"export/minedojo/{source}*"}
@@ -100,8 +101,6 @@ def _made(run: Run, source: str) -> None:
                 write(run)
     describe(run, [source, "pairs"])
     if (run.root / "report").exists():
-        from kb.report.build import report
-
         try:
             report(run)
         except MissingExtra:

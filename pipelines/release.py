@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from kb.core.context import Run
 from kb.core.verdict import Summary
+from kb.release.publish import publish as upload
 
 
 def release(run: Run) -> Summary:
@@ -23,6 +24,5 @@ def release(run: Run) -> Summary:
 
 def publish(run: Run, to: str, publish: bool, only: list[str]) -> Summary:
     """The gate again, then one deposit for each folder."""
-    from kb.release.publish import publish as upload
 
     return upload(run, to, publish=publish, only=only)

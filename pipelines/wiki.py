@@ -17,6 +17,7 @@ from kb.annotate import toxicity
 from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.verdict import Summary
+from kb.export.minedojo_wiki import wiki
 from kb.filters.chain import Beside, Chain, Clean, Follow
 from kb.filters.judgement import Predicate
 from kb.filters.predicates import AtLeast, AtMost, Present, Told, Waits
@@ -90,8 +91,6 @@ def clean(p: Profile) -> Clean:
 def export(run: Run, format: str = "parquet") -> Summary:
     """clean/wiki to release/wiki, or to export/minedojo/wiki_full."""
     if format == "minedojo":
-        from kb.export.minedojo_wiki import wiki
-
         return wiki(run)
     from kb.export.wiki_tar import export
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 from functools import cache, partial
 from typing import Any
 
 from kb.annotate.batches import TOKEN_BUDGET
 from kb.annotate.checkpoint import Checkpoint
 from kb.annotate.compiled import can_compile, find_compiled, make_compiled
+from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.first_token import shorten
 from kb.annotate.graph import Compiled, graph_runner, installed, int8_runner
 from kb.annotate.runner import Meta, Network, Runner
@@ -109,7 +111,6 @@ def torch_network(model: Any, device: str, precision: str) -> Network:
 @cache
 def exact(checkpoint: Checkpoint, threads: int) -> Network:
     """The model in float64 by torch on the CPU; loaded once, when a window first needs it."""
-    from kb.annotate.detoxify_model import load_detoxify
 
     model = load_detoxify(checkpoint).model
     _use_threads(threads)
@@ -125,7 +126,6 @@ def _use_threads(threads: int) -> None:
 
 def choose_device(wanted: str, precision: str = "fp32") -> str:
     """ "cpu" or "cuda" for `--device auto|cpu|cuda` on this machine. Raises SettingError when there is no GPU to use."""
-    import shutil
 
     if wanted == "cpu" or (wanted == "auto" and precision == "int8"):
         return "cpu"
@@ -145,7 +145,6 @@ def choose_device(wanted: str, precision: str = "fp32") -> str:
 
 def torch_runner(checkpoint: Checkpoint, precision: str, device: str, threads: int) -> Runner:
     """Detoxify's own model in torch, its last layer shortened."""
-    from kb.annotate.detoxify_model import load_detoxify
 
     detoxify = load_detoxify(checkpoint, device)
     if device == "cpu":

@@ -8,7 +8,7 @@ network's log-in page answers 200 too. The checkpoint comes last: when it is the
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import requests
 
@@ -16,14 +16,12 @@ from kb.annotate.beside import problem_of
 from kb.annotate.checkpoint import models_folder, sha256_of
 from kb.annotate.published import PUBLISHED, Published
 from kb.core import signals
+from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, Retryable, SettingError
 from kb.core.verdict import Summary
 from kb.net.retry import attempt
 from kb.net.session import Session, failure, send
 from kb.store.atomic import full_disk_is_resumable, sync_file, sync_folder
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 PIECE = 1 << 16  # bytes; of a connection that breaks only whole pieces are kept
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import pyarrow as pa
+import pyarrow as pa
 
 
 def text_hash(text: str) -> str:
@@ -16,7 +14,6 @@ def text_hash(text: str) -> str:
 
 def text_hashes(texts: pa.Array | pa.ChunkedArray) -> pa.Array:
     """`text_hash` of a column; null for a null or empty text, which has nothing to score."""
-    import pyarrow as pa
 
     sha256 = hashlib.sha256
     values = texts.cast(pa.binary()).to_pylist()

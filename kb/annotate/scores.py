@@ -11,11 +11,15 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import duckdb
-    import pyarrow as pa
+import duckdb
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.schema.tables import table
+from kb.store import database
+from kb.store.reading import scan
+from kb.store.shards import ShardWriter, order, write_table
 
 TABLE = "shared/annotations"
 CATEGORIES = (
@@ -44,7 +48,6 @@ class Scores:
 
         Of several precisions the exact one wins, so the result doesn't depend on what was scored first.
         """
-        import pyarrow as pa
 
         if isinstance(hashes, pa.ChunkedArray):
             hashes = hashes.combine_chunks()
@@ -78,8 +81,6 @@ class Scores:
 
         `least`: a score of a lower precision than this one counts as none.
         """
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         known = self.lookup(hashes)
         wanted = pc.is_null(known["precision"])
@@ -121,9 +122,6 @@ class Scores:
         classes: Sequence[str],
     ) -> Path:
         """Add a chunk as the next part; a category that is none of `classes` is null. Raises DiskFull."""
-        import pyarrow as pa
-
-        from kb.store.shards import write_table
 
         place = [list(classes).index(name) if name in classes else None for name in CATEGORIES]
         rows = pa.table(
@@ -144,10 +142,6 @@ class Scores:
 
     def merge(self) -> Path | None:
         """All parts and the merged file as one sorted file without doubles; None when there is nothing."""
-        import pyarrow as pa
-
-        from kb.schema.tables import table
-        from kb.store.shards import ShardWriter, order
 
         parts = sorted(Path(self.folder).glob("part-*.parquet"))
         path = Path(self.folder) / "toxicity.parquet"
@@ -167,14 +161,11 @@ class Scores:
         return path
 
     def _connect(self) -> duckdb.DuckDBPyConnection:
-        from kb.store import database
 
         return database.connect(Path(self.folder))
 
     def _files(self) -> str:
         """SQL of all rows; files of an earlier version may lack a category."""
-        from kb.schema.tables import table
-        from kb.store.reading import scan
 
         files = sorted(Path(self.folder).glob("*.parquet"))
         columns = ", ".join(

@@ -13,7 +13,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.annotate.backends import check_options, prepare
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
@@ -22,13 +25,9 @@ from kb.annotate.hashes import text_hashes
 from kb.annotate.scores import CATEGORIES, Scores
 from kb.annotate.worker import Job, score_chunk
 from kb.core import signals
+from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import LimitReached
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from kb.core.context import Run
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,6 @@ class Scorer:
 
     def lookup(self, hashes: pa.Array | pa.ChunkedArray) -> pa.Table:
         """`CATEGORIES` and `precision` of each hash, in order; null where there is none."""
-        import pyarrow as pa
 
         if self.scores is None:
             return pa.table(
@@ -113,7 +111,6 @@ class Scorer:
         self, texts: pa.Array | pa.ChunkedArray, prefix: str = "toxicity", categories: bool = True
     ) -> dict[str, pa.ChunkedArray]:
         """The largest category as `prefix`, and with `categories` each one as `prefix_<category>`."""
-        import pyarrow.compute as pc
 
         found = self.lookup(text_hashes(texts))
         columns = {prefix: pc.max_element_wise(*(found[name] for name in CATEGORIES))}
@@ -203,7 +200,6 @@ def scores(key: str, root: Path | str, source: str, texts: pa.Array | pa.Chunked
 
     `key` is what `check` gave.
     """
-    import pyarrow as pa
 
     if not key:
         return pa.table({name: pa.nulls(len(texts), pa.float32()) for name in CATEGORIES})

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+import pyarrow as pa
+import pyarrow.compute as pc
 
 # Unicode white space (str.isspace, str.split): RE2's \s knows only the ASCII part.
 _WORD = r"[^\s\x0b\x1c-\x1f\x{85}\p{Z}]+"
@@ -16,16 +14,12 @@ def word_count(texts: pa.Array | pa.ChunkedArray) -> pa.Array | pa.ChunkedArray:
 
     Equal to `len(text.split())` for every text.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     return pc.count_substring_regex(texts.cast(pa.string()), _WORD).cast(pa.int64())
 
 
 def word_count_of_lists(lists: pa.Array | pa.ChunkedArray) -> pa.Array:
     """Words of all texts in each list together, int64; null for a null list, 0 for an empty one."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     if isinstance(lists, pa.ChunkedArray):
         lists = lists.combine_chunks()

@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import os
+import signal
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from typing import Any
 
 from kb.core import signals
+from kb.core.dask_engine import dask_executor
 from kb.core.errors import SettingError
 
 
@@ -53,8 +57,6 @@ def make_executor(
                 raise
         return
     if engine == "dask":
-        from kb.core.dask_engine import dask_executor
-
         with dask_executor(scheduler, workers) as pool:
             yield pool
         return
@@ -89,9 +91,6 @@ def _begin_worker() -> None:
 
     A worker holds both ends of its queue, so that the death of a killed parent never shows there.
     """
-    import os
-    import signal
-    import threading
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()

@@ -10,14 +10,13 @@ Source: Jiang et al., "Reinforcement Learning Friendly Vision-Language Model for
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import orjson
+
+from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.export.pair_rows import pair_rows
 from kb.store.atomic import writing
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 _FRAMES = 16
 _COLUMNS = ["video_id", "text", "clip_start_s", "clip_end_s"]
@@ -25,7 +24,6 @@ _COLUMNS = ["video_id", "text", "clip_start_s", "clip_end_s"]
 
 def write(run: Run) -> Path:
     """Writes the file, row by row. Raises FatalError when pairs have no text, and DiskFull."""
-    import orjson
 
     path = run.root / "export" / "clip4mc" / "dataset.json"
     count = 0

@@ -15,8 +15,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import duckdb
+
+from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.export.parquet import clean_parts
@@ -24,11 +27,6 @@ from kb.schema.tables import table
 from kb.store import database
 from kb.store.atomic import replacing_folder
 from kb.store.reading import reading, scan
-
-if TYPE_CHECKING:
-    import duckdb
-
-    from kb.core.context import Run
 
 _GONE = "unknown"  # ConvoKit needs a speaker for every utterance
 _TEXT, _NUMBER, _FLAG = ["<class 'str'>"], ["<class 'int'>"], ["<class 'bool'>"]

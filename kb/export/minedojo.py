@@ -8,17 +8,15 @@ beside this one.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import orjson
 
+from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.export.parquet import clean_parts
 from kb.schema.tables import table
 from kb.store.atomic import writing
 from kb.store.merge import Merge
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 # MineDojo's name ← ours, in the published order
 YOUTUBE = {
@@ -37,7 +35,6 @@ def youtube(run: Run) -> Summary:
 
     Memory is bounded by the rows read ahead. Raises FatalError without clean rows, and DiskFull.
     """
-    import orjson
 
     parts = clean_parts(run.root, table("youtube/videos"))
     if not parts:

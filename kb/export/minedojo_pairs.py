@@ -6,20 +6,18 @@ Source: MineDojo (NeurIPS 2022), data appendix. `export/minedojo/pairs.json`, a 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import orjson
+
+from kb.core.context import Run
 from kb.export.pair_rows import pair_rows
 from kb.store.atomic import writing
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 _COLUMNS = ["keyword", "video_id", "clip_start_s", "clip_end_s"]
 
 
 def write(run: Run) -> Path:
     """Writes the file. Holds the clips in memory (the layout is sorted by keyword). Raises FatalError, DiskFull."""
-    import orjson
 
     path = run.root / "export" / "minedojo" / "pairs.json"
     clips: dict[str, list[bytes]] = {}

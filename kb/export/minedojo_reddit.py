@@ -6,20 +6,18 @@ Content is not in it: the published loader, and `kb reddit reconstruct`, bring i
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
 
+import pyarrow.parquet as pq
+
+from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.store.atomic import writing
 from kb.store.reading import reading
 
-if TYPE_CHECKING:
-    from kb.core.context import Run
-
 
 def export(run: Run) -> Summary:
     """clean/reddit → export/minedojo/reddit.json, sorted by id. Raises FatalError without clean rows, DamagedData, DiskFull."""
-    import pyarrow.parquet as pq
 
     parts = sorted((run.root / "clean" / "reddit" / "posts").glob("*.parquet"))
     if not parts:

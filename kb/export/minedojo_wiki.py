@@ -19,9 +19,12 @@ import shutil
 from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
+import orjson
+
+from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.export.parquet import clean_parts
@@ -30,16 +33,12 @@ from kb.schema.tables import table
 from kb.store.atomic import replacing_folder
 from kb.store.inside import inside
 
-if TYPE_CHECKING:
-    from kb.core.context import Run
-
 _BOX = ["x", "y", "width", "height"]
 Row = dict[str, Any]
 
 
 def wiki(run: Run) -> Summary:
     """Writes wiki_full from clean/wiki, one page at a time. Raises FatalError without clean rows, and DiskFull."""
-    import orjson
 
     if not clean_parts(run.root, table("wiki/pages")):
         raise FatalError(

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.export.parquet import clean_parts
 from kb.schema.tables import table
 from kb.store.merge import Merge
 from kb.store.shards import order
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 
 def pair_rows(run: Run, columns: Sequence[str]) -> Iterator[dict[str, Any]]:

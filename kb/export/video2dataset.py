@@ -10,15 +10,13 @@ entry a clip and go along with `save_additional_columns`.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from kb.core.context import Run
 from kb.export.pair_rows import by_video
 from kb.store.atomic import writing
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from kb.core.context import Run
 
 _COLUMNS = ["pair_id", "keyword", "text", "clip_start_s", "clip_end_s"]
 _ROWS = 4096  # videos written at a time
@@ -26,7 +24,6 @@ _ROWS = 4096  # videos written at a time
 
 def schema() -> pa.Schema:
     """Columns of the file."""
-    import pyarrow as pa
 
     texts = pa.list_(pa.string())
     return pa.schema(
@@ -44,8 +41,6 @@ def schema() -> pa.Schema:
 
 def write(run: Run) -> Path:
     """Writes the file. Raises FatalError when there is no index, and DiskFull."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     path = run.root / "export" / "video2dataset" / "pairs.parquet"
     with (

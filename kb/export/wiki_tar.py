@@ -18,19 +18,17 @@ import tarfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import pyarrow as pa
+
+from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError
 from kb.core.verdict import Summary
 from kb.export import parquet
 from kb.schema.tables import table
 from kb.store.inside import inside
 from kb.store.merge import Merge
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from kb.core.context import Run
 
 TAR_BYTES = 1 << 30
 _BLOCK = 512
@@ -172,7 +170,6 @@ def _moved(column: str, places: dict[str, str]) -> parquet.Change:
     """The released path of each file instead of the one in the data root."""
 
     def make(rows: pa.Table) -> pa.Table:
-        import pyarrow as pa
 
         moved = [None if path is None else places[path] for path in rows[column].to_pylist()]
         return rows.set_column(

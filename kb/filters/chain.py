@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.core.context import Run
 from kb.core.errors import SchemaMismatch
 from kb.filters.judgement import Judgement, Predicate
 from kb.schema.tables import table
 from kb.store.buckets import Kind
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from kb.core.context import Run
 
 VERDICTS = ("rejected", "failed", "pending")
 
@@ -115,8 +114,6 @@ def sort_rows(
     `until` names a stage to stop before: the rows that reach it are `kept`. Raises SchemaMismatch
     when a stage reads a column that is not there.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     out: dict[str, list[pa.Table]] = {verdict: [] for verdict in VERDICTS}
     joined = False
@@ -152,8 +149,6 @@ def sort_rows(
 def _verdicts(
     rows: pa.Table, judged: Judgement, out_of: Any, chain: Chain, stage: str
 ) -> Iterator[tuple[str, pa.Table]]:
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     key = pc.binary_join_element_wise(
         chain.prefix, rows.column(chain.key).cast(pa.string()).combine_chunks(), ""
@@ -184,7 +179,6 @@ def _verdicts(
 
 def declared_columns(rows: pa.Table, chain: Chain) -> pa.Table:
     """The rows with the columns of their table: parse's inputs and helpers dropped, nullable ones that nobody made as null."""
-    import pyarrow as pa
 
     declared = table(chain.table)
     names = set(declared.names())

@@ -16,9 +16,14 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.core import pipeline, vocabulary
+from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import CountMismatch, DamagedData, FatalError
 from kb.core.verdict import Summary, Tally
@@ -30,11 +35,6 @@ from kb.store.atomic import replacing_folder, write_text
 from kb.store.frontier import Frontier
 from kb.store.lock import of_clean, taking, writer
 from kb.store.shards import write_table
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from kb.core.context import Run
 
 
 def run_clean(run: Run, source: str) -> Summary:
@@ -182,7 +182,6 @@ def _suspect(run: Run, source: str, error: DamagedData) -> None:
 
 
 def _texts(run: Run, job: Job, executor: Any) -> Iterator[pa.Array]:
-    import pyarrow as pa
 
     tasks = ((job, number) for number in range(job.buckets))
     for path in map_in_order(executor, texts_of, tasks, window=2 * run.workers):
@@ -226,8 +225,6 @@ def _write_empty(out: Path, spec: Clean) -> None:
 
 def _unanswered(run: Run, job: Job, spec: Clean) -> Counter[str]:
     """Keys that the crawl gave up on and that have no row: failed. One that waits for what was given up no longer waits."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     assert spec.unanswered is not None
     lost = dict(spec.unanswered(run.root))
@@ -249,9 +246,6 @@ def _unanswered(run: Run, job: Job, spec: Clean) -> Counter[str]:
 
 def _ended(pending: Path, reasons: tuple[str, ...], lost: Mapping[str, str]) -> int:
     """Take the rows of the keys in `lost` that wait for one of these reasons out of the pending ones; how many there were."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-    import pyarrow.parquet as pq
 
     count = 0
     keys, of = pa.array(lost, pa.string()), pa.array(reasons, pa.string())

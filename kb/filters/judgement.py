@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
-if TYPE_CHECKING:
-    import pyarrow as pa
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.types as kinds
 
 
 class Judgement(NamedTuple):
@@ -42,8 +43,6 @@ def compared(
     needed: Sequence[str],
 ) -> Judgement:
     """`reason` where `outside`; where a `needed` value is null, `malformed` or `absent` by the rows' problems."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     out = pc.fill_null(outside, False)
     reasons = pc.if_else(out, reason, None).cast(pa.string())
@@ -60,8 +59,6 @@ def compared(
 
 def malformed(rows: pa.Table, column: str) -> pa.Array:
     """The text of what could not be read as `column`, null where all is well."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     if "problems" not in rows.column_names or not rows.num_rows:
         return nothing(rows)
@@ -79,7 +76,6 @@ def malformed(rows: pa.Table, column: str) -> pa.Array:
 
 def one(rows: pa.Table, name: str) -> pa.Array:
     """A column as one array."""
-    import pyarrow as pa
 
     column = rows.column(name)
     whole = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
@@ -88,8 +84,6 @@ def one(rows: pa.Table, name: str) -> pa.Array:
 
 def text(values: pa.Array) -> pa.Array:
     """Values as `rejected.value` shows them."""
-    import pyarrow as pa
-    import pyarrow.types as kinds
 
     if kinds.is_floating(values.type):
         return pa.array(
@@ -107,6 +101,5 @@ def number(value: float | str) -> str:
 
 def nothing(rows: pa.Table) -> pa.Array:
     """A text column of nulls."""
-    import pyarrow as pa
 
     return pa.nulls(rows.num_rows, pa.string())

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.filters.judgement import Judgement, Predicate, compared, nothing, one, text
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,6 @@ class AtLeast:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`below`, `absent` or `malformed`."""
-        import pyarrow.compute as pc
 
         values = one(rows, self.column)
         return compared(
@@ -55,8 +54,6 @@ class RatioAtLeast:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`below`, `absent` or `malformed`; the value is the ratio, or "top x bottom" of what is malformed."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         top, bottom = (
             one(rows, self.top).cast(pa.float64()),
@@ -92,8 +89,6 @@ class AtMost:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason`, and without `null_passes` also `absent` or `malformed`."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         values = one(rows, self.column)
         limit = pa.scalar(self.most, values.type)  # a float32 score of 0.5 is no more than 0.5
@@ -116,8 +111,6 @@ class NotTrue:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason` where the column is true."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         hit = pc.fill_null(one(rows, self.column), False)
         return Judgement(
@@ -138,7 +131,6 @@ class Present:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`absent` or `malformed`."""
-        import pyarrow as pa
 
         never = pa.array([False] * rows.num_rows, pa.bool_())
         return compared(rows, one(rows, self.column), never, "", None, (self.column,))
@@ -159,8 +151,6 @@ class NotIn:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason`, else the value itself as the reason."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         values = one(rows, self.column)
         hit = pc.is_in(values, pa.array(self.values, values.type))
@@ -185,8 +175,6 @@ class Told:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """The column's own text."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         reason = text(one(rows, self.column))
         value = text(one(rows, self.value)) if self.value else nothing(rows)
@@ -210,8 +198,6 @@ class In:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason`, `absent` or `malformed`."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         values = one(rows, self.column)
         other = pc.invert(pc.is_in(values, pa.array(self.values, values.type)))
@@ -235,8 +221,6 @@ class Waits:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason`."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         hit = pc.is_in(
             one(rows, self.column), pa.array(self.values, rows.schema.field(self.column).type)
@@ -250,8 +234,6 @@ class Waits:
 
 def passes(predicates: Sequence[Predicate], rows: pa.Table) -> pa.Array:
     """Which rows pass all of them: the crawl asks this before it fetches what is dear."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     good = pa.array([True] * rows.num_rows, pa.bool_())
     for predicate in predicates:

@@ -10,7 +10,10 @@ import json
 from collections import Counter
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.core import pipeline
 from kb.core.errors import FatalError
@@ -20,9 +23,6 @@ from kb.schema.tables import table
 from kb.store import buckets, tombstones
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.shards import write_table
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 
 class Job(NamedTuple):
@@ -67,7 +67,6 @@ def parse_segment(job: Job, kind: str, segment: str, number: int) -> dict[str, A
 
 def texts_of(job: Job, number: int) -> str:
     """Write the texts of a bucket that reach their toxicity stage to a file; its path."""
-    import pyarrow as pa
 
     spec = spec_of(job)
     path = str(Path(job.work, f"texts-{number:06d}.arrow"))
@@ -82,7 +81,6 @@ def texts_of(job: Job, number: int) -> str:
 
 def sort_bucket(job: Job, number: int) -> dict[str, int]:
     """Sort one bucket and write its part files; counts for the summary."""
-    import pyarrow as pa
 
     spec = spec_of(job)
 
@@ -118,7 +116,6 @@ def _walk(
     job: Job, spec: Clean, number: int, join: Any, dry: bool = False
 ) -> tuple[list[tuple[Chain, Sorted]], dict[str, pa.Table], Counter[str]]:
     """Assemble a bucket and run its chains; `dry` stops each that has scores before its scored stage."""
-    import pyarrow.compute as pc
 
     newest, counts = _newest(job, spec, number)
     if not newest:
@@ -155,7 +152,6 @@ def _walk(
 
 def _newest(job: Job, spec: Clean, number: int) -> tuple[dict[str, pa.Table], Counter[str]]:
     """The newest rows of a bucket by kind, those that any bucket may need among them, and how many older ones it had."""
-    import pyarrow.compute as pc
 
     counts: Counter[str] = Counter()
     newest: dict[str, pa.Table] = {}
@@ -176,8 +172,6 @@ def _newest(job: Job, spec: Clean, number: int) -> tuple[dict[str, pa.Table], Co
 
 
 def _without(rows: pa.Table, chain: Chain, gone: frozenset[str]) -> pa.Table:
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     if not gone:
         return rows
@@ -197,8 +191,6 @@ def removed_keys(root: str, source: str, changed: int) -> frozenset[str]:
 
 def _join(job: Job, spec: Clean, chain: Chain, rows: pa.Table) -> pa.Table:
     """The rows with the largest category of each scored text, and those categories that the table has; null when nothing is scored."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     declared = table(chain.table).names()
     for column, largest in chain.scores.items():

@@ -10,13 +10,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.filters.judgement import Judgement, Predicate, malformed, nothing, one, text
 from kb.filters.predicates import passes
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _EDGE = r"[^\pL\pN_]"
 
@@ -65,8 +64,6 @@ class Topic:
 
     def fill(self, rows: pa.Table) -> pa.Table:
         """The rows with `topic_evidence`; null for those that are off topic."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         named = self._named(rows)
         ours = pc.and_(named, self._ours(rows))
@@ -79,8 +76,6 @@ class Topic:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`label` (pending or failed), `other_game`, `category`, `keywords`, `absent` or `malformed`."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         outcome = one(rows, "transcript_outcome")
         failed = pc.fill_null(pc.equal(outcome, "failed"), False)
@@ -125,26 +120,19 @@ class Topic:
         )
 
     def _named(self, rows: pa.Table) -> pa.Array:
-        import pyarrow.compute as pc
 
         return pc.and_(pc.is_valid(one(rows, "game_label_id")), bool(self.game_ids))
 
     def _ours(self, rows: pa.Table) -> pa.Array:
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         return pc.is_in(one(rows, "game_label_id"), pa.array(self.game_ids, pa.string()))
 
     def _categorised(self, rows: pa.Table) -> pa.Array:
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         return pc.is_in(one(rows, "category_id"), pa.array(self.category_ids, pa.int64()))
 
     def _keyword(self, rows: pa.Table, candidate: pa.Array) -> pa.Array:
         """Whether a keyword is in the title, else in the tags, else in the description; asked of candidates only."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         pattern = whole_words(self.keywords)
         found = pa.array([False] * rows.num_rows, pa.bool_())

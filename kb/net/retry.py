@@ -13,6 +13,8 @@ from datetime import UTC, datetime, timedelta
 from email.utils import parsedate_to_datetime
 from typing import TypeVar
 
+import tenacity
+
 from kb.core import clock
 from kb.core.errors import Blocked, Retryable, Unreachable
 
@@ -39,7 +41,6 @@ def attempt(
     or turns every try away (429). `sleep` waits between the tries instead of the clock's, and may raise.
     `service` names a service without which nothing goes on: what fails to the end is Unreachable then.
     """
-    import tenacity
 
     def wait(state: tenacity.RetryCallState) -> float:
         error = state.outcome.exception() if state.outcome else None

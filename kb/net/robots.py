@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from urllib.parse import urlsplit
 
+from protego import Protego
+
 _GROUP = re.compile(r"^(\s*user-agent\s*:\s*)([a-z_*-]+).*$", re.I | re.M)
 
 
@@ -16,7 +18,6 @@ class Robots:
     """
 
     def __init__(self, text: str, agent: str) -> None:
-        from protego import Protego
 
         self._agent = re.split(r"[/\s]", agent, maxsplit=1)[0].lower()
         self._rules = Protego.parse(_GROUP.sub(r"\1\2", text))

@@ -12,8 +12,11 @@ import shutil
 from collections import Counter
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+import pyarrow as pa
+
+from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import LimitReached
 from kb.core.profile.pairs import Pairs
@@ -24,9 +27,6 @@ from kb.pairs.index import Counts, Tools, make_tools, pairs_of
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.lock import writer
 from kb.store.shards import ShardWriter, sorted_shards, write_table
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 _RULES = "2"  # raised when the same input gives other rows
 _STRETCH = 4096  # transcripts: some seconds of work
@@ -146,7 +146,6 @@ def _todo(run: Run, work: Path) -> tuple[list[Stretch], bool]:
 
 def do_stretch(work: str, path: str, first: int, after: int, name: str) -> tuple[int, int, int]:
     """One task: make the pairs of a stretch; how many transcripts, words and pairs. Counts are written before rows."""
-    import pyarrow as pa
 
     tools, counts, tables = _tools(f"{work}/plan.json"), Counts(), []
     for text in source.texts(Path(path), first, after):

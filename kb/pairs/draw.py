@@ -10,9 +10,10 @@ import hashlib
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+import pyarrow as pa
+
 if TYPE_CHECKING:
     import numpy as np
-    import pyarrow as pa
 
 PURPOSES = {
     name: number
@@ -54,7 +55,6 @@ def whole(drawn: np.ndarray, low: np.ndarray | int, high: np.ndarray | int) -> n
 def hexadecimal(drawn: np.ndarray) -> pa.Array:
     """Bits as sixteen hexadecimal digits."""
     import numpy as np
-    import pyarrow as pa
 
     digits = np.frombuffer(b"0123456789abcdef", np.uint8)
     codes = drawn.astype(">u8").view(np.uint8)

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from kb.pairs.text import Text
 from kb.pairs.tokens import ENDS, Tokens
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from kb.pairs.text import Text
 
 
 class Grown(NamedTuple):

@@ -11,7 +11,11 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import pyarrow as pa
+import pyarrow.compute as pc
+
 from kb.core.errors import MissingExtra
+from kb.core.profile.pairs import Pairs
 from kb.pairs import choose, draw
 from kb.pairs.grow import Grown, grow
 from kb.pairs.keywords import EXCLUDED, NEVER, Keywords
@@ -21,9 +25,6 @@ from kb.pairs.tokens import ENDS, Tokens
 
 if TYPE_CHECKING:
     import numpy as np
-    import pyarrow as pa
-
-    from kb.core.profile.pairs import Pairs
 
 
 class Tools(NamedTuple):
@@ -216,7 +217,6 @@ def _table(
     times: dict[str, tuple[np.ndarray, np.ndarray]],
     center: np.ndarray,
 ) -> pa.Table:
-    import pyarrow as pa
 
     names = pa.array([keyword.name for keyword in keywords.every])
     kinds = pa.array([keyword.kind for keyword in keywords.every])
@@ -250,8 +250,6 @@ def _table(
 def _texts(text: Text, grown: Grown) -> tuple[pa.Array, np.ndarray]:
     """Grown texts with one space between words, and where they end without the white space after."""
     import numpy as np
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     slices = pa.LargeListViewArray.from_arrays(
         pa.array(grown.start), pa.array(grown.end - grown.start), pa.array(text.spaced)

@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kb.core.errors import ProfileError
+from kb.core.profile import Profile
 from kb.pairs.fold import phrase
 from kb.pairs.forms import forms
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from kb.core.profile import Profile
 
 COLUMNS = ("keyword", "kind", "rule", "forms")
 NEVER = -1

@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
+from ahocorasick_rs import BytesAhoCorasick, Implementation
+
 from kb.pairs.fold import Folded
 
 if TYPE_CHECKING:
@@ -30,7 +32,6 @@ class Matcher:
     """Matches folded phrases."""
 
     def __init__(self, phrases: Sequence[str]) -> None:
-        from ahocorasick_rs import BytesAhoCorasick, Implementation
 
         self._automaton = (
             BytesAhoCorasick(

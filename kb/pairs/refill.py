@@ -8,25 +8,25 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from kb.core import signals
+from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
 from kb.core.verdict import Summary
 from kb.pairs import source
 from kb.pairs.build import SUMMARY
 from kb.pairs.index import make_tools
 from kb.pairs.keywords import Keywords
+from kb.pairs.text import Text
 from kb.pairs.tokens import ENDS
+from kb.schema.conform import conform
+from kb.schema.tables import table
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.lock import writer
 from kb.store.shards import sorted_shards, write_table
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from kb.core.context import Run
-    from kb.pairs.text import Text
 
 
 def refill(run: Run, index: Path) -> Summary:
@@ -75,11 +75,6 @@ def refill(run: Run, index: Path) -> Summary:
 
 
 def _read(index: Path) -> pa.Table:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    from kb.schema.conform import conform
-    from kb.schema.tables import table
 
     files = sorted(index.glob("pairs-*.parquet")) if index.is_dir() else [index]
     if not files or not all(file.is_file() for file in files):
@@ -115,7 +110,6 @@ def _wanted(batch: Text, places: dict[str, list[int]]) -> list[tuple[str, str]]:
 
 
 def _write(run: Run, rows: pa.Table, texts: list[str | None]) -> None:
-    import pyarrow as pa
 
     with replacing_folder(run.root / "pairs") as fresh:
         part = fresh / ".filled.parquet"

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import heapq
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
 
 from kb.core import signals
+from kb.core.context import Run
 from kb.pairs import draw, source
 from kb.pairs import keywords as lists
 from kb.pairs.index import Counts, Tools, make_tools, matches
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from kb.core.context import Run
-    from kb.pairs.text import Text
+from kb.pairs.text import Text
 
 _AROUND = 40  # bytes of context on each side
 

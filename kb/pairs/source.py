@@ -6,15 +6,15 @@ import hashlib
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.core.errors import FatalError
 from kb.pairs.text import Text
 from kb.store import rawlog
 from kb.store.reading import reading
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _ROWS = 512  # transcripts in memory at once: about two million words
 _COLUMNS = ["video_id", "kind", "cues"]
@@ -46,7 +46,6 @@ def _how(root: Path, index: Path | None) -> str:
 
 def rows(path: Path) -> int:
     """Transcripts in a file."""
-    import pyarrow.parquet as pq
 
     with reading([path]):
         return int(pq.read_metadata(path).num_rows)
@@ -54,8 +53,6 @@ def rows(path: Path) -> int:
 
 def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text]:
     """Transcripts `first` up to `after` of a file, in batches, with the lengths of their videos."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     lengths = _Lengths(path)
     with reading([path]), pq.ParquetFile(path, pre_buffer=False, buffer_size=1 << 20) as file:
@@ -88,7 +85,6 @@ def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text
 
 def _pieces(rows: pa.Table) -> Iterator[pa.Table]:
     """A table cut where it holds too many cues for one go (very long streams)."""
-    import pyarrow.compute as pc
 
     cues = pc.sum(pc.list_value_length(rows.column("cues"))).as_py() or 0
     if cues > _CUES and rows.num_rows > 1:
@@ -110,7 +106,6 @@ class _Lengths:
 
     def of(self, ids: pa.ChunkedArray) -> pa.Array:
         """Lengths in the order of `ids`; null where no video says one."""
-        import pyarrow.compute as pc
 
         if self._known is None:
             self._known = _read([self._same] if self._same.exists() else [])
@@ -125,8 +120,6 @@ class _Lengths:
 
 
 def _read(files: list[Path]) -> pa.Table:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     with reading(files):
         tables = [

@@ -9,11 +9,13 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import pyarrow as pa
+import pyarrow.compute as pc
+
 from kb.pairs.fold import WALL
 
 if TYPE_CHECKING:
     import numpy as np
-    import pyarrow as pa
 
 _WALL = b" " + bytes([WALL]) + b" "
 _SPACES = bytes(0x20 if byte in b" \t\n\v\f\r\x1c\x1d\x1e\x1f" else byte for byte in range(256))
@@ -33,8 +35,6 @@ class Text:
     def __init__(self, transcripts: pa.Table, lengths: pa.Array | None = None) -> None:
         """`transcripts` has the columns of youtube/transcripts; `lengths` the videos' seconds, null when unknown."""
         import numpy as np
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         transcripts = transcripts.combine_chunks()
         self.ids, self.kinds = _column(transcripts, "video_id"), _column(transcripts, "kind")
@@ -77,8 +77,6 @@ class Text:
     def _places(self, texts: pa.Array, counts: np.ndarray) -> None:
         """Join cues by a space and transcripts by a wall, and note where each begins."""
         import numpy as np
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         videos = len(counts)
         sizes = np.asarray(pc.binary_length(texts)).astype(np.int64)
@@ -213,7 +211,6 @@ class Text:
 
 
 def _column(rows: pa.Table, name: str) -> pa.Array:
-    import pyarrow as pa
 
     column = rows.column(name)
     return column.chunk(0) if column.num_chunks else pa.array([], column.type)
@@ -222,7 +219,6 @@ def _column(rows: pa.Table, name: str) -> pa.Array:
 def _seconds(cells: pa.Array, name: str) -> np.ndarray:
     """A field of cues in ms; what is no time (null, NaN, infinite) counts as 0."""
     import numpy as np
-    import pyarrow.compute as pc
 
     values = (
         pc.struct_field(cells, name).cast("float64").fill_null(0).to_numpy(zero_copy_only=False)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pyarrow as pa
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -35,7 +37,6 @@ class Tokens:
         bytes), `wanted` a mask over words.
         """
         import numpy as np
-        import pyarrow as pa
 
         offsets = np.append(words, len(codes))
         kind, width = (

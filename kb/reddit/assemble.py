@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.reddit import threads
 from kb.reddit.parse import KINDS, MARKS, schema
 from kb.reddit.tree import depths
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 # Columns that the stages read and no table has, or only one of the two tables.
 HELPERS = (
@@ -39,7 +39,6 @@ def assemble(newest: dict[str, pa.Table]) -> dict[str, Any]:
     Of several kinds of answers the newest about a thing counts; a stub only where nothing else is
     known. A comment's `post` is null when its post is kept, else why it is not.
     """
-    import pyarrow.compute as pc
 
     found = newest_of(newest)
     is_post = pc.starts_with(found["fullname"], "t3_")
@@ -55,8 +54,6 @@ def assemble(newest: dict[str, pa.Table]) -> dict[str, Any]:
 
 def newest_of(newest: dict[str, pa.Table]) -> pa.Table:
     """One row a thing over all kinds of answers, sorted by full name; marks are no things."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     tables = [
         newest[kind]
@@ -83,8 +80,6 @@ def newest_of(newest: dict[str, pa.Table]) -> pa.Table:
 
 def _marks(newest: dict[str, pa.Table]) -> pa.Table:
     """Which parts of trees are known, of all kinds of answers."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     rows = pa.concat_tables(
         [found.select(["fullname", "post_id", "state"]) for found in newest.values()]
@@ -93,7 +88,6 @@ def _marks(newest: dict[str, pa.Table]) -> pa.Table:
 
 
 def _differs(names: pa.Array) -> pa.Array:
-    import pyarrow.compute as pc
 
     names = names.combine_chunks() if hasattr(names, "combine_chunks") else names
     return pc.not_equal(names.slice(0, len(names) - 1), names.slice(1))
@@ -101,8 +95,6 @@ def _differs(names: pa.Array) -> pa.Array:
 
 def _named(rows: pa.Table) -> pa.Table:
     """The columns that both tables share: `missing`, `score_source`, and the text as `body`."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     state = rows["state"]
     rows = rows.append_column("missing", pc.equal(state, "missing"))
@@ -118,8 +110,6 @@ def _named(rows: pa.Table) -> pa.Table:
 
 
 def _comments(rows: pa.Table, posts: pa.Table, kept: pa.Table | None) -> pa.Table:
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     rows = rows.append_column("comment_id", pc.utf8_slice_codeunits(rows["fullname"], 3))
     known = depths(zip(rows["comment_id"].to_pylist(), rows["parent_id"].to_pylist(), strict=True))
@@ -135,6 +125,5 @@ def _comments(rows: pa.Table, posts: pa.Table, kept: pa.Table | None) -> pa.Tabl
 
 
 def _ids(posts: pa.Table | None) -> pa.Array:
-    import pyarrow as pa
 
     return pa.array([], pa.string()) if posts is None else posts["post_id"].combine_chunks()

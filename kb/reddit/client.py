@@ -11,7 +11,11 @@ from collections.abc import Callable
 from datetime import timedelta
 from typing import Any
 
+import praw
+import prawcore.exceptions as wrong
 import requests
+from prawcore.requestor import Requestor
+from prawcore.sessions import FiniteRetryStrategy
 
 from kb.core import clock
 from kb.core.errors import Blocked, CredentialRefused, FatalError, ItemFinal, KbError, Retryable
@@ -142,7 +146,6 @@ class Client:
 
         Through PRAW's core: its `request` turns an HTTP 400 into an exception without status.
         """
-        import prawcore.exceptions as wrong
 
         reddit = self._connected()
         try:
@@ -215,9 +218,6 @@ def _consequence(response: Any, path: str) -> KbError:
 
 
 def _praw(client_id: str, secret: str | None, session: Session, root: str, limiter: Limiter) -> Any:
-    import praw
-    from prawcore.requestor import Requestor
-    from prawcore.sessions import FiniteRetryStrategy
 
     class Ours(Requestor):
         """Sends by our session."""

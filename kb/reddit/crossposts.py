@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.store.shards import ShardWriter
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 # Copied by Reddit from the parent. Addresses hold the title of a text post, and the id of a gallery.
 COPIED = frozenset(
@@ -65,9 +66,6 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
     `crossposts` are bare ids of those that are known to repeat a key; others are told by their address.
     Files without such rows are not touched.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
-    import pyarrow.parquet as pq
 
     known = pa.array(sorted(crossposts), pa.string())
     purged = pa.array(
@@ -102,8 +100,6 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
 
 
 def _bare(rows: pa.Table, hit: pa.Array) -> pa.Table:
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     for name, value in (
         ("type", "text"),

@@ -12,17 +12,17 @@ import zlib
 from collections.abc import Collection, Mapping
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.reddit.tree import depths
 from kb.schema import table
 from kb.store.atomic import settle_folder, write_bytes
 from kb.store.reading import reading
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 DONE, MISSING = ".done.json", "missing.parquet"
 NAMES = ("posts", "comments")
@@ -75,7 +75,6 @@ def wrote(work: Path, done: Done) -> None:
 
 def size(out: Path) -> int:
     """Rows of the tables in `out`. Raises DamagedData."""
-    import pyarrow.parquet as pq
 
     paths = [path for name in NAMES for path in _parts(out / name)]
     with reading(paths):
@@ -84,7 +83,6 @@ def size(out: Path) -> int:
 
 def missing(out: Path) -> dict[str, str]:
     """Key → reason of what earlier runs did not get. Raises DamagedData."""
-    import pyarrow.parquet as pq
 
     path = out / MISSING
     if not path.exists():
@@ -96,8 +94,6 @@ def missing(out: Path) -> dict[str, str]:
 
 def spread(out: Path, folder: Path, buckets: int) -> None:
     """Rows of the tables → `folder/old-<name>/<bucket>.arrow`, by post. Raises DamagedData, DiskFull."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     for name in NAMES:
         schema, writers = table(f"reddit/{name}").arrow(), {}
@@ -129,8 +125,6 @@ def merged(
 
     Full names in `gone` are in no table any more.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     path, key = folder / f"old-{name}" / f"{number}.arrow", table(f"reddit/{name}").key[0]
     parts = [_declared(fresh, fresh.schema)]
@@ -151,8 +145,6 @@ def merged(
 
 def deep(comments: pa.Table) -> pa.Table:
     """Depths that no run knew by itself, from the comments of all of them."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     keys = comments["comment_id"].to_pylist()
     known = depths(zip(keys, comments["parent_id"].to_pylist(), strict=True))
@@ -180,7 +172,6 @@ def reasons(
 
 def _declared(rows: pa.Table, schema: pa.Schema) -> pa.Table:
     """With the columns of this version: what the tables lack is null."""
-    import pyarrow as pa
 
     columns = [
         rows[field.name].cast(field.type)
@@ -193,7 +184,6 @@ def _declared(rows: pa.Table, schema: pa.Schema) -> pa.Table:
 
 def _are_whole(out: Path, counts: Mapping[str, int]) -> bool:
     """Whether the tables below `out` are all there, with so many rows."""
-    import pyarrow.parquet as pq
 
     try:
         for name in NAMES:

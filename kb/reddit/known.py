@@ -11,7 +11,10 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
@@ -19,9 +22,6 @@ from kb.core.profile.reddit import Links
 from kb.reddit import parse
 from kb.store import buckets, rawlog
 from kb.store.atomic import full_disk_is_resumable
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _READ = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "dump")
 
@@ -37,7 +37,6 @@ class Known:
         self.folder = folder
 
     def __iter__(self) -> Iterator[pa.Table]:
-        import pyarrow as pa
 
         for path in sorted(self.folder.glob("*.arrow")):
             with pa.ipc.open_file(str(path)) as file:
@@ -98,8 +97,6 @@ def spread(kind: str, links: Links, segment: str, place: int, folder: str, numbe
 
 
 def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     good = pa.array(["there", "missing"])
     for rows in parse.rows(lines, kind, links):
@@ -109,8 +106,6 @@ def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]
 
 def reduce(folder: str, number: int) -> None:
     """One row a thing of a bucket → `folder/<bucket>.arrow`; runs in a worker."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     parts = []
     for path in sorted(Path(folder, "rows", str(number)).glob("*.arrow")):

@@ -11,20 +11,19 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
+import pyarrow as pa
 
 from kb.core.errors import DamagedData
 from kb.core.profile.reddit import Links
 from kb.reddit import fields, tree
 from kb.reddit.dumps import retrieved
 from kb.reddit.types import is_crosspost, link_classifier, poll_options, post_type, removal
-from kb.schema.decode import holdable
+from kb.schema.coerce import times
+from kb.schema.decode import holdable, problems
 from kb.store.buckets import Kind
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 ROWS = 8_192
 # Of answers that are as old the later kind counts: a refresh (info) reads again what others brought.
@@ -205,7 +204,6 @@ def _marks(kind: str, response: Any, params: dict[str, Any], status: int) -> Ite
 
 def schema() -> pa.Schema:
     """Columns of `rows`."""
-    import pyarrow as pa
 
     text, number, flag = pa.string(), pa.int64(), pa.bool_()
     return pa.schema(
@@ -242,10 +240,6 @@ def schema() -> pa.Schema:
 
 def to_table(found: list[Row]) -> pa.Table:
     """Plain rows as a table of `schema()`."""
-    import pyarrow as pa
-
-    from kb.schema.coerce import times
-    from kb.schema.decode import problems
 
     columns: dict[str, Any] = {}
     for field in schema():

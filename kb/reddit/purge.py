@@ -12,6 +12,10 @@ from collections.abc import Collection
 from functools import partial
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
 from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.reddit import threads, tree
@@ -60,8 +64,6 @@ def plan(run: Run, ids: Path | None) -> Summary:
 
 def collect(run: Run, ids: Path | None, scratch: Path | None = None) -> dict[str, str]:
     """What is to go and why: `deleted`, `removed`, `missing`, `named`, and `post` for comments of posts that go."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     found: dict[str, str] = {}
     if ids:
@@ -137,8 +139,6 @@ def _check(root: Path) -> None:
 
 def mend(root: Path, keys: Collection[str]) -> None:
     """What rows say of other rows, after those of `keys` went: counts, missing parents, parts that failed."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     for path in sorted((root / "clean" / "reddit" / "failed").glob("*.parquet")):
         rows = pq.read_table(path)

@@ -18,11 +18,16 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import pyarrow.parquet as pq
+
 from kb.core import vocabulary
 from kb.core.context import Run
 from kb.core.errors import FatalError, ItemFinal, KbError, LimitReached, Retryable
+from kb.core.profile import DEFAULT, load_profile
 from kb.core.progress import Task
+from kb.core.settings import load_settings
 from kb.core.verdict import Summary
+from kb.net import redact
 from kb.reddit import earlier, tables
 from kb.reddit.client import INFO
 from kb.reddit.crawl import Crawl, Session, session
@@ -99,7 +104,6 @@ def reconstruct(
 
 def rows(out: Path) -> Iterator[Post | Comment | Missing]:
     """The rows of a finished reconstruction."""
-    import pyarrow.parquet as pq
 
     for name, make in (("posts", Post), ("comments", Comment)):
         for path in sorted((out / name).glob("*.parquet")):
@@ -246,9 +250,6 @@ class Rebuild(Crawl):
 
 
 def _run(profile: str | None, settings: dict[str, Any]) -> Run:
-    from kb.core.profile import DEFAULT, load_profile
-    from kb.core.settings import load_settings
-    from kb.net import redact
 
     loaded = load_settings(**{**settings, "kb_profile": profile or settings.get("kb_profile")})
     redact.know(loaded.secret_values())

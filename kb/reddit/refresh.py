@@ -13,6 +13,10 @@ from contextlib import closing
 from datetime import datetime, timedelta
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
 from kb.core import clock, signals, vocabulary
 from kb.core.context import Run
 from kb.core.errors import FatalError, ItemFinal, KbError, LimitReached, Retryable, Unreachable
@@ -77,9 +81,6 @@ def due_parts(
 
     `place` is "0" or "1" and the post: posts first, then comments post by post.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
-    import pyarrow.parquet as pq
 
     purged, parts = pa.array(sorted(gone), pa.string()), []
     by = [(name, "ascending") for name in _ORDER]

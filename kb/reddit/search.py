@@ -13,6 +13,8 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import orjson
+import pyarrow as pa
+import pyarrow.compute as pc
 from ahocorasick_rs import BytesAhoCorasick
 
 from kb.reddit.dumps import Chunk
@@ -133,8 +135,6 @@ def _folded(data: bytes) -> memoryview:
 
     Other bytes change too, so what is found there has to be looked at. Eight at a time are twice as fast as one.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     eights = len(data) // 8
     plain = pa.Array.from_buffers(pa.uint64(), eights, [None, pa.py_buffer(data)])
@@ -145,7 +145,6 @@ def _folded(data: bytes) -> memoryview:
 
 @cache
 def _cases() -> Any:
-    import pyarrow as pa
 
     return pa.scalar(int.from_bytes([_CASE] * 8), pa.uint64())
 

@@ -9,7 +9,11 @@ from collections.abc import Collection
 from contextlib import ExitStack
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
 from kb.core.profile.reddit import Links
@@ -22,9 +26,6 @@ from kb.schema.tables import Table, table
 from kb.store import database, rawlog
 from kb.store.atomic import full_disk_is_resumable, replacing_folder
 from kb.store.shards import write_table
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 IDS = 200_000  # a bucket
 WORK = ".work-"
@@ -99,8 +100,6 @@ def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
 
 def _answered(spread: Path, number: int, answers: Answers) -> dict[str, str]:
     """The rows of a bucket that this run got → `spread/new-<name>-<number>.arrow`; why others are not there."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     found = {
         kind: _read(path)
@@ -134,7 +133,6 @@ def _write_tables(
     spread: Path, fresh: dict[str, Path], buckets: int, gone: Collection[str]
 ) -> dict[str, int]:
     """Old and new rows, bucket by bucket → part files; how many rows each table has."""
-    import pyarrow as pa
 
     counts = dict.fromkeys(NAMES, 0)
     for number in range(buckets):
@@ -162,8 +160,6 @@ def _lost(
     scratch: Path, made: dict[str, Path], wanted: Wanted, reasons: dict[str, str]
 ) -> pa.Table:
     """What is in no table and was asked for, or has a reason. All that was asked for stays on disk."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     scratch.mkdir(parents=True, exist_ok=True)
     names = chain(wanted.names, (f"t3_{key}" for key in wanted.trees))
@@ -193,7 +189,6 @@ def _lost(
 
 
 def _spread(work: Path, spread: Path, buckets: int, links: Links) -> None:
-    import pyarrow as pa
 
     with ExitStack() as stack:
         writers: dict[tuple[str, int], Any] = {}
@@ -223,7 +218,6 @@ def _spread(work: Path, spread: Path, buckets: int, links: Links) -> None:
 
 
 def _read(path: Path) -> pa.Table:
-    import pyarrow as pa
 
     with pa.ipc.open_file(path) as file:
         return newest_of({"info": file.read_all()})
@@ -231,7 +225,6 @@ def _read(path: Path) -> pa.Table:
 
 def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, str]) -> pa.Table:
     """The rows that are there and whole, with the table's columns; the rest is noted in `gone`."""
-    import pyarrow as pa
 
     reasons = [
         _reason(state, why)
@@ -262,7 +255,6 @@ def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, str]) ->
 
 def _filled(rows: pa.Table, key: str, name: str, known: pa.Table | None) -> pa.Table:
     """The column `name` where it is null from `known` (key, name)."""
-    import pyarrow.compute as pc
 
     if known is None:
         return rows

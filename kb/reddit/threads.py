@@ -8,14 +8,14 @@ Reddit counts beyond what was read where the post's own page is not there.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.reddit.parse import OPEN, READ
 from kb.store.reading import reading
 from kb.store.shards import write_table
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _NAMES = ("posts", "comments")
 
@@ -26,8 +26,6 @@ def with_unread(posts: pa.Table, comments: pa.Table, marks: pa.Table) -> pa.Tabl
     `comments` are the newest rows of things with `fullname, post_id, state, parent_id`; `marks` rows of
     `fullname, post_id, state` as kb.reddit.parse makes them.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     read = marks["fullname"].filter(pc.equal(marks["state"], READ)).combine_chunks()
     stubs = comments.filter(pc.equal(comments["state"], "stub"))
@@ -46,8 +44,6 @@ def with_unread(posts: pa.Table, comments: pa.Table, marks: pa.Table) -> pa.Tabl
 
 def counted(kept: dict[str, pa.Table]) -> dict[str, pa.Table]:
     """Kept posts and comments with `comments_released` and `parent_in_release`; both of the same posts."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     posts, comments = (kept.get(f"reddit/{name}") for name in _NAMES)
     found = dict(kept)
@@ -74,7 +70,6 @@ def count_again(folder: Path) -> None:
     Parts of both tables with one number are of the same posts. A part that says the right thing stays
     as it is.
     """
-    import pyarrow.parquet as pq
 
     for name in sorted({path.name for kind in _NAMES for path in _parts(folder / kind)}):
         paths = {f"reddit/{kind}": folder / kind / name for kind in _NAMES}
@@ -92,7 +87,6 @@ def _parts(folder: Path) -> list[Path]:
 
 def _count(posts: pa.Table, below: pa.Table) -> pa.ChunkedArray:
     """How many rows of `below` each post has."""
-    import pyarrow.compute as pc
 
     sums = below.group_by("post_id").aggregate([([], "count_all")])
     place = pc.index_in(posts["post_id"], sums["post_id"].combine_chunks())

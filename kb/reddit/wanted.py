@@ -9,12 +9,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Ids = Path | str | Iterable[str | Path] | None
 """A file or folder of ids, several of them, or full names; None: the data root's own release."""
@@ -56,7 +56,6 @@ class Files:
     """Full names in Parquet files: read whenever they are iterated, never held. Raises SettingError."""
 
     def __init__(self, files: list[Path]) -> None:
-        import pyarrow.parquet as pq
 
         self._columns = [(path, *_column(path)) for path in files]
         self._rows = sum(pq.read_metadata(path).num_rows for path in files)
@@ -65,7 +64,6 @@ class Files:
         return self._rows
 
     def __iter__(self) -> Iterator[str]:
-        import pyarrow.parquet as pq
 
         for path, column, prefix in self._columns:
             with _unreadable(path), pq.ParquetFile(path) as file:
@@ -172,8 +170,6 @@ def released(sources: Sequence[Path]) -> Released:
 
 
 def _column_of(sources: Sequence[Path], short: str, key: str, name: str) -> pa.Table | None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     files = [
         file
@@ -202,7 +198,6 @@ def _some(names: list[str] | Files) -> Wanted:
 
 def _column(path: Path) -> tuple[str, str]:
     """The column that names things, and what makes full names of its values."""
-    import pyarrow.parquet as pq
 
     columns = pq.read_schema(path).names
     for column, prefix in (("comment_id", "t1_"), ("post_id", "t3_"), ("key", "")):

@@ -5,6 +5,8 @@ Tables and index are joined in DuckDB, so memory does not grow with the number o
 
 from __future__ import annotations
 
+import duckdb
+
 from kb.release.columns import numbered
 from kb.release.folders import INDEX, Folder
 from kb.release.problem import Problem, damaged
@@ -19,7 +21,6 @@ _PATHS = (("pages", "screenshot_path"), ("images", "path"))
 
 def check(folder: Folder) -> list[Problem]:
     """Every problem of the archives; nothing for a source that has none."""
-    import duckdb
 
     if folder.source != "wiki":
         return []

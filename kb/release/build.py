@@ -6,26 +6,28 @@ describe(run)    the files around the data alone (also after a purge)
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
+import duckdb
+import pyarrow as pa
+
+from kb.core.context import Run
 from kb.core.errors import DamagedData, ReleaseRefused
+from kb.core.progress import Task
 from kb.core.verdict import Summary
 from kb.release import check, checksums, folders, measure, sample
 from kb.release.croissant import croissant
 from kb.release.folders import TOMBSTONES, Folder
 from kb.release.licences import KNOWN
+from kb.release.measure import Facts
 from kb.release.metadata import deposit
 from kb.release.pages import card, citation, datasheet, law
+from kb.release.problem import Problem
+from kb.schema import table
+from kb.store import tombstones
 from kb.store.atomic import write_text
 from kb.store.lock import RELEASES, taking
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from kb.core.context import Run
-    from kb.core.progress import Task
-    from kb.release.measure import Facts
-    from kb.release.problem import Problem
+from kb.store.shards import write_table
 
 
 def release(run: Run) -> Summary:
@@ -88,7 +90,6 @@ def write(run: Run, folder: Folder) -> Facts:
 
 
 def _describe(run: Run, folder: Folder, task: Task) -> Facts:
-    import duckdb
 
     try:
         facts = measure.measure(run, folder)
@@ -125,11 +126,6 @@ def _describe(run: Run, folder: Folder, task: Task) -> Facts:
 
 def _tombstones(run: Run, folder: Folder) -> None:
     """Keys removed since collection began: videos' for the pairs as well, which name them."""
-    import pyarrow as pa
-
-    from kb.schema import table
-    from kb.store import tombstones
-    from kb.store.shards import write_table
 
     declared = table("shared/tombstones")
     rows = tombstones.read(run.root, "youtube" if folder.source == "pairs" else folder.source)

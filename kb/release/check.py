@@ -10,20 +10,23 @@ import json
 from collections.abc import Sequence
 from datetime import timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import duckdb
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import ValidationError
 
 from kb.core import clock
+from kb.core.context import Run
 from kb.core.errors import KbError
 from kb.release import archives, checksums, columns, personal, scan
 from kb.release.folders import DEPOSIT, SUMS, Folder, Part, clean_files, released_tables
 from kb.release.licences import KNOWN, licence
 from kb.release.measure import folder_licence, page_licences
+from kb.release.metadata import Document
 from kb.release.problem import Problem, damaged
+from kb.schema import Table
 from kb.store import database
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
-    from kb.schema import Table
 
 
 def check(run: Run, folders: list[Folder]) -> list[Problem]:
@@ -84,9 +87,6 @@ def check_made(run: Run, folders: list[Folder]) -> list[Problem]:
 
 
 def _deposit(path: Path, where: str) -> list[Problem]:
-    from pydantic import ValidationError
-
-    from kb.release.metadata import Document
 
     try:
         body = json.loads(path.read_text(encoding="utf-8"))
@@ -153,8 +153,6 @@ def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
 
 def _clean(root: Path, declared: Table) -> list[Problem]:
     """Clean files that can't be read: nothing can be compared with them."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     found = []
     for path in clean_files(root, declared):
@@ -170,7 +168,6 @@ def _again(source: str) -> str:
 
 
 def _rows(paths: list[Path] | tuple[Path, ...]) -> int:
-    import pyarrow.parquet as pq
 
     return sum(pq.read_metadata(path).num_rows for path in paths)
 
@@ -273,7 +270,6 @@ def _scores(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
 
 def _unscored(files: Sequence[Path], declared: Table, names: set[str]) -> dict[str, int] | Problem:
     """Text → rows with that text and without its score."""
-    import duckdb
 
     scores = [
         name

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.release.problem import Problem, damaged
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from kb.schema import Table
-    from kb.schema.tables import Column
+from kb.schema import Table
+from kb.schema.tables import Column
 
 _REDDIT_LONGEST = 16  # ids, types and full names; anything longer is content
 
 
 def check(path: Path, declared: Table, source: str) -> list[Problem]:
     """Every problem of one file: to be readable, described, without nulls where there are none, and no content."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     where = f"{source}/{path.name}"
     try:
@@ -63,7 +60,6 @@ def _columns(declared: Table, schema: pa.Schema, where: str) -> list[Problem]:
 
 def _values(path: Path, declared: Table, where: str, *, ids_only: bool) -> list[Problem]:
     """The first odd value of each column, read a batch at a time; what it says is not shown, as it may be content."""
-    import pyarrow.parquet as pq
 
     found = []
     file = pq.ParquetFile(path)
@@ -78,8 +74,6 @@ def _values(path: Path, declared: Table, where: str, *, ids_only: bool) -> list[
 
 
 def _odd(values: pa.Array, column: Column, where: str, *, ids_only: bool) -> Problem | None:
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     if values.null_count and not column.nullable:
         return Problem(

@@ -7,16 +7,14 @@ Made without mlcroissant, which the tests use to validate it and to load every r
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from kb.core.context import Run
 from kb.release.about import about
 from kb.release.licences import licence
+from kb.release.measure import Facts, File, TableFacts
 from kb.release.pages import bibtex
 from kb.release.texts import SANDBOX_NOTE, day, language, name
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
-    from kb.release.measure import Facts, File, TableFacts
 
 PARQUET = "application/x-parquet"
 CONFORMS = ["http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0"]

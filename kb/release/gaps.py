@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from duckdb import DuckDBPyConnection
 
+from kb.release.folders import Folder
 from kb.store.reading import scan
-
-if TYPE_CHECKING:
-    from duckdb import DuckDBPyConnection
-
-    from kb.release.folders import Folder
 
 # The longest chain of comments that can be walked from a post, each by its parent.
 _WALK = """

@@ -8,20 +8,20 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import pyarrow.parquet as pq
+from duckdb import DuckDBPyConnection
+
+from kb.core.context import Run
 from kb.release.checksums import digest
 from kb.release.folders import Folder, Part, clean_files, released_tables
 from kb.release.gaps import gaps
 from kb.release.licences import KNOWN
-from kb.store import database
+from kb.release.personal import personal_counts
+from kb.schema import Column, Table
+from kb.store import database, tombstones
 from kb.store.reading import SANDBOX_MODEL, filtered
-
-if TYPE_CHECKING:
-    from duckdb import DuckDBPyConnection
-
-    from kb.core.context import Run
-    from kb.schema import Column, Table
 
 _TOPS = 8
 # DuckDB hands out times with a zone only where pytz is installed.
@@ -106,7 +106,6 @@ class Facts:
 
 def measure(run: Run, folder: Folder) -> Facts:
     """Read the folder, and what clean/ says about how it came to be."""
-    from kb.release.personal import personal_counts
 
     con = database.connect(run.root)
     tables = tuple(_table(con, part) for part in folder.parts)
@@ -221,7 +220,6 @@ def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tu
 
 
 def _table(con: DuckDBPyConnection, part: Part) -> TableFacts:
-    import pyarrow.parquet as pq
 
     files = tuple(
         File(shard.name, shard.stat().st_size, pq.read_metadata(shard).num_rows, digest(shard))
@@ -325,6 +323,5 @@ def _count(con: DuckDBPyConnection, folder: Path) -> int:
 
 
 def _tombstones(con: DuckDBPyConnection, root: Path, source: str) -> int:
-    from kb.store import tombstones
 
     return len(tombstones.keys(root, source))

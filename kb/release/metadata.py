@@ -7,18 +7,16 @@ becomes CC0 there, so `license` has no default here.
 from __future__ import annotations
 
 import html
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from kb.core.context import Run
 from kb.release.about import about
 from kb.release.languages import three_letters
 from kb.release.licences import licence
+from kb.release.measure import Facts
 from kb.release.texts import SANDBOX_NOTE, day, language, name, size, span
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
-    from kb.release.measure import Facts
 
 Text = Annotated[str, Field(min_length=1)]
 

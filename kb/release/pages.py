@@ -11,16 +11,14 @@ Figures come from kb.release.measure, sentences on a source from kb.release.abou
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from kb.core.context import Run
 from kb.release.about import about
 from kb.release.licences import licence
+from kb.release.measure import Facts, TableFacts
 from kb.release.render import render
 from kb.release.texts import SANDBOX_NOTE, language, md, name
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
-    from kb.release.measure import Facts, TableFacts
 
 _SIZES = (
     (10**3, "n<1K"),

@@ -15,15 +15,14 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from kb.core.profile.release import Release
+from kb.release.folders import Folder
 from kb.release.problem import Problem
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from kb.core.profile.release import Release
-    from kb.release.folders import Folder
 
 # Arrow's expressions (RE2) know letters of every script as \pL.
 EMAIL = r"[\pL\pN._%+\-]+@[\pL\pN\-]+(?:\.[\pL\pN\-]+)*\.[A-Za-z]{2,}"
@@ -92,9 +91,6 @@ def personal_counts(folder: Folder) -> dict[tuple[str, str], tuple[int, int, int
 
 
 def _count(shards: Sequence[Path], name: str) -> tuple[int, int, int]:
-    import pyarrow as pa
-    import pyarrow.compute as pc
-    import pyarrow.parquet as pq
 
     rows = emails = phones = 0
     for shard in shards:
@@ -113,6 +109,5 @@ def _count(shards: Sequence[Path], name: str) -> tuple[int, int, int]:
 
 
 def _matching(values: pa.Array, shape: str) -> pa.Array:
-    import pyarrow.compute as pc
 
     return values.filter(pc.match_substring_regex(values, shape))

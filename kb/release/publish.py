@@ -8,10 +8,12 @@ files whose md5 differs; a draft that was published meanwhile with these files i
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 from kb.core import signals
+from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError, UsageError
 from kb.core.verdict import Summary
 from kb.net.session import Session, host_of
@@ -26,11 +28,6 @@ from kb.release.problem import Problem
 from kb.store.atomic import write_text
 from kb.store.lock import RELEASES, taking, writer
 from kb.store.reading import SANDBOX_MODEL
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from kb.core.context import Run
 
 HOSTS = {"zenodo-sandbox": "https://sandbox.zenodo.org", "zenodo": "https://zenodo.org"}
 LOOPBACK = ("127.0.0.1", "::1", "localhost")

@@ -6,16 +6,13 @@ of their MD5, so the sample is spread over the data and the same each time, unti
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+
+from duckdb import DuckDBPyConnection
 
 from kb.release.folders import Folder, Part
 from kb.store import database
 from kb.store.shards import write_table
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from duckdb import DuckDBPyConnection
 
 _MOST = 5_000  # groups: a sample is for reading
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.release.folders import Folder
 from kb.release.problem import Problem
-
-if TYPE_CHECKING:
-    import pyarrow.parquet as pq
 
 KEY_SHAPES = {
     "a Google API key": r"AIza[0-9A-Za-z_\-]{35}",
@@ -77,8 +77,6 @@ def _in_bytes(data: bytes, wanted: Sequence[bytes]) -> Iterator[str]:
 
 
 def _in_parquet(path: Path, literals: Sequence[str]) -> Iterator[tuple[str, str]]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     try:
         file = pq.ParquetFile(path)
@@ -121,7 +119,6 @@ def _about(file: pq.ParquetFile) -> bytes:
 
 def _first(file: object, name: str, shape: str) -> str:
     """The first text of a column that has the shape, or nothing."""
-    import pyarrow.compute as pc
 
     for batch in file.iter_batches(columns=[name]):  # type: ignore[attr-defined]
         values = batch.column(0).drop_null()

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import re
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from kb.core.context import Run
-    from kb.release.measure import Facts
+from kb.core.context import Run
+from kb.release.measure import Facts
 
 SANDBOX_NOTE = (
     "Made with the sandbox's tiny toxicity model, whose scores mean nothing about real texts: "

@@ -5,10 +5,11 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 from kb.core import signals
+from kb.core.context import Run
 from kb.core.errors import MissingExtra
+from kb.core.profile import Profile
 from kb.core.verdict import Summary
 from kb.report import cloud, pairs, reddit, wikipage, youtube
 from kb.report.data import Data
@@ -18,17 +19,12 @@ from kb.report.funnel import funnel
 from kb.report.logarithmic import scores, views
 from kb.report.page import Section, page
 from kb.report.services import quota
-from kb.report.style import BLUE, GREEN, PURPLE, applied
+from kb.report.style import BLUE, GREEN, PURPLE, Figure, applied
 from kb.report.toxicity import toxicity
 from kb.schema import table
 from kb.store.atomic import replacing_folder
 from kb.store.lock import taking
 from kb.store.reading import SANDBOX_MODEL, filtered
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
-    from kb.core.profile import Profile
-    from kb.report.style import Figure
 
 Maker = Callable[[Data, "Profile"], "Figure | tuple[Figure, ...] | None"]
 SAMPLES = {

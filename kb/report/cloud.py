@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from kb.core.profile import Profile
 from kb.report.data import Data
 from kb.report.style import BLUE, GREEN, INK, PURPLE, RED, WIDTH, Figure, canvas, number, saved
-
-if TYPE_CHECKING:
-    from kb.core.profile import Profile
 
 _W, _H = 1080, 640  # the cloud's own pixels
 _DARK = (BLUE, GREEN, RED, INK, PURPLE)  # readable on white

@@ -9,14 +9,12 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from kb.core.context import Run
 from kb.schema import table
 from kb.store import database
 from kb.store.reading import reading, scan, state
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 # The contract's stages in their order; a stage that is not named here comes last.
 STAGES = {

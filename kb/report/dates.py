@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from kb.core.profile import Profile
 from kb.report.charts import over_time
 from kb.report.data import Data
 from kb.report.style import Figure, number, saved
-
-if TYPE_CHECKING:
-    from kb.core.profile import Profile
 
 
 def dates(

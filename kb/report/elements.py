@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from kb.core.profile import Profile
 from kb.report.charts import bars
 from kb.report.data import Data
 from kb.report.style import BLUE, Figure, saved
 from kb.report.wikipage import KINDS
-
-if TYPE_CHECKING:
-    from kb.core.profile import Profile
 
 
 def elements(data: Data, profile: Profile) -> Figure | None:

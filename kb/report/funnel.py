@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from kb.core.profile import Profile
 from kb.report.charts import bars
 from kb.report.data import Data, Funnel
 from kb.report.style import BLUE, GREEN, PALE, Figure, number, saved
-
-if TYPE_CHECKING:
-    from kb.core.profile import Profile
 
 NAMES = {
     "youtube/videos": "videos",

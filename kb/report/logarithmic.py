@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
+from kb.core.profile import Profile
 from kb.report.charts import histogram
 from kb.report.data import Data
 from kb.report.style import BLUE, PURPLE, Figure, number, saved
-
-if TYPE_CHECKING:
-    from kb.core.profile import Profile
 
 
 def views(data: Data, profile: Profile) -> Figure | None:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
 
+from kb.core.profile import Profile
 from kb.report.charts import bars, even, histogram
 from kb.report.data import Data
 from kb.report.style import GREEN, ORANGE, Figure, canvas, readable, saved
-
-if TYPE_CHECKING:
-    from kb.core.profile import Profile
 
 
 def keywords(data: Data, profile: Profile) -> Figure | None:

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from kb.core.profile import Profile
 from kb.report.charts import over_time
 from kb.report.data import Data
 from kb.report.style import BLUE, GREEN, GREY, RED, Figure, canvas, saved
-
-if TYPE_CHECKING:
-    from kb.core.profile import Profile
 
 _DAYS = 60  # the last ones, when there are more
 _COLORS = {"youtube": RED, "reddit": BLUE, "wiki": GREEN}

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import functools
 import io
+import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from typing import Any
 
 BLUE, ORANGE, GREEN, RED, SKY, PURPLE, YELLOW = (
     "#0072B2",
@@ -85,7 +84,6 @@ def canvas(
     height: float, columns: int = 1, rows: int = 1, width: float = WIDTH, **options: Any
 ) -> tuple[Any, Any]:
     """A figure (inches) and its axes, drawn without any display."""
-    import logging
 
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Sheet

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
 
+from kb.core.profile import Profile
 from kb.report.data import Data
 from kb.report.style import BLUE, GREY, ORANGE, Figure, canvas, number, saved
-
-if TYPE_CHECKING:
-    from kb.core.profile import Profile
 
 _EDGES = [step / 20 for step in range(21)]
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from kb.core.errors import DamagedData
+from kb.core.profile import Profile
 from kb.report.data import Data
 from kb.report.style import (
     BLUE,
@@ -21,9 +22,6 @@ from kb.report.style import (
     canvas,
     saved,
 )
-
-if TYPE_CHECKING:
-    from kb.core.profile import Profile
 
 
 class Kind(NamedTuple):

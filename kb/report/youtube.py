@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from kb.core.profile import Profile
 from kb.report.charts import bars, even, histogram
 from kb.report.data import Data
 from kb.report.style import BLUE, GREEN, GREY, ORANGE, SKY, Figure, number, readable, saved
-
-if TYPE_CHECKING:
-    from kb.core.profile import Profile
 
 _CHANNELS = 10
 _KINDS = {

@@ -12,6 +12,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
+import zstandard
 from werkzeug.wrappers import Request, Response
 
 from kb.sandbox.subreddit import START, Subreddit
@@ -209,7 +210,6 @@ class Service:
 
 def dumps(subreddit: Subreddit, folder: Path) -> list[Path]:
     """A pair of archive dumps of the same subreddit a year earlier, in the old fields, with two bad lines; their paths."""
-    import zstandard
 
     other = {
         "id": "abc123",

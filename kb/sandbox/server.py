@@ -17,6 +17,9 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Any
 
+from werkzeug.serving import WSGIRequestHandler, make_server
+
+from kb.sandbox import toxicity
 from kb.sandbox.faults import Faults, Wsgi
 from kb.sandbox.world import World
 
@@ -40,7 +43,6 @@ class Server:
 
     def start(self) -> Server:
         """Listen, on the same port as before if there was one. Raises OSError."""
-        from werkzeug.serving import WSGIRequestHandler, make_server
 
         class Quiet(WSGIRequestHandler):
             """Requests are in the ledger, not on stderr."""
@@ -108,8 +110,6 @@ class Sandbox:
         for name, server in self.servers.items():
             values |= self._modules[name].settings(server.url)
         if model:
-            from kb.sandbox import toxicity
-
             values |= toxicity.settings()
         return values
 

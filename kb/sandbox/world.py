@@ -9,13 +9,10 @@ from __future__ import annotations
 from collections import Counter
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 from kb.core import clock
-
-if TYPE_CHECKING:
-    from kb.sandbox.subreddit import Subreddit
-    from kb.sandbox.videos import Catalogue
+from kb.sandbox.subreddit import Subreddit
+from kb.sandbox.videos import Catalogue
 
 
 class World:
@@ -39,14 +36,12 @@ class World:
     @cached_property
     def youtube(self) -> Catalogue:
         """Channels and videos."""
-        from kb.sandbox.videos import Catalogue
 
         return Catalogue(self.seed, self.n_channels, self.n_videos)
 
     @cached_property
     def reddit(self) -> Subreddit:
         """Posts and comments."""
-        from kb.sandbox.subreddit import Subreddit
 
         return Subreddit(self.seed)
 

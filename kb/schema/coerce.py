@@ -13,13 +13,13 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.schema.raw import types
 from kb.schema.types import Type
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Bad = list[tuple[int, str]]
 _UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
@@ -64,8 +64,6 @@ def coerce(
 
 def texts(values: Sequence[Any], *, clean: bool = False) -> tuple[pa.Array, Bad]:
     """Strings. NUL and lone surrogates become U+FFFD."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     try:
         column = pa.array(values, pa.string())
@@ -78,8 +76,6 @@ def texts(values: Sequence[Any], *, clean: bool = False) -> tuple[pa.Array, Bad]
 
 def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array, Bad]:
     """Counts: decimal digits in a string and, where the schema allows it, JSON integers; never negative."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     def one(value: Any) -> int:
         return _count(value, allowed)
@@ -102,7 +98,6 @@ def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array, Bad]:
 
 def durations(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
     """ISO 8601 durations → whole seconds: weeks, days, hours, minutes, seconds; P0D is 0."""
-    import pyarrow as pa
 
     try:  # there are few distinct ones
         column = pa.array(values, pa.string()).dictionary_encode()
@@ -114,8 +109,6 @@ def durations(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
 
 def times(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
     """RFC 3339 times → UTC, with or without fractions of a second."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     kind = pa.timestamp("us", "UTC")
     try:
@@ -129,8 +122,6 @@ def times(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
 
 def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array, Bad]:
     """Booleans, or the strings "true" and "false" where the schema says string."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     words = {"true": True, "false": False} if "string" in allowed else {}
     native = not allowed or "boolean" in allowed
@@ -151,8 +142,6 @@ def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array, Bad]:
 
 def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array, Bad]:
     """Lists of strings; an absent one is empty."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     empty: list[str] = []
     values = [empty if value is None else value for value in values]
@@ -170,7 +159,6 @@ def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa
 
 def records(values: Sequence[Any], kind: Type) -> tuple[pa.Array, Bad]:
     """Lists of fixed rows ([start, duration, text]) → lists of structs."""
-    import pyarrow as pa
 
     assert kind.item is not None
     makers = [_text if inner.text == "string" else _number for _, inner in kind.item.fields]
@@ -206,7 +194,6 @@ def shown(value: Any) -> str:
 def _each(
     values: Sequence[Any], kind: pa.DataType, make: Callable[[Any], Any]
 ) -> tuple[pa.Array, Bad]:
-    import pyarrow as pa
 
     bad: Bad = []
     made: list[Any] = []

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import pyarrow as pa
 
 from kb.core.errors import SchemaMismatch
 from kb.schema.tables import Table, table
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 
 def conform(declared: Table | str, rows: pa.Table, *, released: bool = False) -> pa.Table:
@@ -17,7 +14,6 @@ def conform(declared: Table | str, rows: pa.Table, *, released: bool = False) ->
     Casts only where no value changes. Raises SchemaMismatch that lists every undeclared column,
     every missing one, every value that does not fit and every null where none is allowed.
     """
-    import pyarrow as pa
 
     declared = table(declared) if isinstance(declared, str) else declared
     schema = declared.arrow(released)

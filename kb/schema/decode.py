@@ -13,17 +13,16 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.core.errors import DamagedData
 from kb.schema import raw
 from kb.schema.coerce import Wrong, coerce, times
 from kb.schema.tables import Column, Table
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 PROBLEMS = "list<struct<column: string, reason: string, value: string>>"
 _UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
@@ -149,7 +148,6 @@ class Reader:
 
     def table(self, answers: list[Answer]) -> pa.Table:
         """The columns of some answers."""
-        import pyarrow as pa
 
         size = sum(answer.size for answer in answers)
         data: dict[str, pa.Array] = {}
@@ -174,7 +172,6 @@ class Reader:
 
 def problems(found: dict[int, list[tuple[str, str, str | None]]], size: int) -> pa.Array:
     """The `problems` column of `size` rows from (column, reason, value) triples by row."""
-    import pyarrow as pa
 
     names = ("column", "reason", "value")
     offsets: list[int] = [0]
@@ -192,7 +189,6 @@ def problems(found: dict[int, list[tuple[str, str, str | None]]], size: int) -> 
 def _note_absent(
     array: pa.Array, name: str, found: dict[int, list[tuple[str, str, str | None]]]
 ) -> None:
-    import pyarrow.compute as pc
 
     for row in pc.indices_nonzero(pc.is_null(array)).to_pylist():
         if not any(column == name for column, _, _ in found.get(row, ())):

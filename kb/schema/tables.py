@@ -26,14 +26,13 @@ import tomllib
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
 
 from kb.core.errors import SchemaMismatch, UsageError
 from kb.core.resources import folder
 from kb.schema.types import Type, parse_type
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _TABLE_KEYS = {
@@ -141,7 +140,6 @@ class Table:
 
 @cache
 def _arrow(declared: Table, released: bool) -> pa.Schema:
-    import pyarrow as pa
 
     fields = []
     for column in declared.columns:

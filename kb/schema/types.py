@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import pyarrow as pa
+import pyarrow as pa
 
 # name → (Arrow factory's text, JSON Schema, Croissant data type)
 _PLAIN: dict[str, tuple[str, dict[str, Any], str]] = {
@@ -35,7 +34,6 @@ class Type:
     fields: tuple[tuple[str, Type], ...] = ()
 
     def arrow(self) -> pa.DataType:
-        import pyarrow as pa
 
         if self.item is not None:
             return pa.list_(self.item.arrow())

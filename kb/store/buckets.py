@@ -13,16 +13,15 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.core.errors import DamagedData
 from kb.schema import raw
 from kb.store.rawlog import Frames
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 RAW_BYTES = 8 << 20  # compressed raw data a bucket, about 100,000 rows of small answers
 MOST = 512
@@ -74,7 +73,6 @@ def spread(
     frames around it are read; the tail of an open segment doesn't count). Raises DamagedData naming
     the segment when a line is no envelope.
     """
-    import pyarrow as pa
 
     unknown: Counter[str] = Counter()
     writers: dict[int, Any] = {}
@@ -136,7 +134,6 @@ def _look(line: bytes, name: str, unknown: Counter[str]) -> None:
 
 
 def _pieces(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
-    import pyarrow as pa
 
     waiting: list[pa.Table] = []
     for rows in tables:
@@ -149,8 +146,6 @@ def _pieces(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
 
 
 def _split(rows: pa.Table, column: str, buckets: int) -> Iterator[tuple[int, pa.Table]]:
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     if buckets == 1 or not column:
         yield 0, rows
@@ -173,8 +168,6 @@ def newest(folder: Path, kind: Kind, wanted: pa.Array | None = None) -> tuple[pa
 
     With `wanted` only the rows whose first key column is in it are read. Echoes don't count as left out.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     paths = sorted(folder.glob("*.arrow")) if folder.is_dir() else []
     if not paths:
@@ -219,8 +212,6 @@ def newest(folder: Path, kind: Kind, wanted: pa.Array | None = None) -> tuple[pa
 
 
 def _read(path: Path, kind: Kind, wanted: pa.Array | None) -> pa.Table:
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     with pa.ipc.open_file(str(path)) as file:
         if wanted is None:

@@ -12,12 +12,13 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.store.reading import reading
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 ROWS_AHEAD = 16_384  # rows that all files together are read ahead
 _LEAST = 256  # rows that a file is read ahead, however many files there are
@@ -42,7 +43,6 @@ class Merge:
             yield from self._tables()
 
     def _tables(self) -> Iterator[pa.Table]:
-        import pyarrow as pa
 
         ahead = max(_LEAST, ROWS_AHEAD // max(1, len(self._parts)))
         self._cursors = [_Cursor(self._sorted(path), self._columns, ahead) for path in self._parts]
@@ -68,7 +68,6 @@ class Merge:
             shutil.rmtree(self._scratch, ignore_errors=True)
 
     def _sorted(self, path: Path) -> Path:
-        import pyarrow.parquet as pq
 
         if _is_sorted(path, [name for name, _ in self._by]):
             return path
@@ -82,7 +81,6 @@ class Merge:
 
 def _is_sorted(path: Path, by: list[str]) -> bool:
     """Whether the file says that each of its row groups, and they one after another, are in this order."""
-    import pyarrow.parquet as pq
 
     file = pq.read_metadata(path)
     names = [file.schema.column(index).path for index in range(file.num_columns)]
@@ -102,7 +100,6 @@ class _Cursor:
     """One file: the rows read ahead and not yet handed out."""
 
     def __init__(self, path: Path, columns: list[str], batch: int) -> None:
-        import pyarrow.parquet as pq
 
         self._file = pq.ParquetFile(path, pre_buffer=False, buffer_size=1 << 16)
         self._batches = self._file.iter_batches(
@@ -120,7 +117,6 @@ class _Cursor:
 
     def more(self) -> None:
         """Read one batch."""
-        import pyarrow as pa
 
         batch = next(self._batches, None)
         if batch is None:
@@ -139,8 +135,6 @@ class _Cursor:
 
     def cut(self, name: str, bound: Any) -> pa.Table:
         """Cut off the rows below `bound` (all when it is None)."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
 
         if bound is None:
             count = self.rows.num_rows

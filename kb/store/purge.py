@@ -9,9 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.schema.tables import table
 from kb.store import lock, mending, rawlog, tombstones
@@ -19,9 +22,6 @@ from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 from kb.store.shards import ShardWriter
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Strip = Callable[[str, Envelope, Collection[str]], "Envelope | None"]
 """(kind, envelope, keys) → the envelope without the keys, the same object when it holds none, None when nothing is left."""
@@ -125,8 +125,6 @@ def drop_rows(root: Path, places: Iterable[Place], keys: Collection[str]) -> int
 
     Files without such rows are not touched; order and way of writing stay.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     gone = 0
     for place in places:
@@ -146,7 +144,6 @@ def drop_rows(root: Path, places: Iterable[Place], keys: Collection[str]) -> int
 
 def drop_annotations(root: Path, source: str, used: pa.Array) -> int:
     """Forget scores of texts that no row has any more; `used` are the hashes of those that rows still have."""
-    import pyarrow.compute as pc
 
     files = sorted((root / "annotations" / source).glob("*.parquet"))
     return sum(
@@ -159,9 +156,6 @@ def drop_annotations(root: Path, source: str, used: pa.Array) -> int:
 
 def _keep(path: Path, declared: str, column: str, good: Callable[[pa.Array], pa.Array]) -> int:
     """Keep the rows that `good` says of a file; how many went. A batch at a time."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-    import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
         kept = [

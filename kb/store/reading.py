@@ -15,6 +15,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from kb.core.errors import DamagedData
 from kb.store.frontier import Frontier
 
@@ -38,8 +41,6 @@ def reading(files: Iterable[Path | str]) -> Iterator[None]:
 
 def broken(files: Iterable[Path | str]) -> DamagedData | None:
     """The first file that can't be read, as an error; None when all can. Footers first, then every page, a batch at a time."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     paths = [Path(file) for file in files]
     for deep in (False, True):

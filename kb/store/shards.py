@@ -13,7 +13,10 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from kb.core.errors import FatalError
 from kb.schema.conform import conform
@@ -21,9 +24,6 @@ from kb.schema.tables import Table, table
 from kb.store.atomic import writing
 from kb.store.merge import Merge
 from kb.store.reading import reading
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 ROW_GROUP = 131_072
 ZSTD_LEVEL = 3
@@ -115,7 +115,6 @@ class ShardWriter:
         self._stack.__exit__(*failure)
 
     def _flush(self) -> None:
-        import pyarrow as pa
 
         if self._held:
             group = pa.concat_tables(self._waiting).combine_chunks()
@@ -125,7 +124,6 @@ class ShardWriter:
 
 def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any:
     """A pyarrow ParquetWriter with the project's settings."""
-    import pyarrow.parquet as pq
 
     low = [
         column.name
@@ -151,7 +149,6 @@ def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any
 
 def check_columns(parts: Sequence[Path], declared: Table, hint: str) -> None:
     """Raise FatalError with `hint` where a table's parts lack a column: an earlier version wrote them."""
-    import pyarrow.parquet as pq
 
     for path in parts[:1]:  # all parts of a table are written together
         with reading([path]):
@@ -182,7 +179,6 @@ def sorted_shards(
     groups and a page of each part's columns. Without rows one empty shard is written, so that
     readers find the table. Raises DamagedData, SchemaMismatch and DiskFull.
     """
-    import pyarrow.parquet as pq
 
     declared = table(declared) if isinstance(declared, str) else declared
     with reading(parts):

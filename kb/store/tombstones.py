@@ -12,15 +12,15 @@ from __future__ import annotations
 import filecmp
 from collections.abc import Collection, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from kb.core import clock
 from kb.schema.tables import table
 from kb.store.atomic import sync_folder
 from kb.store.shards import write_table
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _TABLE = "shared/tombstones"
 
@@ -32,7 +32,6 @@ def path(root: Path, source: str) -> Path:
 
 def keys(root: Path, source: str) -> set[str]:
     """The purged keys of a source."""
-    import pyarrow.parquet as pq
 
     return {
         key
@@ -43,8 +42,6 @@ def keys(root: Path, source: str) -> set[str]:
 
 def read(root: Path, source: str) -> pa.Table:
     """Every tombstone of a source once, by key, as shared/tombstones declares; of several the oldest."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     files, schema = _files(root, source), table(_TABLE).arrow()
     if len(files) == 1:
@@ -118,7 +115,6 @@ def _files(root: Path, source: str) -> list[Path]:
 
 
 def _union(files: list[Path]) -> list[dict[str, Any]]:
-    import pyarrow.parquet as pq
 
     rows = [row for file in files for row in pq.read_table(file).to_pylist()]
     if len(files) > 1:
@@ -128,7 +124,6 @@ def _union(files: list[Path]) -> list[dict[str, Any]]:
 
 
 def _write(root: Path, source: str, rows: list[dict[str, Any]]) -> None:
-    import pyarrow as pa
 
     whole = pa.Table.from_pylist(rows, table(_TABLE).arrow())
     for place in reversed(_places(root, source)):

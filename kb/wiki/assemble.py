@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.wiki import addresses, parse
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 # Columns that the stages read and the table has not.
 HELPERS = (
@@ -33,8 +33,6 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
     with the reason). Pages that are gone by the newest answer are left out: the crawl writes
     their tombstones. `url` is the wiki's root, for raw data without an answer about the site.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     rows = newest.get("pages", parse.schema("pages").empty_table())
     there = pc.equal(rows["state"], "there")
@@ -68,7 +66,6 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
 
 def _shown(rows: pa.Table, renders: pa.Table) -> tuple[pa.Table, pa.Table]:
     """For each row the capture of its revision under its title, and what was said where capturing failed; nulls for none."""
-    import pyarrow.compute as pc
 
     captures, failures = (
         renders.filter(renders["captured"]),
@@ -80,8 +77,6 @@ def _shown(rows: pa.Table, renders: pa.Table) -> tuple[pa.Table, pa.Table]:
 
 
 def _joined(rows: pa.Table, other: pa.Table, on: tuple[str, ...]) -> pa.Table:
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     def keys(table: pa.Table) -> pa.Array:
         column = pc.binary_join_element_wise(*(table[name].cast(pa.string()) for name in on), "\n")
@@ -95,7 +90,6 @@ def _joined(rows: pa.Table, other: pa.Table, on: tuple[str, ...]) -> pa.Table:
 
 def _of_site(titles: pa.ChunkedArray, site: pa.Table | None, url: str) -> dict[str, pa.Array]:
     """What every page has of the site's own description: its licence, and the address of its history."""
-    import pyarrow as pa
 
     said = site.to_pylist()[0] if site is not None else dict.fromkeys(parse.schema("site").names)
     script = (said["server"] or url) + (said["script"] or "/index.php")

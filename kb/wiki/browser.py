@@ -19,6 +19,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 from urllib.parse import urlsplit
 
+from urllib3.exceptions import HTTPError
+
 from kb.core import clock
 from kb.core.errors import MissingExtra, Retryable
 from kb.wiki import guard
@@ -174,7 +176,6 @@ class Browser:
         from selenium.webdriver.chrome.remote_connection import ChromeRemoteConnection
         from selenium.webdriver.remote.client_config import ClientConfig
         from selenium.webdriver.remote.webdriver import WebDriver
-        from urllib3.exceptions import HTTPError
 
         options = ChromeOptions()
         options.binary_location = programs.browser
@@ -288,7 +289,6 @@ class Browser:
 
     def _ask(self, method: str, *arguments: Any) -> Any:
         from selenium.common.exceptions import TimeoutException, WebDriverException
-        from urllib3.exceptions import HTTPError
 
         try:
             return getattr(self._driver, method)(*arguments)

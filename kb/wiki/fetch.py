@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kb.core import signals
 from kb.core.errors import ItemFinal, Unreachable
 from kb.store import rawlog
+from kb.store.frontier import Item
 from kb.wiki import addresses, pictures
 from kb.wiki.api import BATCH, Api
 from kb.wiki.job import Job
-
-if TYPE_CHECKING:
-    from kb.store.frontier import Item
 
 
 def fetch_files(job: Job, api: Api) -> None:

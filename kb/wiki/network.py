@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kb.net import retry
-
-if TYPE_CHECKING:
-    from kb.wiki.browser import Browser
+from kb.wiki.browser import Browser
 
 
 @dataclass(frozen=True)

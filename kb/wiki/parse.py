@@ -6,17 +6,16 @@ A bad value of the wiki's own answers never raises: it is null and named in `pro
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import urljoin
+
+import pyarrow as pa
 
 from kb.schema.coerce import shown, times
 from kb.schema.decode import problems
 from kb.store import rawlog
 from kb.store.rawlog import Envelope
 from kb.wiki import answers
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 ROWS = 8_192
 TIMES = ("fetched_at", "revision_timestamp")
@@ -61,7 +60,6 @@ def nothing(lines: Iterable[bytes]) -> Iterator[pa.Table]:
 
 def schema(kind: str) -> pa.Schema:
     """Columns of a kind's rows."""
-    import pyarrow as pa
 
     text, number, flag, texts = pa.string(), pa.int64(), pa.bool_(), pa.list_(pa.string())
     columns = {
@@ -122,7 +120,6 @@ def _rows(
 
 
 def _table(rows: list[Row], kind: str) -> pa.Table:
-    import pyarrow as pa
 
     found = {number: list(row.get("found", ())) for number, row in enumerate(rows)}
     columns = {}

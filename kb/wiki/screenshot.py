@@ -11,13 +11,11 @@ import io
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kb.core.errors import Retryable
+from kb.wiki.browser import Browser
 from kb.wiki.png import PngWriter
-
-if TYPE_CHECKING:
-    from kb.wiki.browser import Browser
 
 TILE = 4096  # CSS px, half of the lowest limit that was seen
 STRIP = 16

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 import tempfile
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import zstandard
@@ -17,13 +18,11 @@ from kb.store import tombstones
 from kb.store.atomic import full_disk_is_resumable, replacing_folder, write_bytes
 from kb.store.frontier import Item
 from kb.wiki import addresses
+from kb.wiki.api import Api
 from kb.wiki.capture import Captured, capture
 from kb.wiki.job import Job
 from kb.wiki.pool import Pool
 from kb.wiki.screenshot import snapped
-
-if TYPE_CHECKING:
-    from kb.wiki.api import Api
 
 SCRATCH = ".shot-"
 # Answers about one request rather than about the page: asked again by the next run.
@@ -205,7 +204,6 @@ def _store(job: Job, item: Item, found: Captured, picture: Path) -> dict[str, An
 
 
 def _sha256(data: bytes) -> str:
-    import hashlib
 
     return hashlib.sha256(data).hexdigest()
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
+import pyarrow as pa
 import zstandard
 
 from kb.core.errors import DamagedData
 from kb.schema.tables import table
 from kb.store.inside import inside
 from kb.wiki import addresses
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Row = dict[str, Any]
 Files = Mapping[str, Row]
@@ -46,7 +44,6 @@ def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
     `rows` is what kb.wiki.assemble gave; a page that was not captured gets nulls. Of the extractions
     one at a time is held. Raises DamagedData.
     """
-    import pyarrow as pa
 
     pages = rows["wiki/pages"]
     held: Files = (
@@ -166,7 +163,6 @@ def _made(
     makers: Mapping[str, Callable[[Row], Any]],
     **more: Any,
 ) -> pa.Table:
-    import pyarrow as pa
 
     columns = (
         {column: list(map(make, found)) for column, make in makers.items()}
@@ -178,7 +174,6 @@ def _made(
 
 
 def _columns(name: str, rows: list[Row]) -> pa.Table:
-    import pyarrow as pa
 
     return pa.Table.from_pylist(rows, table(name).arrow())
 

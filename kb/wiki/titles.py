@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import parse_qs, unquote, urlsplit
 
+import pyarrow.parquet as pq
+
 from kb.core.errors import SettingError
 
 LONGEST = 1024  # bytes; MediaWiki's own titles end at 255, and a namespace before them
@@ -77,7 +79,6 @@ def _file(path: Path, columns: tuple[str, ...]) -> Iterable[object]:
 
 
 def _parquet(path: Path, columns: tuple[str, ...]) -> list[object]:
-    import pyarrow.parquet as pq
 
     there = pq.read_schema(path).names
     column = next((name for name in columns if name in there), None)

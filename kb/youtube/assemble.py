@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.schema.tables import table
 from kb.store.frontier import Frontier
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 VIDEOS = "videos"  # kind in the frontier
 WATCH = "https://www.youtube.com/watch?v="
@@ -45,8 +45,6 @@ def unanswered(root: Path) -> Iterator[tuple[str, str]]:
 
 
 def _joined(videos: pa.Table, found: pa.Table) -> pa.Table:
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     at = pc.index_in(
         videos["video_id"].combine_chunks(), value_set=found["video_id"].combine_chunks()
@@ -91,8 +89,6 @@ def _usable(found: pa.Table | None, words: Callable[[Any], pa.Array]) -> pa.Tabl
 
     An `ok` whose kind, language or cues can't be read counts as failed, one without a word as none.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     if found is None:
         names = table("youtube/transcripts")
@@ -116,7 +112,6 @@ def _usable(found: pa.Table | None, words: Callable[[Any], pa.Array]) -> pa.Tabl
 
 
 def _tracks(found: pa.Table) -> pa.Table:
-    import pyarrow.compute as pc
 
     found = found.filter(pc.equal(found["outcome"], "ok"))
     automatic = pc.fill_null(pc.equal(_column(found, "original_kind"), "asr"), False)
@@ -127,8 +122,6 @@ def _tracks(found: pa.Table) -> pa.Table:
 
 def _without_overlap(cues: pa.Array, automatic: pa.Array) -> pa.Array:
     """Lists of cues; in automatic ones a cue ends where the next one starts, as it is shown on while that is spoken."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     flat = pc.list_flatten(cues)
     if len(flat) < 2:
@@ -156,8 +149,6 @@ def _without_overlap(cues: pa.Array, automatic: pa.Array) -> pa.Array:
 
 def _words(cues: pa.Array, words: Callable[[Any], pa.Array]) -> pa.Array:
     """Words of the texts of each list of cues."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     flat = pc.list_flatten(cues)
     counts = pc.list_value_length(cues)
@@ -172,8 +163,6 @@ def _words(cues: pa.Array, words: Callable[[Any], pa.Array]) -> pa.Array:
 
 def _renamed(problems: pa.Array) -> pa.Array:
     """What could not be read as embed_width was needed as width."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     flat = pc.list_flatten(problems)
     if not len(flat):
@@ -188,7 +177,6 @@ def _renamed(problems: pa.Array) -> pa.Array:
 
 
 def _nothing(found: pa.Table, rows: int) -> pa.Table:
-    import pyarrow as pa
 
     return pa.table({field.name: pa.nulls(rows, field.type) for field in found.schema})
 

@@ -8,6 +8,8 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import pyarrow.parquet as pq
+
 from kb.core.errors import SettingError
 
 _ID = re.compile(r"(?:^|[=/])([A-Za-z0-9_-]{11})(?:$|[?&#])")
@@ -63,7 +65,6 @@ def _released(folder: Path) -> list[Path]:
 
 
 def _parquet(path: Path) -> list[str]:
-    import pyarrow.parquet as pq
 
     names = pq.read_schema(path).names
     column = next((name for name in ("video_id", "id", "key") if name in names), None)

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.schema.coerce import times
 from kb.schema.decode import Answer, Reader, problems
 from kb.schema.tables import table
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 ROWS = 8_192  # about 50 MB while a batch is made
 
@@ -28,8 +29,6 @@ def videos(lines: Iterable[bytes], rows: int = ROWS) -> Iterator[pa.Table]:
     and not returned (all else null). A row without a readable id can't be told from a missing
     one and counts as such.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     reader = _reader("youtube/videos", "videos")
     place = [column.name for column in reader.columns].index("video_id")
@@ -49,7 +48,6 @@ def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
     (px), `player_fps`, `game_label_id`, `game_label`, `fetched_at`, `problems`, and `final`: false
     for an outcome that is tried again.
     """
-    import pyarrow.compute as pc
 
     for got, _ in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(
         lines, rows
@@ -112,9 +110,6 @@ def _not_returned(answer: Answer, place: int) -> list[str]:
 
 
 def _missing(gone: list[tuple[str, Answer]], schema: pa.Schema) -> pa.Table:
-    import pyarrow as pa
-
-    from kb.schema.coerce import times
 
     own = {
         "video_id": pa.array([key for key, _ in gone], pa.string()),

@@ -14,6 +14,8 @@ from xml.etree.ElementTree import ParseError
 
 import requests
 import urllib3
+import youtube_transcript_api as lib
+from youtube_transcript_api import YouTubeTranscriptApi
 
 from kb.core.errors import Retryable
 from kb.core.profile.youtube import YouTube
@@ -44,7 +46,6 @@ class Fetcher:
 
         Either may raise, which ends the video. With `wait` it sleeps however long the site asks for.
         """
-        from youtube_transcript_api import YouTubeTranscriptApi
 
         self._profile, self._pace, self._sleep = profile, pace, sleep
         self._patience = math.inf if wait else PATIENCE_S
@@ -83,7 +84,6 @@ class Fetcher:
         )
 
     def _once(self, video_id: str) -> dict[str, Any]:
-        import youtube_transcript_api as lib
 
         self._page, self._answer = "", None
         found: dict[str, Any] = {
@@ -140,7 +140,6 @@ class Fetcher:
 
     def _read(self, tracks: Any) -> dict[str, Any]:
         """The best track with a word in it; NoTranscriptFound when none is in the language or can be translated."""
-        import youtube_transcript_api as lib
 
         language = self._profile.language
         for track, translate in self._by_preference(tracks):
