@@ -18,7 +18,6 @@ from typing import Any
 import typer
 
 from kb.cli import misplaced
-from kb.cli.as_typed import as_typed
 
 # typer carries its own copy of click; its usage errors are reached through a public name.
 UsageProblem: type[Exception] = typer.BadParameter.__mro__[1]  # type: ignore[assignment]
@@ -106,6 +105,7 @@ def describe(error: BaseException) -> tuple[str, str, int]:
 
 def complain(message: str, *, hint: str = "") -> None:
     """One line on stderr."""
+    from kb.cli.as_typed import as_typed
     from kb.core import terminal
 
     text = " ".join(message.split())
@@ -115,6 +115,7 @@ def complain(message: str, *, hint: str = "") -> None:
 
 def warn(message: str) -> None:
     """One line on stderr about something that does not end the command."""
+    from kb.cli.as_typed import as_typed
     from kb.core import terminal
 
     line = _redact(as_typed(f"warning: {' '.join(message.split())}"))
