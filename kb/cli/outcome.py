@@ -17,7 +17,6 @@ from typing import Any
 
 import typer
 
-
 # typer carries its own copy of click; its usage errors are reached through a public name.
 UsageProblem: type[Exception] = typer.BadParameter.__mro__[1]  # type: ignore[assignment]
 
