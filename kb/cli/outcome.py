@@ -130,7 +130,10 @@ def show_summary(summary: dict[str, Any], as_json: bool) -> None:
         from kb.core import terminal
         from kb.core.verdict import Summary
 
-        print(terminal.one_line(Summary(summary).line()), flush=True)
+        shown = Summary(summary)
+        # A plan is a table of the program's own words and numbers; a line is one line.
+        clean = terminal.lines if "phases" in shown else terminal.one_line
+        print(clean(shown.line()), flush=True)
 
 
 def _redact(text: str) -> str:
