@@ -40,7 +40,8 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
 
 def plan(run: Run, source: str, ids: Path | None) -> Summary:
     """What would go, counted by table and folder. Changes nothing."""
-    return importlib.import_module(f"kb.{source}.purge").plan(run, ids)
+    summary: Summary = importlib.import_module(f"kb.{source}.purge").plan(run, ids)
+    return summary
 
 
 def _purge(run: Run, source: str, ids: Path | None) -> Summary:

@@ -46,7 +46,7 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
         Told("robots", value="said", stage="robots"),
         Told("render", value="said", stage="render"),
         Waits("captured", (False,), stage="render", reason="render"),
-        AtLeast("word_count", p.wiki.min_words, stage="words"),
+        AtLeast("word_count", p.section("wiki").min_words, stage="words"),
         *(
             (AtMost("toxicity", most, stage="toxicity", null_passes=True),)
             if most is not None
@@ -71,7 +71,7 @@ def clean(p: Profile) -> Clean:
             "titles": Kind(parse.nothing, key=()),
             "imageinfo": Kind(parse.nothing, key=()),
         },
-        assemble=partial(assemble, url=p.wiki.url),
+        assemble=partial(assemble, url=p.section("wiki").url),
         chains=(
             Chain(
                 "wiki/pages",

@@ -8,7 +8,7 @@ doesn't depend on its chunk.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, cast
 
 import pyarrow as pa
 
@@ -80,7 +80,10 @@ class Chunks:
         for found in self._lookups(batches):
             self.texts += len(found)
             hashes = pa.array(found, pa.string())
-            missing = self._scores.missing(hashes, self._threshold, REACH, self._least).to_pylist()
+            missing = cast(
+                "list[bool]",
+                self._scores.missing(hashes, self._threshold, REACH, self._least).to_pylist(),
+            )
             self._task.advance(len(missing) - sum(missing))
             for (key, text), wanted in zip(found.items(), missing, strict=True):
                 if not wanted:
@@ -102,7 +105,7 @@ class Chunks:
                 else pa.array(batch, pa.string())
             )
             for key, text in zip(text_hashes(column).to_pylist(), column.to_pylist(), strict=True):
-                if key is None or key in found:
+                if key is None or text is None or key in found:
                     continue
                 found[key] = text
                 size += len(text)

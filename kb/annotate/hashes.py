@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from typing import Any
 
 import pyarrow as pa
 
@@ -12,7 +13,7 @@ def text_hash(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def text_hashes(texts: pa.Array | pa.ChunkedArray) -> pa.Array:
+def text_hashes(texts: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Array[Any]:
     """`text_hash` of a column; null for a null or empty text, which has nothing to score."""
 
     sha256 = hashlib.sha256

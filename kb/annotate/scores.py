@@ -11,6 +11,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import pyarrow as pa
@@ -43,7 +44,7 @@ class Scores:
     model: str
     revision: str
 
-    def lookup(self, hashes: pa.Array | pa.ChunkedArray) -> pa.Table:
+    def lookup(self, hashes: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Table:
         """A row for each hash, in order: `CATEGORIES` and `precision`; null where there is no score or no such class.
 
         Of several precisions the exact one wins, so the result doesn't depend on what was scored first.
@@ -57,7 +58,7 @@ class Scores:
             pa.table({"place": pa.array(range(len(hashes)), pa.int64()), "text_hash": hashes}),
         )
         names = ", ".join([*CATEGORIES, "precision"])
-        found = con.sql(
+        found: pa.Table = con.sql(
             f"SELECT {', '.join('s.' + name for name in [*CATEGORIES, 'precision'])} FROM wanted w LEFT JOIN ("
             f"  SELECT text_hash, {names} FROM {self._files()}"
             f"  WHERE model = $model AND revision = $revision AND text_hash IN (SELECT text_hash FROM wanted)"
@@ -66,17 +67,16 @@ class Scores:
             params={"model": self.model, "revision": self.revision},
         ).to_arrow_table()
         con.close()
-        return found.cast(
-            pa.schema([*((name, pa.float32()) for name in CATEGORIES), ("precision", pa.string())])
-        )
+        columns: list[tuple[str, pa.DataType]] = [(name, pa.float32()) for name in CATEGORIES]
+        return found.cast(pa.schema([*columns, ("precision", pa.string())]))
 
     def missing(
         self,
-        hashes: pa.Array,
+        hashes: pa.Array[Any],
         threshold: float | None = None,
         reach: dict[str, float] | None = None,
         least: str | None = None,
-    ) -> pa.Array:
+    ) -> pa.Array[Any]:
         """True for each hash to be scored: it has no score, or a reduced one within reach of the threshold.
 
         `least`: a score of a lower precision than this one counts as none.
@@ -98,11 +98,8 @@ class Scores:
                     )
         for precision in PRECISIONS[PRECISIONS.index(least) + 1 :] if least else ():
             wanted = pc.or_(wanted, pc.fill_null(pc.equal(known["precision"], precision), False))
-        return (
-            pc.and_(wanted, pc.is_valid(hashes)).combine_chunks()
-            if isinstance(wanted, pa.ChunkedArray)
-            else pc.and_(wanted, pc.is_valid(hashes))
-        )
+        mask: pa.Array[Any] | pa.ChunkedArray[Any] = pc.and_(wanted, pc.is_valid(hashes))
+        return mask.combine_chunks() if isinstance(mask, pa.ChunkedArray) else mask
 
     def precisions(self) -> dict[str, int]:
         """How many texts have a score in each precision."""

@@ -95,7 +95,7 @@ class Scorer:
     def on(self) -> bool:
         return self.checkpoint is not None
 
-    def lookup(self, hashes: pa.Array | pa.ChunkedArray) -> pa.Table:
+    def lookup(self, hashes: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Table:
         """`CATEGORIES` and `precision` of each hash, in order; null where there is none."""
 
         if self.scores is None:
@@ -108,8 +108,11 @@ class Scorer:
         return self.scores.lookup(hashes)
 
     def columns(
-        self, texts: pa.Array | pa.ChunkedArray, prefix: str = "toxicity", categories: bool = True
-    ) -> dict[str, pa.ChunkedArray]:
+        self,
+        texts: pa.Array[Any] | pa.ChunkedArray[Any],
+        prefix: str = "toxicity",
+        categories: bool = True,
+    ) -> dict[str, pa.ChunkedArray[Any]]:
         """The largest category as `prefix`, and with `categories` each one as `prefix_<category>`."""
 
         found = self.lookup(text_hashes(texts))
@@ -193,7 +196,9 @@ def annotate(
     return Scorer.open(run, source, precision, device).annotate(texts)
 
 
-def scores(key: str, root: Path | str, source: str, texts: pa.Array | pa.ChunkedArray) -> pa.Table:
+def scores(
+    key: str, root: Path | str, source: str, texts: pa.Array[Any] | pa.ChunkedArray[Any]
+) -> pa.Table:
     """`CATEGORIES` (float32) of each text, null for null or empty ones and for what is no class of the model. For workers.
 
     Loads no model.

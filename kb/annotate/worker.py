@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-from kb.annotate.backends import REACH, Runner, choose_device, open_runner
+from kb.annotate.backends import REACH, choose_device, open_runner
 from kb.annotate.checkpoint import Checkpoint
+from kb.annotate.runner import Runner
 from kb.core import clock, signals
 
 HAND_S = 10.0  # a chunk that takes longer ends between two batches when the run was asked to stop

@@ -58,7 +58,8 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
 
     run.profile.section(source)
     scorer = Scorer.open(run, source, precision and str(precision), str(device))
-    if not scorer.on:
+    checkpoint, scores = scorer.checkpoint, scorer.scores
+    if checkpoint is None or scores is None:
         return Summary(
             command=f"annotate {source}", source=source, scored=0, toxicity="off in the profile"
         )
@@ -67,8 +68,8 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
             counts = scorer.annotate(texts(run, source))
     except KbError as error:
         error.summary = Summary(
-            command=f"annotate {source}", source=source, precisions=scorer.scores.precisions()
-        )  # type: ignore[attr-defined, union-attr]
+            command=f"annotate {source}", source=source, precisions=scores.precisions()
+        )
         raise
     return Summary(
         command=f"annotate {source}",
@@ -77,9 +78,9 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
         scored=counts.scored,
         known=counts.known,
         exact_again=counts.exact_again,
-        model=scorer.checkpoint.model,
-        revision=scorer.checkpoint.revision,
-        precisions=scorer.scores.precisions(),  # type: ignore[union-attr]
+        model=checkpoint.model,
+        revision=checkpoint.revision,
+        precisions=scores.precisions(),
     )
 
 

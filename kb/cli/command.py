@@ -261,7 +261,7 @@ def _nothing_before(context: Any) -> None:
             raise outcome.UsageProblem(
                 f"{parameter.opts[0]} stands before `{name}`, which would not hear of it:"
                 f" write `{context.command_path} {name} {parameter.opts[0]} …`",
-                context,  # type: ignore[call-arg]
+                context,
             )
 
 

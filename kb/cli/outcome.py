@@ -20,7 +20,7 @@ import typer
 from kb.cli import misplaced
 
 # typer carries its own copy of click; its usage errors are reached through a public name.
-UsageProblem: type[Exception] = typer.BadParameter.__mro__[1]  # type: ignore[assignment]
+UsageProblem: Any = typer.BadParameter.__mro__[1]
 
 INTERRUPTED = 3
 
@@ -30,7 +30,7 @@ def guarded(run: Callable[[], Any]) -> int:
     try:
         code = run()
     except UsageProblem as error:
-        text = error.format_message().replace("?.", "?").replace("Value error, ", "")  # type: ignore[attr-defined]
+        text = error.format_message().replace("?.", "?").replace("Value error, ", "")
         if error.__class__.__name__ == "NoArgsIsHelpError":
             print(text)
             return 0

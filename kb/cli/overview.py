@@ -216,10 +216,11 @@ def _age(run: Run, source: str) -> dict[str, Any]:
             }
             if "fetched_at" not in columns:
                 continue
-            low, high, old = db.execute(
+            spans = db.execute(
                 f"SELECT min(fetched_at)::TIMESTAMP, max(fetched_at)::TIMESTAMP, count(*) FILTER (fetched_at < ?::TIMESTAMPTZ) FROM {scan(files)}",
                 [clock.stamp(limit)],
-            ).fetchone()
+            ).fetchall()
+        low, high, old = spans[0]
         too_old += old if max_age else 0
         oldest = min(filter(None, (oldest, low)), default=None)
         newest = max(filter(None, (newest, high)), default=None)

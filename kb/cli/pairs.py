@@ -63,14 +63,16 @@ def pairs(
     pipeline = load(str(locate("pairs", run.pipeline)))
     if from_index is None:
         with taking(run.root, "pairs", "release-pairs"):
-            return pipeline.pairs(run, format.value)
+            pairs: Summary = pipeline.pairs(run, format.value)
+            return pairs
     if format is not Format.parquet:
         raise SettingError("--from-index fills pairs/; it goes with no --format")
     if run.limit is not None or run.again:
         raise SettingError(
             "--from-index fills every text at once; it goes with no --limit, --again"
         )
-    return pipeline.refill(run, from_index)
+    refilled: Summary = pipeline.refill(run, from_index)
+    return refilled
 
 
 @command(

@@ -31,8 +31,9 @@ Plan = Annotated[
 
 def _purge(run: Run, source: str, ids: Path | None, plan: bool) -> Summary:
     if not plan:
-        return pipeline(run, "purge").purge(run, source, ids)
-    counts = pipeline(run, "purge").plan(run, source, ids)
+        summary: Summary = pipeline(run, "purge").purge(run, source, ids)
+        return summary
+    counts: Summary = pipeline(run, "purge").plan(run, source, ids)
     typer.echo("folder\twhat\tcount")
     for line in counts["lines"]:
         typer.echo(f"{line['folder']}\t{line['what']}\t{line['count']}")

@@ -128,7 +128,10 @@ def export(
     from kb.store.lock import taking
 
     with taking(run.root, "release-reddit"):
-        return pipeline.load(str(pipeline.locate("reddit", run.pipeline))).export(run, format.value)
+        summary: Summary = pipeline.load(str(pipeline.locate("reddit", run.pipeline))).export(
+            run, format.value
+        )
+        return summary
 
 
 @command(

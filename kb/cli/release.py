@@ -98,7 +98,8 @@ def _listed(run: Run, name: str, *given: object) -> Summary:
     from kb.core.pipeline import load, locate
 
     try:
-        return getattr(load(str(locate("release", run.pipeline))), name)(run, *given)
+        summary: Summary = getattr(load(str(locate("release", run.pipeline))), name)(run, *given)
+        return summary
     except ReleaseRefused as error:
         for line in getattr(error, "problems", []):
             typer.echo(terminal.one_line(as_typed(line)), err=True)

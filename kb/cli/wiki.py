@@ -61,7 +61,8 @@ def crawl(
         from kb.wiki.plan import plan_crawl
 
         return plan_crawl(run, titles)
-    return load(str(locate("wiki", run.pipeline))).crawl(run, titles)
+    summary: Summary = load(str(locate("wiki", run.pipeline))).crawl(run, titles)
+    return summary
 
 
 @command(
@@ -96,4 +97,5 @@ def export(
     from kb.store.lock import taking
 
     with taking(run.root, "release-wiki"):
-        return load(str(locate("wiki", run.pipeline))).export(run, format.value)
+        summary: Summary = load(str(locate("wiki", run.pipeline))).export(run, format.value)
+        return summary

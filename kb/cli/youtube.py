@@ -72,7 +72,8 @@ def crawl(
         from kb.youtube.plan import plan as estimate
 
         return estimate(run, ids=ids, part=which)
-    return pipeline(run, "youtube").crawl(run, only.value if only else None, ids, which)
+    summary: Summary = pipeline(run, "youtube").crawl(run, only.value if only else None, ids, which)
+    return summary
 
 
 @command(
@@ -104,6 +105,7 @@ def export(
     from kb.store.lock import taking
 
     with taking(run.root, "release-youtube"):
-        return pipeline.load(str(pipeline.locate("youtube", run.pipeline))).export(
+        summary: Summary = pipeline.load(str(pipeline.locate("youtube", run.pipeline))).export(
             run, format.value
         )
+        return summary

@@ -129,7 +129,7 @@ class _Future(Future[Any]):
         Raises FatalError when every worker that took it died, Unreachable when the scheduler is lost or
         no worker is left for `WORKERS_S`, Interrupted, TimeoutError.
         """
-        from distributed.comm import CommClosedError
+        from distributed.comm.core import CommClosedError
         from distributed.scheduler import KilledWorker
 
         try:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
 from pydantic import Field, SecretStr, ValidationError, ValidationInfo, field_validator
@@ -210,9 +211,9 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
 
     Raises SettingError that names the variable and what is allowed, never the value of a secret.
     """
-    given = {name: value for name, value in values.items() if value is not None}
+    given: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
     try:
-        settings = Settings(_env_file=".env" if dotenv else None, **given)  # type: ignore[call-arg]
+        settings = Settings(_env_file=".env" if dotenv else None, **given)
     except ValidationError as error:
         raise SettingError(_said(error), hint="see .env.example") from None
     except (OSError, UnicodeDecodeError) as error:

@@ -196,7 +196,7 @@ def _write_tar(path: Path, samples: list[Sample]) -> Iterator[dict[str, Any]]:
                 digest = hashlib.sha256()
                 start = tar.offset + _BLOCK
                 with data.open("rb") if isinstance(data, Path) else io.BytesIO(data) as file:
-                    tar.addfile(info, _Hashing(file, digest))  # type: ignore[arg-type]
+                    tar.addfile(info, _Hashing(file, digest))
                 yield {
                     "tar": path.name,
                     "member": member,
@@ -214,6 +214,6 @@ class _Hashing:
 
     def read(self, size: int = -1) -> bytes:
         """The next bytes."""
-        data = self._file.read(size)
+        data: bytes = self._file.read(size)
         self._digest.update(data)
         return data

@@ -25,10 +25,10 @@ class Scorer(Protocol):
     def check(self, run: Run, source: str) -> str:
         """A key that stands for the model in workers; "" when the profile scores nothing. Raises exit 2."""
 
-    def annotate(self, run: Run, source: str, texts: Iterable[pa.Array]) -> Any:
+    def annotate(self, run: Run, source: str, texts: Iterable[pa.Array[Any]]) -> Any:
         """Score the texts that have no score yet."""
 
-    def scores(self, key: str, root: Path, source: str, texts: pa.Array) -> pa.Table:
+    def scores(self, key: str, root: Path, source: str, texts: pa.Array[Any]) -> pa.Table:
         """The categories' scores of each text, float32, null for empty texts. Runs in workers."""
 
 
@@ -188,5 +188,6 @@ def declared_columns(rows: pa.Table, chain: Chain) -> pa.Table:
     )
     for column in declared.columns:
         if column.name not in rows.column_names and column.nullable:
-            rows = rows.append_column(column.name, pa.nulls(rows.num_rows, column.parsed.arrow()))
+            kind: Any = column.parsed.arrow()  # the stubs list the kinds that they know
+            rows = rows.append_column(column.name, pa.nulls(rows.num_rows, kind))
     return rows

@@ -70,7 +70,7 @@ def run_clean(run: Run, source: str) -> Summary:
     return summary
 
 
-def texts(run: Run, source: str) -> Iterator[pa.Array]:
+def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
     """The texts that the toxicity stage of a source would look at, for `kb annotate`."""
     job = _job(run, source)
     spec = spec_of(job)
@@ -181,7 +181,7 @@ def _suspect(run: Run, source: str, error: DamagedData) -> None:
     )
 
 
-def _texts(run: Run, job: Job, executor: Any) -> Iterator[pa.Array]:
+def _texts(run: Run, job: Job, executor: Any) -> Iterator[pa.Array[Any]]:
 
     tasks = ((job, number) for number in range(job.buckets))
     for path in map_in_order(executor, texts_of, tasks, window=2 * run.workers):

@@ -232,7 +232,7 @@ class Waits:
         )
 
 
-def passes(predicates: Sequence[Predicate], rows: pa.Table) -> pa.Array:
+def passes(predicates: Sequence[Predicate], rows: pa.Table) -> pa.Array[Any]:
     """Which rows pass all of them: the crawl asks this before it fetches what is dear."""
 
     good = pa.array([True] * rows.num_rows, pa.bool_())

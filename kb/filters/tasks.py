@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -136,7 +136,7 @@ def _walk(
         if callable(mine):
             mine = _without(mine(kept), chain, gone)
         until = chain.scored if dry and chain.scores else ""
-        found = sort_rows(mine, chain, lambda part, chain=chain: join(chain, part), until=until)
+        found = sort_rows(mine, chain, partial(join, chain), until=until)
         kept[chain.table] = found.kept
         done.append((chain, found))
     follows = {}

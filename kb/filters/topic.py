@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -119,19 +120,24 @@ class Topic:
             pc.if_else(waiting, pc.if_else(failed, "failed", "pending"), "rejected"),
         )
 
-    def _named(self, rows: pa.Table) -> pa.Array:
+    def _named(self, rows: pa.Table) -> pa.Array[Any]:
 
-        return pc.and_(pc.is_valid(one(rows, "game_label_id")), bool(self.game_ids))
+        named: pa.Array[Any] = pc.and_(pc.is_valid(one(rows, "game_label_id")), bool(self.game_ids))
+        return named
 
-    def _ours(self, rows: pa.Table) -> pa.Array:
+    def _ours(self, rows: pa.Table) -> pa.Array[Any]:
 
-        return pc.is_in(one(rows, "game_label_id"), pa.array(self.game_ids, pa.string()))
+        games = pa.array(self.game_ids, pa.string())
+        ours: pa.Array[Any] = pc.is_in(one(rows, "game_label_id"), games)
+        return ours
 
-    def _categorised(self, rows: pa.Table) -> pa.Array:
+    def _categorised(self, rows: pa.Table) -> pa.Array[Any]:
 
-        return pc.is_in(one(rows, "category_id"), pa.array(self.category_ids, pa.int64()))
+        categories = pa.array(self.category_ids, pa.int64())
+        categorised: pa.Array[Any] = pc.is_in(one(rows, "category_id"), categories)
+        return categorised
 
-    def _keyword(self, rows: pa.Table, candidate: pa.Array) -> pa.Array:
+    def _keyword(self, rows: pa.Table, candidate: pa.Array[Any]) -> pa.Array[Any]:
         """Whether a keyword is in the title, else in the tags, else in the description; asked of candidates only."""
 
         pattern = whole_words(self.keywords)

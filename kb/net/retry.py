@@ -104,8 +104,9 @@ def backoff(number: int, after: float | None = None) -> float:
     """
     if after is not None:
         return max(0.0, after)
-    span = min(LONGEST_S, FIRST_S * 2 ** (number - 1))
-    return span * clock.rng("backoff", os.getpid(), clock.monotonic(), number).uniform(0.5, 1.0)
+    span: float = min(LONGEST_S, FIRST_S * 2 ** (number - 1))
+    drawn = clock.rng("backoff", os.getpid(), clock.monotonic(), number)
+    return span * drawn.uniform(0.5, 1.0)
 
 
 def retry_after(value: str | None, sent: str | None = None) -> float | None:

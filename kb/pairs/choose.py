@@ -67,10 +67,12 @@ def apart(
     size = len(start)
     place = np.empty(size, np.int64)
     place[np.lexsort((np.arange(size), rank))] = np.arange(size)  # ranks without ties
-    one, other = _overlaps(start, end, video, gap) or (None, None)
+    overlaps = _overlaps(start, end, video, gap)
     taken, open_ = np.zeros(size, bool), np.ones(size, bool)
-    if one is None:
+    if overlaps is None:
         taken, open_ = _one_by_one(start, end, video, place, gap), taken
+        overlaps = np.empty(0, np.int64), np.empty(0, np.int64)
+    one, other = overlaps
     while open_.any():
         best = open_.copy()
         best[np.where(place[one] > place[other], one, other)] = False

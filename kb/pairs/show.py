@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from kb.core import signals
 from kb.core.context import Run
@@ -84,7 +84,8 @@ class _Examples:
         found = matches(text, tools, counts)
         if not self._number or not len(found.keyword):
             return
-        keys = draw.video_keys(tools.seed, text.ids.to_pylist())[found.video]
+        ids = cast("list[str]", text.ids.to_pylist())
+        keys = draw.video_keys(tools.seed, ids)[found.video]
         rank = draw.bits(keys, text.characters(found.start, found.video), "rank")
         order = np.lexsort((rank, found.keyword))
         sorted_ = found.keyword[order]

@@ -6,6 +6,7 @@ import hashlib
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -104,7 +105,7 @@ class _Lengths:
         self._known: pa.Table | None = None
         self._all = False
 
-    def of(self, ids: pa.ChunkedArray) -> pa.Array:
+    def of(self, ids: pa.ChunkedArray[Any]) -> pa.Array[Any]:
         """Lengths in the order of `ids`; null where no video says one."""
 
         if self._known is None:

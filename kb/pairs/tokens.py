@@ -6,7 +6,7 @@ Source: Radford et al., "Learning Transferable Visual Models From Natural Langua
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import pyarrow as pa
 
@@ -43,10 +43,13 @@ class Tokens:
             (pa.binary(), np.int32) if len(codes) < 2**31 else (pa.large_binary(), np.int64)
         )
         every = pa.Array.from_buffers(
-            kind, len(words), [None, pa.py_buffer(offsets.astype(width)), pa.py_buffer(codes)]
+            kind,
+            len(words),
+            [None, pa.py_buffer(offsets.astype(width).data), pa.py_buffer(codes.data)],
         )
         chosen = every.filter(pa.array(wanted)).dictionary_encode()
-        different = np.asarray(self._counts(chosen.dictionary.to_pylist()), np.int32)
+        distinct = cast("list[bytes]", chosen.dictionary.to_pylist())
+        different = np.asarray(self._counts(distinct), np.int32)
         counts = np.zeros(len(words), np.int32)
         if len(different):
             counts[wanted] = different[np.asarray(chosen.indices)]

@@ -93,7 +93,7 @@ def rows(answer: pa.RecordBatchReader) -> Iterator[list[Any]]:
         )
 
 
-def values(name: str, column: pa.Array) -> list[Any]:
+def values(name: str, column: pa.Array[Any]) -> list[Any]:
     """Python's values; times that Python lacks (year 20000, infinity) make their column text."""
     kind = column.type
     if types.is_float32(kind):  # 0.12, not the digits that a longer float has of it

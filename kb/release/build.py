@@ -79,7 +79,7 @@ def refuse(problems: Sequence[Problem]) -> None:
     count = f"{len(lines)} {'reason' if len(lines) == 1 else 'reasons'}"
     error = ReleaseRefused(f"the release is refused for {count}", hint="nothing was published")
     error.problems = lines  # type: ignore[attr-defined]
-    error.summary = Summary(command="release", problems=lines)  # type: ignore[attr-defined]
+    error.summary = Summary(command="release", problems=lines)
     raise error
 
 

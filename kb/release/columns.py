@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -73,7 +74,7 @@ def _values(path: Path, declared: Table, where: str, *, ids_only: bool) -> list[
     return found
 
 
-def _odd(values: pa.Array, column: Column, where: str, *, ids_only: bool) -> Problem | None:
+def _odd(values: pa.Array[Any], column: Column, where: str, *, ids_only: bool) -> Problem | None:
 
     if values.null_count and not column.nullable:
         return Problem(

@@ -61,15 +61,22 @@ class Zenodo:
 
     def create(self, metadata: dict[str, Any]) -> dict[str, Any]:
         """A new draft. Not sent twice: a draft whose answer was lost is found by `drafts`."""
-        return self._json("POST", self._base, json={"metadata": metadata}, once=True)
+        made: dict[str, Any] = self._json(
+            "POST", self._base, json={"metadata": metadata}, once=True
+        )
+        return made
 
     def drafts(self) -> list[dict[str, Any]]:
         """The newest unpublished deposits of the account."""
-        return self._json("GET", self._base, params={"status": "draft", "size": PAGE})
+        found: list[dict[str, Any]] = self._json(
+            "GET", self._base, params={"status": "draft", "size": PAGE}
+        )
+        return found
 
     def get(self, number: int) -> dict[str, Any]:
         """A deposit. Raises Gone."""
-        return self._json("GET", f"{self._base}/{number}")
+        found: dict[str, Any] = self._json("GET", f"{self._base}/{number}")
+        return found
 
     def files(self, number: int) -> dict[str, dict[str, Any]]:
         """Name → {"id", "checksum" (md5, hexadecimal), "filesize"} of what was uploaded."""
@@ -113,7 +120,9 @@ class Zenodo:
 
     def describe(self, number: int, metadata: dict[str, Any]) -> dict[str, Any]:
         """Set the metadata. Raises FatalError when the service refuses it or takes another licence."""
-        answer = self._json("PUT", f"{self._base}/{number}", json={"metadata": metadata})
+        answer: dict[str, Any] = self._json(
+            "PUT", f"{self._base}/{number}", json={"metadata": metadata}
+        )
         taken = answer.get("metadata", {}).get("license")
         if str(taken).lower() != metadata["license"]:
             raise FatalError(
@@ -125,7 +134,9 @@ class Zenodo:
     def publish(self, number: int) -> dict[str, Any]:
         """Publish a draft: can't be undone. When the answer is lost, the deposit itself tells."""
         try:
-            return self._json("POST", f"{self._base}/{number}/actions/publish", once=True)
+            url = f"{self._base}/{number}/actions/publish"
+            published: dict[str, Any] = self._json("POST", url, once=True)
+            return published
         except (Unreachable, FatalError):
             now = self.get(number)
             if now.get("submitted"):
@@ -143,7 +154,8 @@ class Zenodo:
             answer = self.get(number)
             if not answer["links"].get("latest_draft", "").startswith(self._base):
                 raise
-        return self._json("GET", answer["links"]["latest_draft"])
+        draft: dict[str, Any] = self._json("GET", answer["links"]["latest_draft"])
+        return draft
 
     # -- requests ----------------------------------------------------------------------------------
 

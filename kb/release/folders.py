@@ -100,13 +100,13 @@ def read(path: Path, source: str) -> Folder:
             )
         )
     )
-    shards = {shard for part in parts for shard in part.shards}
+    tables = {shard for part in parts for shard in part.shards}
     others = tuple(
         file
         for file in own
         if source == "wiki" and (file.name == INDEX or _ARCHIVE.fullmatch(file.name))
     )
-    known = {*shards, *others, *(file for file in own if is_made(file.name, source))}
+    known = {*tables, *others, *(file for file in own if is_made(file.name, source))}
     return Folder(source, path, parts, others, tuple(file for file in files if file not in known))
 
 

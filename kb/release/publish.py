@@ -251,11 +251,11 @@ class _Upload:
         if "id" in known:
             self._write(known | {"creating": True})
             draft = self.service.new_version(known["id"])
+        elif lost := self._lost_draft(known):
+            draft = lost
         else:
-            draft = self._lost_draft(known)
-            if draft is None:
-                self._write({"creating": True})
-                draft = self.service.create(self.metadata)
+            self._write({"creating": True})
+            draft = self.service.create(self.metadata)
         self._write(
             {key: what for key, what in known.items() if key != "creating"} | {"draft": draft["id"]}
         )

@@ -212,7 +212,7 @@ class Data:
                     entry = found.setdefault((path.stem, day, bucket), [0, 0])
                     entry[0] += requests
                     entry[1] += units or 0
-        return [(*key, *sums) for key, sums in sorted(found.items())]
+        return [(*key, sums[0], sums[1]) for key, sums in sorted(found.items())]
 
     def words(
         self, name: str, columns: Sequence[str], stop: set[str], n: int

@@ -77,7 +77,8 @@ def applied() -> Any:
     """A context in which whatever is drawn looks like the rest."""
     import matplotlib
 
-    return matplotlib.rc_context(_RULES)
+    rules: Any = _RULES  # its stubs list every name that matplotlib knows
+    return matplotlib.rc_context(rules)
 
 
 def canvas(

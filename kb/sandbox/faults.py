@@ -193,15 +193,12 @@ class Faults:
         what, method = environ["PATH_INFO"].removeprefix(CONTROL), environ["REQUEST_METHOD"]
         answer: Any = {"ok": True}
         if (what, method) == ("faults", "POST"):
-            given = json.loads(
+            given: dict[str, Any] = json.loads(
                 environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0)) or b"{}"
             )
-            self.add(
-                **{
-                    name: tuple(value) if name == "burst" else value
-                    for name, value in given.items()
-                }
-            )
+            if "burst" in given:
+                given["burst"] = tuple(given["burst"])
+            self.add(**given)
         elif (what, method) == ("faults", "DELETE"):
             self.clear()
         elif (what, method) == ("requests", "GET"):

@@ -73,8 +73,10 @@ class Server:
         if self._server is not None:
             self._server.shutdown()
             self._server.server_close()
+            self._server = None
+        if self._thread is not None:
             self._thread.join()
-            self._server = self._thread = None
+            self._thread = None
 
 
 class Sandbox:

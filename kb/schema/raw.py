@@ -57,9 +57,12 @@ def raw(kind: str) -> dict[str, Any]:
 def _read(path: Path) -> dict[str, Any]:
     """The schema in a file, with `$ref` to a file beside it put in its place."""
     try:
-        return _resolved(json.loads(path.read_text(encoding="utf-8")), path.parent)
+        schema: dict[str, Any] = _resolved(
+            json.loads(path.read_text(encoding="utf-8")), path.parent
+        )
     except (ValueError, OSError) as error:
         raise SchemaMismatch(f"{path}: not readable as JSON: {error}") from None
+    return schema
 
 
 def _resolved(node: Any, beside: Path) -> Any:

@@ -163,7 +163,9 @@ def _split(rows: pa.Table, column: str, buckets: int) -> Iterator[tuple[int, pa.
         start += counts[bucket]
 
 
-def newest(folder: Path, kind: Kind, wanted: pa.Array | None = None) -> tuple[pa.Table | None, int]:
+def newest(
+    folder: Path, kind: Kind, wanted: pa.Array[Any] | None = None
+) -> tuple[pa.Table | None, int]:
     """The newest row of each key of one kind's bucket, sorted by key, and how many older ones were left out.
 
     With `wanted` only the rows whose first key column is in it are read. Echoes don't count as left out.
@@ -211,7 +213,7 @@ def newest(folder: Path, kind: Kind, wanted: pa.Array | None = None) -> tuple[pa
     return rows.take(chosen).drop_columns(["_segment", "_at"]), older
 
 
-def _read(path: Path, kind: Kind, wanted: pa.Array | None) -> pa.Table:
+def _read(path: Path, kind: Kind, wanted: pa.Array[Any] | None) -> pa.Table:
 
     with pa.ipc.open_file(str(path)) as file:
         if wanted is None:

@@ -8,8 +8,9 @@ can come back meanwhile; then raw, then what was made of it.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import pyarrow as pa
@@ -137,12 +138,17 @@ def drop_rows(root: Path, places: Iterable[Place], keys: Collection[str]) -> int
                 path,
                 place.table,
                 place.column,
-                lambda values, wanted=wanted: pc.invert(pc.is_in(values, value_set=wanted)),
+                partial(_outside, wanted),
             )
     return gone
 
 
-def drop_annotations(root: Path, source: str, used: pa.Array) -> int:
+def _outside(gone: pa.Array[Any], values: pa.Array[Any]) -> pa.Array[Any]:
+    mask: pa.Array[Any] = pc.invert(pc.is_in(values, value_set=gone))
+    return mask
+
+
+def drop_annotations(root: Path, source: str, used: pa.Array[Any] | pa.ChunkedArray[Any]) -> int:
     """Forget scores of texts that no row has any more; `used` are the hashes of those that rows still have."""
 
     files = sorted((root / "annotations" / source).glob("*.parquet"))
@@ -154,7 +160,9 @@ def drop_annotations(root: Path, source: str, used: pa.Array) -> int:
     )
 
 
-def _keep(path: Path, declared: str, column: str, good: Callable[[pa.Array], pa.Array]) -> int:
+def _keep(
+    path: Path, declared: str, column: str, good: Callable[[pa.Array[Any]], pa.Array[Any]]
+) -> int:
     """Keep the rows that `good` says of a file; how many went. A batch at a time."""
 
     with pq.ParquetFile(path) as file:

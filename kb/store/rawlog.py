@@ -355,13 +355,18 @@ def set_aside(path: Path, found: Sequence[tuple[int, int, str]]) -> None:
             write_bytes(path.with_name(name), file.read(end - start))
         with writing(path) as temporary, temporary.open("wb") as fresh:
             at = 0
-            for start, end in [*((start, end) for start, end, _ in found), (None, None)]:
-                file.seek(at)
-                left = None if start is None else start - at
-                while chunk := file.read(_CHUNK if left is None else min(_CHUNK, left)):
-                    fresh.write(chunk)
-                    left = None if left is None else left - len(chunk)
-                at = end or at
+            for start, end, _ in found:
+                _copy(file, fresh, at, start)
+                at = end
+            _copy(file, fresh, at, path.stat().st_size)
+
+
+def _copy(file: BinaryIO, fresh: BinaryIO, start: int, end: int) -> None:
+    file.seek(start)
+    left = end - start
+    while chunk := file.read(min(_CHUNK, left)):
+        fresh.write(chunk)
+        left -= len(chunk)
 
 
 def asides(root: Path, source: str) -> list[Path]:

@@ -139,7 +139,7 @@ def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any
         version="2.6",
         compression="zstd",
         compression_level=ZSTD_LEVEL,
-        use_dictionary=low or False,
+        use_dictionary=low or False,  # type: ignore[arg-type]  # names of columns are fine
         data_page_size=PAGE,
         write_statistics=True,
         write_page_index=True,
@@ -206,7 +206,8 @@ class _Pieces:
     """Hands out a stream of tables in portions of a wanted number of rows."""
 
     def __init__(self, tables: Iterator[pa.Table]) -> None:
-        self._tables, self._rest = tables, None
+        self._tables = tables
+        self._rest: pa.Table | None = None
 
     def take(self, rows: int) -> Iterator[pa.Table]:
         while rows:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import filecmp
 from collections.abc import Collection, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -33,11 +33,11 @@ def path(root: Path, source: str) -> Path:
 def keys(root: Path, source: str) -> set[str]:
     """The purged keys of a source."""
 
-    return {
-        key
-        for file in _files(root, source)
-        for key in pq.read_table(file, columns=["key"])["key"].to_pylist()
-    }
+    found: set[str] = set()
+    for file in _files(root, source):
+        column = pq.read_table(file, columns=["key"])["key"]
+        found.update(cast("list[str]", column.to_pylist()))
+    return found
 
 
 def read(root: Path, source: str) -> pa.Table:
