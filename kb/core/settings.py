@@ -26,7 +26,10 @@ _MAY_BE_EMPTY = ("youtube_api_key", "reddit_client_id", "reddit_client_secret", 
 
 
 class Settings(BaseSettings):
-    """Everything that is not about the domain. Field names are the variables' names in lower case."""
+    """Everything that is not about the domain.
+
+    Field names are the variables' names in lower case.
+    """
 
     model_config = SettingsConfigDict(env_file=None, extra="ignore", frozen=True)
 
@@ -78,7 +81,9 @@ class Settings(BaseSettings):
     @field_validator("*", mode="before")
     @classmethod
     def _is_clean(cls, value: object, info: ValidationInfo) -> object:
-        """Spaces around a value are none of it, and an empty one is unset: a line of `.env` that nobody filled in."""
+        """Spaces around a value are none of it, and an empty one is unset:
+        a line of `.env` that nobody filled in.
+        """
         if isinstance(value, str):
             value = value.strip()
             if _CONTROL.search(value):
