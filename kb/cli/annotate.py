@@ -39,7 +39,8 @@ PrecisionOption = Annotated[
     Precision | None,
     typer.Option(
         "--precision",
-        help="Reduced ones are faster, recorded with the scores, and exact again near the threshold."
+        help="Reduced ones are faster, recorded with the scores, and exact again near the"
+        " threshold."
         " When given, scores of a lower one are computed again; default for new scores: fp32.",
     ),
 ]
@@ -108,7 +109,10 @@ def wiki(
     app,
     uses=_USES,
     examples=[
-        "kb annotate reddit --precision int8     faster; what lies near the threshold is computed exactly",
+        (
+            "kb annotate reddit --precision int8     faster; what lies near the threshold is"
+            " computed exactly"
+        ),
         "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
     ],
 )

@@ -1,4 +1,6 @@
-"""The command tree. A group's file is imported when one of its commands is named, so `kb --help` stays quick."""
+"""The command tree. A group's file is imported when one of its commands is named,
+so `kb --help` stays quick.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ import typer.main
 
 from kb import __version__
 
-# name -> (module, one line for `kb --help`). The module's `app` is a typer app, of one command or several.
+# name -> (module, one line for `kb --help`). The module's `app` is a typer app, of one command or
+# several.
 TREE = {
     "youtube": ("kb.cli.youtube", "Channels, videos and transcripts: crawl, filter, export."),
     "wiki": ("kb.cli.wiki", "Wiki pages as a browser shows them: crawl, filter, export."),

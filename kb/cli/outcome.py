@@ -26,7 +26,9 @@ INTERRUPTED = 3
 
 
 def guarded(run: Callable[[], Any]) -> int:
-    """Call `run` and answer its exit code; usage errors become one line that guesses the mistake."""
+    """Call `run` and answer its exit code;
+    usage errors become one line that guesses the mistake.
+    """
     try:
         code = run()
     except UsageProblem as error:

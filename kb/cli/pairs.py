@@ -32,10 +32,22 @@ class Format(StrEnum):
     main=True,
     uses=(*CLUSTER, "limit", "again", "pipeline"),
     examples=[
-        "kb pairs                                    match, grow, choose: pairs/ with text, release/pairs/ without",
-        "kb pairs --limit 1000                       1,000 transcripts now, the rest with the next run",
-        "kb pairs --format video2dataset             the list of clips that video2dataset downloads",
-        "kb pairs --from-index pairs-00000-of-00001.parquet   texts of a released index, from your own transcripts",
+        (
+            "kb pairs                                    match, grow, choose:"
+            " pairs/ with text, release/pairs/ without"
+        ),
+        (
+            "kb pairs --limit 1000                       1,000 transcripts now,"
+            " the rest with the next run"
+        ),
+        (
+            "kb pairs --format video2dataset             the list of clips that video2dataset"
+            " downloads"
+        ),
+        (
+            "kb pairs --from-index pairs-00000-of-00001.parquet   texts of a released index,"
+            " from your own transcripts"
+        ),
     ],
 )
 def pairs(
@@ -48,11 +60,13 @@ def pairs(
         typer.Option(
             "--from-index",
             metavar="FILE",
-            help="Fill the text of this released index (a file or its folder) from your own transcripts.",
+            help="Fill the text of this released index (a file or its folder) from your own"
+            " transcripts.",
         ),
     ] = None,
 ) -> Summary:
-    """Make the index of aligned clips and texts from clean/youtube: the same input gives the same rows.
+    """Make the index of aligned clips and texts from clean/youtube: the same input gives the same
+    rows.
 
     Pairs that are made of the same transcripts and rules are not made again.
     """
@@ -108,7 +122,8 @@ def keywords(
 ) -> Summary:
     """Print hits per keyword and examples in context, so that a person can judge the list.
 
-    Columns: keyword, kind, rule, matches, and how many of an everyday word stood alone and make no pair.
+    Columns: keyword, kind, rule, matches, and how many of an everyday word stood alone and make no
+    pair.
     """
     from kb.core import terminal
     from kb.core.verdict import Summary
