@@ -83,8 +83,9 @@ class Merge:
 
 
 def _is_sorted(path: Path, by: list[str]) -> bool:
-    """Whether the file says that each of its row groups, and they one after another, are in this order."""
-
+    """Whether the file says that each of its row groups, and they one after another,
+    are in this order.
+    """
     file = pq.read_metadata(path)
     names = [file.schema.column(index).path for index in range(file.num_columns)]
     for index in range(file.num_row_groups):
@@ -120,7 +121,6 @@ class _Cursor:
 
     def more(self) -> None:
         """Read one batch."""
-
         batch = next(self._batches, None)
         if batch is None:
             self.ended = True
@@ -138,7 +138,6 @@ class _Cursor:
 
     def cut(self, name: str, bound: Any) -> pa.Table:
         """Cut off the rows below `bound` (all when it is None)."""
-
         if bound is None:
             count = self.rows.num_rows
         else:

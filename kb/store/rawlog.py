@@ -55,7 +55,9 @@ _UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
 
 
 def encode(envelope: Envelope) -> bytes:
-    """The envelope as one line; NUL and lone surrogates become U+FFFD, a secret of ours "***", all else is verbatim."""
+    """The envelope as one line; NUL and lone surrogates become U+FFFD, a secret of ours "***",
+    all else is verbatim.
+    """
     return storable(envelope)[1]
 
 
@@ -144,7 +146,9 @@ def _frames(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:
 def _frame(
     engine: zstandard.ZstdDecompressor, file: BinaryIO, rest: bytes
 ) -> tuple[bytes, int, bytes] | None:
-    """A frame that begins with `rest`: content, size, and what was read behind it; None: damaged."""
+    """A frame that begins with `rest`: content, size, and what was read behind it;
+    None: damaged.
+    """
     frame = engine.decompressobj()
     parts, used = [], 0
     while rest:
@@ -206,7 +210,7 @@ def segments(root: Path, source: str, kind: str) -> list[Path]:
         if base.is_dir()
         else []
     )
-    return sorted(found, key=lambda path: base_name(path))
+    return sorted(found, key=base_name)
 
 
 def base_name(path: Path) -> str:
@@ -348,7 +352,10 @@ def aside_name(path: Path, start: int, end: int) -> str:
 
 
 def set_aside(path: Path, found: Sequence[tuple[int, int, str]]) -> None:
-    """Take stretches (start, end, name of the new file) out of a segment, which is written anew. Raises DiskFull."""
+    """Take stretches (start, end, name of the new file) out of a segment, which is written anew.
+
+    Raises DiskFull.
+    """
     with path.open("rb") as file:
         for start, end, name in found:
             file.seek(start)
