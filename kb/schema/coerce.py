@@ -64,7 +64,6 @@ def coerce(
 
 def texts(values: Sequence[Any], *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
     """Strings. NUL and lone surrogates become U+FFFD."""
-
     try:
         column = pa.array(values, pa.string())
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
@@ -75,7 +74,9 @@ def texts(values: Sequence[Any], *, clean: bool = False) -> tuple[pa.Array[Any],
 
 
 def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
-    """Counts: decimal digits in a string and, where the schema allows it, JSON integers; never negative."""
+    """Counts: decimal digits in a string and, where the schema allows it, JSON integers;
+    never negative.
+    """
 
     def one(value: Any) -> int:
         return _count(value, allowed)
@@ -98,7 +99,6 @@ def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], B
 
 def durations(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
     """ISO 8601 durations → whole seconds: weeks, days, hours, minutes, seconds; P0D is 0."""
-
     try:  # there are few distinct ones
         column = pa.array(values, pa.string()).dictionary_encode()
         made = pa.array([_seconds(text) for text in column.dictionary.to_pylist()], pa.int64())
@@ -109,7 +109,6 @@ def durations(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
 
 def times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
     """RFC 3339 times → UTC, with or without fractions of a second."""
-
     kind = pa.timestamp("us", "UTC")
     try:
         column = pa.array(values, pa.string())
@@ -122,7 +121,6 @@ def times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
 
 def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
     """Booleans, or the strings "true" and "false" where the schema says string."""
-
     words = {"true": True, "false": False} if "string" in allowed else {}
     native = not allowed or "boolean" in allowed
     try:
@@ -142,7 +140,6 @@ def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], B
 
 def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
     """Lists of strings; an absent one is empty."""
-
     empty: list[str] = []
     values = [empty if value is None else value for value in values]
     try:
@@ -159,7 +156,6 @@ def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa
 
 def records(values: Sequence[Any], kind: Type) -> tuple[pa.Array[Any], Bad]:
     """Lists of fixed rows ([start, duration, text]) → lists of structs."""
-
     assert kind.item is not None
     makers: list[Callable[[Any], Any]] = [
         _text if inner.text == "string" else _number for _, inner in kind.item.fields

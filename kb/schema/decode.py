@@ -148,7 +148,6 @@ class Reader:
 
     def table(self, answers: list[Answer]) -> pa.Table:
         """The columns of some answers."""
-
         size = sum(answer.size for answer in answers)
         data: dict[str, pa.Array[Any]] = {}
         found: dict[int, list[tuple[str, str, str | None]]] = {}
@@ -172,7 +171,6 @@ class Reader:
 
 def problems(found: dict[int, list[tuple[str, str, str | None]]], size: int) -> pa.Array[Any]:
     """The `problems` column of `size` rows from (column, reason, value) triples by row."""
-
     names = ("column", "reason", "value")
     offsets: list[int] = [0]
     flat: list[tuple[str, str, str | None]] = []
