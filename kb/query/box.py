@@ -9,7 +9,7 @@ from itertools import islice
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.types as types
+from pyarrow import types
 
 from kb.core import terminal
 from kb.query.statements import distinct

@@ -15,7 +15,7 @@ from typing import Any
 
 import orjson
 import pyarrow as pa
-import pyarrow.types as types
+from pyarrow import types
 from rich.cells import cell_len, set_cell_size
 
 from kb.core import terminal
