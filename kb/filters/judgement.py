@@ -43,8 +43,9 @@ def compared(
     threshold: float | str | None,
     needed: Sequence[str],
 ) -> Judgement:
-    """`reason` where `outside`; where a `needed` value is null, `malformed` or `absent` by the rows' problems."""
-
+    """`reason` where `outside`; where a `needed` value is null,
+    `malformed` or `absent` by the rows' problems.
+    """
     out = pc.fill_null(outside, False)
     reasons = pc.if_else(out, reason, None).cast(pa.string())
     value = text(pc.if_else(out, values, pa.scalar(None, values.type)))
@@ -60,7 +61,6 @@ def compared(
 
 def malformed(rows: pa.Table, column: str) -> pa.Array[Any]:
     """The text of what could not be read as `column`, null where all is well."""
-
     if "problems" not in rows.column_names or not rows.num_rows:
         return nothing(rows)
     problems = one(rows, "problems")
@@ -78,7 +78,6 @@ def malformed(rows: pa.Table, column: str) -> pa.Array[Any]:
 
 def one(rows: pa.Table, name: str) -> pa.Array[Any]:
     """A column as one array."""
-
     column = rows.column(name)
     whole = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
     return pa.concat_arrays(whole.chunks) if isinstance(whole, pa.ChunkedArray) else whole
@@ -86,7 +85,6 @@ def one(rows: pa.Table, name: str) -> pa.Array[Any]:
 
 def text(values: pa.Array[Any]) -> pa.Array[Any]:
     """Values as `rejected.value` shows them."""
-
     if kinds.is_floating(values.type):
         return pa.array(
             [None if value is None else number(value) for value in values.to_pylist()], pa.string()
@@ -103,5 +101,4 @@ def number(value: float | str) -> str:
 
 def nothing(rows: pa.Table) -> pa.Array[Any]:
     """A text column of nulls."""
-
     return pa.nulls(rows.num_rows, pa.string())
