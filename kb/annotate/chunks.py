@@ -26,9 +26,11 @@ LOOKUP_TEXTS, LOOKUP_CHARACTERS = (
 
 
 class Chunks:
-    """Distinct unscored texts in the order they come, in memory that the number of texts doesn't change.
+    """Distinct unscored texts in the order they come, in memory that the number of texts doesn't
+    change.
 
-    What has a score is asked for a look-up at a time; what was given out is remembered until `written`.
+    What has a score is asked for a look-up at a time; what was given out is remembered until
+    `written`.
     `texts`: how many came by, equal ones of one look-up counted once.
     """
 
@@ -48,7 +50,9 @@ class Chunks:
         self.limited = False
 
     def of(self, batches: Iterable[Any]) -> Iterable[tuple[list[str], list[str]]]:
-        """(hashes, texts) of each chunk; `limited` is set when more were there than the limit allows."""
+        """(hashes, texts) of each chunk; `limited` is set when more were there than the limit
+        allows.
+        """
         hashes: list[str] = []
         texts: list[str] = []
         size = given = 0
@@ -70,7 +74,9 @@ class Chunks:
         self._given.difference_update(hashes)
 
     def took(self, seconds: float) -> None:
-        """How long a chunk took: the next ones are twice or half as large when it was far from `CHUNK_S`."""
+        """How long a chunk took: the next ones are twice or half as large when it was far from
+        `CHUNK_S`.
+        """
         if seconds < CHUNK_S / 2:
             self._part = max(1, self._part // 2)
         elif seconds > 2 * CHUNK_S:

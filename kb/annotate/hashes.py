@@ -15,7 +15,6 @@ def text_hash(text: str) -> str:
 
 def text_hashes(texts: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Array[Any]:
     """`text_hash` of a column; null for a null or empty text, which has nothing to score."""
-
     sha256 = hashlib.sha256
     values = texts.cast(pa.binary()).to_pylist()
     return pa.array([sha256(value).hexdigest() if value else None for value in values], pa.string())

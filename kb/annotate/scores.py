@@ -45,11 +45,12 @@ class Scores:
     revision: str
 
     def lookup(self, hashes: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Table:
-        """A row for each hash, in order: `CATEGORIES` and `precision`; null where there is no score or no such class.
+        """A row for each hash, in order: `CATEGORIES` and `precision`; null where there is no score
+        or no such class.
 
-        Of several precisions the exact one wins, so the result doesn't depend on what was scored first.
+        Of several precisions the exact one wins, so the result doesn't depend on what was scored
+        first.
         """
-
         if isinstance(hashes, pa.ChunkedArray):
             hashes = hashes.combine_chunks()
         con = self._connect()
@@ -59,11 +60,11 @@ class Scores:
         )
         names = ", ".join([*CATEGORIES, "precision"])
         found: pa.Table = con.sql(
-            f"SELECT {', '.join('s.' + name for name in [*CATEGORIES, 'precision'])} FROM wanted w LEFT JOIN ("
-            f"  SELECT text_hash, {names} FROM {self._files()}"
-            f"  WHERE model = $model AND revision = $revision AND text_hash IN (SELECT text_hash FROM wanted)"
-            f"  QUALIFY row_number() OVER (PARTITION BY text_hash ORDER BY {_RANK}) = 1"
-            ") s USING (text_hash) ORDER BY w.place",
+            f"SELECT {', '.join('s.' + name for name in [*CATEGORIES, 'precision'])} FROM wanted w"
+            f" LEFT JOIN (  SELECT text_hash, {names} FROM {self._files()}"
+            "  WHERE model = $model AND revision = $revision AND text_hash IN (SELECT text_hash"
+            " FROM wanted)  QUALIFY row_number() OVER (PARTITION BY text_hash"
+            f" ORDER BY {_RANK}) = 1) s USING (text_hash) ORDER BY w.place",
             params={"model": self.model, "revision": self.revision},
         ).to_arrow_table()
         con.close()
@@ -77,11 +78,11 @@ class Scores:
         reach: dict[str, float] | None = None,
         least: str | None = None,
     ) -> pa.Array[Any]:
-        """True for each hash to be scored: it has no score, or a reduced one within reach of the threshold.
+        """True for each hash to be scored: it has no score, or a reduced one within reach of the
+        threshold.
 
         `least`: a score of a lower precision than this one counts as none.
         """
-
         known = self.lookup(hashes)
         wanted = pc.is_null(known["precision"])
         if threshold is not None and reach:
@@ -105,7 +106,8 @@ class Scores:
         """How many texts have a score in each precision."""
         con = self._connect()
         rows = con.execute(
-            f"SELECT precision, count(DISTINCT text_hash) FROM {self._files()} WHERE model = $model AND revision = $revision GROUP BY 1 ORDER BY 1",
+            f"SELECT precision, count(DISTINCT text_hash) FROM {self._files()}"
+            " WHERE model = $model AND revision = $revision GROUP BY 1 ORDER BY 1",
             {"model": self.model, "revision": self.revision},
         ).fetchall()
         con.close()
@@ -118,8 +120,10 @@ class Scores:
         precisions: Sequence[str],
         classes: Sequence[str],
     ) -> Path:
-        """Add a chunk as the next part; a category that is none of `classes` is null. Raises DiskFull."""
+        """Add a chunk as the next part; a category that is none of `classes` is null.
 
+        Raises DiskFull.
+        """
         place = [list(classes).index(name) if name in classes else None for name in CATEGORIES]
         rows = pa.table(
             {
@@ -138,8 +142,9 @@ class Scores:
         return path
 
     def merge(self) -> Path | None:
-        """All parts and the merged file as one sorted file without doubles; None when there is nothing."""
-
+        """All parts and the merged file as one sorted file without doubles;
+        None when there is nothing.
+        """
         parts = sorted(Path(self.folder).glob("part-*.parquet"))
         path = Path(self.folder) / "toxicity.parquet"
         if not parts:
@@ -147,9 +152,10 @@ class Scores:
         # DuckDB sorts on disk when memory is short; rows come and go a batch at a time.
         with self._connect() as con, ShardWriter(path, TABLE, in_order=True) as writer:
             rows = con.sql(
-                f"SELECT text_hash, model, revision, precision, {', '.join(CATEGORIES)} FROM {self._files()}"
-                " QUALIFY row_number() OVER (PARTITION BY text_hash, model, revision, precision"
-                f" ORDER BY {', '.join(CATEGORIES)}) = 1 ORDER BY {', '.join(order(table(TABLE)))}"
+                f"SELECT text_hash, model, revision, precision, {', '.join(CATEGORIES)}"
+                f" FROM {self._files()} QUALIFY row_number() OVER (PARTITION BY text_hash, model,"
+                f" revision, precision ORDER BY {', '.join(CATEGORIES)}) = 1"
+                f" ORDER BY {', '.join(order(table(TABLE)))}"
             )
             for batch in rows.to_arrow_reader(50_000):
                 writer.write(pa.Table.from_batches([batch]))
@@ -163,7 +169,6 @@ class Scores:
 
     def _files(self) -> str:
         """SQL of all rows; files of an earlier version may lack a category."""
-
         files = sorted(Path(self.folder).glob("*.parquet"))
         columns = ", ".join(
             f"NULL::{'FLOAT' if column.type == 'float32' else 'VARCHAR'} AS {column.name}"

@@ -16,7 +16,6 @@ def word_count(texts: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Array[Any] | p
 
     Equal to `len(text.split())` for every text.
     """
-
     counts: pa.Array[Any] | pa.ChunkedArray[Any] = pc.count_substring_regex(
         texts.cast(pa.string()), _WORD
     ).cast(pa.int64())
@@ -25,7 +24,6 @@ def word_count(texts: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Array[Any] | p
 
 def word_count_of_lists(lists: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Array[Any]:
     """Words of all texts in each list together, int64; null for a null list, 0 for an empty one."""
-
     if isinstance(lists, pa.ChunkedArray):
         lists = lists.combine_chunks()
     counts = pc.fill_null(word_count(pc.list_flatten(lists)), 0)
