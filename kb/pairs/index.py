@@ -50,7 +50,9 @@ def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
 
 @dataclass
 class Counts:
-    """What was found: totals, and under the same names the hits of each keyword, in the list's order."""
+    """What was found: totals, and under the same names the hits of each keyword,
+    in the list's order.
+    """
 
     totals: Counter[str] = field(default_factory=Counter)
     hits: dict[str, np.ndarray] = field(default_factory=dict)
@@ -74,7 +76,9 @@ class Counts:
 
 
 class Matches(NamedTuple):
-    """Matches that count, in order: keyword, video, bytes of the phrase, its first and last word."""
+    """Matches that count, in order: keyword, video,
+    bytes of the phrase, its first and last word.
+    """
 
     keyword: np.ndarray
     video: np.ndarray
@@ -89,7 +93,9 @@ class Matches(NamedTuple):
 
 
 def matches(text: Text, tools: Tools, counts: Counts) -> Matches:
-    """Keywords in the text, without excluded phrases and without everyday words that stand alone."""
+    """Keywords in the text, without excluded phrases and without everyday
+    words that stand alone.
+    """
     found = tools.matcher.find(text.raw)
     keyword = tools.keywords.owner[found.phrase]
     counts.totals["excluded"] += int((keyword == EXCLUDED).sum())
@@ -168,7 +174,9 @@ class _Draws(NamedTuple):
 
 
 def _lengths(section: Pairs) -> tuple[int, int]:
-    """Clip lengths to draw from (ms): a step inside the limits, so that no rounding of end - start leaves them."""
+    """Clip lengths to draw from (ms): a step inside the limits,
+    so that no rounding of end - start leaves them.
+    """
     low, high = round(section.min_clip_s * 1000), round(section.max_clip_s * 1000)
     return (low + 1, high - 1) if high - low > 1 else (low, high)
 
@@ -249,7 +257,9 @@ def _table(
 
 
 def _texts(text: Text, grown: Grown) -> tuple[pa.Array[Any], np.ndarray]:
-    """Grown texts with one space between words, and where they end without the white space after."""
+    """Grown texts with one space between words,
+    and where they end without the white space after.
+    """
     import numpy as np
 
     slices = pa.LargeListViewArray.from_arrays(  # type: ignore[call-overload]  # wants exact classes

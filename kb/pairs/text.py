@@ -20,20 +20,26 @@ if TYPE_CHECKING:
 _WALL = b" " + bytes([WALL]) + b" "
 _SPACES = bytes(0x20 if byte in b" \t\n\v\f\r\x1c\x1d\x1e\x1f" else byte for byte in range(256))
 # Spaces beyond ASCII, as str.split() sees them
-_WIDE_SPACES = "\x85\xa0\u1680\u2000\u2001\u2002\u2003\u2004\u2005\u2006\u2007\u2008\u2009\u200a\u2028\u2029\u202f\u205f\u3000"
+_WIDE_SPACES = (
+    "\x85\xa0\u1680\u2000\u2001\u2002\u2003\u2004\u2005\u2006\u2007\u2008\u2009\u200a"
+    "\u2028\u2029\u202f\u205f\u3000"
+)
 _FAR = 1e9  # seconds; times beyond it are no times
 
 
 class Text:
     """A batch of transcripts.
 
-    `raw` begins and ends with a space. Arrays a cue: `cue_at` (first byte; a last one more for the end),
+    `raw` begins and ends with a space. Arrays a cue: `cue_at` (first byte; a last one more for the
+    end),
     `cue_start`, `cue_end` (ms), `cue_video`; arrays a video: `video_at`, `video_end` (bytes),
     `length` (ms), and Arrow columns `ids`, `kinds`.
     """
 
     def __init__(self, transcripts: pa.Table, lengths: pa.Array[Any] | None = None) -> None:
-        """`transcripts` has the columns of youtube/transcripts; `lengths` the videos' seconds, null when unknown."""
+        """`transcripts` has the columns of youtube/transcripts; `lengths` the videos' seconds,
+        null when unknown.
+        """
         import numpy as np
 
         transcripts = transcripts.combine_chunks()
@@ -53,7 +59,9 @@ class Text:
         self._places(texts, counts)
 
     def _times(self, start: np.ndarray, last: np.ndarray, lengths: pa.Array[Any] | None) -> None:
-        """A cue of an automatic track is over when the next begins; nothing lasts longer than its video."""
+        """A cue of an automatic track is over when the next begins;
+        nothing lasts longer than its video.
+        """
         import numpy as np
 
         end = start + np.maximum(last, 0)
@@ -176,7 +184,9 @@ class Text:
         return words
 
     def time_of(self, words: np.ndarray, *, after: bool = False) -> np.ndarray:
-        """When words begin (or end, with `after`), in ms: a cue's time is shared out evenly among its words."""
+        """When words begin (or end, with `after`), in ms:
+        a cue's time is shared out evenly among its words.
+        """
         import numpy as np
 
         first_words, counts = self._cue_words
@@ -189,7 +199,9 @@ class Text:
 
     @cached_property
     def _cue_words(self) -> tuple[np.ndarray, np.ndarray]:
-        """First word and number of words of each cue; of empty ones before a cue with words, too."""
+        """First word and number of words of each cue; of empty ones before a cue with words,
+        too.
+        """
         import numpy as np
 
         first = np.searchsorted(self.words, self.cue_at)

@@ -1,4 +1,5 @@
-"""CLIP tokens of words. A text's tokens are those of its words, as CLIP's pattern never crosses white space.
+"""CLIP tokens of words. A text's tokens are those of its words, as CLIP's pattern never crosses
+white space.
 
 Source: Radford et al., "Learning Transferable Visual Models From Natural Language Supervision"
 (2021); the vocabulary ships with instant-clip-tokenizer.
@@ -57,10 +58,12 @@ class Tokens:
 
     def _counts(self, words: list[bytes]) -> list[int]:
         """Tokens of different words."""
-        counts = list(map(self._known.get, words))
-        for place, count in enumerate(counts):
+        counts: list[int] = []
+        for word in words:
+            count = self._known.get(word)
             if count is None:
-                counts[place] = count = self.count(words[place].decode("utf-8", "replace"))
+                count = self.count(word.decode("utf-8", "replace"))
                 if len(self._known) < _MOST_KNOWN:
-                    self._known[words[place]] = count
-        return counts  # type: ignore[return-value]
+                    self._known[word] = count
+            counts.append(count)
+        return counts
