@@ -18,8 +18,10 @@ from kb.store.reading import reading
 
 
 def export(run: Run) -> Summary:
-    """clean/reddit → export/minedojo/reddit.json, sorted by id. Raises FatalError without clean rows, DamagedData, DiskFull."""
+    """clean/reddit → export/minedojo/reddit.json, sorted by id.
 
+    Raises FatalError without clean rows, DamagedData, DiskFull.
+    """
     parts = sorted((run.root / "clean" / "reddit" / "posts").glob("*.parquet"))
     if not parts:
         raise FatalError(
