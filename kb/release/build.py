@@ -126,7 +126,6 @@ def _describe(run: Run, folder: Folder, task: Task) -> Facts:
 
 def _tombstones(run: Run, folder: Folder) -> None:
     """Keys removed since collection began: videos' for the pairs as well, which name them."""
-
     declared = table("shared/tombstones")
     rows = tombstones.read(run.root, "youtube" if folder.source == "pairs" else folder.source)
     rows = pa.table({name: rows[name] for name in declared.names(released=True)})

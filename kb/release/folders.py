@@ -41,7 +41,8 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Folder:
-    """`release/<source>/`. `others` are data files that are no shards: the wiki's tar files and their index.
+    """`release/<source>/`. `others` are data files that are no shards: the wiki's tar files and
+    their index.
 
     `strays` is what no export and no release writes, and every link.
     """
@@ -62,7 +63,9 @@ class Folder:
         return [path for path in _files(self.path) if path.name != SUMS and not path.is_symlink()]
 
     def described(self) -> list[tuple[Table, Path]]:
-        """Samples and tombstones with the tables that they are of: Parquet files beside the shards."""
+        """Samples and tombstones with the tables that they are of:
+        Parquet files beside the shards.
+        """
         named = {_sample(declared): declared for declared in released_tables(self.source)} | {
             TOMBSTONES: table("shared/tombstones")
         }
