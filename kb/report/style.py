@@ -85,7 +85,6 @@ def canvas(
     height: float, columns: int = 1, rows: int = 1, width: float = WIDTH, **options: Any
 ) -> tuple[Any, Any]:
     """A figure (inches) and its axes, drawn without any display."""
-
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Sheet
 
