@@ -15,7 +15,7 @@ import importlib.util
 import threading
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 from werkzeug.serving import WSGIRequestHandler, make_server
 
@@ -104,7 +104,8 @@ class Sandbox:
         return self.faults.ledger
 
     def settings(self, *, model: bool = False) -> dict[str, str]:
-        """The settings that point at the services; `model`: the tiny toxicity model's too, made when there is none.
+        """The settings that point at the services; `model`: the tiny toxicity model's too, made
+        when there is none.
 
         Raises MissingExtra for `model` without the extra that it needs.
         """
@@ -123,7 +124,7 @@ class Sandbox:
         """The service listens again."""
         self.servers[service].start()
 
-    def start(self) -> Sandbox:
+    def start(self) -> Self:
         """Listen."""
         for server in self.servers.values():
             server.start()
@@ -135,7 +136,7 @@ class Sandbox:
         for server in self.servers.values():
             server.stop()
 
-    def __enter__(self) -> Sandbox:
+    def __enter__(self) -> Self:
         return self.start()
 
     def __exit__(

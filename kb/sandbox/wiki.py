@@ -30,10 +30,9 @@ def settings(url: str) -> dict[str, str]:
 
 def app(world: Any = None, faults: Any = None) -> Any:
     """The WSGI application."""
-    wrapped = (
+    return (
         faults.wrap("wiki", _application(world)) if hasattr(faults, "wrap") else _application(world)
     )
-    return wrapped
 
 
 def _application(world: Any) -> Any:
