@@ -1,8 +1,10 @@
 """Reddit (MineDojo paper, appendix "Reddit": data collection and filtering).
 
-1. read every post of the domain's subreddit that the API or the archive dumps have; 2. and all of its comments with their parents, so that threads
-can be rebuilt; 3. drop removed and adult posts and those below the score, tell the types of posts apart; 4. score titles, bodies and comments with
-Detoxify and drop above the threshold. Released: ids, structure and figures; `kb reddit reconstruct` brings content back with the user's own key.
+1. read every post of the domain's subreddit that the API or the archive dumps have; 2. and all of
+its comments with their parents, so that threads can be rebuilt; 3. drop removed and adult posts and
+those below the score, tell the types of posts apart; 4. score titles, bodies and comments with
+Detoxify and drop above the threshold. Released: ids, structure and figures; `kb reddit reconstruct`
+brings content back with the user's own key.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 Every page as a person sees it: a full-page screenshot with the boxes of its elements, texts,
 tables, pictures with captions, sprites, and all frames of what moves.
 
-    crawl      list the pages, ask for their revisions, show them in the browser, fetch the originals
+    crawl      list the pages, ask for their revisions, show them in the browser, fetch the
+               originals
     clean      missing, robots, render (facts of the crawl), then the filters below
     export     tables with tar shards of screenshots and pictures, or MineDojo's layout
 """

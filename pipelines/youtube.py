@@ -1,8 +1,9 @@
 """YouTube (MineDojo paper, appendix "YouTube": data collection and filtering).
 
-1. search channels by keywords; 2. list every video that each channel uploaded; 3. read their metadata, keep the
-domain's game; 4. English transcripts of those that pass the cheap stages; 5. drop by views, aspect ratio, duration,
-age restriction; score titles and descriptions with Detoxify, drop above the threshold. Released: ids and metadata only.
+1. search channels by keywords; 2. list every video that each channel uploaded; 3. read their
+metadata, keep the domain's game; 4. English transcripts of those that pass the cheap stages; 5.
+drop by views, aspect ratio, duration, age restriction; score titles and descriptions with Detoxify,
+drop above the threshold. Released: ids and metadata only.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ from kb.youtube.assemble import assemble, unanswered
 
 
 def gate(p: Profile) -> tuple[Predicate, ...]:
-    """What a video of the profile's categories must pass before its transcript is worth three requests."""
+    """What a video of the profile's categories must pass before its transcript is worth three
+    requests.
+    """
     return (
         AtLeast("view_count", p.section("youtube").min_views, stage="views"),
         RatioAtLeast(
@@ -47,15 +50,16 @@ def crawl(run: Run, only: str | None, ids: Path | None, part: tuple[int, int] | 
 
 
 def promising(p: Profile, videos: Any) -> list[str]:
-    """Of videos as parsed, the ids that are worth asking for a transcript: of the categories, and through the gate."""
+    """Of videos as parsed, the ids that are worth asking for a transcript: of the categories,
+    and through the gate.
+    """
     rows = assemble({"videos": videos}, words=word_count_of_lists)["youtube/videos"]
     stages: tuple[Predicate, ...] = (
         NotTrue("missing", stage="missing", reason="missing"),
         In("category_id", p.section("youtube").category_ids, stage="topic"),
         *gate(p),
     )
-    ids = cast("list[str]", rows.filter(passes(stages, rows))["video_id"].to_pylist())
-    return ids
+    return cast("list[str]", rows.filter(passes(stages, rows))["video_id"].to_pylist())
 
 
 def clean(p: Profile) -> Clean:
