@@ -1,4 +1,5 @@
-"""The whole job in small, on services that the project invents: every step of the paper's data collection, in its order.
+"""The whole job in small, on services that the project invents: every step of the paper's data
+collection, in its order.
 
 Nothing here knows that the services are invented: the steps are the commands that a user types.
 """
@@ -28,25 +29,31 @@ STEPS = [
 QUERIES = [
     (
         "Where did the transcripts of the kept videos come from?",
-        """SELECT transcript_kind, count(*) AS videos, round(sum(duration_s) / 3600, 1) AS hours, sum(word_count) AS words
+        """SELECT transcript_kind, count(*) AS videos, round(sum(duration_s) / 3600, 1) AS hours,
+            sum(word_count) AS words
         FROM release.youtube_videos GROUP BY ALL ORDER BY videos DESC""",
         ["release.youtube_videos"],
     ),
     (
         "Why were videos left out?",
-        "SELECT stage, reason, count(*) AS videos FROM clean.youtube_rejected GROUP BY ALL ORDER BY videos DESC, stage, reason LIMIT 8",
+        (
+            "SELECT stage, reason, count(*) AS videos FROM clean.youtube_rejected"
+            " GROUP BY ALL ORDER BY videos DESC, stage, reason LIMIT 8"
+        ),
         ["clean.youtube_rejected"],
     ),
     (
         "Which words match most clips, and how long are these?",
-        """SELECT keyword, keyword_kind, count(*) AS clips, round(avg(clip_end_s - clip_start_s), 1) AS seconds
+        """SELECT keyword, keyword_kind, count(*) AS clips,
+            round(avg(clip_end_s - clip_start_s), 1) AS seconds
         FROM release.pairs GROUP BY ALL ORDER BY clips DESC, keyword LIMIT 8""",
         ["release.pairs"],
     ),
     (
         "What does a wiki page consist of?",
         """SELECT kind, region, count(*) AS elements
-        FROM release.wiki_elements WHERE visible GROUP BY ALL ORDER BY elements DESC, kind, region LIMIT 8""",
+        FROM release.wiki_elements WHERE visible
+        GROUP BY ALL ORDER BY elements DESC, kind, region LIMIT 8""",
         ["release.wiki_elements"],
     ),
     (

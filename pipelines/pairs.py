@@ -1,4 +1,5 @@
-"""Video-text pairs (MineDojo paper, data collection appendix, "video-text pairs"; 640K pairs there).
+"""Video-text pairs (MineDojo paper, data collection appendix, "video-text pairs"; 640K pairs
+there).
 
 A list of keywords is matched in the transcripts of the kept videos. The matched phrase is grown at
 random to 16–77 CLIP tokens; a moment inside the cues that hold it is the centre of a clip of
@@ -24,7 +25,6 @@ from kb.pairs.build import build
 
 def pairs(run: Run, layout: str) -> Summary:
     """Make the pairs, then write them in the layout asked for."""
-
     try:
         made = build(run)
     except LimitReached:
@@ -42,7 +42,6 @@ def refill(run: Run, index: Path) -> Summary:
 
 def _write(run: Run, layout: str) -> dict[str, object]:
     """The release, or another layout: where it is."""
-
     if layout == "parquet":
         parquet.export(run, "pairs")
         return {"release": str(run.root / "release" / "pairs")}

@@ -1,6 +1,7 @@
 """Purge (MineDojo paper, datasheet: maintenance, "if others want to be removed").
 
-What was deleted at its source, or named, leaves every folder for good; what was made of it is made again.
+What was deleted at its source, or named, leaves every folder for good; what was made of it is made
+again.
 
     raw        tombstones, raw answers, frontier: the source's own
     clean      rows of tables, of rejected, failed and pending; pairs
@@ -40,7 +41,8 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
 
 def plan(run: Run, source: str, ids: Path | None) -> Summary:
     """What would go, counted by table and folder. Changes nothing."""
-    return importlib.import_module(f"kb.{source}.purge").plan(run, ids)
+    summary: Summary = importlib.import_module(f"kb.{source}.purge").plan(run, ids)
+    return summary
 
 
 def _purge(run: Run, source: str, ids: Path | None) -> Summary:
@@ -79,8 +81,9 @@ def _scores(run: Run, source: str) -> int:
 
 
 def _made(run: Run, source: str) -> None:
-    """Exports are written again from clean, and everything around them; what can't be is removed."""
-
+    """Exports are written again from clean,
+    and everything around them; what can't be is removed.
+    """
     export = load(str(locate(source))).export
     layouts = {"parquet": f"release/{source}", "minedojo": f"export/minedojo/{source}*"}
     for format, files in {

@@ -1,12 +1,15 @@
 """Reddit (MineDojo paper, appendix "Reddit": data collection and filtering).
 
-1. read every post of the domain's subreddit that the API or the archive dumps have; 2. and all of its comments with their parents, so that threads
-can be rebuilt; 3. drop removed and adult posts and those below the score, tell the types of posts apart; 4. score titles, bodies and comments with
-Detoxify and drop above the threshold. Released: ids, structure and figures; `kb reddit reconstruct` brings content back with the user's own key.
+1. read every post of the domain's subreddit that the API or the archive dumps have; 2. and all of
+its comments with their parents, so that threads can be rebuilt; 3. drop removed and adult posts and
+those below the score, tell the types of posts apart; 4. score titles, bodies and comments with
+Detoxify and drop above the threshold. Released: ids, structure and figures; `kb reddit reconstruct`
+brings content back with the user's own key.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 from kb.annotate import toxicity
@@ -15,7 +18,8 @@ from kb.core.profile import Profile
 from kb.core.verdict import Summary
 from kb.export import convokit, minedojo_reddit, parquet
 from kb.filters.chain import Chain, Clean
-from kb.filters.predicates import AtLeast, AtMost, In, NotIn, NotTrue, Predicate, Present, Waits
+from kb.filters.judgement import Predicate
+from kb.filters.predicates import AtLeast, AtMost, In, NotIn, NotTrue, Present, Waits
 from kb.reddit import parse
 from kb.reddit.assemble import HELPERS, assemble
 from kb.reddit.state import gave_up, incomplete
@@ -38,7 +42,7 @@ def posts(p: Profile) -> tuple[Predicate, ...]:
         Present("title", stage="removed"),
         Present("over_18", stage="nsfw"),
         NotTrue("over_18", stage="nsfw", reason="over_18"),
-        AtLeast("score", p.reddit.min_score, stage="score"),
+        AtLeast("score", p.section("reddit").min_score, stage="score"),
         *toxic(p, POST),
     )
 
@@ -70,7 +74,7 @@ def clean(p: Profile) -> Clean:
     """Raw answers, live ones and dumps, to clean posts and comments."""
     return Clean(
         source="reddit",
-        kinds={of: parse.raw_kind(of, p.reddit.links) for of in parse.KINDS},
+        kinds={of: parse.raw_kind(of, p.section("reddit").links) for of in parse.KINDS},
         assemble=assemble,
         chains=(
             Chain("reddit/posts", "post_id", posts(p), prefix="t3_", scores=POST, helpers=HELPERS),
@@ -93,9 +97,9 @@ def clean(p: Profile) -> Clean:
 
 def export(run: Run, format: str) -> Summary:
     """Clean to release/reddit, or to export/<format>."""
-    write = {
+    write: dict[str, Callable[[Run], Summary]] = {
         "parquet": partial(parquet.export, source="reddit"),
         "minedojo": minedojo_reddit.export,
         "convokit": convokit.export,
     }
-    return write[format](run) | incomplete(run.root)
+    return Summary(write[format](run) | incomplete(run.root))

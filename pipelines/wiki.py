@@ -3,7 +3,8 @@
 Every page as a person sees it: a full-page screenshot with the boxes of its elements, texts,
 tables, pictures with captions, sprites, and all frames of what moves.
 
-    crawl      list the pages, ask for their revisions, show them in the browser, fetch the originals
+    crawl      list the pages, ask for their revisions, show them in the browser, fetch the
+               originals
     clean      missing, robots, render (facts of the crawl), then the filters below
     export     tables with tar shards of screenshots and pictures, or MineDojo's layout
 """
@@ -46,7 +47,7 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
         Told("robots", value="said", stage="robots"),
         Told("render", value="said", stage="render"),
         Waits("captured", (False,), stage="render", reason="render"),
-        AtLeast("word_count", p.wiki.min_words, stage="words"),
+        AtLeast("word_count", p.section("wiki").min_words, stage="words"),
         *(
             (AtMost("toxicity", most, stage="toxicity", null_passes=True),)
             if most is not None
@@ -71,7 +72,7 @@ def clean(p: Profile) -> Clean:
             "titles": Kind(parse.nothing, key=()),
             "imageinfo": Kind(parse.nothing, key=()),
         },
-        assemble=partial(assemble, url=p.wiki.url),
+        assemble=partial(assemble, url=p.section("wiki").url),
         chains=(
             Chain(
                 "wiki/pages",

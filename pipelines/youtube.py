@@ -1,15 +1,16 @@
 """YouTube (MineDojo paper, appendix "YouTube": data collection and filtering).
 
-1. search channels by keywords; 2. list every video that each channel uploaded; 3. read their metadata, keep the
-domain's game; 4. English transcripts of those that pass the cheap stages; 5. drop by views, aspect ratio, duration,
-age restriction; score titles and descriptions with Detoxify, drop above the threshold. Released: ids and metadata only.
+1. search channels by keywords; 2. list every video that each channel uploaded; 3. read their
+metadata, keep the domain's game; 4. English transcripts of those that pass the cheap stages; 5.
+drop by views, aspect ratio, duration, age restriction; score titles and descriptions with Detoxify,
+drop above the threshold. Released: ids and metadata only.
 """
 
 from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from kb.annotate import toxicity
 from kb.annotate.words import word_count_of_lists
@@ -18,7 +19,8 @@ from kb.core.profile import Profile
 from kb.core.verdict import Summary
 from kb.export import minedojo, parquet
 from kb.filters.chain import Chain, Clean, Follow
-from kb.filters.predicates import AtLeast, AtMost, In, NotTrue, Predicate, RatioAtLeast, passes
+from kb.filters.judgement import Predicate
+from kb.filters.predicates import AtLeast, AtMost, In, NotTrue, RatioAtLeast, passes
 from kb.filters.topic import Topic
 from kb.filters.transcripts import required
 from kb.store.buckets import Kind
@@ -27,11 +29,15 @@ from kb.youtube.assemble import assemble, unanswered
 
 
 def gate(p: Profile) -> tuple[Predicate, ...]:
-    """What a video of the profile's categories must pass before its transcript is worth three requests."""
+    """What a video of the profile's categories must pass before its transcript is worth three
+    requests.
+    """
     return (
-        AtLeast("view_count", p.youtube.min_views, stage="views"),
-        RatioAtLeast("width", "height", p.youtube.min_aspect_ratio, stage="aspect_ratio"),
-        AtLeast("duration_s", p.youtube.min_duration_s, stage="duration"),
+        AtLeast("view_count", p.section("youtube").min_views, stage="views"),
+        RatioAtLeast(
+            "width", "height", p.section("youtube").min_aspect_ratio, stage="aspect_ratio"
+        ),
+        AtLeast("duration_s", p.section("youtube").min_duration_s, stage="duration"),
         NotTrue("age_restricted", stage="age_restricted", reason="age_restricted"),
     )
 
@@ -44,14 +50,16 @@ def crawl(run: Run, only: str | None, ids: Path | None, part: tuple[int, int] | 
 
 
 def promising(p: Profile, videos: Any) -> list[str]:
-    """Of videos as parsed, the ids that are worth asking for a transcript: of the categories, and through the gate."""
+    """Of videos as parsed, the ids that are worth asking for a transcript: of the categories,
+    and through the gate.
+    """
     rows = assemble({"videos": videos}, words=word_count_of_lists)["youtube/videos"]
-    stages = (
+    stages: tuple[Predicate, ...] = (
         NotTrue("missing", stage="missing", reason="missing"),
-        In("category_id", p.youtube.category_ids, stage="topic"),
+        In("category_id", p.section("youtube").category_ids, stage="topic"),
         *gate(p),
     )
-    return rows.filter(passes(stages, rows))["video_id"].to_pylist()
+    return cast("list[str]", rows.filter(passes(stages, rows))["video_id"].to_pylist())
 
 
 def clean(p: Profile) -> Clean:
@@ -61,16 +69,21 @@ def clean(p: Profile) -> Clean:
         ("missing", "game_label_id", "game_label", "transcript_outcome"),
     )
     scored = {"title": "toxicity_title", "description": "toxicity_description"}
-    stages = (
+    stages: tuple[Predicate, ...] = (
         NotTrue("missing", stage="missing", reason="missing"),
-        Topic(p.youtube.game_ids, p.youtube.category_ids, p.youtube.words, gate(p)),
+        Topic(
+            p.section("youtube").game_ids,
+            p.section("youtube").category_ids,
+            p.section("youtube").words,
+            gate(p),
+        ),
         *gate(p),
         *(
             AtMost(column, limit, stage="toxicity", null_passes=True, reason=text)
             for text, column in scored.items()
             if limit is not None
         ),
-        *(required() if p.youtube.transcripts == "required" else ()),
+        *(required() if p.section("youtube").transcripts == "required" else ()),
     )
     return Clean(
         source="youtube",

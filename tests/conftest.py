@@ -1,4 +1,6 @@
-"""What tests share: recorded answers of the real services, and what to do when something is not installed."""
+"""What tests share: recorded answers of the real services,
+and what to do when something is not installed.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ pytest_plugins = ["tests.installed"]
 
 
 def skip_or_fail(reason: str) -> NoReturn:
-    """Skip with one line; under CI=true a missing thing is a failure, so that nothing goes untested unseen."""
+    """Skip with one line; under CI=true a missing thing is a failure,
+    so that nothing goes untested unseen.
+    """
     if os.environ.get("CI") == "true":
         pytest.fail(reason, pytrace=False)
     pytest.skip(reason)
@@ -35,7 +39,9 @@ def recorded() -> Path:
 
 @pytest.fixture(scope="session")
 def make_rows():  # type: ignore[no-untyped-def]
-    """make_rows("youtube/videos", 5, view_count=[…]): a valid table of n rows; what is not given is made up, the same each time."""
+    """make_rows("youtube/videos", 5, view_count=[…]): a valid table of n rows;
+    what is not given is made up, the same each time.
+    """
     return _make_rows
 
 

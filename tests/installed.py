@@ -1,6 +1,7 @@
 """The wheel as a user has it: built once, installed outside of the checkout, its demo run once.
 
-Test processes share one of each (the files are made under a lock), as building and the demo take their time.
+Test processes share one of each (the files are made under a lock), as building and the demo take
+their time.
 """
 
 from __future__ import annotations
@@ -66,8 +67,8 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The bin folder of an environment that has the wheel, and the dependencies of this one.
 
-    The dependencies are reached through a .pth file, in which this environment's own .pth files (and so
-    the editable checkout) don't count.
+    The dependencies are reached through a .pth file, in which this environment's own .pth files
+    (and so the editable checkout) don't count.
     """
 
     def install(folder: Path) -> None:
@@ -96,7 +97,8 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return _once(tmp_path_factory, "installed", install) / "venv" / "bin"
 
 
-# What a user's own settings may be, and what the demo must leave alone: two credentials, hosts and a model that are not there.
+# What a user's own settings may be, and what the demo must leave alone: two credentials, hosts and
+# a model that are not there.
 OWN_DOTENV = "YOUTUBE_API_KEY=a-real-key\nKB_YOUTUBE_ENDPOINT=http://192.0.2.1\nKB_WIKI_URL=http://192.0.2.1\n"
 OWN_ENVIRONMENT = {
     "REDDIT_CLIENT_SECRET": "a-real-secret",
@@ -115,7 +117,8 @@ def home_that_consents(folder: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def demo(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder in which the installed `kb demo` was run: its data/demo, and what it printed in demo.out and demo.err.
+    """A folder in which the installed `kb demo` was run: its data/demo, and what it printed in
+    demo.out and demo.err.
 
     The user's own settings, in .env and in the environment, are such as no demo could be done with.
     Every address but loopback is a trap: what any process tried is in demo.attempts.

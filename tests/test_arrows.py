@@ -93,13 +93,15 @@ def test_rooms_import_along_the_arrows() -> None:
             parts = module.split(".")
             if parts[0] == "pipelines":
                 wrong.append(
-                    f"{path.relative_to(ROOT)}:{line} imports {module}: pipelines are loaded by path"
+                    f"{path.relative_to(ROOT)}:{line} imports {module}:"
+                    " pipelines are loaded by path"
                 )
             if parts[0] != "kb" or len(parts) < 2 or not (ROOT / "kb" / parts[1]).is_dir():
                 continue
             if room and parts[1] != room and parts[1] not in ALLOWED[room]:
                 wrong.append(
-                    f"{path.relative_to(ROOT)}:{line} imports {module}: {room} may not import {parts[1]}"
+                    f"{path.relative_to(ROOT)}:{line} imports {module}:"
+                    f" {room} may not import {parts[1]}"
                 )
     assert not wrong, "\n".join(wrong)
 
@@ -125,7 +127,9 @@ def test_heavy_packages_are_imported_inside_functions_only() -> None:
 
 
 def _module_level(body: list[ast.stmt]) -> list[ast.stmt]:
-    """Imports that run when the module is imported: not those in functions or under TYPE_CHECKING."""
+    """Imports that run when the module is imported:
+    not those in functions or under TYPE_CHECKING.
+    """
     found: list[ast.stmt] = []
     for node in body:
         if isinstance(node, (ast.Import, ast.ImportFrom)):

@@ -1,4 +1,4 @@
-"""One formatter and one linter over everything, as `ruff format` and `ruff check` would leave it."""
+"""One formatter, one linter and one type checker over everything, and nothing left to mend."""
 
 from __future__ import annotations
 
@@ -19,5 +19,13 @@ def test_nothing_is_left_to_mend(words: tuple[str, ...]) -> None:
         capture_output=True,
         text=True,
         check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.timeout(900)  # minutes without .mypy_cache, seconds with it
+def test_every_type_is_right() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy"], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr

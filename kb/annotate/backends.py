@@ -1,10 +1,14 @@
-"""Which network runs: OpenVINO or ONNX Runtime on the graph, or torch. In fp32 all give the same scores."""
+"""Which network runs: OpenVINO or ONNX Runtime on the graph, or torch.
+
+In fp32 all give the same scores.
+"""
 
 from __future__ import annotations
 
 import os
 import shutil
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 from kb.annotate.batches import TOKEN_BUDGET
@@ -60,7 +64,9 @@ def open_runner(
 
 
 def check_options(precision: str, device: str, here: bool) -> None:
-    """Raise SettingError or MissingExtra for options that can't work; `here`: this machine does the scoring."""
+    """Raise SettingError or MissingExtra for options that can't work; `here`:
+    this machine does the scoring.
+    """
     if precision not in PRECISIONS:
         raise SettingError(
             f"--precision is {precision!r}", hint=f"allowed: {', '.join(PRECISIONS)}"
@@ -111,7 +117,6 @@ def torch_network(model: Any, device: str, precision: str) -> Network:
 @cache
 def exact(checkpoint: Checkpoint, threads: int) -> Network:
     """The model in float64 by torch on the CPU; loaded once, when a window first needs it."""
-
     model = load_detoxify(checkpoint).model
     _use_threads(threads)
     shorten(model)
@@ -125,12 +130,14 @@ def _use_threads(threads: int) -> None:
 
 
 def choose_device(wanted: str, precision: str = "fp32") -> str:
-    """ "cpu" or "cuda" for `--device auto|cpu|cuda` on this machine. Raises SettingError when there is no GPU to use."""
+    """ "cpu" or "cuda" for `--device auto|cpu|cuda` on this machine.
 
+    Raises SettingError when there is no GPU to use.
+    """
     if wanted == "cpu" or (wanted == "auto" and precision == "int8"):
         return "cpu"
     # Importing torch takes seconds; without a driver there is nothing to ask it.
-    if os.path.exists("/proc/driver/nvidia/version") or shutil.which("nvidia-smi"):
+    if Path("/proc/driver/nvidia/version").exists() or shutil.which("nvidia-smi"):
         import torch
 
         if torch.cuda.is_available():
@@ -145,7 +152,6 @@ def choose_device(wanted: str, precision: str = "fp32") -> str:
 
 def torch_runner(checkpoint: Checkpoint, precision: str, device: str, threads: int) -> Runner:
     """Detoxify's own model in torch, its last layer shortened."""
-
     detoxify = load_detoxify(checkpoint, device)
     if device == "cpu":
         _use_threads(threads)

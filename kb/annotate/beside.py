@@ -1,6 +1,8 @@
-"""The configuration and the tokenizer beside a checkpoint: whether they can be read and go together.
+"""The configuration and the tokenizer beside a checkpoint: whether they can be read and go
+together.
 
-Looked at before anything is sent or written; whether they go with the weights shows when the model is loaded.
+Looked at before anything is sent or written; whether they go with the weights shows when the model
+is loaded.
 """
 
 from __future__ import annotations
@@ -29,7 +31,9 @@ def tokenizer_files(folder: Path) -> list[Path]:
 
 
 def check_beside(folder: Path, what_to_do: str) -> None:
-    """Raise MissingModel when configuration or tokenizer are missing, can't be read, or don't go together."""
+    """Raise MissingModel when configuration or tokenizer are missing, can't be read,
+    or don't go together.
+    """
     if not (folder / "config.json").is_file():
         raise MissingModel(f"there is no config.json in {folder}", hint=what_to_do)
     files = tokenizer_files(folder)
@@ -45,13 +49,17 @@ def check_beside(folder: Path, what_to_do: str) -> None:
         largest = _largest_number(path)
         if isinstance(rows, int) and largest >= rows:
             raise MissingModel(
-                f"{path} has {largest + 1} tokens, the model of the config.json beside it knows {rows}",
+                f"{path} has {largest + 1} tokens, the model of the config.json beside it"
+                f" knows {rows}",
                 hint=what_to_do,
             )
 
 
 def problem_of(path: Path, name: str = "") -> str:
-    """What is wrong with a file that is to be `name`, in words; "" when nothing is. Binary ones are only looked at."""
+    """What is wrong with a file that is to be `name`, in words; "" when nothing is.
+
+    Binary ones are only looked at.
+    """
     name = name or path.name
     try:
         if name.endswith(".json"):
@@ -91,7 +99,7 @@ def _problem_of_words(path: Path, name: str) -> str:
 def _object(path: Path) -> dict[str, Any]:
     held = json.loads(path.read_text(encoding="utf-8"))
     if not isinstance(held, dict):
-        raise ValueError(path.name)
+        raise ValueError(path.name)  # noqa: TRY004  as for what is no JSON
     return held
 
 

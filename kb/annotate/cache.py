@@ -20,8 +20,8 @@ def cache_root() -> Path:
 def making(folder: Path, whole: Callable[[], bool]) -> Iterator[Path]:
     """A fresh folder that becomes `folder` when the block ends well.
 
-    Several processes may make the same one at once (workers of a cluster): the first one's stays, if
-    it is `whole`. Raises OSError when the cache can't be written.
+    Several processes may make the same one at once (workers of a cluster): the first one's stays,
+    if it is `whole`. Raises OSError when the cache can't be written.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
     fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))

@@ -180,7 +180,8 @@ def _verify(path: Path, expected: list[tuple[str, str]], what_to_do: str) -> str
     for who, wanted in expected:
         if not digest.startswith(wanted):
             raise MissingModel(
-                f"{path} is not the file it should be, or was cut off: its sha256 begins {digest[:12]}, {who} says {wanted[:12]}",
+                f"{path} is not the file it should be, or was cut off:"
+                f" its sha256 begins {digest[:12]}, {who} says {wanted[:12]}",
                 hint=what_to_do,
             )
     return digest

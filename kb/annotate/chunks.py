@@ -8,7 +8,7 @@ doesn't depend on its chunk.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, cast
 
 import pyarrow as pa
 
@@ -26,9 +26,11 @@ LOOKUP_TEXTS, LOOKUP_CHARACTERS = (
 
 
 class Chunks:
-    """Distinct unscored texts in the order they come, in memory that the number of texts doesn't change.
+    """Distinct unscored texts in the order they come, in memory that the number of texts doesn't
+    change.
 
-    What has a score is asked for a look-up at a time; what was given out is remembered until `written`.
+    What has a score is asked for a look-up at a time; what was given out is remembered until
+    `written`.
     `texts`: how many came by, equal ones of one look-up counted once.
     """
 
@@ -48,7 +50,9 @@ class Chunks:
         self.limited = False
 
     def of(self, batches: Iterable[Any]) -> Iterable[tuple[list[str], list[str]]]:
-        """(hashes, texts) of each chunk; `limited` is set when more were there than the limit allows."""
+        """(hashes, texts) of each chunk; `limited` is set when more were there than the limit
+        allows.
+        """
         hashes: list[str] = []
         texts: list[str] = []
         size = given = 0
@@ -70,7 +74,9 @@ class Chunks:
         self._given.difference_update(hashes)
 
     def took(self, seconds: float) -> None:
-        """How long a chunk took: the next ones are twice or half as large when it was far from `CHUNK_S`."""
+        """How long a chunk took: the next ones are twice or half as large when it was far from
+        `CHUNK_S`.
+        """
         if seconds < CHUNK_S / 2:
             self._part = max(1, self._part // 2)
         elif seconds > 2 * CHUNK_S:
@@ -80,7 +86,10 @@ class Chunks:
         for found in self._lookups(batches):
             self.texts += len(found)
             hashes = pa.array(found, pa.string())
-            missing = self._scores.missing(hashes, self._threshold, REACH, self._least).to_pylist()
+            missing = cast(
+                "list[bool]",
+                self._scores.missing(hashes, self._threshold, REACH, self._least).to_pylist(),
+            )
             self._task.advance(len(missing) - sum(missing))
             for (key, text), wanted in zip(found.items(), missing, strict=True):
                 if not wanted:
@@ -102,7 +111,7 @@ class Chunks:
                 else pa.array(batch, pa.string())
             )
             for key, text in zip(text_hashes(column).to_pylist(), column.to_pylist(), strict=True):
-                if key is None or key in found:
+                if key is None or text is None or key in found:
                     continue
                 found[key] = text
                 size += len(text)

@@ -57,7 +57,8 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
         except Exception as error:  # whatever unpickling a foreign file may raise
             raise MissingModel(
                 f"{checkpoint.path} is no Detoxify checkpoint ({type(error).__name__})",
-                hint="KB_TOXICITY_MODEL must be a Detoxify model name or checkpoint; see `kb models fetch`",
+                hint="KB_TOXICITY_MODEL must be a Detoxify model name or checkpoint;"
+                " see `kb models fetch`",
             ) from error
         with _local_folder(checkpoint.folder, outputs) as folder:
             arguments["model_type"] = str(folder)
@@ -74,13 +75,16 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
         if len(model.tokenizer) > model.model.config.vocab_size:
             raise _misfit(
                 checkpoint,
-                f"the tokenizer has {len(model.tokenizer)} tokens, the model knows {model.model.config.vocab_size}",
+                f"the tokenizer has {len(model.tokenizer)} tokens,"
+                f" the model knows {model.model.config.vocab_size}",
             )
         _same_weights(model, state, checkpoint)
     if "toxicity" not in model.class_names:
         raise MissingModel(
-            f"{checkpoint.path} has no class 'toxicity', only {', '.join(map(str, model.class_names))[:80]}",
-            hint="KB_TOXICITY_MODEL must be a Detoxify model name or checkpoint; see `kb models fetch`",
+            f"{checkpoint.path} has no class 'toxicity', only"
+            f" {', '.join(map(str, model.class_names))[:80]}",
+            hint="KB_TOXICITY_MODEL must be a Detoxify model name or checkpoint;"
+            " see `kb models fetch`",
         )
     model.model.eval()
     return model
@@ -90,7 +94,8 @@ def _read(checkpoint: Checkpoint, device: str) -> Any:
     """What the file holds: tensors and plain values, nothing that runs.
 
     Verified once more on the open file: it may have been replaced since it was found, or be another
-    machine's. Raises MissingModel for that, and what torch raises for a file that is none of its own.
+    machine's. Raises MissingModel for that, and what torch raises for a file that is none of its
+    own.
     """
     import torch
 

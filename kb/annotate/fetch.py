@@ -1,8 +1,8 @@
 """`kb models fetch`: the published checkpoint with its configuration and vocabulary, verified.
 
 A file is downloaded to `.NAME.part` beside its place, goes on there when it was cut off, and takes
-its name only when its sha256 is right, or, where none is published, when it is what its name says: a
-network's log-in page answers 200 too. The checkpoint comes last: when it is there, all is.
+its name only when its sha256 is right, or, where none is published, when it is what its name says:
+a network's log-in page answers 200 too. The checkpoint comes last: when it is there, all is.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ PIECE = 1 << 16  # bytes; of a connection that breaks only whole pieces are kept
 def fetch(
     run: Run, name: str = "original", published: Published | None = None, folder: Path | None = None
 ) -> Summary:
-    """Download and verify what is not there yet; `published` and `folder` stand in for the known ones.
+    """Download and verify what is not there yet; `published` and `folder` stand in for the known
+    ones.
 
     Raises SettingError (no such model), DamagedData (the address gives another file), FatalError
     (refused or absent there), Unreachable, DiskFull, Interrupted (the same command goes on).
@@ -80,8 +81,11 @@ def _download(session: Session, address: str, path: Path, digest: str, task: Any
         # What was continued may have been the beginning of another file: once more from nothing.
         if not (continued and left):
             raise DamagedData(
-                f"{address} is not the published file: {problem or f'its sha256 begins {found[:12]}, not {digest[:12]}'}; it was deleted",
-                hint="try again later or over another network; KB_MODELS_ENDPOINT can name a mirror",
+                f"{address} is not the published file:"
+                f" {problem or f'its sha256 begins {found[:12]}, not {digest[:12]}'};"
+                " it was deleted",
+                hint="try again later or over another network; KB_MODELS_ENDPOINT can name a"
+                " mirror",
             )
     sync_file(part)
     part.replace(path)

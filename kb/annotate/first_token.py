@@ -1,8 +1,9 @@
 """The classifier reads the first token only, so the last layer computes nothing for the others.
 
-Their keys and values are still needed; their queries, attention output and feed-forward part are not:
-five of the last layer's six parts, 7 % of a 12-layer model, for the same numbers.
-Source of the layer's parts: https://arxiv.org/abs/1810.04805 (section 3), transformers' modeling_bert.py.
+Their keys and values are still needed; their queries, attention output and feed-forward part are
+not: five of the last layer's six parts, 7 % of a 12-layer model, for the same numbers.
+Source of the layer's parts: https://arxiv.org/abs/1810.04805 (section 3), transformers'
+modeling_bert.py.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ LAYERS = (
 
 
 def shorten(model: Any) -> Any:
-    """Replace the last layer of a transformers classifier in place; returns the layers that hold it, or None.
+    """Replace the last layer of a transformers classifier in place; returns the layers that hold
+    it, or None.
 
     A model of another layout stays as it is.
     """

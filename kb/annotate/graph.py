@@ -1,4 +1,6 @@
-"""A model's graph by OpenVINO or ONNX Runtime: without torch, whose import takes longer than scoring a small crawl."""
+"""A model's graph by OpenVINO or ONNX Runtime: without torch,
+whose import takes longer than scoring a small crawl.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,8 @@ def graph_runner(
     prefer: str | None = None,
     exact: Callable[[], Network] | None = None,
 ) -> Runner | None:
-    """The graph in fp32 by OpenVINO or ONNX Runtime; None where neither is installed and works here.
+    """The graph in fp32 by OpenVINO or ONNX Runtime; None where neither is installed and works
+    here.
 
     `prefer` names one of them; `exact` is what `Runner` computes undecided windows with.
     """
@@ -46,7 +49,9 @@ def graph_runner(
 
 
 def int8_runner(compiled: Compiled, threads: int) -> Runner | None:
-    """The graph with 8-bit weights by ONNX Runtime, quantized once; None without the package onnx."""
+    """The graph with 8-bit weights by ONNX Runtime,
+    quantized once; None without the package onnx.
+    """
     if not installed("onnx"):
         return None
     quantized = compiled.folder / "model.int8.onnx"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from typing import Any
 
 import pyarrow as pa
 
@@ -12,9 +13,8 @@ def text_hash(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def text_hashes(texts: pa.Array | pa.ChunkedArray) -> pa.Array:
+def text_hashes(texts: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Array[Any]:
     """`text_hash` of a column; null for a null or empty text, which has nothing to score."""
-
     sha256 = hashlib.sha256
     values = texts.cast(pa.binary()).to_pylist()
     return pa.array([sha256(value).hexdigest() if value else None for value in values], pa.string())

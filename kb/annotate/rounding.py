@@ -28,7 +28,9 @@ def rounded(logits: Any) -> Any:
 
 
 def undecided(logits: Any) -> Any:
-    """The numbers of the rows of logits (windows, classes) that another machine may round otherwise."""
+    """The numbers of the rows of logits (windows, classes) that another machine may round
+    otherwise.
+    """
     import numpy as np
 
     scores = _scores(logits)

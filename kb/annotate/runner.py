@@ -36,7 +36,8 @@ class Meta:
         marks = tokenizer("")["input_ids"]
         if bare or len(marks) != 2:
             raise MissingModel(
-                f"the model's tokenizer puts {len(marks)} marks around a text; models with one before and one after it are known",
+                f"the model's tokenizer puts {len(marks)} marks around a text;"
+                " models with one before and one after it are known",
                 hint="see `kb models fetch` for models that are",
             )
         return cls(
@@ -60,7 +61,8 @@ class Meta:
 
 
 class Network(Protocol):
-    """One pass: two int64 arrays of the same shape (windows, tokens) give logits (windows, outputs).
+    """One pass: two int64 arrays of the same shape (windows, tokens) give logits (windows,
+    outputs).
 
     The first outputs are the classes; a model may have more, which Detoxify doesn't read.
     """

@@ -11,6 +11,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import pyarrow as pa
@@ -43,12 +44,13 @@ class Scores:
     model: str
     revision: str
 
-    def lookup(self, hashes: pa.Array | pa.ChunkedArray) -> pa.Table:
-        """A row for each hash, in order: `CATEGORIES` and `precision`; null where there is no score or no such class.
+    def lookup(self, hashes: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Table:
+        """A row for each hash, in order: `CATEGORIES` and `precision`; null where there is no score
+        or no such class.
 
-        Of several precisions the exact one wins, so the result doesn't depend on what was scored first.
+        Of several precisions the exact one wins, so the result doesn't depend on what was scored
+        first.
         """
-
         if isinstance(hashes, pa.ChunkedArray):
             hashes = hashes.combine_chunks()
         con = self._connect()
@@ -57,31 +59,30 @@ class Scores:
             pa.table({"place": pa.array(range(len(hashes)), pa.int64()), "text_hash": hashes}),
         )
         names = ", ".join([*CATEGORIES, "precision"])
-        found = con.sql(
-            f"SELECT {', '.join('s.' + name for name in [*CATEGORIES, 'precision'])} FROM wanted w LEFT JOIN ("
-            f"  SELECT text_hash, {names} FROM {self._files()}"
-            f"  WHERE model = $model AND revision = $revision AND text_hash IN (SELECT text_hash FROM wanted)"
-            f"  QUALIFY row_number() OVER (PARTITION BY text_hash ORDER BY {_RANK}) = 1"
-            ") s USING (text_hash) ORDER BY w.place",
+        found: pa.Table = con.sql(
+            f"SELECT {', '.join('s.' + name for name in [*CATEGORIES, 'precision'])} FROM wanted w"
+            f" LEFT JOIN (  SELECT text_hash, {names} FROM {self._files()}"
+            "  WHERE model = $model AND revision = $revision AND text_hash IN (SELECT text_hash"
+            " FROM wanted)  QUALIFY row_number() OVER (PARTITION BY text_hash"
+            f" ORDER BY {_RANK}) = 1) s USING (text_hash) ORDER BY w.place",
             params={"model": self.model, "revision": self.revision},
         ).to_arrow_table()
         con.close()
-        return found.cast(
-            pa.schema([*((name, pa.float32()) for name in CATEGORIES), ("precision", pa.string())])
-        )
+        columns: list[tuple[str, pa.DataType]] = [(name, pa.float32()) for name in CATEGORIES]
+        return found.cast(pa.schema([*columns, ("precision", pa.string())]))
 
     def missing(
         self,
-        hashes: pa.Array,
+        hashes: pa.Array[Any],
         threshold: float | None = None,
         reach: dict[str, float] | None = None,
         least: str | None = None,
-    ) -> pa.Array:
-        """True for each hash to be scored: it has no score, or a reduced one within reach of the threshold.
+    ) -> pa.Array[Any]:
+        """True for each hash to be scored: it has no score, or a reduced one within reach of the
+        threshold.
 
         `least`: a score of a lower precision than this one counts as none.
         """
-
         known = self.lookup(hashes)
         wanted = pc.is_null(known["precision"])
         if threshold is not None and reach:
@@ -98,17 +99,15 @@ class Scores:
                     )
         for precision in PRECISIONS[PRECISIONS.index(least) + 1 :] if least else ():
             wanted = pc.or_(wanted, pc.fill_null(pc.equal(known["precision"], precision), False))
-        return (
-            pc.and_(wanted, pc.is_valid(hashes)).combine_chunks()
-            if isinstance(wanted, pa.ChunkedArray)
-            else pc.and_(wanted, pc.is_valid(hashes))
-        )
+        mask: pa.Array[Any] | pa.ChunkedArray[Any] = pc.and_(wanted, pc.is_valid(hashes))
+        return mask.combine_chunks() if isinstance(mask, pa.ChunkedArray) else mask
 
     def precisions(self) -> dict[str, int]:
         """How many texts have a score in each precision."""
         con = self._connect()
         rows = con.execute(
-            f"SELECT precision, count(DISTINCT text_hash) FROM {self._files()} WHERE model = $model AND revision = $revision GROUP BY 1 ORDER BY 1",
+            f"SELECT precision, count(DISTINCT text_hash) FROM {self._files()}"
+            " WHERE model = $model AND revision = $revision GROUP BY 1 ORDER BY 1",
             {"model": self.model, "revision": self.revision},
         ).fetchall()
         con.close()
@@ -121,8 +120,10 @@ class Scores:
         precisions: Sequence[str],
         classes: Sequence[str],
     ) -> Path:
-        """Add a chunk as the next part; a category that is none of `classes` is null. Raises DiskFull."""
+        """Add a chunk as the next part; a category that is none of `classes` is null.
 
+        Raises DiskFull.
+        """
         place = [list(classes).index(name) if name in classes else None for name in CATEGORIES]
         rows = pa.table(
             {
@@ -141,8 +142,9 @@ class Scores:
         return path
 
     def merge(self) -> Path | None:
-        """All parts and the merged file as one sorted file without doubles; None when there is nothing."""
-
+        """All parts and the merged file as one sorted file without doubles;
+        None when there is nothing.
+        """
         parts = sorted(Path(self.folder).glob("part-*.parquet"))
         path = Path(self.folder) / "toxicity.parquet"
         if not parts:
@@ -150,9 +152,10 @@ class Scores:
         # DuckDB sorts on disk when memory is short; rows come and go a batch at a time.
         with self._connect() as con, ShardWriter(path, TABLE, in_order=True) as writer:
             rows = con.sql(
-                f"SELECT text_hash, model, revision, precision, {', '.join(CATEGORIES)} FROM {self._files()}"
-                " QUALIFY row_number() OVER (PARTITION BY text_hash, model, revision, precision"
-                f" ORDER BY {', '.join(CATEGORIES)}) = 1 ORDER BY {', '.join(order(table(TABLE)))}"
+                f"SELECT text_hash, model, revision, precision, {', '.join(CATEGORIES)}"
+                f" FROM {self._files()} QUALIFY row_number() OVER (PARTITION BY text_hash, model,"
+                f" revision, precision ORDER BY {', '.join(CATEGORIES)}) = 1"
+                f" ORDER BY {', '.join(order(table(TABLE)))}"
             )
             for batch in rows.to_arrow_reader(50_000):
                 writer.write(pa.Table.from_batches([batch]))
@@ -166,7 +169,6 @@ class Scores:
 
     def _files(self) -> str:
         """SQL of all rows; files of an earlier version may lack a category."""
-
         files = sorted(Path(self.folder).glob("*.parquet"))
         columns = ", ".join(
             f"NULL::{'FLOAT' if column.type == 'float32' else 'VARCHAR'} AS {column.name}"

@@ -1,6 +1,6 @@
 """Scores texts that have none yet, and looks scores up. Score and decision are apart.
 
-    scorer = Scorer.open(run, "youtube")       exit 2 without model or extra, before anything is written
+    scorer = Scorer.open(run, "youtube")       exit 2 without model or extra: nothing is written
     scorer.annotate(batches of texts)          scores each distinct text once, resumable
     scorer.columns(texts, "toxicity_title")    the table columns of a text column
 
@@ -95,9 +95,8 @@ class Scorer:
     def on(self) -> bool:
         return self.checkpoint is not None
 
-    def lookup(self, hashes: pa.Array | pa.ChunkedArray) -> pa.Table:
+    def lookup(self, hashes: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Table:
         """`CATEGORIES` and `precision` of each hash, in order; null where there is none."""
-
         if self.scores is None:
             return pa.table(
                 {
@@ -108,10 +107,14 @@ class Scorer:
         return self.scores.lookup(hashes)
 
     def columns(
-        self, texts: pa.Array | pa.ChunkedArray, prefix: str = "toxicity", categories: bool = True
-    ) -> dict[str, pa.ChunkedArray]:
-        """The largest category as `prefix`, and with `categories` each one as `prefix_<category>`."""
-
+        self,
+        texts: pa.Array[Any] | pa.ChunkedArray[Any],
+        prefix: str = "toxicity",
+        categories: bool = True,
+    ) -> dict[str, pa.ChunkedArray[Any]]:
+        """The largest category as `prefix`,
+        and with `categories` each one as `prefix_<category>`.
+        """
         found = self.lookup(text_hashes(texts))
         columns = {prefix: pc.max_element_wise(*(found[name] for name in CATEGORIES))}
         if categories:
@@ -123,10 +126,11 @@ class Scorer:
         return replace(self, run=None)  # type: ignore[arg-type]
 
     def annotate(self, batches: Iterable[Any], total: int | None = None) -> Counts:
-        """Score what has no score yet, of batches of texts (Arrow columns or lists; null and "" are passed over).
+        """Score what has no score yet, of batches of texts (Arrow columns or lists; null and "" are
+        passed over).
 
-        Each finished chunk is on disk before the next one is begun. Raises LimitReached (`--limit` new
-        texts), Interrupted, DiskFull: the next call goes on there.
+        Each finished chunk is on disk before the next one is begun. Raises LimitReached (`--limit`
+        new texts), Interrupted, DiskFull: the next call goes on there.
         """
         if self.checkpoint is None or self.scores is None:
             return Counts()
@@ -141,7 +145,8 @@ class Scorer:
         chunks = Chunks(self.scores, self.threshold, self.run.limit, task, self.least)
         job = Job(self.checkpoint, self.precision, self.device, self._threads(), self.threshold)  # type: ignore[arg-type]
         local = self.run.engine == "local"
-        # On one machine the threads are inside the model: one copy of it, whatever the number of cores.
+        # On one machine the threads are inside the model: one copy of it, whatever the number of
+        # cores.
         if not local and job.device != "cuda" and job.precision != "bf16":
             prepare(job.checkpoint)  # once here, not by every worker at the same time
         with make_executor(
@@ -178,7 +183,8 @@ class Scorer:
 
 
 def check(run: Run, source: str) -> str:
-    """Exit 2 now, before anything is written, when texts can't be scored; else the model's key for `scores`.
+    """Exit 2 now, before anything is written, when texts can't be scored; else the model's key for
+    `scores`.
 
     The key is "" when the profile switches toxicity off.
     """
@@ -193,14 +199,16 @@ def annotate(
     return Scorer.open(run, source, precision, device).annotate(texts)
 
 
-def scores(key: str, root: Path | str, source: str, texts: pa.Array | pa.ChunkedArray) -> pa.Table:
-    """`CATEGORIES` (float32) of each text, null for null or empty ones and for what is no class of the model. For workers.
+def scores(
+    key: str, root: Path | str, source: str, texts: pa.Array[Any] | pa.ChunkedArray[Any]
+) -> pa.Table:
+    """`CATEGORIES` (float32) of each text, null for null or empty ones and for what is no class of
+    the model. For workers.
 
     Loads no model.
 
     `key` is what `check` gave.
     """
-
     if not key:
         return pa.table({name: pa.nulls(len(texts), pa.float32()) for name in CATEGORIES})
     model, _, revision = key.rpartition("@")

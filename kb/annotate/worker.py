@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-from kb.annotate.backends import REACH, Runner, choose_device, open_runner
+from kb.annotate.backends import REACH, choose_device, open_runner
 from kb.annotate.checkpoint import Checkpoint
+from kb.annotate.runner import Runner
 from kb.core import clock, signals
 
 HAND_S = 10.0  # a chunk that takes longer ends between two batches when the run was asked to stop
@@ -18,7 +19,8 @@ _ONE = threading.Lock()  # one chunk at a time in a process
 class Job(NamedTuple):
     """How a worker is to score; what it loads is kept for the next task.
 
-    `threads` 0: as many as the worker has. `device` "auto" is the worker's own GPU, where it has one.
+    `threads` 0: as many as the worker has. `device` "auto" is the worker's own GPU, where it has
+    one.
     """
 
     checkpoint: Checkpoint
@@ -29,7 +31,10 @@ class Job(NamedTuple):
 
 
 def score_chunk(job: Job, texts: Sequence[str]) -> dict[str, Any]:
-    """Scores of a chunk, in its order; runs in a worker. Near the threshold a reduced score is made exact."""
+    """Scores of a chunk, in its order; runs in a worker.
+
+    Near the threshold a reduced score is made exact.
+    """
     # A Dask worker with several threads takes several chunks: one at a time, with all threads.
     with _ONE:
         return _score_chunk(job._replace(threads=job.threads or _worker_threads()), texts)

@@ -10,7 +10,8 @@ import sys
 def main(arguments: list[str] | None = None) -> None:
     """Entry point of the `kb` script: parse, run, and leave with the contract's exit code.
 
-    Until a command takes signals itself, nothing was sent or written: one ends the program at once, with exit code 3.
+    Until a command takes signals itself, nothing was sent or written: one ends the program at once,
+    with exit code 3.
     """
     ours = [
         number

@@ -39,7 +39,8 @@ PrecisionOption = Annotated[
     Precision | None,
     typer.Option(
         "--precision",
-        help="Reduced ones are faster, recorded with the scores, and exact again near the threshold."
+        help="Reduced ones are faster, recorded with the scores, and exact again near the"
+        " threshold."
         " When given, scores of a lower one are computed again; default for new scores: fp32.",
     ),
 ]
@@ -58,7 +59,8 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
 
     run.profile.section(source)
     scorer = Scorer.open(run, source, precision and str(precision), str(device))
-    if not scorer.on:
+    checkpoint, scores = scorer.checkpoint, scorer.scores
+    if checkpoint is None or scores is None:
         return Summary(
             command=f"annotate {source}", source=source, scored=0, toxicity="off in the profile"
         )
@@ -67,8 +69,8 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
             counts = scorer.annotate(texts(run, source))
     except KbError as error:
         error.summary = Summary(
-            command=f"annotate {source}", source=source, precisions=scorer.scores.precisions()
-        )  # type: ignore[attr-defined, union-attr]
+            command=f"annotate {source}", source=source, precisions=scores.precisions()
+        )
         raise
     return Summary(
         command=f"annotate {source}",
@@ -77,9 +79,9 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
         scored=counts.scored,
         known=counts.known,
         exact_again=counts.exact_again,
-        model=scorer.checkpoint.model,
-        revision=scorer.checkpoint.revision,
-        precisions=scorer.scores.precisions(),  # type: ignore[union-attr]
+        model=checkpoint.model,
+        revision=checkpoint.revision,
+        precisions=scores.precisions(),
     )
 
 
@@ -107,7 +109,10 @@ def wiki(
     app,
     uses=_USES,
     examples=[
-        "kb annotate reddit --precision int8     faster; what lies near the threshold is computed exactly",
+        (
+            "kb annotate reddit --precision int8     faster; what lies near the threshold is"
+            " computed exactly"
+        ),
         "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
     ],
 )

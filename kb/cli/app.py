@@ -1,4 +1,6 @@
-"""The command tree. A group's file is imported when one of its commands is named, so `kb --help` stays quick."""
+"""The command tree. A group's file is imported when one of its commands is named,
+so `kb --help` stays quick.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ import typer.main
 
 from kb import __version__
 
-# name -> (module, one line for `kb --help`). The module's `app` is a typer app, of one command or several.
+# name -> (module, one line for `kb --help`). The module's `app` is a typer app, of one command or
+# several.
 TREE = {
     "youtube": ("kb.cli.youtube", "Channels, videos and transcripts: crawl, filter, export."),
     "wiki": ("kb.cli.wiki", "Wiki pages as a browser shows them: crawl, filter, export."),
@@ -37,7 +40,8 @@ class Tree(typer.core.TyperGroup):
 
     def __init__(self, **attrs: Any) -> None:
         super().__init__(**attrs)
-        self.commands = dict.fromkeys(TREE)  # type: ignore[arg-type]  # names only, for listing and guessing
+        # Names only, for listing and guessing; get_command() loads the one that is asked for.
+        self.commands = dict.fromkeys(TREE)  # type: ignore[assignment]  # typer wants commands
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """The group's own command object, or None for an unknown name."""

@@ -1,4 +1,5 @@
-"""The one way to declare a command: common options, signals, log, progress, summary and exit code come with it.
+"""The one way to declare a command: common options, signals, log, progress, summary and exit code
+come with it.
 
     app = group("Channels, videos and transcripts.")
 
@@ -8,8 +9,9 @@
         from kb.youtube.crawl import crawl      # heavy things inside
         return crawl(run, only=only)
 
-The first parameter is the Run (or, with `raw=True`, the Options as given). What the function returns is
-printed as its summary; None prints nothing. A `KbError` may carry its summary so far as `.summary`.
+The first parameter is the Run (or, with `raw=True`, the Options as given). What the function
+returns is printed as its summary; None prints nothing. A `KbError` may carry its summary so far as
+`.summary`.
 """
 
 from __future__ import annotations
@@ -261,7 +263,7 @@ def _nothing_before(context: Any) -> None:
             raise outcome.UsageProblem(
                 f"{parameter.opts[0]} stands before `{name}`, which would not hear of it:"
                 f" write `{context.command_path} {name} {parameter.opts[0]} …`",
-                context,  # type: ignore[call-arg]
+                context,
             )
 
 

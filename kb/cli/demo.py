@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 app = group("The whole job on the sandbox: no key, no network, minutes.")
 
-# Settings of the caller that the demo keeps; all others, credentials among them, are out of its sight.
+# Settings of the caller that the demo keeps; all others, credentials among them, are out of its
+# sight.
 _KEPT = {"kb_data", "kb_now", "source_date_epoch"}
 _OURS = ("dumps", "raw", "state", "annotations", "clean", "pairs", "release", "export", "report")
 _FINISHED = "demo-finished"
@@ -30,12 +31,16 @@ _FINISHED = "demo-finished"
     raw=True,
     uses=CLUSTER,
     examples=[
-        "kb demo                     under data/demo; a finished demo starts afresh, a stopped one goes on",
+        (
+            "kb demo                     under data/demo; a finished demo starts afresh,"
+            " a stopped one goes on"
+        ),
         "kb demo --data /tmp/try     under /tmp/try/demo",
     ],
 )
 def demo(options: Options) -> Summary:
-    """Crawl invented services with the real clients, filter, export, pair, release and report, then query the shards.
+    """Crawl invented services with the real clients, filter, export, pair, release and report, then
+    query the shards.
 
     Everything goes to DIR/demo. `.env` and credentials are ignored; nothing leaves this machine.
     """
@@ -57,7 +62,9 @@ def demo(options: Options) -> Summary:
 
 
 def _model(options: Options) -> dict[str, str]:
-    """The tiny toxicity model, made at the first time; nothing where its packages are not installed."""
+    """The tiny toxicity model, made at the first time;
+    nothing where its packages are not installed.
+    """
     from kb.core.errors import MissingExtra
     from kb.sandbox import toxicity
 
@@ -108,7 +115,8 @@ def _all(pipeline: Any, run: Run, ledger: Any, given: dict[str, dict[str, Any]])
         print(summary.line(), flush=True)
     _queries(pipeline.QUERIES, run.root)
     print(
-        f"\nTables, figures and releases are in {run.root}; open {run.root / 'report' / 'index.html'}"
+        f"\nTables, figures and releases are in {run.root};"
+        f" open {run.root / 'report' / 'index.html'}"
     )
     write_text(run.root / _FINISHED, "")
     return Summary(

@@ -59,7 +59,8 @@ def configure(*, quiet: bool, debug: bool) -> None:
     import structlog
 
     if not debug:
-        # Deprecations inside of libraries say nothing to a user; worker processes read the variable.
+        # Deprecations inside of libraries say nothing to a user; worker processes read the
+        # variable.
         warnings.simplefilter("ignore")
         os.environ.setdefault("PYTHONWARNINGS", "ignore")
     level = logging.DEBUG if debug else logging.WARNING if quiet else logging.INFO

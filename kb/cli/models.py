@@ -40,7 +40,8 @@ def fetch(
 ) -> Summary:
     """Download the published checkpoint with its configuration and vocabulary, and verify it.
 
-    Goes on where a download was cut off. The files are kept in the user's cache, for every data root.
+    Goes on where a download was cut off. The files are kept in the user's cache, for every data
+    root.
     """
     from kb.annotate.fetch import fetch as room
 

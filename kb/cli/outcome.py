@@ -18,19 +18,21 @@ from typing import Any
 import typer
 
 # typer carries its own copy of click; its usage errors are reached through a public name.
-UsageProblem: type[Exception] = typer.BadParameter.__mro__[1]  # type: ignore[assignment]
+UsageProblem: Any = typer.BadParameter.__mro__[1]
 
 INTERRUPTED = 3
 
 
 def guarded(run: Callable[[], Any]) -> int:
-    """Call `run` and answer its exit code; usage errors become one line that guesses the mistake."""
+    """Call `run` and answer its exit code;
+    usage errors become one line that guesses the mistake.
+    """
     try:
         code = run()
     except UsageProblem as error:
         from kb.cli import misplaced
 
-        text = error.format_message().replace("?.", "?").replace("Value error, ", "")  # type: ignore[attr-defined]
+        text = error.format_message().replace("?.", "?").replace("Value error, ", "")
         if error.__class__.__name__ == "NoArgsIsHelpError":
             print(text)
             return 0

@@ -1,4 +1,6 @@
-"""What `kb status` says about a data root. Reads only, and never waits for or stops a running crawl."""
+"""What `kb status` says about a data root. Reads only,
+and never waits for or stops a running crawl.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +69,9 @@ def _source(run: Run, source: str) -> dict[str, Any]:
 
 
 def _incomplete(root: Path) -> dict[str, Any]:
-    """Posts of which a part of the tree could not be read, as summaries count them, and the names of some."""
+    """Posts of which a part of the tree could not be read, as summaries count them,
+    and the names of some.
+    """
     from kb.reddit.state import incomplete_posts
 
     found = sorted(incomplete_posts(root))
@@ -216,10 +220,12 @@ def _age(run: Run, source: str) -> dict[str, Any]:
             }
             if "fetched_at" not in columns:
                 continue
-            low, high, old = db.execute(
-                f"SELECT min(fetched_at)::TIMESTAMP, max(fetched_at)::TIMESTAMP, count(*) FILTER (fetched_at < ?::TIMESTAMPTZ) FROM {scan(files)}",
+            spans = db.execute(
+                "SELECT min(fetched_at)::TIMESTAMP, max(fetched_at)::TIMESTAMP,"
+                f" count(*) FILTER (fetched_at < ?::TIMESTAMPTZ) FROM {scan(files)}",
                 [clock.stamp(limit)],
-            ).fetchone()
+            ).fetchall()
+        low, high, old = spans[0]
         too_old += old if max_age else 0
         oldest = min(filter(None, (oldest, low)), default=None)
         newest = max(filter(None, (newest, high)), default=None)
@@ -261,7 +267,9 @@ def _table_folders(root: Path, source: str, *, verdicts: bool = False) -> list[P
 
 
 def _unknown_keys(root: Path, source: str) -> dict[str, int]:
-    """Keys of answers that schemas/ does not declare, with how often they were seen by the last filter."""
+    """Keys of answers that schemas/ does not declare, with how often they were seen by the last
+    filter.
+    """
     from kb.store.reading import filtered
 
     found = filtered(root, source).get("unknown_keys", {})

@@ -32,10 +32,22 @@ class Format(StrEnum):
     main=True,
     uses=(*CLUSTER, "limit", "again", "pipeline"),
     examples=[
-        "kb pairs                                    match, grow, choose: pairs/ with text, release/pairs/ without",
-        "kb pairs --limit 1000                       1,000 transcripts now, the rest with the next run",
-        "kb pairs --format video2dataset             the list of clips that video2dataset downloads",
-        "kb pairs --from-index pairs-00000-of-00001.parquet   texts of a released index, from your own transcripts",
+        (
+            "kb pairs                                    match, grow, choose:"
+            " pairs/ with text, release/pairs/ without"
+        ),
+        (
+            "kb pairs --limit 1000                       1,000 transcripts now,"
+            " the rest with the next run"
+        ),
+        (
+            "kb pairs --format video2dataset             the list of clips that video2dataset"
+            " downloads"
+        ),
+        (
+            "kb pairs --from-index pairs-00000-of-00001.parquet   texts of a released index,"
+            " from your own transcripts"
+        ),
     ],
 )
 def pairs(
@@ -48,11 +60,13 @@ def pairs(
         typer.Option(
             "--from-index",
             metavar="FILE",
-            help="Fill the text of this released index (a file or its folder) from your own transcripts.",
+            help="Fill the text of this released index (a file or its folder) from your own"
+            " transcripts.",
         ),
     ] = None,
 ) -> Summary:
-    """Make the index of aligned clips and texts from clean/youtube: the same input gives the same rows.
+    """Make the index of aligned clips and texts from clean/youtube: the same input gives the same
+    rows.
 
     Pairs that are made of the same transcripts and rules are not made again.
     """
@@ -63,14 +77,16 @@ def pairs(
     pipeline = load(str(locate("pairs", run.pipeline)))
     if from_index is None:
         with taking(run.root, "pairs", "release-pairs"):
-            return pipeline.pairs(run, format.value)
+            pairs: Summary = pipeline.pairs(run, format.value)
+            return pairs
     if format is not Format.parquet:
         raise SettingError("--from-index fills pairs/; it goes with no --format")
     if run.limit is not None or run.again:
         raise SettingError(
             "--from-index fills every text at once; it goes with no --limit, --again"
         )
-    return pipeline.refill(run, from_index)
+    refilled: Summary = pipeline.refill(run, from_index)
+    return refilled
 
 
 @command(
@@ -106,7 +122,8 @@ def keywords(
 ) -> Summary:
     """Print hits per keyword and examples in context, so that a person can judge the list.
 
-    Columns: keyword, kind, rule, matches, and how many of an everyday word stood alone and make no pair.
+    Columns: keyword, kind, rule, matches, and how many of an everyday word stood alone and make no
+    pair.
     """
     from kb.core import terminal
     from kb.core.verdict import Summary

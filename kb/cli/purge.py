@@ -31,8 +31,9 @@ Plan = Annotated[
 
 def _purge(run: Run, source: str, ids: Path | None, plan: bool) -> Summary:
     if not plan:
-        return pipeline(run, "purge").purge(run, source, ids)
-    counts = pipeline(run, "purge").plan(run, source, ids)
+        summary: Summary = pipeline(run, "purge").purge(run, source, ids)
+        return summary
+    counts: Summary = pipeline(run, "purge").plan(run, source, ids)
     typer.echo("folder\twhat\tcount")
     for line in counts["lines"]:
         typer.echo(f"{line['folder']}\t{line['what']}\t{line['count']}")
@@ -46,7 +47,9 @@ def _purge(run: Run, source: str, ids: Path | None, plan: bool) -> Summary:
     examples=["kb purge youtube", "kb purge youtube --ids gone.txt", "kb purge youtube --plan"],
 )
 def youtube(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
-    """Remove videos that vanished from YouTube, or are named, from every folder, and remember them."""
+    """Remove videos that vanished from YouTube, or are named,
+    from every folder, and remember them.
+    """
     return _purge(run, "youtube", ids, plan)
 
 
@@ -54,8 +57,8 @@ def youtube(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
 def wiki(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
     """Remove pages that the wiki deleted, or that are named, from every folder, and remember them.
 
-    The file names pages by id, title or address, a line each, or is MineDojo's JSON. Names that nothing here bears
-    are counted as unknown, and kept away from later crawls.
+    The file names pages by id, title or address, a line each, or is MineDojo's JSON. Names that
+    nothing here bears are counted as unknown, and kept away from later crawls.
     """
     return _purge(run, "wiki", ids, plan)
 

@@ -41,7 +41,10 @@ Until = Annotated[
     app,
     uses=("limit", "wait", "again"),
     examples=[
-        "kb reddit crawl                          every listing of the profile's subreddit, and all comments",
+        (
+            "kb reddit crawl                          every listing of the profile's"
+            " subreddit, and all comments"
+        ),
         "kb reddit crawl --limit 100              100 posts with their comments",
         "kb reddit crawl --since 2026-01-01       only posts of this year",
     ],
@@ -50,8 +53,9 @@ def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False
     """Crawl posts and whole comment trees, as raw JSON.
 
     Needs REDDIT_CLIENT_ID, REDDIT_CLIENT_SECRET (empty for an installed app) and KB_CONTACT.
-    Names of people are hashed before anything is written. What lies outside of --since and --until is
-    left out of the tables too (`outside` in the summary); a later crawl with another span, or none, reads it.
+    Names of people are hashed before anything is written. What lies outside of --since and --until
+    is left out of the tables too (`outside` in the summary); a later crawl with another span, or
+    none, reads it.
     """
     from kb.reddit.crawl import crawl as room
     from kb.reddit.plan import plan_crawl
@@ -128,7 +132,10 @@ def export(
     from kb.store.lock import taking
 
     with taking(run.root, "release-reddit"):
-        return pipeline.load(str(pipeline.locate("reddit", run.pipeline))).export(run, format.value)
+        summary: Summary = pipeline.load(str(pipeline.locate("reddit", run.pipeline))).export(
+            run, format.value
+        )
+        return summary
 
 
 @command(
@@ -138,7 +145,10 @@ def export(
         "kb reddit reconstruct                                 the data root's own release",
         "kb reddit reconstruct --ids release/reddit            a release, posts and comments",
         "kb reddit reconstruct --ids posts-00000-of-00001.parquet --out full",
-        "kb reddit reconstruct --ids reddit.json --out full    MineDojo's published list: whole trees",
+        (
+            "kb reddit reconstruct --ids reddit.json --out full    MineDojo's published list:"
+            " whole trees"
+        ),
     ],
 )
 def reconstruct(
@@ -148,7 +158,8 @@ def reconstruct(
         typer.Option(
             "--ids",
             metavar="FILE|FOLDER",
-            help="Full names one a line, a released Parquet file, MineDojo's reddit.json, or the folder "
+            help="Full names one a line, a released Parquet file, MineDojo's reddit.json,"
+            " or the folder "
             "of a release; may be given several times. [default: release/reddit]",
         ),
     ] = None,
@@ -164,8 +175,8 @@ def reconstruct(
 ) -> Summary:
     """Bring back full posts and comments from released ids, with your own app's key.
 
-    100 ids a request. What is gone is listed in missing.parquet. What is in --out already is added to.
-    Cut off, the same command goes on.
+    100 ids a request. What is gone is listed in missing.parquet. What is in --out already is added
+    to. Cut off, the same command goes on.
     """
     from kb.reddit.plan import plan_rebuild
     from kb.reddit.reconstruction import OUT, rebuild

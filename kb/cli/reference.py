@@ -47,8 +47,10 @@ def commands() -> str:
     blocks = [
         "# Commands\n\nAlmost every command has these options; those without one of them say so.\n",
         _option_table([shared[name] for name in COMMON]),
-        "Commands that have a use for them also have these, each as it says below."
-        " An option that a command has no use for is refused with exit code 2.\n",
+        (
+            "Commands that have a use for them also have these, each as it says below."
+            " An option that a command has no use for is refused with exit code 2.\n"
+        ),
         _option_table([shared[name] for name in RUNNING]),
     ]
     for path, command in leaves():
@@ -93,9 +95,11 @@ def summaries() -> str:
 
     lines = [
         "# Summaries\n",
-        "A command ends with one line that names its numbers; `--json` makes it an object."
-        " `crawled`, `kept`, `rejected`, `failed` and `pending` count what `counted` says;"
-        " crawl, filter, export and `kb status` use the same nouns.\n",
+        (
+            "A command ends with one line that names its numbers; `--json` makes it an object."
+            " `crawled`, `kept`, `rejected`, `failed` and `pending` count what `counted` says;"
+            " crawl, filter, export and `kb status` use the same nouns.\n"
+        ),
         "| name | meaning |",
         "|---|---|",
     ]
@@ -112,7 +116,10 @@ def settings() -> str:
 
     lines = [
         "# Settings\n",
-        "From the environment, or `.env` in the working folder (`.env.example` is a start); the environment wins.\n",
+        (
+            "From the environment, or `.env` in the working folder (`.env.example` is a"
+            " start); the environment wins.\n"
+        ),
         "| name | meaning | default |",
         "|---|---|---|",
     ]
@@ -128,8 +135,11 @@ def profile_keys() -> str:
 
     lines = [
         "# Profiles\n",
-        "A profile is everything that Lorebase knows about a domain, in one TOML file. `minecraft/profile.toml` ships;"
-        " `--profile FILE.toml` takes your own. A section whose source you don't collect may be left out.\n",
+        (
+            "A profile is everything that Lorebase knows about a domain, in one TOML file."
+            " `minecraft/profile.toml` ships; `--profile FILE.toml` takes your own."
+            " A section whose source you don't collect may be left out.\n"
+        ),
     ]
     return "\n".join([*lines, *_section("", Profile), ""])
 
@@ -156,7 +166,10 @@ def _section(title: str, model: Any) -> Iterator[str]:
             if field.is_required()
             else f"`{_short(field.get_default(call_default_factory=True))}`"
         )
-        yield f"| `{name}` | {_type(field.annotation)} | {default} | {_cell(field.description or '')} |"
+        yield (
+            f"| `{name}` | {_type(field.annotation)} | {default} |"
+            f" {_cell(field.description or '')} |"
+        )
     for full, inner in deeper:
         yield from _section(full, inner)
 
@@ -208,7 +221,10 @@ def columns() -> str:
 
     lines = [
         "# Tables\n",
-        "Times are UTC. A column without a reason for null is never null. *Released* columns are those of `release/`.\n",
+        (
+            "Times are UTC. A column without a reason for null is never null."
+            " *Released* columns are those of `release/`.\n"
+        ),
     ]
     for table in tables().values():
         lines += [
@@ -219,8 +235,9 @@ def columns() -> str:
             "|---|---|---|---|---|---|---|",
         ]
         lines += [
-            f"| `{column.name}` | {_cell(column.type)} | {column.unit} | {_cell(column.why_null)} | {'yes' if column.released else ''}"
-            f" | {_cell(column.doc)} | {_cell(str(column.source))} |"
+            f"| `{column.name}` | {_cell(column.type)} | {column.unit} | {_cell(column.why_null)} |"
+            f" {'yes' if column.released else ''} | {_cell(column.doc)} |"
+            f" {_cell(str(column.source))} |"
             for column in table.columns
         ]
         lines.append("")

@@ -1,4 +1,6 @@
-"""`kb release`: checks, metadata and checksums around release/; `kb release publish` deposits it."""
+"""`kb release`: checks, metadata and checksums around release/;
+`kb release publish` deposits it.
+"""
 
 from __future__ import annotations
 
@@ -30,14 +32,19 @@ class Target(StrEnum):
     main=True,
     uses=("pipeline",),
     examples=[
-        "kb release                               check every folder, then write all that surrounds the data",
+        (
+            "kb release                               check every folder,"
+            " then write all that surrounds the data"
+        ),
         "kb release publish --to zenodo-sandbox   a draft of each folder, to look at",
     ],
 )
 def release(run: Run) -> Summary:
-    """Check what the exports wrote and make each folder whole: card, datasheet, metadata, sample, checksums.
+    """Check what the exports wrote and make each folder whole: card, datasheet, metadata, sample,
+    checksums.
 
-    Whatever speaks against publishing is listed at once, one line each, and nothing is made (exit 1).
+    Whatever speaks against publishing is listed at once, one line each, and nothing is made (exit
+    1).
     """
     return _listed(run, "release")
 
@@ -49,7 +56,10 @@ def release(run: Run) -> Summary:
     examples=[
         "kb release publish --to zenodo-sandbox             upload drafts to the sandbox",
         "kb release publish --to zenodo                     upload drafts",
-        "kb release publish --to zenodo --publish           publish the uploaded drafts: can't be undone",
+        (
+            "kb release publish --to zenodo --publish           publish the uploaded drafts:"
+            " can't be undone"
+        ),
     ],
 )
 def publish(
@@ -69,8 +79,8 @@ def publish(
 ) -> Summary:
     """Upload each folder of release/ as one deposit: a draft, until --publish makes it public.
 
-    An interrupted upload goes on where it stopped. A folder that was published before and has changed
-    becomes a new version of its record.
+    An interrupted upload goes on where it stopped. A folder that was published before and has
+    changed becomes a new version of its record.
     """
     from kb.core import terminal
     from kb.core.errors import KbError
@@ -98,7 +108,8 @@ def _listed(run: Run, name: str, *given: object) -> Summary:
     from kb.core.pipeline import load, locate
 
     try:
-        return getattr(load(str(locate("release", run.pipeline))), name)(run, *given)
+        summary: Summary = getattr(load(str(locate("release", run.pipeline))), name)(run, *given)
+        return summary
     except ReleaseRefused as error:
         for line in getattr(error, "problems", []):
             typer.echo(terminal.one_line(as_typed(line)), err=True)

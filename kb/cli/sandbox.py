@@ -28,8 +28,14 @@ app = group("Invented services on this machine, to try everything on.")
     without=("json",),
     resumable=False,
     examples=[
-        "kb sandbox -- kb youtube crawl --data /tmp/try     a command with the settings that point at the sandbox",
-        "kb sandbox --env sandbox.env                       write the settings to a file and serve until SIGTERM",
+        (
+            "kb sandbox -- kb youtube crawl --data /tmp/try     a command with the settings"
+            " that point at the sandbox"
+        ),
+        (
+            "kb sandbox --env sandbox.env                       write the settings to a file"
+            " and serve until SIGTERM"
+        ),
         "kb sandbox --channels 50 --videos 5000             a larger world",
     ],
 )
@@ -64,7 +70,8 @@ def sandbox(
 ) -> None:
     """Serve YouTube, wiki, Reddit and Zenodo of one small invented world on loopback.
 
-    Without COMMAND the settings are printed as NAME=value lines, stdout is closed, and the services run until SIGTERM.
+    Without COMMAND the settings are printed as NAME=value lines, stdout is closed, and the services
+    run until SIGTERM.
     """
     from kb.sandbox.server import Sandbox
     from kb.sandbox.world import World
@@ -83,7 +90,8 @@ def sandbox(
         if env is None:
             print("\n".join(f"{name}={value}" for name, value in settings.items()), flush=True)
         _close_stdout()
-        # The default action of SIGTERM and SIGINT is an exception in the main thread, which waits here.
+        # The default action of SIGTERM and SIGINT is an exception in the main thread, which waits
+        # here.
         try:
             threading.Event().wait()
         except KeyboardInterrupt:
@@ -91,7 +99,9 @@ def sandbox(
 
 
 def _model(*, wanted: bool) -> dict[str, str]:
-    """The tiny model's setting; where it can't be made (its extra is missing), a word on stderr and none."""
+    """The tiny model's setting; where it can't be made (its extra is missing),
+    a word on stderr and none.
+    """
     if not wanted:
         return {}
     from kb.cli.outcome import complain
@@ -122,7 +132,9 @@ def _write(path: Path, settings: dict[str, str]) -> None:
 
 
 def _run(words: list[str], settings: dict[str, str]) -> int:
-    """Run the command; signals to us are passed on, so that it can finish its item. Its exit code, as a shell gives it."""
+    """Run the command; signals to us are passed on, so that it can finish its item. Its exit code,
+    as a shell gives it.
+    """
     from kb.core.errors import SettingError
 
     # `kb` is this kb, also where its environment is not activated.
@@ -133,7 +145,8 @@ def _run(words: list[str], settings: dict[str, str]) -> int:
     child = subprocess.Popen([command, *words[1:]], env=os.environ | settings | {"PATH": path})
 
     def pass_on(number: int, frame: object) -> None:
-        # A terminal sends Ctrl-C to the child by itself; twice would end it before its item is finished.
+        # A terminal sends Ctrl-C to the child by itself; twice would end it before its item is
+        # finished.
         if number != signal.SIGINT or not sys.stdin.isatty():
             child.send_signal(number)
 

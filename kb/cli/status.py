@@ -38,12 +38,18 @@ def status(options: Options) -> None:
 
 def _lines(about: dict[str, Any]) -> list[str]:
     lines = [
-        f"data root {about['data']}, profile {about['profile']}, {_bytes(about['disk_bytes_total'])}"
+        (
+            f"data root {about['data']}, profile {about['profile']},"
+            f" {_bytes(about['disk_bytes_total'])}"
+        )
     ]
     if not about["sources"]:
         return [
             *lines,
-            "nothing collected yet; `kb demo` shows the whole job, `kb youtube crawl --plan` what a crawl costs",
+            (
+                "nothing collected yet; `kb demo` shows the whole job,"
+                " `kb youtube crawl --plan` what a crawl costs"
+            ),
         ]
     for source, facts in about["sources"].items():
         lines += ["", *_source(source, facts)]
@@ -108,8 +114,8 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
         names = ", ".join(facts["incomplete"])
         rest = ", …" if facts["incomplete_posts"] > len(facts["incomplete"]) else ""
         lines.append(
-            f"  {vocabulary.phrase('incomplete_posts', facts['incomplete_posts'], {})}: {names}{rest};"
-            " the next `kb reddit crawl` tries their comments again"
+            f"  {vocabulary.phrase('incomplete_posts', facts['incomplete_posts'], {})}:"
+            f" {names}{rest}; the next `kb reddit crawl` tries their comments again"
         )
     if facts["unknown_keys"]:
         keys = ", ".join(f"{key} ({n:,})" for key, n in facts["unknown_keys"].items())

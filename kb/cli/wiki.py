@@ -42,7 +42,8 @@ def crawl(
         typer.Option(
             "--titles",
             metavar="FILE|FOLDER",
-            help="Page titles: lines, a released Parquet file or the folder of a release, or MineDojo's JSON; "
+            help="Page titles: lines, a released Parquet file or the folder of a release,"
+            " or MineDojo's JSON; "
             "skips discovery.",
         ),
     ] = None,
@@ -50,10 +51,10 @@ def crawl(
 ) -> Summary:
     """Show every content page in headless Chromium and keep what is seen.
 
-    Needs KB_CONTACT, Chromium and chromedriver. A second crawl (--again) shows only what has changed.
-    robots.txt rules which pages and pictures are read, and its crawl-delay every request. The API is asked by
-    MediaWiki's etiquette (a contact, maxlag, Retry-After) also where robots.txt bars its folder to all crawlers;
-    rules for `lorebase` by name are kept there too.
+    Needs KB_CONTACT, Chromium and chromedriver. A second crawl (--again) shows only what has
+    changed. robots.txt rules which pages and pictures are read, and its crawl-delay every request.
+    The API is asked by MediaWiki's etiquette (a contact, maxlag, Retry-After) also where robots.txt
+    bars its folder to all crawlers; rules for `lorebase` by name are kept there too.
     """
     from kb.core.pipeline import load, locate
 
@@ -61,7 +62,8 @@ def crawl(
         from kb.wiki.plan import plan_crawl
 
         return plan_crawl(run, titles)
-    return load(str(locate("wiki", run.pipeline))).crawl(run, titles)
+    summary: Summary = load(str(locate("wiki", run.pipeline))).crawl(run, titles)
+    return summary
 
 
 @command(
@@ -96,4 +98,5 @@ def export(
     from kb.store.lock import taking
 
     with taking(run.root, "release-wiki"):
-        return load(str(locate("wiki", run.pipeline))).export(run, format.value)
+        summary: Summary = load(str(locate("wiki", run.pipeline))).export(run, format.value)
+        return summary

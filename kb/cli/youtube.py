@@ -1,4 +1,6 @@
-"""`kb youtube`: the pattern for every group. A command is a name, its options, examples, and one call into its room."""
+"""`kb youtube`: the pattern for every group. A command is a name, its options, examples,
+and one call into its room.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,10 @@ class Format(StrEnum):
     uses=("workers", "limit", "wait", "again", "pipeline"),
     binds=False,
     examples=[
-        "kb youtube crawl --plan                  what is left costs: units, calls, hours, GB, days",
+        (
+            "kb youtube crawl --plan                  what is left costs: units, calls,"
+            " hours, GB, days"
+        ),
         "kb youtube crawl --limit 100             100 videos through every phase",
         "kb youtube crawl --only metadata --wait  one phase, sleeping through quota resets",
         "kb youtube crawl --ids videos.parquet    known videos, no discovery",
@@ -58,7 +63,8 @@ def crawl(
         typer.Option(
             "--ids",
             metavar="FILE|FOLDER",
-            help="Video ids: lines, a released Parquet file or the folder of a release, or MineDojo's JSON; "
+            help="Video ids: lines, a released Parquet file or the folder of a release,"
+            " or MineDojo's JSON; "
             "skips discovery.",
         ),
     ] = None,
@@ -72,7 +78,8 @@ def crawl(
         from kb.youtube.plan import plan as estimate
 
         return estimate(run, ids=ids, part=which)
-    return pipeline(run, "youtube").crawl(run, only.value if only else None, ids, which)
+    summary: Summary = pipeline(run, "youtube").crawl(run, only.value if only else None, ids, which)
+    return summary
 
 
 @command(
@@ -104,6 +111,7 @@ def export(
     from kb.store.lock import taking
 
     with taking(run.root, "release-youtube"):
-        return pipeline.load(str(pipeline.locate("youtube", run.pipeline))).export(
+        summary: Summary = pipeline.load(str(pipeline.locate("youtube", run.pipeline))).export(
             run, format.value
         )
+        return summary

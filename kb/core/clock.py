@@ -1,7 +1,8 @@
 """The one place where time, sleep and randomness come from.
 
-`KB_NOW` sets the date (dates in data, quota days); waiting always uses the monotonic clock. A fixed date
-stands still, but for what `sleep_until` slept: who waits for midnight must find the next day behind it.
+`KB_NOW` sets the date (dates in data, quota days); waiting always uses the monotonic clock. A fixed
+date stands still, but for what `sleep_until` slept: who waits for midnight must find the next day
+behind it.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ _passed = timedelta()  # while waiting for a date
 
 def parse(text: str) -> datetime:
     """An ISO 8601 time or date as an aware UTC datetime. Raises ValueError."""
-    moment = datetime.fromisoformat(text.replace("Z", "+00:00"))
+    moment = datetime.fromisoformat(text)
     return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
 
 
@@ -55,7 +56,9 @@ def sleep(seconds: float) -> None:
 
 
 def sleep_until(moment: datetime) -> None:
-    """Wait until `now()` has come to `moment`, ending early with Interrupted when a signal asks us to stop."""
+    """Wait until `now()` has come to `moment`, ending early with Interrupted when a signal asks us
+    to stop.
+    """
     global _passed
     while (seconds := (moment - now()).total_seconds()) > 0:
         step = min(seconds + 1, 60.0)  # now() knows whole seconds only

@@ -47,10 +47,12 @@ def check(scheduler: str | None) -> None:
 
 @contextlib.contextmanager
 def dask_executor(scheduler: str | None, workers: int = 1) -> Iterator[Executor]:
-    """An executor on the cluster at `scheduler`, or on one of `workers` processes that ends with the block.
+    """An executor on the cluster at `scheduler`, or on one of `workers` processes that ends with
+    the block.
 
     Raises MissingExtra, SettingError (no such kind of address), Unreachable (no scheduler, or no
-    worker in time), Interrupted, FatalError (workers without this Lorebase, or ones that keep dying).
+    worker in time), Interrupted, FatalError (workers without this Lorebase, or ones that keep
+    dying).
     """
     check(scheduler)
     import dask
@@ -126,10 +128,10 @@ class _Future(Future[Any]):
     def result(self, timeout: float | None = None) -> Any:
         """The task's result.
 
-        Raises FatalError when every worker that took it died, Unreachable when the scheduler is lost or
-        no worker is left for `WORKERS_S`, Interrupted, TimeoutError.
+        Raises FatalError when every worker that took it died, Unreachable when the scheduler is
+        lost or no worker is left for `WORKERS_S`, Interrupted, TimeoutError.
         """
-        from distributed.comm import CommClosedError
+        from distributed.comm.core import CommClosedError
         from distributed.scheduler import KilledWorker
 
         try:
@@ -183,7 +185,9 @@ class _Future(Future[Any]):
 
 
 def _hush() -> None:
-    """What Dask logs about lost connections is said by this project's errors; its loggers have levels of their own."""
+    """What Dask logs about lost connections is said by this project's errors;
+    its loggers have levels of their own.
+    """
     for name in (
         "distributed",
         *(name for name in logging.root.manager.loggerDict if name.startswith("distributed.")),

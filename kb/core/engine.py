@@ -41,7 +41,8 @@ def make_executor(
 ) -> Iterator[Executor]:
     """The executor of `--engine`: "local" (this process or a pool) or "dask".
 
-    For "dask" the tasks go to the cluster at `scheduler`, or to one of `workers` processes on this machine.
+    For "dask" the tasks go to the cluster at `scheduler`, or to one of `workers` processes on this
+    machine.
     """
     if engine == "local":
         if workers <= 1:
@@ -87,11 +88,11 @@ def map_in_order(
 
 
 def _begin_worker() -> None:
-    """Ctrl-C reaches the whole process group, but only the parent decides what it means; and a worker ends with it.
+    """Ctrl-C reaches the whole process group, but only the parent decides what it means; and a
+    worker ends with it.
 
     A worker holds both ends of its queue, so that the death of a killed parent never shows there.
     """
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 

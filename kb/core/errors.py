@@ -1,30 +1,30 @@
 """Every error that Lorebase raises on purpose, sorted by what follows from it.
 
-KbError                                   exit  what follows
-├── UsageError                             2    nothing was sent or written
-│   ├── SettingError                            a setting or option has a wrong value
-│   ├── ProfileError                            a profile can't be read, or has a wrong key or value
-│   ├── MissingCredential                       a key that the command needs is not set
-│   ├── MissingExtra                            an optional package is not installed
-│   ├── MissingModel                            a model file is absent, cut off or not the one it should be
-│   └── OtherService                            the data root belongs to another host, subreddit or wiki
-├── FatalError                             1    the run ends; what is on disk stays good
-│   ├── CredentialRefused                       the service does not accept the key
-│   ├── WriterLocked                            another process writes to this source
-│   ├── CountMismatch                           crawled ≠ kept + rejected + failed + pending
-│   ├── SchemaMismatch                          a table differs from its declaration in schemas/
-│   ├── DamagedData                             a file on disk can't be read
-│   └── ReleaseRefused                          the gate found something that may not be published
-├── Stopped                                3    the same command goes on where it stopped
-│   ├── QuotaSpent                              a quota is used up until `reset_at`
-│   ├── Blocked                                 the service blocks us (429 without end, captcha, consent wall)
-│   ├── Unreachable                             no connection to the service
-│   ├── DiskFull                                no room to write
-│   ├── LimitReached                            --limit items were done
-│   └── Interrupted                             SIGINT or SIGTERM
-└── ItemError                              -    about one item; never leaves a stage
-    ├── ItemFinal                               a fact about the item: recorded, not tried again
-    └── Retryable                               may go well next time: backoff, then `failed`
+KbError                     exit  what follows
+├── UsageError              2     nothing was sent or written
+│   ├── SettingError              a setting or option has a wrong value
+│   ├── ProfileError              a profile can't be read, or has a wrong key or value
+│   ├── MissingCredential         a key that the command needs is not set
+│   ├── MissingExtra              an optional package is not installed
+│   ├── MissingModel              a model file is absent, cut off or another one
+│   └── OtherService              the data root belongs to another host, subreddit or wiki
+├── FatalError              1     the run ends; what is on disk stays good
+│   ├── CredentialRefused         the service does not accept the key
+│   ├── WriterLocked              another process writes to this source
+│   ├── CountMismatch             crawled ≠ kept + rejected + failed + pending
+│   ├── SchemaMismatch            a table differs from its declaration in schemas/
+│   ├── DamagedData               a file on disk can't be read
+│   └── ReleaseRefused            the gate found something that may not be published
+├── Stopped                 3     the same command goes on where it stopped
+│   ├── QuotaSpent                a quota is used up until `reset_at`
+│   ├── Blocked                   the service blocks us (429 without end, captcha, consent wall)
+│   ├── Unreachable               no connection to the service
+│   ├── DiskFull                  no room to write
+│   ├── LimitReached              --limit items were done
+│   └── Interrupted               SIGINT or SIGTERM
+└── ItemError               -     about one item; never leaves a stage
+    ├── ItemFinal                 a fact about the item: recorded, not tried again
+    └── Retryable                 may go well next time: backoff, then `failed`
 """
 
 from __future__ import annotations

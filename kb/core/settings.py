@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
 from pydantic import Field, SecretStr, ValidationError, ValidationInfo, field_validator
@@ -25,7 +26,10 @@ _MAY_BE_EMPTY = ("youtube_api_key", "reddit_client_id", "reddit_client_secret", 
 
 
 class Settings(BaseSettings):
-    """Everything that is not about the domain. Field names are the variables' names in lower case."""
+    """Everything that is not about the domain.
+
+    Field names are the variables' names in lower case.
+    """
 
     model_config = SettingsConfigDict(env_file=None, extra="ignore", frozen=True)
 
@@ -77,7 +81,9 @@ class Settings(BaseSettings):
     @field_validator("*", mode="before")
     @classmethod
     def _is_clean(cls, value: object, info: ValidationInfo) -> object:
-        """Spaces around a value are none of it, and an empty one is unset: a line of `.env` that nobody filled in."""
+        """Spaces around a value are none of it, and an empty one is unset:
+        a line of `.env` that nobody filled in.
+        """
         if isinstance(value, str):
             value = value.strip()
             if _CONTROL.search(value):
@@ -210,9 +216,9 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
 
     Raises SettingError that names the variable and what is allowed, never the value of a secret.
     """
-    given = {name: value for name, value in values.items() if value is not None}
+    given: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
     try:
-        settings = Settings(_env_file=".env" if dotenv else None, **given)  # type: ignore[call-arg]
+        settings = Settings(_env_file=".env" if dotenv else None, **given)
     except ValidationError as error:
         raise SettingError(_said(error), hint="see .env.example") from None
     except (OSError, UnicodeDecodeError) as error:

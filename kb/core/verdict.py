@@ -51,7 +51,7 @@ class Summary(dict[str, Any]):
         if "phases" in self:
             return plan.table(self)
         tally = self.get("tally")
-        silent = (*_HEAD, *_ANSWERS) if tally else _HEAD
+        silent: tuple[str, ...] = (*_HEAD, *_ANSWERS) if tally else _HEAD
         if self.get("crawled_in_all") == self.get("crawled"):
             silent += ("crawled_in_all",)  # the first run is all
         told = [vocabulary.phrase(name, self[name], self) for name in self if name not in silent]

@@ -1,4 +1,5 @@
-"""One noun for one number: every name of a summary (`--json`), what it counts, how a person reads it.
+"""One noun for one number: every name of a summary (`--json`), what it counts, how a person reads
+it.
 
 The line of a command, `kb status` and the reference page are made of this table.
 A name that is written `command.name` says it for that command alone.

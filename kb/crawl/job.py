@@ -1,4 +1,6 @@
-"""A whole run of a source: open its data root, discover, work through the phases, tell what was done."""
+"""A whole run of a source: open its data root, discover, work through the phases,
+tell what was done.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +28,8 @@ def work(
 ) -> Summary:
     """Run `phases` (all of the source's by default) until nothing is left; what was done.
 
-    What failed in an earlier run is tried again once. Raises what `Loop.run` raises, always with the
-    summary so far on the error.
+    What failed in an earlier run is tried again once. Raises what `Loop.run` raises, always with
+    the summary so far on the error.
     """
     with open_session(run, source, place) as session:
         loop = Loop(session, phases, facts=facts)

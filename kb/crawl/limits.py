@@ -11,7 +11,10 @@ from kb.crawl.source import Phase
 
 
 class Limit:
-    """`--limit N`: how many more items may be taken of what it counts. Not thread-safe by itself."""
+    """`--limit N`: how many more items may be taken of what it counts.
+
+    Not thread-safe by itself.
+    """
 
     def __init__(self, most: int | None) -> None:
         self._most, self._taken = most, 0

@@ -1,4 +1,5 @@
-"""The one loop: phases side by side and one after the other, until nothing is left or something stops.
+"""The one loop: phases side by side and one after the other, until nothing is left or something
+stops.
 
     a lane     threads that work on the phases of one service, nearest to a whole item first
     a stop     (quota spent, blocked, limit) closes what it concerns; the other phases go on
@@ -36,7 +37,8 @@ _EVERYTHING = (DiskFull, Interrupted)  # stops that are not one service's matter
 
 
 class Loop:
-    """One run over the frontier. `answered` counts, by kind, the items that were answered or failed.
+    """One run over the frontier. `answered` counts, by kind, the items that were answered or
+    failed.
 
     `facts` gives the figures that a phase's progress bar shows beside its count.
     """
@@ -104,7 +106,7 @@ class Loop:
     def _threads(self, lane: str) -> int:
         return max(phase.workers for phase in self.phases if phase.lane == lane)
 
-    # -- whose turn it is ----------------------------------------------------------------------------
+    # -- whose turn it is --------------------------------------------------------------------------
 
     def _work(self, lane: str) -> None:
         """One thread's part of a lane."""
@@ -210,7 +212,7 @@ class Loop:
                 return True
         return False
 
-    # -- what became of it ---------------------------------------------------------------------------
+    # -- what became of it -------------------------------------------------------------------------
 
     def _answer(self, phase: Phase, items: list[Item]) -> None:
         """Fetch and record items; an error by its consequence."""
@@ -284,7 +286,7 @@ class Loop:
                 self._bars[phase.kind] = bar
             bar.advance(n, **self._facts(phase))
 
-    # -- waiting ---------------------------------------------------------------------------------------
+    # -- waiting -----------------------------------------------------------------------------------
 
     def _back(self, lane: str) -> Any:
         """With --wait: when a lane that was stopped may go on; None when it may not."""

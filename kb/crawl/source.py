@@ -62,7 +62,8 @@ class Source(Protocol):
     """One source. Its state is its own; the frame calls it from the lanes' threads.
 
     name       the folder under raw/, the file under state/
-    phases     in the order of work: what is nearest to a whole item first, unless `whole` says other
+    phases     in the order of work: what is nearest to a whole item first, unless `whole` says
+               other
     payloads   the type of each kind's payload in the frontier; kinds without payload are left out
     """
 

@@ -1,4 +1,5 @@
-"""`kb pairs --format clip4mc`: the text pairs of CLIP4MC, `export/clip4mc/dataset.json`, a pair a line.
+"""`kb pairs --format clip4mc`: the text pairs of CLIP4MC, `export/clip4mc/dataset.json`, a pair a
+line.
 
 A pair is `{"vid", "transcript clip", "size", "begin position", "end position"}`. Positions are the
 clip's seconds in the video. `size` is a number for each of 16 frames: the target's share of the
@@ -24,7 +25,6 @@ _COLUMNS = ["video_id", "text", "clip_start_s", "clip_end_s"]
 
 def write(run: Run) -> Path:
     """Writes the file, row by row. Raises FatalError when pairs have no text, and DiskFull."""
-
     path = run.root / "export" / "clip4mc" / "dataset.json"
     count = 0
     with writing(path) as temporary, temporary.open("wb") as file:

@@ -1,11 +1,16 @@
-"""Reddit as a ConvoKit corpus (convokit.cornell.edu, corpus format): a folder that `Corpus(filename=…)` loads.
+"""Reddit as a ConvoKit corpus (convokit.cornell.edu, corpus format): a folder that
+`Corpus(filename=…)` loads.
 
-    utterances.jsonl     one post or comment a line: id, conversation_id, text, speaker, reply-to, timestamp, meta
-    speakers.json        keyed hashes of authors         conversations.json   posts with their figures
-    corpus.json          what the corpus is              index.json           types of the meta fields
+    utterances.jsonl     one post or comment a line: id, conversation_id, text, speaker, reply-to,
+                         timestamp, meta
+    speakers.json        keyed hashes of authors
+    conversations.json   posts with their figures
+    corpus.json          what the corpus is
+    index.json           types of the meta fields
 
-ConvoKit walks a conversation only when every utterance's parent is there. For a comment that was filtered out or
-deleted an empty utterance stands in, with `meta.placeholder` true, a direct reply to the post.
+ConvoKit walks a conversation only when every utterance's parent is there. For a comment that was
+filtered out or deleted an empty utterance stands in, with `meta.placeholder` true, a direct reply
+to the post.
 
 Holds titles and bodies: it stays under export/ on the user's own disk and is never released.
 """
@@ -44,24 +49,31 @@ _INDEX = {
     "version": 1,
 }
 _POSTS = """
-    SELECT post_id, title, body, type, score, num_comments, author_hash, epoch(created_utc)::BIGINT AS made
+    SELECT post_id, title, body, type, score, num_comments, author_hash,
+        epoch(created_utc)::BIGINT AS made
     FROM {posts} ORDER BY post_id"""
 # A stand-in is as old as its first reply: nothing else is known of it.
 _COMMENTS = """
     WITH kept AS (
-        SELECT comment_id, post_id, parent_id[4:] AS parent, body, score, depth, author_hash, epoch(created_utc)::BIGINT AS made
+        SELECT comment_id, post_id, parent_id[4:] AS parent, body, score, depth, author_hash,
+            epoch(created_utc)::BIGINT AS made
         FROM {comments}
     ), gone AS (
-        SELECT parent, post_id, min(made) AS made FROM kept ANTI JOIN kept AS other ON kept.parent = other.comment_id
+        SELECT parent, post_id, min(made) AS made
+        FROM kept ANTI JOIN kept AS other ON kept.parent = other.comment_id
         WHERE parent != post_id GROUP BY ALL
     )
     SELECT *, false AS placeholder FROM kept UNION ALL BY NAME
-    SELECT parent AS comment_id, post_id, post_id AS parent, '' AS body, made, true AS placeholder FROM gone
+    SELECT parent AS comment_id, post_id, post_id AS parent, '' AS body, made, true AS placeholder
+    FROM gone
     ORDER BY post_id, comment_id"""
 
 
 def export(run: Run) -> Summary:
-    """clean/reddit → export/convokit/. Raises FatalError without clean rows, DamagedData, DiskFull. The same rows give the same bytes."""
+    """clean/reddit → export/convokit/. Raises FatalError without clean rows, DamagedData, DiskFull.
+
+    The same rows give the same bytes.
+    """
     posts, comments = (
         clean_parts(run.root, table(f"reddit/{name}")) for name in ("posts", "comments")
     )

@@ -35,7 +35,6 @@ def youtube(run: Run) -> Summary:
 
     Memory is bounded by the rows read ahead. Raises FatalError without clean rows, and DiskFull.
     """
-
     parts = clean_parts(run.root, table("youtube/videos"))
     if not parts:
         raise FatalError(

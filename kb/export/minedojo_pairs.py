@@ -1,4 +1,5 @@
-"""`kb pairs --format minedojo`: MineDojo's pairs, `{keyword: [[video_id, start, end], …]}` (seconds), without text.
+"""`kb pairs --format minedojo`: MineDojo's pairs, `{keyword: [[video_id, start, end], …]}`
+(seconds), without text.
 
 Source: MineDojo (NeurIPS 2022), data appendix. `export/minedojo/pairs.json`, a keyword a line.
 """
@@ -17,8 +18,10 @@ _COLUMNS = ["keyword", "video_id", "clip_start_s", "clip_end_s"]
 
 
 def write(run: Run) -> Path:
-    """Writes the file. Holds the clips in memory (the layout is sorted by keyword). Raises FatalError, DiskFull."""
+    """Writes the file. Holds the clips in memory (the layout is sorted by keyword).
 
+    Raises FatalError, DiskFull.
+    """
     path = run.root / "export" / "minedojo" / "pairs.json"
     clips: dict[str, list[bytes]] = {}
     for row in pair_rows(run, _COLUMNS):

@@ -6,6 +6,7 @@ Content is not in it: the published loader, and `kb reddit reconstruct`, bring i
 from __future__ import annotations
 
 import json
+from typing import cast
 
 import pyarrow.parquet as pq
 
@@ -17,8 +18,10 @@ from kb.store.reading import reading
 
 
 def export(run: Run) -> Summary:
-    """clean/reddit → export/minedojo/reddit.json, sorted by id. Raises FatalError without clean rows, DamagedData, DiskFull."""
+    """clean/reddit → export/minedojo/reddit.json, sorted by id.
 
+    Raises FatalError without clean rows, DamagedData, DiskFull.
+    """
     parts = sorted((run.root / "clean" / "reddit" / "posts").glob("*.parquet"))
     if not parts:
         raise FatalError(
@@ -28,7 +31,9 @@ def export(run: Run) -> Summary:
     for part in parts:
         with reading([part]):
             rows = pq.read_table(part, columns=["post_id", "type"], partitioning=None)
-        found += zip(rows["post_id"].to_pylist(), rows["type"].to_pylist(), strict=True)
+        ids = cast("list[str]", rows["post_id"].to_pylist())
+        types = cast("list[str]", rows["type"].to_pylist())
+        found += zip(ids, types, strict=True)
     path = run.root / "export" / "minedojo" / "reddit.json"
     with writing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write("[")

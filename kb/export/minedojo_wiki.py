@@ -1,8 +1,11 @@
-"""`--format minedojo`: the wiki in the layout of the published MineDojo data, a drop-in replacement.
+"""`--format minedojo`: the wiki in the layout of the published MineDojo data, a drop-in
+replacement.
 
     export/minedojo/wiki_full/<path of the page's address>/data.json, screenshot.png, images/
-    {"metadata": {url, title, time}, "tables": [{bbox, headers {text, bboxes}, cells {text, bboxes}}],
-     "images": [{src, path, alt_text, caption, bbox}], "sprites": [{text, bbox}], "texts": [{text, bbox}]}
+    {"metadata": {url, title, time},
+     "tables": [{bbox, headers {text, bboxes}, cells {text, bboxes}}],
+     "images": [{src, path, alt_text, caption, bbox}],
+     "sprites": [{text, bbox}], "texts": [{text, bbox}]}
 
 bbox is [x, y, w, h] in whole pixels of the screenshot. Source: "MineDojo: Building Open-Ended
 Embodied Agents with Internet-Scale Knowledge" (NeurIPS 2022), data appendix. Only what the
@@ -13,7 +16,6 @@ screenshot shows them.
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -38,8 +40,10 @@ Row = dict[str, Any]
 
 
 def wiki(run: Run) -> Summary:
-    """Writes wiki_full from clean/wiki, one page at a time. Raises FatalError without clean rows, and DiskFull."""
+    """Writes wiki_full from clean/wiki, one page at a time.
 
+    Raises FatalError without clean rows, and DiskFull.
+    """
     if not clean_parts(run.root, table("wiki/pages")):
         raise FatalError(
             "nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first"
@@ -101,14 +105,18 @@ def wiki(run: Run) -> Summary:
 
 
 def folder_name(url: str) -> str:
-    """The page's folder: the path of its address, each step a plain name that can't lead elsewhere."""
+    """The page's folder: the path of its address,
+    each step a plain name that can't lead elsewhere.
+    """
     steps = [
         re.sub(r'[\x00-\x1f<>:"\\|?*]', "_", unquote(step).replace("/", "_"))
         for step in urlsplit(url).path.split("/")
         if step
     ]
-    # The published loader skips names that start with a dot; no file system takes more than 255 bytes.
-    return os.sep.join(_short(re.sub(r"^\.+", "_", step)) for step in steps) or "_"
+    # The published loader skips names that start with a dot; no file system takes more than 255
+    # bytes.
+    names = [_short(re.sub(r"^\.+", "_", step)) for step in steps]
+    return str(Path(*names)) if names else "_"
 
 
 def _short(step: str) -> str:

@@ -16,7 +16,10 @@ from kb.store.shards import order
 
 
 def pair_rows(run: Run, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """Rows of pairs/ one by one, sorted by video and clip. Raises FatalError when there is no index."""
+    """Rows of pairs/ one by one, sorted by video and clip.
+
+    Raises FatalError when there is no index.
+    """
     declared = table("pairs/pairs")
     parts = clean_parts(run.root, declared)
     if not parts:

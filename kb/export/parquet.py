@@ -24,7 +24,9 @@ from kb.store.atomic import replacing_folder
 
 
 class Change(NamedTuple):
-    """How released rows differ from clean ones: a function of a piece of rows, and the clean columns that it reads."""
+    """How released rows differ from clean ones: a function of a piece of rows,
+    and the clean columns that it reads.
+    """
 
     make: Callable[[pa.Table], pa.Table]
     reads: Sequence[str] = ()

@@ -1,10 +1,11 @@
-"""`kb pairs --format video2dataset`: the list of clips that video2dataset downloads and cuts.
+r"""`kb pairs --format video2dataset`: the list of clips that video2dataset downloads and cuts.
 
-`export/video2dataset/pairs.parquet`, one row a video, sorted by its id: `url`, `caption` (the texts of the
-clips, one a line), `clips` ([[start, end], …] in seconds); `captions`, `keywords` and `pair_ids` have an
-entry a clip and go along with `save_additional_columns`.
+`export/video2dataset/pairs.parquet`, one row a video, sorted by its id: `url`, `caption` (the texts
+of the clips, one a line), `clips` ([[start, end], …] in seconds); `captions`, `keywords` and
+`pair_ids` have an entry a clip and go along with `save_additional_columns`.
 
-    video2dataset --url_list pairs.parquet --input_format parquet --url_col url --caption_col caption --clip_col clips
+    video2dataset --url_list pairs.parquet --input_format parquet \
+        --url_col url --caption_col caption --clip_col clips
 """
 
 from __future__ import annotations
@@ -24,7 +25,6 @@ _ROWS = 4096  # videos written at a time
 
 def schema() -> pa.Schema:
     """Columns of the file."""
-
     texts = pa.list_(pa.string())
     return pa.schema(
         {
@@ -41,7 +41,6 @@ def schema() -> pa.Schema:
 
 def write(run: Run) -> Path:
     """Writes the file. Raises FatalError when there is no index, and DiskFull."""
-
     path = run.root / "export" / "video2dataset" / "pairs.parquet"
     with (
         writing(path) as temporary,

@@ -2,7 +2,8 @@
 
     screenshots-00000-of-0000N.tar   <page id>.png, <page id>.json
     images-00000-of-0000N.tar        <sha256>.<png|jpg|gif|svg|webp|…>, <sha256>.json
-    index.ndjson                     one line a file: tar, member, offset and size of its bytes, sha256
+    index.ndjson                     one line a file: tar, member, offset and size of its bytes,
+                                     sha256
 
 Files that belong together have one name up to the first dot and stand side by side
 (https://github.com/webdataset/webdataset). A tar has no times, owners or order of its own: the
@@ -56,7 +57,10 @@ class Sample:
 
 
 def export(run: Run) -> Summary:
-    """Writes release/wiki: the tables, the tars and their index. Raises FatalError, DamagedData, DiskFull."""
+    """Writes release/wiki: the tables, the tars and their index.
+
+    Raises FatalError, DamagedData, DiskFull.
+    """
     pages = table("wiki/pages")
     if not parquet.clean_parts(run.root, pages):
         raise FatalError(
@@ -196,7 +200,7 @@ def _write_tar(path: Path, samples: list[Sample]) -> Iterator[dict[str, Any]]:
                 digest = hashlib.sha256()
                 start = tar.offset + _BLOCK
                 with data.open("rb") if isinstance(data, Path) else io.BytesIO(data) as file:
-                    tar.addfile(info, _Hashing(file, digest))  # type: ignore[arg-type]
+                    tar.addfile(info, _Hashing(file, digest))
                 yield {
                     "tar": path.name,
                     "member": member,
@@ -214,6 +218,6 @@ class _Hashing:
 
     def read(self, size: int = -1) -> bytes:
         """The next bytes."""
-        data = self._file.read(size)
+        data: bytes = self._file.read(size)
         self._digest.update(data)
         return data

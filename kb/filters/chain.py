@@ -23,12 +23,15 @@ class Scorer(Protocol):
     """Scores of texts, kept beside the rows (kb.annotate.toxicity)."""
 
     def check(self, run: Run, source: str) -> str:
-        """A key that stands for the model in workers; "" when the profile scores nothing. Raises exit 2."""
+        """A key that stands for the model in workers; "" when the profile scores nothing.
 
-    def annotate(self, run: Run, source: str, texts: Iterable[pa.Array]) -> Any:
+        Raises exit 2.
+        """
+
+    def annotate(self, run: Run, source: str, texts: Iterable[pa.Array[Any]]) -> Any:
         """Score the texts that have no score yet."""
 
-    def scores(self, key: str, root: Path, source: str, texts: pa.Array) -> pa.Table:
+    def scores(self, key: str, root: Path, source: str, texts: pa.Array[Any]) -> pa.Table:
         """The categories' scores of each text, float32, null for empty texts. Runs in workers."""
 
 
@@ -54,7 +57,9 @@ class Chain:
 
 @dataclass(frozen=True)
 class Follow:
-    """A table whose rows are kept when their row of the table `of` is: transcripts of kept videos."""
+    """A table whose rows are kept when their row of the table `of` is:
+    transcripts of kept videos.
+    """
 
     table: str
     of: str
@@ -64,8 +69,8 @@ class Follow:
 class Beside(NamedTuple):
     """Files that lie beside the raw log and that its answers name: captured pages.
 
-    `read` gets the data root, what `assemble` gave, and whether the tables that follow are wanted as
-    well; it returns the tables with what the files say. `size` is how much there is, in bytes of
+    `read` gets the data root, what `assemble` gave, and whether the tables that follow are wanted
+    as well; it returns the tables with what the files say. `size` is how much there is, in bytes of
     compressed raw data, so that a bucket's share fits into memory.
     """
 
@@ -79,9 +84,10 @@ class Clean:
 
     `assemble` gets the newest rows of each kind (of one bucket) and returns rows by table name. It
     may return a function of the tables that were kept before it instead (comments need to know
-    their posts). `unanswered` gives keys that have no row, with the reason: they count as failed; so does
-    such a key that is pending for one of the reasons `ended_by_failure`. `complete` adds columns that hang
-    on what else of a bucket was kept (how many comments a post has); `about` adds to the summary.
+    their posts). `unanswered` gives keys that have no row, with the reason: they count as failed;
+    so does such a key that is pending for one of the reasons `ended_by_failure`. `complete` adds
+    columns that hang on what else of a bucket was kept (how many comments a post has); `about` adds
+    to the summary.
     """
 
     source: str
@@ -114,7 +120,6 @@ def sort_rows(
     `until` names a stage to stop before: the rows that reach it are `kept`. Raises SchemaMismatch
     when a stage reads a column that is not there.
     """
-
     out: dict[str, list[pa.Table]] = {verdict: [] for verdict in VERDICTS}
     joined = False
     for stage in chain.stages:
@@ -127,7 +132,8 @@ def sort_rows(
         lacking = stage.reads - set(rows.column_names)
         if lacking:
             raise SchemaMismatch(
-                f"{chain.table}: stage {stage.stage} reads {', '.join(sorted(lacking))}, which no row has"
+                f"{chain.table}: stage {stage.stage} reads {', '.join(sorted(lacking))},"
+                " which no row has"
             )
         if not rows.num_rows:
             continue
@@ -178,8 +184,9 @@ def _verdicts(
 
 
 def declared_columns(rows: pa.Table, chain: Chain) -> pa.Table:
-    """The rows with the columns of their table: parse's inputs and helpers dropped, nullable ones that nobody made as null."""
-
+    """The rows with the columns of their table: parse's inputs and helpers dropped,
+    nullable ones that nobody made as null.
+    """
     declared = table(chain.table)
     names = set(declared.names())
     mine = {column.name for column in declared.inputs} | {"problems", *chain.helpers}
@@ -188,5 +195,6 @@ def declared_columns(rows: pa.Table, chain: Chain) -> pa.Table:
     )
     for column in declared.columns:
         if column.name not in rows.column_names and column.nullable:
-            rows = rows.append_column(column.name, pa.nulls(rows.num_rows, column.parsed.arrow()))
+            kind: Any = column.parsed.arrow()  # the stubs list the kinds that they know
+            rows = rows.append_column(column.name, pa.nulls(rows.num_rows, kind))
     return rows

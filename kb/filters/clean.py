@@ -1,4 +1,5 @@
-"""`kb <source> filter`: raw answers → clean/<source>/, every record kept, rejected, failed or pending.
+"""`kb <source> filter`: raw answers → clean/<source>/, every record kept, rejected, failed or
+pending.
 
     parse      a task a raw segment: rows spread over buckets (kb.store.buckets)
     texts      a task a bucket: texts that reach the toxicity stage; what has no score yet is scored
@@ -70,7 +71,7 @@ def run_clean(run: Run, source: str) -> Summary:
     return summary
 
 
-def texts(run: Run, source: str) -> Iterator[pa.Array]:
+def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
     """The texts that the toxicity stage of a source would look at, for `kb annotate`."""
     job = _job(run, source)
     spec = spec_of(job)
@@ -181,7 +182,7 @@ def _suspect(run: Run, source: str, error: DamagedData) -> None:
     )
 
 
-def _texts(run: Run, job: Job, executor: Any) -> Iterator[pa.Array]:
+def _texts(run: Run, job: Job, executor: Any) -> Iterator[pa.Array[Any]]:
 
     tasks = ((job, number) for number in range(job.buckets))
     for path in map_in_order(executor, texts_of, tasks, window=2 * run.workers):
@@ -224,8 +225,10 @@ def _write_empty(out: Path, spec: Clean) -> None:
 
 
 def _unanswered(run: Run, job: Job, spec: Clean) -> Counter[str]:
-    """Keys that the crawl gave up on and that have no row: failed. One that waits for what was given up no longer waits."""
+    """Keys that the crawl gave up on and that have no row: failed.
 
+    One that waits for what was given up no longer waits.
+    """
     assert spec.unanswered is not None
     lost = dict(spec.unanswered(run.root))
     waited = _ended(Path(job.out, "pending"), spec.ended_by_failure, lost)
@@ -245,8 +248,9 @@ def _unanswered(run: Run, job: Job, spec: Clean) -> Counter[str]:
 
 
 def _ended(pending: Path, reasons: tuple[str, ...], lost: Mapping[str, str]) -> int:
-    """Take the rows of the keys in `lost` that wait for one of these reasons out of the pending ones; how many there were."""
-
+    """Take the rows of the keys in `lost` that wait for one of these reasons out of the pending
+    ones; how many there were.
+    """
     count = 0
     keys, of = pa.array(lost, pa.string()), pa.array(reasons, pa.string())
     for path in sorted(pending.glob("*.parquet")) if lost and reasons else ():

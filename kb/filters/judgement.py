@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -17,16 +17,17 @@ class Judgement(NamedTuple):
     with a reason: "rejected", "pending" or "failed", one for all or one each.
     """
 
-    reason: pa.Array
-    value: pa.Array
+    reason: pa.Array[Any]
+    value: pa.Array[Any]
     threshold: str | None = None
-    verdict: str | pa.Array = "rejected"
+    verdict: str | pa.Array[Any] = "rejected"
 
 
 class Predicate(Protocol):
     """One stage of a chain."""
 
-    stage: str
+    @property
+    def stage(self) -> str: ...
 
     @property
     def reads(self) -> frozenset[str]: ...
@@ -36,14 +37,15 @@ class Predicate(Protocol):
 
 def compared(
     rows: pa.Table,
-    values: pa.Array,
-    outside: pa.Array,
+    values: pa.Array[Any],
+    outside: pa.Array[Any],
     reason: str,
     threshold: float | str | None,
     needed: Sequence[str],
 ) -> Judgement:
-    """`reason` where `outside`; where a `needed` value is null, `malformed` or `absent` by the rows' problems."""
-
+    """`reason` where `outside`; where a `needed` value is null,
+    `malformed` or `absent` by the rows' problems.
+    """
     out = pc.fill_null(outside, False)
     reasons = pc.if_else(out, reason, None).cast(pa.string())
     value = text(pc.if_else(out, values, pa.scalar(None, values.type)))
@@ -57,9 +59,8 @@ def compared(
     return Judgement(reasons, value, None if threshold is None else number(threshold))
 
 
-def malformed(rows: pa.Table, column: str) -> pa.Array:
+def malformed(rows: pa.Table, column: str) -> pa.Array[Any]:
     """The text of what could not be read as `column`, null where all is well."""
-
     if "problems" not in rows.column_names or not rows.num_rows:
         return nothing(rows)
     problems = one(rows, "problems")
@@ -71,20 +72,19 @@ def malformed(rows: pa.Table, column: str) -> pa.Array:
     )
     parents = pc.list_parent_indices(problems).filter(hit)
     at = pc.index_in(pa.array(range(rows.num_rows), parents.type), value_set=parents)
-    return found.field("value").filter(hit).take(at)
+    values: pa.Array[Any] = found.field("value").filter(hit).take(at)
+    return values
 
 
-def one(rows: pa.Table, name: str) -> pa.Array:
+def one(rows: pa.Table, name: str) -> pa.Array[Any]:
     """A column as one array."""
-
     column = rows.column(name)
     whole = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
     return pa.concat_arrays(whole.chunks) if isinstance(whole, pa.ChunkedArray) else whole
 
 
-def text(values: pa.Array) -> pa.Array:
+def text(values: pa.Array[Any]) -> pa.Array[Any]:
     """Values as `rejected.value` shows them."""
-
     if kinds.is_floating(values.type):
         return pa.array(
             [None if value is None else number(value) for value in values.to_pylist()], pa.string()
@@ -99,7 +99,6 @@ def number(value: float | str) -> str:
     return f"{value:.6g}" if abs(value) < 1e6 else f"{value:.0f}"
 
 
-def nothing(rows: pa.Table) -> pa.Array:
+def nothing(rows: pa.Table) -> pa.Array[Any]:
     """A text column of nulls."""
-
     return pa.nulls(rows.num_rows, pa.string())

@@ -32,7 +32,6 @@ class AtLeast:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`below`, `absent` or `malformed`."""
-
         values = one(rows, self.column)
         return compared(
             rows, values, pc.less(values, self.least), "below", self.least, (self.column,)
@@ -53,8 +52,9 @@ class RatioAtLeast:
         return frozenset({self.top, self.bottom})
 
     def judge(self, rows: pa.Table) -> Judgement:
-        """`below`, `absent` or `malformed`; the value is the ratio, or "top x bottom" of what is malformed."""
-
+        """`below`, `absent` or `malformed`; the value is the ratio,
+        or "top x bottom" of what is malformed.
+        """
         top, bottom = (
             one(rows, self.top).cast(pa.float64()),
             one(rows, self.bottom).cast(pa.float64()),
@@ -89,7 +89,6 @@ class AtMost:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason`, and without `null_passes` also `absent` or `malformed`."""
-
         values = one(rows, self.column)
         limit = pa.scalar(self.most, values.type)  # a float32 score of 0.5 is no more than 0.5
         needed = () if self.null_passes else (self.column,)
@@ -111,7 +110,6 @@ class NotTrue:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason` where the column is true."""
-
         hit = pc.fill_null(one(rows, self.column), False)
         return Judgement(
             pc.if_else(hit, self.reason, None).cast(pa.string()), nothing(rows), self.threshold
@@ -131,7 +129,6 @@ class Present:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`absent` or `malformed`."""
-
         never = pa.array([False] * rows.num_rows, pa.bool_())
         return compared(rows, one(rows, self.column), never, "", None, (self.column,))
 
@@ -151,7 +148,6 @@ class NotIn:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason`, else the value itself as the reason."""
-
         values = one(rows, self.column)
         hit = pc.is_in(values, pa.array(self.values, values.type))
         shown = text(values)
@@ -163,7 +159,9 @@ class NotIn:
 
 @dataclass(frozen=True)
 class Told:
-    """The column is null; what it holds is the reason that was recorded, `value` the column of what goes with it."""
+    """The column is null; what it holds is the reason that was recorded,
+    `value` the column of what goes with it.
+    """
 
     column: str
     stage: str
@@ -175,7 +173,6 @@ class Told:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """The column's own text."""
-
         reason = text(one(rows, self.column))
         value = text(one(rows, self.value)) if self.value else nothing(rows)
         return Judgement(
@@ -198,7 +195,6 @@ class In:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason`, `absent` or `malformed`."""
-
         values = one(rows, self.column)
         other = pc.invert(pc.is_in(values, pa.array(self.values, values.type)))
         allowed = ", ".join(str(value) for value in self.values)
@@ -207,7 +203,9 @@ class In:
 
 @dataclass(frozen=True)
 class Waits:
-    """Rows whose column is one of `values` are not rejected: they are pending, or failed, with `reason`."""
+    """Rows whose column is one of `values` are not rejected: they are pending, or failed,
+    with `reason`.
+    """
 
     column: str
     values: tuple[Any, ...]
@@ -221,7 +219,6 @@ class Waits:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason`."""
-
         hit = pc.is_in(
             one(rows, self.column), pa.array(self.values, rows.schema.field(self.column).type)
         )
@@ -232,9 +229,8 @@ class Waits:
         )
 
 
-def passes(predicates: Sequence[Predicate], rows: pa.Table) -> pa.Array:
+def passes(predicates: Sequence[Predicate], rows: pa.Table) -> pa.Array[Any]:
     """Which rows pass all of them: the crawl asks this before it fetches what is dear."""
-
     good = pa.array([True] * rows.num_rows, pa.bool_())
     for predicate in predicates:
         good = pc.and_(good, pc.is_null(predicate.judge(rows).reason))

@@ -1,4 +1,5 @@
-"""What a worker does for `kb <source> filter`: parse one segment, or look for texts in one bucket, or sort it.
+"""What a worker does for `kb <source> filter`: parse one segment, or look for texts in one bucket,
+or sort it.
 
 A task is a `Job` and the name of a segment or the number of a bucket; the pipeline is loaded by its
 path. Nothing here holds more than a bucket.
@@ -8,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -67,13 +68,12 @@ def parse_segment(job: Job, kind: str, segment: str, number: int) -> dict[str, A
 
 def texts_of(job: Job, number: int) -> str:
     """Write the texts of a bucket that reach their toxicity stage to a file; its path."""
-
     spec = spec_of(job)
     path = str(Path(job.work, f"texts-{number:06d}.arrow"))
     schema = pa.schema([("text", pa.string())])
     with full_disk_is_resumable(Path(job.work)), pa.ipc.new_file(path, schema) as file:
         for chain, done in _walk(job, spec, number, lambda chain, rows: rows, dry=True)[0]:
-            for column in chain.scores if chain.scores else ():
+            for column in chain.scores or ():
                 for chunk in done.kept.column(column).chunks:
                     file.write_batch(pa.record_batch([chunk.cast(pa.string())], schema=schema))
     return path
@@ -81,7 +81,6 @@ def texts_of(job: Job, number: int) -> str:
 
 def sort_bucket(job: Job, number: int) -> dict[str, int]:
     """Sort one bucket and write its part files; counts for the summary."""
-
     spec = spec_of(job)
 
     def join(chain: Chain, rows: pa.Table) -> pa.Table:
@@ -115,8 +114,9 @@ def sort_bucket(job: Job, number: int) -> dict[str, int]:
 def _walk(
     job: Job, spec: Clean, number: int, join: Any, dry: bool = False
 ) -> tuple[list[tuple[Chain, Sorted]], dict[str, pa.Table], Counter[str]]:
-    """Assemble a bucket and run its chains; `dry` stops each that has scores before its scored stage."""
-
+    """Assemble a bucket and run its chains; `dry` stops each that has scores before its scored
+    stage.
+    """
     newest, counts = _newest(job, spec, number)
     if not newest:
         return [], {}, counts
@@ -136,7 +136,7 @@ def _walk(
         if callable(mine):
             mine = _without(mine(kept), chain, gone)
         until = chain.scored if dry and chain.scores else ""
-        found = sort_rows(mine, chain, lambda part, chain=chain: join(chain, part), until=until)
+        found = sort_rows(mine, chain, partial(join, chain), until=until)
         kept[chain.table] = found.kept
         done.append((chain, found))
     follows = {}
@@ -151,8 +151,9 @@ def _walk(
 
 
 def _newest(job: Job, spec: Clean, number: int) -> tuple[dict[str, pa.Table], Counter[str]]:
-    """The newest rows of a bucket by kind, those that any bucket may need among them, and how many older ones it had."""
-
+    """The newest rows of a bucket by kind, those that any bucket may need among them,
+    and how many older ones it had.
+    """
     counts: Counter[str] = Counter()
     newest: dict[str, pa.Table] = {}
     for kind, about in spec.kinds.items():
@@ -190,8 +191,9 @@ def removed_keys(root: str, source: str, changed: int) -> frozenset[str]:
 
 
 def _join(job: Job, spec: Clean, chain: Chain, rows: pa.Table) -> pa.Table:
-    """The rows with the largest category of each scored text, and those categories that the table has; null when nothing is scored."""
-
+    """The rows with the largest category of each scored text,
+    and those categories that the table has; null when nothing is scored.
+    """
     declared = table(chain.table).names()
     for column, largest in chain.scores.items():
         if not job.scores or spec.scorer is None:

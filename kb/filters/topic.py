@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -21,7 +22,9 @@ _EDGE = r"[^\pL\pN_]"
 
 
 def whole_words(phrases: Sequence[str]) -> str:
-    """An RE2 pattern that finds any of the phrases as whole words, whatever their case and spaces."""
+    """An RE2 pattern that finds any of the phrases as whole words,
+    whatever their case and spaces.
+    """
     inner = "|".join(r"\s+".join(_escaped(word) for word in phrase.split()) for phrase in phrases)
     return rf"(?i)(?:^|{_EDGE})(?:{inner})(?:$|{_EDGE})"
 
@@ -64,7 +67,6 @@ class Topic:
 
     def fill(self, rows: pa.Table) -> pa.Table:
         """The rows with `topic_evidence`; null for those that are off topic."""
-
         named = self._named(rows)
         ours = pc.and_(named, self._ours(rows))
         candidate = pc.and_(pc.invert(named), self._categorised(rows))
@@ -75,8 +77,9 @@ class Topic:
         return rows.append_column("topic_evidence", evidence)
 
     def judge(self, rows: pa.Table) -> Judgement:
-        """`label` (pending or failed), `other_game`, `category`, `keywords`, `absent` or `malformed`."""
-
+        """`label` (pending or failed), `other_game`, `category`, `keywords`,
+        `absent` or `malformed`.
+        """
         outcome = one(rows, "transcript_outcome")
         failed = pc.fill_null(pc.equal(outcome, "failed"), False)
         named, categorised = self._named(rows), self._categorised(rows)
@@ -119,21 +122,27 @@ class Topic:
             pc.if_else(waiting, pc.if_else(failed, "failed", "pending"), "rejected"),
         )
 
-    def _named(self, rows: pa.Table) -> pa.Array:
+    def _named(self, rows: pa.Table) -> pa.Array[Any]:
 
-        return pc.and_(pc.is_valid(one(rows, "game_label_id")), bool(self.game_ids))
+        named: pa.Array[Any] = pc.and_(pc.is_valid(one(rows, "game_label_id")), bool(self.game_ids))
+        return named
 
-    def _ours(self, rows: pa.Table) -> pa.Array:
+    def _ours(self, rows: pa.Table) -> pa.Array[Any]:
 
-        return pc.is_in(one(rows, "game_label_id"), pa.array(self.game_ids, pa.string()))
+        games = pa.array(self.game_ids, pa.string())
+        ours: pa.Array[Any] = pc.is_in(one(rows, "game_label_id"), games)
+        return ours
 
-    def _categorised(self, rows: pa.Table) -> pa.Array:
+    def _categorised(self, rows: pa.Table) -> pa.Array[Any]:
 
-        return pc.is_in(one(rows, "category_id"), pa.array(self.category_ids, pa.int64()))
+        categories = pa.array(self.category_ids, pa.int64())
+        categorised: pa.Array[Any] = pc.is_in(one(rows, "category_id"), categories)
+        return categorised
 
-    def _keyword(self, rows: pa.Table, candidate: pa.Array) -> pa.Array:
-        """Whether a keyword is in the title, else in the tags, else in the description; asked of candidates only."""
-
+    def _keyword(self, rows: pa.Table, candidate: pa.Array[Any]) -> pa.Array[Any]:
+        """Whether a keyword is in the title, else in the tags, else in the description;
+        asked of candidates only.
+        """
         pattern = whole_words(self.keywords)
         found = pa.array([False] * rows.num_rows, pa.bool_())
         for name in ("title", "tags", "description"):

@@ -1,7 +1,7 @@
 """Secrets pass no line: literal ones of this run, and whatever looks like one.
 
-Libraries put keys into URLs, URLs into messages, and messages into exceptions; so everything that is
-printed or logged goes through `text`, not only what is known to hold a key.
+Libraries put keys into URLs, URLs into messages, and messages into exceptions; so everything that
+is printed or logged goes through `text`, not only what is known to hold a key.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ _PATTERNS = [
     (re.compile(r"(?i)\b(bearer\s+)[A-Za-z0-9._~+/=-]{16,}"), r"\1" + MARK),
     # Google's API keys, wherever they stand
     (re.compile(r"AIza[0-9A-Za-z_-]{30,}"), MARK),
-    # what signed addresses carry (timed text, streams): who asked, from where, and the leave to read
+    # What signed addresses carry (timed text, streams):
+    # who asked, from where, and the leave to read.
     (
         re.compile(
             r"(?i)((?:[?&]|&amp;|\\u0026)(?:signature|l?sig|ip|ei|pot|visitor_?data)=)[^&\s\"'<>)\\]+"
@@ -67,12 +68,17 @@ def know(secrets: Iterable[str]) -> None:
 
 
 def holds_secret(line: bytes) -> bool:
-    """Whether JSON text holds a literal secret of this process that is long enough to be no chance. Quick."""
+    """Whether JSON text holds a literal secret of this process that is long enough to be no chance.
+
+    Quick.
+    """
     return any(form in line for form in _long)
 
 
 def literal(value: str) -> str:
-    """`value` without the literal secrets of `holds_secret`; nothing that merely looks like one is touched."""
+    """`value` without the literal secrets of `holds_secret`;
+    nothing that merely looks like one is touched.
+    """
     if _literal is None:
         return value
     return _literal.sub(lambda found: MARK if len(found[0]) >= _LONG else found[0], value)
@@ -88,7 +94,9 @@ def text(value: str) -> str:
 
 
 def value(anything: Any) -> Any:
-    """The same for what a log line holds: text, and text inside lists and dicts; other values as text."""
+    """The same for what a log line holds: text, and text inside lists and dicts;
+    other values as text.
+    """
     if isinstance(anything, str):
         return text(anything)
     if isinstance(anything, dict):

@@ -1,4 +1,5 @@
-"""Which errors are tried again, how often, and how long to wait in between: one policy for every service.
+"""Which errors are tried again, how often, and how long to wait in between: one policy for every
+service.
 
 Retryable    backoff with full jitter, or the service's own wish (Retry-After)
 others       leave at once: final for the item, stop the stage, or end the run
@@ -36,10 +37,11 @@ def attempt(
 ) -> Result:
     """The result of `call`, tried again while it raises Retryable, at most `tries` times in all.
 
-    After the last try: Unreachable when there was no connection, else the Retryable itself (the item failed
-    and the next run tries it again). Raises Blocked when the service asks to wait longer than `patience` seconds,
-    or turns every try away (429). `sleep` waits between the tries instead of the clock's, and may raise.
-    `service` names a service without which nothing goes on: what fails to the end is Unreachable then.
+    After the last try: Unreachable when there was no connection, else the Retryable itself (the
+    item failed and the next run tries it again). Raises Blocked when the service asks to wait
+    longer than `patience` seconds, or turns every try away (429). `sleep` waits between the tries
+    instead of the clock's, and may raise. `service` names a service without which nothing goes on:
+    what fails to the end is Unreachable then.
     """
 
     def wait(state: tenacity.RetryCallState) -> float:
@@ -81,7 +83,8 @@ def attempt(
 
 
 def blocked(what: str, after: float | None = None, *, waited: bool = False) -> Blocked:
-    """The error for a service that turns us away, with the time to come back: in `after` seconds, if it said so.
+    """The error for a service that turns us away, with the time to come back: in `after` seconds,
+    if it said so.
 
     `waited`: to wait for that did not help, or would not.
     """
@@ -98,14 +101,16 @@ def blocked(what: str, after: float | None = None, *, waited: bool = False) -> B
 
 
 def backoff(number: int, after: float | None = None) -> float:
-    """Seconds to wait after try `number` (from 1): the service's wish, or a random part of a doubling span.
+    """Seconds to wait after try `number` (from 1): the service's wish, or a random part of a
+    doubling span.
 
     Never less than half the span, so that a service in trouble is really left alone.
     """
     if after is not None:
         return max(0.0, after)
-    span = min(LONGEST_S, FIRST_S * 2 ** (number - 1))
-    return span * clock.rng("backoff", os.getpid(), clock.monotonic(), number).uniform(0.5, 1.0)
+    span: float = min(LONGEST_S, FIRST_S * 2 ** (number - 1))
+    drawn = clock.rng("backoff", os.getpid(), clock.monotonic(), number)
+    return span * drawn.uniform(0.5, 1.0)
 
 
 def retry_after(value: str | None, sent: str | None = None) -> float | None:

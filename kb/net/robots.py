@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 from protego import Protego
 
-_GROUP = re.compile(r"^(\s*user-agent\s*:\s*)([a-z_*-]+).*$", re.I | re.M)
+_GROUP = re.compile(r"^(\s*user-agent\s*:\s*)([a-z_*-]+).*$", re.IGNORECASE | re.MULTILINE)
 
 
 class Robots:
@@ -26,7 +26,9 @@ class Robots:
 
     @classmethod
     def of_answer(cls, status: int, text: str, agent: str) -> Robots:
-        """By the answer for /robots.txt: 4xx allows everything, 5xx forbids everything (RFC 9309, 2.3.1)."""
+        """By the answer for /robots.txt: 4xx allows everything,
+        5xx forbids everything (RFC 9309, 2.3.1).
+        """
         if 200 <= status < 300:
             return cls(text, agent)
         return cls("User-agent: *\nDisallow: /" if status >= 500 else "", agent)

@@ -1,8 +1,9 @@
 """The one way out: every request of ours and of the libraries that we use goes through a `Session`.
 
-A request goes, in this order: is its host one that was asked for, and may it be asked in the clear →
-the pace → the ledger's row → out → the row's outcome. Redirects are requests of their own. Nothing is
-tried again here: that is kb.net.retry's, for what `failure` and `refusal` call Retryable.
+A request goes, in this order: is its host one that was asked for, and may it be asked in the clear
+→ the pace → the ledger's row → out → the row's outcome. Redirects are requests of their own.
+Nothing is tried again here: that is kb.net.retry's, for what `failure` and `refusal` call
+Retryable.
 """
 
 from __future__ import annotations
@@ -57,8 +58,8 @@ def host_of(url: str) -> str:
 class Session(requests.Session):
     """One connection pool with the policy of this module. Not for several threads at once.
 
-    `hosts` are the only ones that are asked, as `host_of` gives them; None allows any. Credentials are
-    those of the settings alone, never of ~/.netrc; proxies of the environment are used. Raises
+    `hosts` are the only ones that are asked, as `host_of` gives them; None allows any. Credentials
+    are those of the settings alone, never of ~/.netrc; proxies of the environment are used. Raises
     SettingError for a contact that is none.
     """
 
@@ -75,7 +76,8 @@ class Session(requests.Session):
         settings.check_contact()
         super().__init__()
         self._timeout = timeout
-        # With an `auth` of our own requests looks for none in ~/.netrc, which would take our token's place.
+        # With an `auth` of our own requests looks for none in ~/.netrc, which would take our
+        # token's place.
         self.auth = _as_it_is
         self.headers["User-Agent"] = user_agent(settings.kb_contact)
         self.adapters.clear()  # nothing goes past ours
@@ -89,9 +91,9 @@ class Session(requests.Session):
 
     def rebuild_auth(self, prepared_request: Any, response: Any) -> None:
         """A redirect to another host does not get our token."""
-        if "Authorization" in prepared_request.headers and self.should_strip_auth(
-            response.request.url, prepared_request.url
-        ):
+        url, to = response.request.url, prepared_request.url
+        strip = self.should_strip_auth(url, to)  # type: ignore[no-untyped-call]  # none in its stubs
+        if "Authorization" in prepared_request.headers and strip:
             del prepared_request.headers["Authorization"]
 
 
@@ -111,7 +113,10 @@ class Door(HTTPAdapter):
         self._pace, self._ledger, self._stray = pace, ledger, stray or _stray
 
     def send(self, request: requests.PreparedRequest, *arguments: Any, **options: Any) -> Any:
-        """One request on the wire. Raises what `stray` makes, and what the pace and the ledger raise."""
+        """One request on the wire.
+
+        Raises what `stray` makes, and what the pace and the ledger raise.
+        """
         self.check(request.url or "")
         if self._pace is not None:
             self._pace.wait()
@@ -183,7 +188,9 @@ def send(session: requests.Session, method: str, url: str, **options: Any) -> re
 
 
 def failure(error: Exception, url: str) -> KbError:
-    """What follows from a request that got no whole answer: Retryable, or ItemFinal("bad_address")."""
+    """What follows from a request that got no whole answer:
+    Retryable, or ItemFinal("bad_address").
+    """
     if isinstance(error, _NO_ADDRESS):
         return ItemFinal("bad_address", type(error).__name__)
     what = f"{type(error).__name__} at {place(url)}"

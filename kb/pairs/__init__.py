@@ -11,5 +11,6 @@
     refill     a released index and one's own transcripts → pairs/*.parquet
     show       hits per keyword with examples, for a person to judge the list
 
-Work is done on whole batches with numpy and Arrow; nothing is looped over words that no match touches.
+Work is done on whole batches with numpy and Arrow; nothing is looped over words that no match
+touches.
 """

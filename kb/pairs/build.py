@@ -145,8 +145,10 @@ def _todo(run: Run, work: Path) -> tuple[list[Stretch], bool]:
 
 
 def do_stretch(work: str, path: str, first: int, after: int, name: str) -> tuple[int, int, int]:
-    """One task: make the pairs of a stretch; how many transcripts, words and pairs. Counts are written before rows."""
+    """One task: make the pairs of a stretch; how many transcripts, words and pairs.
 
+    Counts are written before rows.
+    """
     tools, counts, tables = _tools(f"{work}/plan.json"), Counts(), []
     for text in source.texts(Path(path), first, after):
         rows, more = pairs_of(text, tools)

@@ -46,7 +46,9 @@ def supported(
 def clips(
     center: np.ndarray, length: np.ndarray, video_length: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Start and end (ms) of clips around centres, moved inside the video; as long as the video at most."""
+    """Start and end (ms) of clips around centres, moved inside the video;
+    as long as the video at most.
+    """
     import numpy as np
 
     length = np.minimum(length, video_length)
@@ -57,7 +59,8 @@ def clips(
 def apart(
     start: np.ndarray, end: np.ndarray, video: np.ndarray, rank: np.ndarray, gap: int, most: int
 ) -> np.ndarray:
-    """A mask of clips: by rank within each video, each that keeps `gap` ms from all taken before it, `most` at most (0: all).
+    """A mask of clips: by rank within each video, each that keeps `gap` ms from all taken before
+    it, `most` at most (0: all).
 
     The same as taking clips one by one in the order of their rank: a clip that has the best rank of
     all undecided ones that it overlaps is taken, those are dropped, and so on.
@@ -67,10 +70,12 @@ def apart(
     size = len(start)
     place = np.empty(size, np.int64)
     place[np.lexsort((np.arange(size), rank))] = np.arange(size)  # ranks without ties
-    one, other = _overlaps(start, end, video, gap) or (None, None)
+    overlaps = _overlaps(start, end, video, gap)
     taken, open_ = np.zeros(size, bool), np.ones(size, bool)
-    if one is None:
+    if overlaps is None:
         taken, open_ = _one_by_one(start, end, video, place, gap), taken
+        overlaps = np.empty(0, np.int64), np.empty(0, np.int64)
+    one, other = overlaps
     while open_.any():
         best = open_.copy()
         best[np.where(place[one] > place[other], one, other)] = False
@@ -91,7 +96,9 @@ def apart(
 def _overlaps(
     start: np.ndarray, end: np.ndarray, video: np.ndarray, gap: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Pairs of clips of one video that are less than `gap` ms apart; None when they are too many to list."""
+    """Pairs of clips of one video that are less than `gap` ms apart;
+    None when they are too many to list.
+    """
     import numpy as np
 
     order = np.lexsort((start, video))
@@ -116,7 +123,9 @@ def _overlaps(
 def _one_by_one(
     start: np.ndarray, end: np.ndarray, video: np.ndarray, place: np.ndarray, gap: int
 ) -> np.ndarray:
-    """Clips taken in the order of their rank: for crowds at one moment, where pairs of neighbours are too many."""
+    """Clips taken in the order of their rank: for crowds at one moment,
+    where pairs of neighbours are too many.
+    """
     import numpy as np
 
     taken = np.zeros(len(start), bool)
@@ -125,7 +134,8 @@ def _one_by_one(
     for one in np.argsort(place).tolist():
         inside = kept.setdefault(of[one], [])
         at = bisect.bisect(inside, (begins[one], ends[one]))
-        # Kept clips are in order of their start; unless they may overlap, only the two beside can be too near.
+        # Kept clips are in order of their start; unless they may overlap, only the two beside can
+        # be too near.
         near = inside if gap < 0 else inside[max(at - 1, 0) : at + 1]
         if all(begins[one] >= finish + gap or begin >= ends[one] + gap for begin, finish in near):
             inside.insert(at, (begins[one], ends[one]))

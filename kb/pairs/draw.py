@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
@@ -49,10 +49,11 @@ def whole(drawn: np.ndarray, low: np.ndarray | int, high: np.ndarray | int) -> n
     import numpy as np
 
     share = (drawn >> np.uint64(11)).astype(np.float64) * 2.0**-53
-    return low + np.floor(share * (np.maximum(high, low) - low + 1)).astype(np.int64)
+    numbers: np.ndarray = low + np.floor(share * (np.maximum(high, low) - low + 1)).astype(np.int64)
+    return numbers
 
 
-def hexadecimal(drawn: np.ndarray) -> pa.Array:
+def hexadecimal(drawn: np.ndarray) -> pa.Array[Any]:
     """Bits as sixteen hexadecimal digits."""
     import numpy as np
 
@@ -60,7 +61,7 @@ def hexadecimal(drawn: np.ndarray) -> pa.Array:
     codes = drawn.astype(">u8").view(np.uint8)
     text = np.stack((digits[codes >> 4], digits[codes & 15]), axis=1).tobytes()
     offsets = np.arange(0, 16 * len(drawn) + 1, 16, dtype=np.int32)
-    return pa.StringArray.from_buffers(len(drawn), pa.py_buffer(offsets), pa.py_buffer(text))
+    return pa.StringArray.from_buffers(len(drawn), pa.py_buffer(offsets.data), pa.py_buffer(text))
 
 
 def _mix(value: np.ndarray) -> np.ndarray:
@@ -68,4 +69,5 @@ def _mix(value: np.ndarray) -> np.ndarray:
 
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return value ^ (value >> np.uint64(31))
+    mixed: np.ndarray = value ^ (value >> np.uint64(31))
+    return mixed

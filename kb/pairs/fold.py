@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 WALL = 0xFF  # between texts: no byte of UTF-8, so no phrase reaches across
 _GONE = 0x00
 
-# ASCII: letters to lower case, digits kept, all else to a space. Bytes of longer characters stay for now.
+# ASCII: letters to lower case, digits kept, all else to a space. Bytes of longer characters stay
+# for now.
 ASCII = bytes(
     byte if byte >= 0x80 else ord(chr(byte).lower()) if chr(byte).isalnum() else 0x20
     for byte in range(256)

@@ -58,7 +58,9 @@ def plural(word: str) -> str:
 
 
 def singular(word: str) -> str:
-    """ "planks" → "plank", "leaves" → "leaf"; words that only look like plurals stay ("glass", "cactus")."""
+    """ "planks" → "plank", "leaves" → "leaf"; words that only look like plurals stay ("glass",
+    "cactus").
+    """
     if word in _SINGULAR:
         return _SINGULAR[word]
     if (

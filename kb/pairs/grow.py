@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 
 class Grown(NamedTuple):
-    """Texts: first byte, byte after the last (white space may be before it), tokens with both ends, first and last word."""
+    """Texts: first byte, byte after the last (white space may be before it),
+    tokens with both ends, first and last word.
+    """
 
     start: np.ndarray
     end: np.ndarray
@@ -39,8 +41,8 @@ def grow(
     low: int,
     high: int,
 ) -> Grown:
-    """`places`: first byte of the phrase and the one after it; `words`: its first and last word; `goal`: tokens
-    drawn; `side`: tokens out of `goal` for the left, at most."""
+    """`places`: first byte of the phrase and the one after it; `words`: its first and last word;
+    `goal`: tokens drawn; `side`: tokens out of `goal` for the left, at most."""
     import numpy as np
 
     (start, end), first, after = places, words[0], words[1] + 1
@@ -98,7 +100,9 @@ def _cut(
     goal: int,
     high: int,
 ) -> tuple[int, int, int]:
-    """The rare text beside words too long to take whole: grown on, character by character, right and then left."""
+    """The rare text beside words too long to take whole: grown on, character by character,
+    right and then left.
+    """
     start, end = begins
     low, top = bounds
 

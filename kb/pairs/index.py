@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -50,7 +50,9 @@ def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
 
 @dataclass
 class Counts:
-    """What was found: totals, and under the same names the hits of each keyword, in the list's order."""
+    """What was found: totals, and under the same names the hits of each keyword,
+    in the list's order.
+    """
 
     totals: Counter[str] = field(default_factory=Counter)
     hits: dict[str, np.ndarray] = field(default_factory=dict)
@@ -74,7 +76,9 @@ class Counts:
 
 
 class Matches(NamedTuple):
-    """Matches that count, in order: keyword, video, bytes of the phrase, its first and last word."""
+    """Matches that count, in order: keyword, video,
+    bytes of the phrase, its first and last word.
+    """
 
     keyword: np.ndarray
     video: np.ndarray
@@ -89,7 +93,9 @@ class Matches(NamedTuple):
 
 
 def matches(text: Text, tools: Tools, counts: Counts) -> Matches:
-    """Keywords in the text, without excluded phrases and without everyday words that stand alone."""
+    """Keywords in the text, without excluded phrases and without everyday
+    words that stand alone.
+    """
     found = tools.matcher.find(text.raw)
     keyword = tools.keywords.owner[found.phrase]
     counts.totals["excluded"] += int((keyword == EXCLUDED).sum())
@@ -120,7 +126,8 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, Counts]:
         counts.totals["outside"] += int(over.sum())
         found = found.take(~over)
     position = text.characters(found.start, found.video)
-    keys = draw.video_keys(tools.seed, text.ids.to_pylist())
+    ids = cast("list[str]", text.ids.to_pylist())
+    keys = draw.video_keys(tools.seed, ids)
     rng = _Draws(keys[found.video] if len(keys) else keys, position)
     segment = _segment(text, found)
     grown = None
@@ -141,7 +148,7 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, Counts]:
     found, position, rng = found.take(taken), position[taken], rng.take(taken)
     grown = Grown(*(column[taken] for column in grown)) if grown else _grow(text, tools, found, rng)
     times = {
-        "segment": tuple(column[taken] for column in segment),
+        "segment": (segment[0][taken], segment[1][taken]),
         "match": _times(text, found.first, found.last),
         "text": _times(text, grown.first, grown.last),
         "clip": (clip_start[taken], clip_end[taken]),
@@ -167,7 +174,9 @@ class _Draws(NamedTuple):
 
 
 def _lengths(section: Pairs) -> tuple[int, int]:
-    """Clip lengths to draw from (ms): a step inside the limits, so that no rounding of end - start leaves them."""
+    """Clip lengths to draw from (ms): a step inside the limits,
+    so that no rounding of end - start leaves them.
+    """
     low, high = round(section.min_clip_s * 1000), round(section.max_clip_s * 1000)
     return (low + 1, high - 1) if high - low > 1 else (low, high)
 
@@ -247,17 +256,19 @@ def _table(
     )
 
 
-def _texts(text: Text, grown: Grown) -> tuple[pa.Array, np.ndarray]:
-    """Grown texts with one space between words, and where they end without the white space after."""
+def _texts(text: Text, grown: Grown) -> tuple[pa.Array[Any], np.ndarray]:
+    """Grown texts with one space between words,
+    and where they end without the white space after.
+    """
     import numpy as np
 
-    slices = pa.LargeListViewArray.from_arrays(
+    slices = pa.LargeListViewArray.from_arrays(  # type: ignore[call-overload]  # wants exact classes
         pa.array(grown.start), pa.array(grown.end - grown.start), pa.array(text.spaced)
     )
     offsets = np.concatenate(([0], np.cumsum(grown.end - grown.start))).astype(np.int64)
     data = np.asarray(slices.flatten())
     whole = pa.LargeStringArray.from_buffers(
-        len(grown.start), pa.py_buffer(offsets), pa.py_buffer(data)
+        len(grown.start), pa.py_buffer(offsets.data), pa.py_buffer(data.data)
     )
     trimmed = pc.ascii_rtrim(whole, " ")
     end = grown.start + np.asarray(pc.binary_length(trimmed))

@@ -35,7 +35,9 @@ _LONGEST = 64  # characters of a phrase, so that it always fits in a text
 
 @dataclass(frozen=True)
 class Keyword:
-    """`reach`: words around it in which it needs an unmistakable keyword; None: it needs none; NEVER: it makes no pair."""
+    """`reach`: words around it in which it needs an unmistakable keyword; None:
+    it needs none; NEVER: it makes no pair.
+    """
 
     name: str
     kind: str
@@ -45,7 +47,9 @@ class Keyword:
 
 @dataclass(frozen=True)
 class Keywords:
-    """Keywords and the folded phrases that stand for them; `of` gives a phrase's keyword or EXCLUDED."""
+    """Keywords and the folded phrases that stand for them;
+    `of` gives a phrase's keyword or EXCLUDED.
+    """
 
     every: tuple[Keyword, ...]
     phrases: tuple[str, ...]
@@ -88,13 +92,17 @@ def load(profile: Profile) -> Keywords:
 def make(
     listed: list[Keyword], exclude: tuple[str, ...] | list[str] = (), where: str = "the list"
 ) -> Keywords:
-    """Keywords with all their forms. Raises ProfileError when a name has no word or there are none."""
+    """Keywords with all their forms.
+
+    Raises ProfileError when a name has no word or there are none.
+    """
     every: dict[str, Keyword] = {}
     for keyword in listed:
         folded = phrase(keyword.name)
         if not folded or len(folded) > _LONGEST:
             raise ProfileError(
-                f"{where}: the keyword {keyword.name!r} has {'no word' if not folded else 'too many letters'}"
+                f"{where}: the keyword {keyword.name!r} has"
+                f" {'no word' if not folded else 'too many letters'}"
             )
         every.setdefault(folded, keyword)
     banned = {form for text in exclude for form in forms(phrase(text)) if form}
@@ -131,13 +139,15 @@ def read(path: Path, near_words: int) -> list[Keyword]:
         if not header:
             if tuple(cells) != COLUMNS:
                 raise ProfileError(
-                    f"{path}:{number}: the first line must read {', '.join(COLUMNS)}, separated by tabs"
+                    f"{path}:{number}: the first line must read {', '.join(COLUMNS)},"
+                    " separated by tabs"
                 )
             header = True
             continue
         if not 2 <= len(cells) <= 4 or not cells[0] or not cells[1]:
             raise ProfileError(
-                f"{path}:{number}: a line has a keyword, a kind, perhaps a rule and forms, separated by tabs"
+                f"{path}:{number}: a line has a keyword, a kind,"
+                " perhaps a rule and forms, separated by tabs"
             )
         cells += [""] * (4 - len(cells))
         more = tuple(form.strip() for form in cells[3].split(",") if form.strip())

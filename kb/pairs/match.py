@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 
 class Found(NamedTuple):
-    """Matches in order: the phrase's number, its first byte and the byte after its last, in the text."""
+    """Matches in order: the phrase's number, its first byte and the byte after its last,
+    in the text.
+    """
 
     phrase: np.ndarray
     start: np.ndarray
@@ -59,7 +61,9 @@ class Matcher:
 
 
 def leftmost_longest(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Which of the overlapping matches stay, in order: the first, of equal starts the longest, then on from its end."""
+    """Which of the overlapping matches stay, in order: the first, of equal starts the longest,
+    then on from its end.
+    """
     import numpy as np
 
     order = np.lexsort((-end, start))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import cast
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -38,7 +39,8 @@ def refill(run: Run, index: Path) -> Summary:
     rows, files = _read(index), source.parts(run.root, index=index)
     counter = make_tools(run.profile.section("pairs"), run.seed, Keywords((), (), ())).tokens
     places: dict[str, list[int]] = {}
-    for row, video in enumerate(rows["video_id"].to_pylist()):
+    videos = cast("list[str]", rows["video_id"].to_pylist())
+    for row, video in enumerate(videos):
         places.setdefault(video, []).append(row)
     texts: list[str | None] = [None] * rows.num_rows
     starts, ends, tokens = (

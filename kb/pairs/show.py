@@ -1,10 +1,12 @@
-"""`kb pairs keywords`: hits per keyword and examples in context, so that a person can judge the list."""
+"""`kb pairs keywords`: hits per keyword and examples in context,
+so that a person can judge the list.
+"""
 
 from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from kb.core import signals
 from kb.core.context import Run
@@ -17,7 +19,9 @@ _AROUND = 40  # bytes of context on each side
 
 
 class Line(NamedTuple):
-    """A keyword: matches, matches of an everyday word that stood alone, and examples `…before [phrase] after…`."""
+    """A keyword: matches, matches of an everyday word that stood alone,
+    and examples `…before [phrase] after…`.
+    """
 
     keyword: str
     kind: str
@@ -30,7 +34,8 @@ class Line(NamedTuple):
 def keyword_lines(
     run: Run, examples: int = 3, kind: str = "", rare: bool = False, videos: int = 0
 ) -> Iterator[Line]:
-    """Keywords by hits, most first. `rare`: those without a hit as well; `videos`: read that many transcripts, 0 for all.
+    """Keywords by hits, most first. `rare`: those without a hit as well; `videos`: read that many
+    transcripts, 0 for all.
 
     Raises ProfileError, MissingExtra, FatalError without transcripts.
     """
@@ -72,7 +77,9 @@ def keyword_lines(
 
 
 class _Examples:
-    """Of each keyword's matches those with the best drawn rank: the same in every run, spread over all videos."""
+    """Of each keyword's matches those with the best drawn rank: the same in every run,
+    spread over all videos.
+    """
 
     def __init__(self, number: int) -> None:
         self._number = number
@@ -84,7 +91,8 @@ class _Examples:
         found = matches(text, tools, counts)
         if not self._number or not len(found.keyword):
             return
-        keys = draw.video_keys(tools.seed, text.ids.to_pylist())[found.video]
+        ids = cast("list[str]", text.ids.to_pylist())
+        keys = draw.video_keys(tools.seed, ids)[found.video]
         rank = draw.bits(keys, text.characters(found.start, found.video), "rank")
         order = np.lexsort((rank, found.keyword))
         sorted_ = found.keyword[order]

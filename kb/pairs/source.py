@@ -6,6 +6,7 @@ import hashlib
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -46,14 +47,12 @@ def _how(root: Path, index: Path | None) -> str:
 
 def rows(path: Path) -> int:
     """Transcripts in a file."""
-
     with reading([path]):
         return int(pq.read_metadata(path).num_rows)
 
 
 def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text]:
     """Transcripts `first` up to `after` of a file, in batches, with the lengths of their videos."""
-
     lengths = _Lengths(path)
     with reading([path]), pq.ParquetFile(path, pre_buffer=False, buffer_size=1 << 20) as file:
         after = file.metadata.num_rows if after is None else after
@@ -85,7 +84,6 @@ def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text
 
 def _pieces(rows: pa.Table) -> Iterator[pa.Table]:
     """A table cut where it holds too many cues for one go (very long streams)."""
-
     cues = pc.sum(pc.list_value_length(rows.column("cues"))).as_py() or 0
     if cues > _CUES and rows.num_rows > 1:
         half = rows.num_rows // 2
@@ -96,7 +94,10 @@ def _pieces(rows: pa.Table) -> Iterator[pa.Table]:
 
 
 class _Lengths:
-    """Seconds of videos by id. The videos of a file of transcripts are mostly in the file of the same name."""
+    """Seconds of videos by id.
+
+    The videos of a file of transcripts are mostly in the file of the same name.
+    """
 
     def __init__(self, path: Path) -> None:
         folder = path.parent.with_name("videos")
@@ -104,9 +105,8 @@ class _Lengths:
         self._known: pa.Table | None = None
         self._all = False
 
-    def of(self, ids: pa.ChunkedArray) -> pa.Array:
+    def of(self, ids: pa.ChunkedArray[Any]) -> pa.Array[Any]:
         """Lengths in the order of `ids`; null where no video says one."""
-
         if self._known is None:
             self._known = _read([self._same] if self._same.exists() else [])
         where = pc.index_in(ids, self._known["video_id"])

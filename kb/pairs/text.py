@@ -7,7 +7,7 @@ it are characters; inside a batch they are bytes. Times are whole milliseconds.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -20,20 +20,26 @@ if TYPE_CHECKING:
 _WALL = b" " + bytes([WALL]) + b" "
 _SPACES = bytes(0x20 if byte in b" \t\n\v\f\r\x1c\x1d\x1e\x1f" else byte for byte in range(256))
 # Spaces beyond ASCII, as str.split() sees them
-_WIDE_SPACES = "\x85\xa0\u1680\u2000\u2001\u2002\u2003\u2004\u2005\u2006\u2007\u2008\u2009\u200a\u2028\u2029\u202f\u205f\u3000"
+_WIDE_SPACES = (
+    "\x85\xa0\u1680\u2000\u2001\u2002\u2003\u2004\u2005\u2006\u2007\u2008\u2009\u200a"
+    "\u2028\u2029\u202f\u205f\u3000"
+)
 _FAR = 1e9  # seconds; times beyond it are no times
 
 
 class Text:
     """A batch of transcripts.
 
-    `raw` begins and ends with a space. Arrays a cue: `cue_at` (first byte; a last one more for the end),
+    `raw` begins and ends with a space. Arrays a cue: `cue_at` (first byte; a last one more for the
+    end),
     `cue_start`, `cue_end` (ms), `cue_video`; arrays a video: `video_at`, `video_end` (bytes),
     `length` (ms), and Arrow columns `ids`, `kinds`.
     """
 
-    def __init__(self, transcripts: pa.Table, lengths: pa.Array | None = None) -> None:
-        """`transcripts` has the columns of youtube/transcripts; `lengths` the videos' seconds, null when unknown."""
+    def __init__(self, transcripts: pa.Table, lengths: pa.Array[Any] | None = None) -> None:
+        """`transcripts` has the columns of youtube/transcripts; `lengths` the videos' seconds,
+        null when unknown.
+        """
         import numpy as np
 
         transcripts = transcripts.combine_chunks()
@@ -41,7 +47,7 @@ class Text:
         cues = _column(transcripts, "cues")
         videos = len(cues)
         counts = np.asarray(pc.fill_null(pc.list_value_length(cues), 0)).astype(np.int64)
-        cells = cues.flatten()
+        cells = pc.list_flatten(cues)
         texts = pc.fill_null(pc.struct_field(cells, "text"), "").cast(pa.large_binary())
         start, last = _seconds(cells, "start_s"), _seconds(cells, "duration_s")
         video = np.repeat(np.arange(videos), counts)
@@ -52,8 +58,10 @@ class Text:
         self._times(start, last, lengths)
         self._places(texts, counts)
 
-    def _times(self, start: np.ndarray, last: np.ndarray, lengths: pa.Array | None) -> None:
-        """A cue of an automatic track is over when the next begins; nothing lasts longer than its video."""
+    def _times(self, start: np.ndarray, last: np.ndarray, lengths: pa.Array[Any] | None) -> None:
+        """A cue of an automatic track is over when the next begins;
+        nothing lasts longer than its video.
+        """
         import numpy as np
 
         end = start + np.maximum(last, 0)
@@ -66,7 +74,8 @@ class Text:
         np.maximum.at(spoken, video, end)
         length = spoken
         if lengths is not None:
-            given = np.asarray(lengths.cast("float64").fill_null(0).to_numpy(zero_copy_only=False))
+            seconds = pc.fill_null(lengths.cast(pa.float64()), 0)
+            given = np.asarray(seconds.to_numpy(zero_copy_only=False))
             given = np.where(np.isfinite(given) & (given > 0) & (given < _FAR), given, 0)
             length = np.where(given > 0, np.floor(given * 1000 + 1e-6).astype(np.int64), spoken)
         self.length = length
@@ -74,7 +83,7 @@ class Text:
         self.beyond = start >= limit  # cues that begin when the video is over
         self.cue_start, self.cue_end = np.minimum(start, limit), np.minimum(end, limit)
 
-    def _places(self, texts: pa.Array, counts: np.ndarray) -> None:
+    def _places(self, texts: pa.Array[Any], counts: np.ndarray) -> None:
         """Join cues by a space and transcripts by a wall, and note where each begins."""
         import numpy as np
 
@@ -91,11 +100,11 @@ class Text:
         self.cue_at = self.video_at[self.cue_video] + within - np.repeat(base, counts)
         self.cue_size = sizes
         together = pc.binary_join(
-            pa.LargeListArray.from_arrays(pa.array(starts), texts),
+            _lists(starts, texts),
             pa.scalar(b" ", pa.large_binary()),
         )
         whole = pc.binary_join(
-            pa.LargeListArray.from_arrays([0, videos], together),
+            _lists([0, videos], together),
             pa.scalar(_WALL, pa.large_binary()),
         )
         self.raw: bytes = b" " + (whole[0].as_py() if videos else b"") + b" "
@@ -107,13 +116,15 @@ class Text:
         """The cue that holds each byte."""
         import numpy as np
 
-        return np.searchsorted(self.cue_at, places, "right") - 1
+        cues: np.ndarray = np.searchsorted(self.cue_at, places, "right") - 1
+        return cues
 
     def video_of(self, places: np.ndarray) -> np.ndarray:
         """The video that holds each byte."""
         import numpy as np
 
-        return np.searchsorted(self.video_at, places, "right") - 1
+        videos: np.ndarray = np.searchsorted(self.video_at, places, "right") - 1
+        return videos
 
     @cached_property
     def spaced(self) -> np.ndarray:
@@ -150,13 +161,12 @@ class Text:
         import numpy as np
 
         begin = self.video_at[videos]
+        bytes_: np.ndarray = places - begin
         if not len(self._inner):
-            return places - begin
-        return (
-            places
-            - begin
-            - (np.searchsorted(self._inner, places) - np.searchsorted(self._inner, begin))
-        )
+            return bytes_
+        inner = np.searchsorted(self._inner, places) - np.searchsorted(self._inner, begin)
+        characters: np.ndarray = bytes_ - inner
+        return characters
 
     @cached_property
     def words(self) -> np.ndarray:
@@ -170,23 +180,28 @@ class Text:
         """The word that holds each byte."""
         import numpy as np
 
-        return np.searchsorted(self.words, places, "right") - 1
+        words: np.ndarray = np.searchsorted(self.words, places, "right") - 1
+        return words
 
     def time_of(self, words: np.ndarray, *, after: bool = False) -> np.ndarray:
-        """When words begin (or end, with `after`), in ms: a cue's time is shared out evenly among its words."""
+        """When words begin (or end, with `after`), in ms:
+        a cue's time is shared out evenly among its words.
+        """
         import numpy as np
 
         first_words, counts = self._cue_words
         cue = np.searchsorted(first_words, words, "right") - 1
         first, count = first_words[cue], counts[cue]
         span = self.cue_end[cue] - self.cue_start[cue]
-        return self.cue_start[cue] + span * np.minimum(words - first + after, count) // np.maximum(
-            count, 1
-        )
+        spoken = np.minimum(words - first + after, count)
+        times: np.ndarray = self.cue_start[cue] + span * spoken // np.maximum(count, 1)
+        return times
 
     @cached_property
     def _cue_words(self) -> tuple[np.ndarray, np.ndarray]:
-        """First word and number of words of each cue; of empty ones before a cue with words, too."""
+        """First word and number of words of each cue; of empty ones before a cue with words,
+        too.
+        """
         import numpy as np
 
         first = np.searchsorted(self.words, self.cue_at)
@@ -196,13 +211,15 @@ class Text:
         """The first word of each video."""
         import numpy as np
 
-        return np.searchsorted(self.words, self.video_at[videos])
+        first: np.ndarray = np.searchsorted(self.words, self.video_at[videos])
+        return first
 
     def last_word(self, videos: np.ndarray) -> np.ndarray:
         """One past the last word of each video."""
         import numpy as np
 
-        return np.searchsorted(self.words, self.video_end[videos])
+        last: np.ndarray = np.searchsorted(self.words, self.video_end[videos])
+        return last
 
     @property
     def word_count(self) -> int:
@@ -210,13 +227,19 @@ class Text:
         return max(0, len(self.words) - max(len(self) - 1, 0))
 
 
-def _column(rows: pa.Table, name: str) -> pa.Array:
+def _lists(offsets: Any, values: Any) -> pa.Array[Any]:
+    return pa.LargeListArray.from_arrays(pa.array(offsets, pa.int64()), values)
+
+
+def _column(rows: pa.Table, name: str) -> pa.Array[Any]:
 
     column = rows.column(name)
-    return column.chunk(0) if column.num_chunks else pa.array([], column.type)
+    if not column.num_chunks:
+        return cast("pa.Array[Any]", pa.array([], column.type))
+    return cast("pa.Array[Any]", column.chunk(0))  # the stubs say ChunkedArray
 
 
-def _seconds(cells: pa.Array, name: str) -> np.ndarray:
+def _seconds(cells: pa.Array[Any], name: str) -> np.ndarray:
     """A field of cues in ms; what is no time (null, NaN, infinite) counts as 0."""
     import numpy as np
 
@@ -224,4 +247,5 @@ def _seconds(cells: pa.Array, name: str) -> np.ndarray:
         pc.struct_field(cells, name).cast("float64").fill_null(0).to_numpy(zero_copy_only=False)
     )
     values = np.where(np.isfinite(values) & (np.abs(values) < _FAR), values, 0)
-    return np.rint(np.maximum(values, 0) * 1000).astype(np.int64)
+    ms: np.ndarray = np.rint(np.maximum(values, 0) * 1000).astype(np.int64)
+    return ms

@@ -1,4 +1,5 @@
-"""CLIP tokens of words. A text's tokens are those of its words, as CLIP's pattern never crosses white space.
+"""CLIP tokens of words. A text's tokens are those of its words, as CLIP's pattern never crosses
+white space.
 
 Source: Radford et al., "Learning Transferable Visual Models From Natural Language Supervision"
 (2021); the vocabulary ships with instant-clip-tokenizer.
@@ -6,7 +7,7 @@ Source: Radford et al., "Learning Transferable Visual Models From Natural Langua
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import pyarrow as pa
 
@@ -43,10 +44,13 @@ class Tokens:
             (pa.binary(), np.int32) if len(codes) < 2**31 else (pa.large_binary(), np.int64)
         )
         every = pa.Array.from_buffers(
-            kind, len(words), [None, pa.py_buffer(offsets.astype(width)), pa.py_buffer(codes)]
+            kind,
+            len(words),
+            [None, pa.py_buffer(offsets.astype(width).data), pa.py_buffer(codes.data)],
         )
         chosen = every.filter(pa.array(wanted)).dictionary_encode()
-        different = np.asarray(self._counts(chosen.dictionary.to_pylist()), np.int32)
+        distinct = cast("list[bytes]", chosen.dictionary.to_pylist())
+        different = np.asarray(self._counts(distinct), np.int32)
         counts = np.zeros(len(words), np.int32)
         if len(different):
             counts[wanted] = different[np.asarray(chosen.indices)]
@@ -54,10 +58,12 @@ class Tokens:
 
     def _counts(self, words: list[bytes]) -> list[int]:
         """Tokens of different words."""
-        counts = list(map(self._known.get, words))
-        for place, count in enumerate(counts):
+        counts: list[int] = []
+        for word in words:
+            count = self._known.get(word)
             if count is None:
-                counts[place] = count = self.count(words[place].decode("utf-8", "replace"))
+                count = self.count(word.decode("utf-8", "replace"))
                 if len(self._known) < _MOST_KNOWN:
-                    self._known[words[place]] = count
-        return counts  # type: ignore[return-value]
+                    self._known[word] = count
+            counts.append(count)
+        return counts

@@ -9,7 +9,7 @@ from itertools import islice
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.types as types
+from pyarrow import types
 
 from kb.core import terminal
 from kb.query.statements import distinct
@@ -41,7 +41,7 @@ def as_box(answer: pa.RecordBatchReader, width: int) -> Iterator[str]:
         yield more(total)
 
 
-def _column(values: list[Any], kind: pa.DataType) -> pa.Array:
+def _column(values: list[Any], kind: pa.DataType) -> pa.Array[Any]:
     """Numbers and truth values as they are, so that they stand on the right; all else as text."""
     if types.is_float32(kind):
         return pa.array(values, pa.float64())

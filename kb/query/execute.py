@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import pyarrow as pa
@@ -31,7 +32,7 @@ def select(
         statements.check(con, sql)
         relation = con.sql(sql)
         cast = statements.casts(relation, text=text)
-        answer = relation.query("answer", cast) if cast else relation
+        answer: Any = relation.query("answer", cast) if cast else relation
         reader = answer.to_arrow_reader(_BATCH)
     except (duckdb.CatalogException, duckdb.BinderException) as error:
         if said := nearest.unknown(con, sql, error, root):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import duckdb
 import duckdb.sqltypes
@@ -112,7 +113,7 @@ def _has(kind: duckdb.sqltypes.DuckDBPyType, wanted: set[str]) -> bool:
     if kind.id in wanted:
         return True
     return kind.id in ("list", "array", "struct", "map") and any(
-        _has(child, wanted) for name, child in kind.children if name != "size"
+        _has(child, wanted) for name, child in _children(kind).items() if name != "size"
     )
 
 
@@ -122,13 +123,18 @@ def _held(kind: duckdb.sqltypes.DuckDBPyType, wanted: set[str]) -> str:
         return "VARCHAR"
     if not _has(kind, wanted):
         return str(kind)
-    children = dict(kind.children)
+    children = _children(kind)
     if kind.id in ("list", "array"):
         return f"{_held(children['child'], wanted)}[{children.get('size', '')}]"
     if kind.id == "map":
         return f"MAP({_held(children['key'], wanted)}, {_held(children['value'], wanted)})"
     fields = [f"{_quoted(name)} {_held(child, wanted)}" for name, child in children.items()]
     return f"STRUCT({', '.join(fields)})"
+
+
+def _children(kind: duckdb.sqltypes.DuckDBPyType) -> dict[str, Any]:
+    """Types by name; an array's "size" is a number."""
+    return dict(kind.children)
 
 
 def _quoted(name: str) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 
 import orjson
 import pyarrow as pa
-import pyarrow.types as types
+from pyarrow import types
 from rich.cells import cell_len, set_cell_size
 
 from kb.core import terminal
@@ -93,7 +93,7 @@ def rows(answer: pa.RecordBatchReader) -> Iterator[list[Any]]:
         )
 
 
-def values(name: str, column: pa.Array) -> list[Any]:
+def values(name: str, column: pa.Array[Any]) -> list[Any]:
     """Python's values; times that Python lacks (year 20000, infinity) make their column text."""
     kind = column.type
     if types.is_float32(kind):  # 0.12, not the digits that a longer float has of it

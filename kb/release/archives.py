@@ -1,4 +1,5 @@
-"""The wiki's archives: every file that a path column names is there, whole, by the index beside the tars.
+"""The wiki's archives: every file that a path column names is there, whole, by the index beside the
+tars.
 
 Tables and index are joined in DuckDB, so memory does not grow with the number of pictures.
 """
@@ -21,7 +22,6 @@ _PATHS = (("pages", "screenshot_path"), ("images", "path"))
 
 def check(folder: Folder) -> list[Problem]:
     """Every problem of the archives; nothing for a source that has none."""
-
     if folder.source != "wiki":
         return []
     tars = {path.name: path.stat().st_size for path in folder.others if path.suffix == ".tar"}
@@ -39,11 +39,13 @@ def check(folder: Folder) -> list[Problem]:
             con.executemany("INSERT INTO tars VALUES (?, ?)", list(tars.items()))
         try:
             con.execute(
-                f"CREATE TABLE held AS SELECT tar, member, \"offset\", size FROM read_json(?, format = 'newline_delimited', columns = {_COLUMNS})",
+                'CREATE TABLE held AS SELECT tar, member, "offset", size'
+                f" FROM read_json(?, format = 'newline_delimited', columns = {_COLUMNS})",
                 [str(index)],
             )
             cut = con.execute(
-                'SELECT tar, count(*) FROM held LEFT JOIN tars USING (tar) WHERE coalesce(bytes, 0) < "offset" + size GROUP BY 1 ORDER BY 1'
+                "SELECT tar, count(*) FROM held LEFT JOIN tars USING (tar)"
+                ' WHERE coalesce(bytes, 0) < "offset" + size GROUP BY 1 ORDER BY 1'
             ).fetchall()
         except duckdb.Error as error:
             return [*found, damaged(f"wiki/{INDEX}", error, _AGAIN)]
@@ -56,7 +58,10 @@ def check(folder: Folder) -> list[Problem]:
             found.append(Problem("damaged", f"wiki/{tar}", f"{what}; {_AGAIN}"))
         for part in folder.parts:
             for column in (column for short, column in _PATHS if short == part.table.short):
-                missing = f"SELECT count(*) FROM read_parquet(?) WHERE {column} NOT IN (SELECT tar || '/' || member FROM held)"
+                missing = (
+                    f"SELECT count(*) FROM read_parquet(?) WHERE {column} NOT IN (SELECT tar"
+                    " || '/' || member FROM held)"
+                )
                 rows = con.execute(missing, [[str(shard) for shard in part.shards]]).fetchall()[0][
                     0
                 ]
@@ -65,7 +70,8 @@ def check(folder: Folder) -> list[Problem]:
                         Problem(
                             "damaged",
                             f"wiki/{part.table.short}",
-                            f"{rows:,} rows name a file in {column} that no archive holds; {_AGAIN}",
+                            f"{rows:,} rows name a file in {column} that no archive"
+                            f" holds; {_AGAIN}",
                         )
                     )
     return found

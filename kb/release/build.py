@@ -79,7 +79,7 @@ def refuse(problems: Sequence[Problem]) -> None:
     count = f"{len(lines)} {'reason' if len(lines) == 1 else 'reasons'}"
     error = ReleaseRefused(f"the release is refused for {count}", hint="nothing was published")
     error.problems = lines  # type: ignore[attr-defined]
-    error.summary = Summary(command="release", problems=lines)  # type: ignore[attr-defined]
+    error.summary = Summary(command="release", problems=lines)
     raise error
 
 
@@ -126,7 +126,6 @@ def _describe(run: Run, folder: Folder, task: Task) -> Facts:
 
 def _tombstones(run: Run, folder: Folder) -> None:
     """Keys removed since collection began: videos' for the pairs as well, which name them."""
-
     declared = table("shared/tombstones")
     rows = tombstones.read(run.root, "youtube" if folder.source == "pairs" else folder.source)
     rows = pa.table({name: rows[name] for name in declared.names(released=True)})

@@ -153,7 +153,6 @@ def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
 
 def _clean(root: Path, declared: Table) -> list[Problem]:
     """Clean files that can't be read: nothing can be compared with them."""
-
     found = []
     for path in clean_files(root, declared):
         try:
@@ -205,7 +204,10 @@ def _licence(run: Run, folder: Folder) -> list[Problem]:
     named, unnamed = page_licences(folder)
     foreign = [name for name in named if name not in KNOWN]
     if foreign:
-        what = f"the pages name {', '.join(foreign[:3])}, which is no licence that a release can carry (known: {', '.join(sorted(KNOWN))})"
+        what = (
+            f"the pages name {', '.join(foreign[:3])}, which is no licence that a release can"
+            f" carry (known: {', '.join(sorted(KNOWN))})"
+        )
         return [Problem("licence", where, f"{what}; remove release/wiki to release the rest")]
     found = []
     if named and unnamed:
@@ -234,7 +236,9 @@ def _licence(run: Run, folder: Folder) -> list[Problem]:
 
 
 def _scores(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
-    """Every text that the source has must have been scored, in clean/ and as released; `toxicity_<text>` belongs to `<text>`."""
+    """Every text that the source has must have been scored,
+    in clean/ and as released; `toxicity_<text>` belongs to `<text>`.
+    """
     shards = {part.table.name: part.shards for part in whole}
     found = []
     for declared in released_tables(folder.source):
@@ -260,7 +264,8 @@ def _scores(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
                 Problem(
                     "toxicity",
                     where,
-                    f"{rows:,} released rows have no toxicity score of {text}; run the export again",
+                    f"{rows:,} released rows have no toxicity score of {text};"
+                    " run the export again",
                 )
                 for text, rows in released.items()
                 if rows > clean.get(text, 0)
@@ -270,7 +275,6 @@ def _scores(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
 
 def _unscored(files: Sequence[Path], declared: Table, names: set[str]) -> dict[str, int] | Problem:
     """Text → rows with that text and without its score."""
-
     scores = [
         name
         for name in sorted(names)

@@ -28,7 +28,10 @@ def write(folder: Folder) -> Path:
 
 
 def read(folder: Path) -> dict[str, str]:
-    """File name → digest as SHA256SUMS says; empty when there is none. Raises ValueError when it is damaged."""
+    """File name → digest as SHA256SUMS says; empty when there is none.
+
+    Raises ValueError when it is damaged.
+    """
     path = folder / SUMS
     if not path.is_file():
         return {}
@@ -39,7 +42,8 @@ def read(folder: Path) -> dict[str, str]:
 
 
 def check(folder: Folder, files: Sequence[Path], *, all_listed: bool = False) -> list[Problem]:
-    """A line for each file that differs from SHA256SUMS or is gone; `all_listed`: also for files it does not know.
+    """A line for each file that differs from SHA256SUMS or is gone; `all_listed`: also for files it
+    does not know.
 
     Without `all_listed` what `kb release` makes may be gone: it is made again.
     """

@@ -1,8 +1,11 @@
-"""What a released Parquet file may hold: declared columns of declared types, and values as `schemas/` says."""
+"""What a released Parquet file may hold: declared columns of declared types,
+and values as `schemas/` says.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -16,8 +19,9 @@ _REDDIT_LONGEST = 16  # ids, types and full names; anything longer is content
 
 
 def check(path: Path, declared: Table, source: str) -> list[Problem]:
-    """Every problem of one file: to be readable, described, without nulls where there are none, and no content."""
-
+    """Every problem of one file: to be readable, described, without nulls where there are none,
+    and no content.
+    """
     where = f"{source}/{path.name}"
     try:
         schema = pq.read_schema(path)
@@ -59,8 +63,9 @@ def _columns(declared: Table, schema: pa.Schema, where: str) -> list[Problem]:
 
 
 def _values(path: Path, declared: Table, where: str, *, ids_only: bool) -> list[Problem]:
-    """The first odd value of each column, read a batch at a time; what it says is not shown, as it may be content."""
-
+    """The first odd value of each column, read a batch at a time; what it says is not shown,
+    as it may be content.
+    """
     found = []
     file = pq.ParquetFile(path)
     for column in declared.columns:
@@ -73,19 +78,21 @@ def _values(path: Path, declared: Table, where: str, *, ids_only: bool) -> list[
     return found
 
 
-def _odd(values: pa.Array, column: Column, where: str, *, ids_only: bool) -> Problem | None:
+def _odd(values: pa.Array[Any], column: Column, where: str, *, ids_only: bool) -> Problem | None:
 
     if values.null_count and not column.nullable:
         return Problem(
             "null",
             where,
-            f"column {column.name} has rows without a value, schemas/ says there are none; export it again",
+            f"column {column.name} has rows without a value,"
+            " schemas/ says there are none; export it again",
         )
     if column.type != "string":
         return None
     values = values.drop_null()
     if ids_only:
-        # No text of a released Reddit table may be longer than an id or hold an address, whatever its column says.
+        # No text of a released Reddit table may be longer than an id or hold an address, whatever
+        # its column says.
         odd = pc.or_(
             pc.greater(pc.utf8_length(values), _REDDIT_LONGEST),
             pc.match_substring_regex(values, r"[\s/@]"),

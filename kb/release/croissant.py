@@ -1,7 +1,8 @@
 """croissant.json: Croissant 1.1 with its responsible-AI part, derived from `schemas/` and the data.
 
-Source: https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html and croissant-rai-spec.html.
-Made without mlcroissant, which the tests use to validate it and to load every record.
+Source: https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html and
+croissant-rai-spec.html. Made without mlcroissant, which the tests use to validate it and to load
+every record.
 """
 
 from __future__ import annotations
@@ -117,7 +118,10 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
         "rai:dataUseCases": list(said.uses),
         "rai:personalSensitiveInformation": [
             said.people,
-            f"Measured in the released texts: {emails:,} rows with an e-mail address, {phones:,} with a phone number.",
+            (
+                f"Measured in the released texts: {emails:,} rows with an e-mail address,"
+                f" {phones:,} with a phone number."
+            ),
         ],
         "rai:dataReleaseMaintenancePlan": said.upkeep,
         "rai:dataSocialImpact": f"Lets research on {run.profile.title} be repeated on stated data. "

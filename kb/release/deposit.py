@@ -2,8 +2,8 @@
 
 Source: https://developers.zenodo.org. Only what a release needs: create, list, upload with md5,
 metadata, publish, new version. Every answer that is no success becomes one of kb.core.errors:
-401 the token (403 as well where no deposit is named), 400 what the service says field by field, 429 a wait
-or exit 3 with the time, 5xx and broken connections a few more tries and then exit 3.
+401 the token (403 as well where no deposit is named), 400 what the service says field by field, 429
+a wait or exit 3 with the time, 5xx and broken connections a few more tries and then exit 3.
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ class Gone(FatalError):
 
 
 class Forbidden(CredentialRefused):
-    """The token may not do this to this deposit: it is another account's, or is closed, or a scope is missing."""
+    """The token may not do this to this deposit: it is another account's, or is closed,
+    or a scope is missing.
+    """
 
 
 class Damaged(Retryable):
@@ -61,15 +63,22 @@ class Zenodo:
 
     def create(self, metadata: dict[str, Any]) -> dict[str, Any]:
         """A new draft. Not sent twice: a draft whose answer was lost is found by `drafts`."""
-        return self._json("POST", self._base, json={"metadata": metadata}, once=True)
+        made: dict[str, Any] = self._json(
+            "POST", self._base, json={"metadata": metadata}, once=True
+        )
+        return made
 
     def drafts(self) -> list[dict[str, Any]]:
         """The newest unpublished deposits of the account."""
-        return self._json("GET", self._base, params={"status": "draft", "size": PAGE})
+        found: list[dict[str, Any]] = self._json(
+            "GET", self._base, params={"status": "draft", "size": PAGE}
+        )
+        return found
 
     def get(self, number: int) -> dict[str, Any]:
         """A deposit. Raises Gone."""
-        return self._json("GET", f"{self._base}/{number}")
+        found: dict[str, Any] = self._json("GET", f"{self._base}/{number}")
+        return found
 
     def files(self, number: int) -> dict[str, dict[str, Any]]:
         """Name → {"id", "checksum" (md5, hexadecimal), "filesize"} of what was uploaded."""
@@ -84,8 +93,8 @@ class Zenodo:
     def upload(self, bucket: str, path: Path, md5: str, sent: Callable[[int], None]) -> None:
         """Put a file into a draft's bucket, again when the service received other bytes.
 
-        `sent` is told the bytes of the file when it is there. Raises FatalError when it never arrives whole,
-        and Interrupted in the midst of it: the next run sends the file again.
+        `sent` is told the bytes of the file when it is there. Raises FatalError when it never
+        arrives whole, and Interrupted in the midst of it: the next run sends the file again.
         """
         size = path.stat().st_size
 
@@ -112,12 +121,17 @@ class Zenodo:
         sent(size)
 
     def describe(self, number: int, metadata: dict[str, Any]) -> dict[str, Any]:
-        """Set the metadata. Raises FatalError when the service refuses it or takes another licence."""
-        answer = self._json("PUT", f"{self._base}/{number}", json={"metadata": metadata})
+        """Set the metadata. Raises FatalError when the service refuses it or
+        takes another licence.
+        """
+        answer: dict[str, Any] = self._json(
+            "PUT", f"{self._base}/{number}", json={"metadata": metadata}
+        )
         taken = answer.get("metadata", {}).get("license")
         if str(taken).lower() != metadata["license"]:
             raise FatalError(
-                f"the deposit service took the licence {taken!r} instead of {metadata['license']!r}",
+                f"the deposit service took the licence {taken!r} instead of"
+                f" {metadata['license']!r}",
                 hint="look at the draft; it was not published",
             )
         return answer
@@ -125,7 +139,9 @@ class Zenodo:
     def publish(self, number: int) -> dict[str, Any]:
         """Publish a draft: can't be undone. When the answer is lost, the deposit itself tells."""
         try:
-            return self._json("POST", f"{self._base}/{number}/actions/publish", once=True)
+            url = f"{self._base}/{number}/actions/publish"
+            published: dict[str, Any] = self._json("POST", url, once=True)
+            return published
         except (Unreachable, FatalError):
             now = self.get(number)
             if now.get("submitted"):
@@ -143,7 +159,8 @@ class Zenodo:
             answer = self.get(number)
             if not answer["links"].get("latest_draft", "").startswith(self._base):
                 raise
-        return self._json("GET", answer["links"]["latest_draft"])
+        draft: dict[str, Any] = self._json("GET", answer["links"]["latest_draft"])
+        return draft
 
     # -- requests ----------------------------------------------------------------------------------
 
@@ -151,7 +168,9 @@ class Zenodo:
         return self._attempt(lambda: self._request(method, url, **what), once=once)
 
     def _attempt(self, call: Callable[[], Any], *, once: bool = False) -> Any:
-        """`once`: what must not be done twice is tried again only when the service refused to begin."""
+        """`once`: what must not be done twice is tried again only when the service refused to
+        begin.
+        """
 
         def guarded() -> Any:
             try:
@@ -215,7 +234,9 @@ class Zenodo:
             raise Retryable("an answer that is no JSON", unreachable=True) from None
 
     def _limited(self, headers: Any) -> Exception:
-        """A short wait is waited out, a long one ends the run with the time to come back (or --wait)."""
+        """A short wait is waited out, a long one ends the run with the time to come back (or
+        --wait).
+        """
         now = datetime.now(UTC)  # the service's own clock: KB_NOW does not move it
         seconds = retry_after(headers.get("Retry-After"), headers.get("Date"))
         if seconds is None:

@@ -41,7 +41,8 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Folder:
-    """`release/<source>/`. `others` are data files that are no shards: the wiki's tar files and their index.
+    """`release/<source>/`. `others` are data files that are no shards: the wiki's tar files and
+    their index.
 
     `strays` is what no export and no release writes, and every link.
     """
@@ -62,7 +63,9 @@ class Folder:
         return [path for path in _files(self.path) if path.name != SUMS and not path.is_symlink()]
 
     def described(self) -> list[tuple[Table, Path]]:
-        """Samples and tombstones with the tables that they are of: Parquet files beside the shards."""
+        """Samples and tombstones with the tables that they are of:
+        Parquet files beside the shards.
+        """
         named = {_sample(declared): declared for declared in released_tables(self.source)} | {
             TOMBSTONES: table("shared/tombstones")
         }
@@ -100,13 +103,13 @@ def read(path: Path, source: str) -> Folder:
             )
         )
     )
-    shards = {shard for part in parts for shard in part.shards}
+    tables = {shard for part in parts for shard in part.shards}
     others = tuple(
         file
         for file in own
         if source == "wiki" and (file.name == INDEX or _ARCHIVE.fullmatch(file.name))
     )
-    known = {*shards, *others, *(file for file in own if is_made(file.name, source))}
+    known = {*tables, *others, *(file for file in own if is_made(file.name, source))}
     return Folder(source, path, parts, others, tuple(file for file in files if file not in known))
 
 

@@ -1,4 +1,6 @@
-"""What a release lacks of what it is about, measured on its own rows: sentences for card and datasheet."""
+"""What a release lacks of what it is about, measured on its own rows:
+sentences for card and datasheet.
+"""
 
 from __future__ import annotations
 
@@ -35,10 +37,11 @@ def _threads(con: DuckDBPyConnection, folder: Folder) -> str:
         return ""
     walked = (con.execute(_WALK.format(c=scan)).fetchone() or (None,))[0]
     return (
-        f"Threads have gaps: {cut:,} of {total:,} comments answer one that was left out, because it was "
-        "deleted, removed, dropped by a filter or not to be had (`parent_in_release` is false). `depth` is "
-        f"the true one: the deepest comment is at {_at(deepest)}, the deepest that can be reached from its "
-        f"post along `parent_id` at {_at(walked)}."
+        f"Threads have gaps: {cut:,} of {total:,} comments answer one that was left out,"
+        " because it was deleted, removed, dropped by a filter or not to be had"
+        " (`parent_in_release` is false). `depth` is the true one: the deepest comment is at"
+        f" {_at(deepest)}, the deepest that can be reached from its post along `parent_id`"
+        f" at {_at(walked)}."
     )
 
 
@@ -52,8 +55,8 @@ def _unread(con: DuckDBPyConnection, folder: Folder) -> str:
     if not posts:
         return ""
     return (
-        f"{unread:,} comments of {posts:,} posts are known to exist and were not read, because the source "
-        "did not answer or was not asked for them (`comments_unread`)."
+        f"{unread:,} comments of {posts:,} posts are known to exist and were not read,"
+        " because the source did not answer or was not asked for them (`comments_unread`)."
     )
 
 

@@ -30,7 +30,9 @@ _LOW, _HIGH = "min({} AT TIME ZONE 'UTC')", "max({} AT TIME ZONE 'UTC')"
 
 @dataclass(frozen=True, slots=True)
 class ColumnFacts:
-    """One column: `low`, `middle` (median) and `high` of numbers and times, `top` values of categories."""
+    """One column: `low`, `middle` (median) and `high` of numbers and times,
+    `top` values of categories.
+    """
 
     column: Column
     nulls: int
@@ -67,7 +69,8 @@ class TableFacts:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """All of a folder. `rejected` is (stage, reason) → rows; `spans` are dates of the material itself.
+    """All of a folder. `rejected` is (stage, reason) → rows; `spans` are dates of the material
+    itself.
 
     `gaps` are sentences on what these very rows lack.
     """
@@ -106,7 +109,6 @@ class Facts:
 
 def measure(run: Run, folder: Folder) -> Facts:
     """Read the folder, and what clean/ says about how it came to be."""
-
     con = database.connect(run.root)
     tables = tuple(_table(con, part) for part in folder.parts)
     read = _span(con, folder, ("fetched_at",)) or _clean_span(
@@ -143,7 +145,9 @@ def folder_licence(run: Run, folder: Folder) -> str:
 
 
 def page_licences(folder: Folder) -> tuple[list[str], int]:
-    """Licences that the wiki's pages name, and how many rows name none; nothing for other sources."""
+    """Licences that the wiki's pages name,
+    and how many rows name none; nothing for other sources.
+    """
     named: dict[str | None, int] = {}
     with database.connect() as con:
         for part in folder.parts if folder.source == "wiki" else ():
@@ -159,9 +163,11 @@ def page_licences(folder: Folder) -> tuple[list[str], int]:
 
 
 def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
-    """(model, revision, precision) of the scores that the source's last filter decided by; () when it had none.
+    """(model, revision, precision) of the scores that the source's last filter decided by; () when
+    it had none.
 
-    Of a text's precisions the exact one decides. A clean folder that doesn't say its model: every model's scores.
+    Of a text's precisions the exact one decides. A clean folder that doesn't say its model: every
+    model's scores.
     """
     # Pairs and wiki pictures carry no scores of their own; a pair's videos were scored as YouTube.
     source = "youtube" if source == "pairs" else source
@@ -210,7 +216,8 @@ def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tu
             if part.table.short == short and "license" in part.table.names(released=True):
                 rows = con.execute(
                     (
-                        "SELECT license, count(*) AS n FROM read_parquet(?) WHERE license IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1"
+                        "SELECT license, count(*) AS n FROM read_parquet(?)"
+                        " WHERE license IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1"
                     ),
                     [[str(shard) for shard in part.shards]],
                 ).fetchall()
@@ -235,14 +242,16 @@ def _column(con: DuckDBPyConnection, names: list[str], column: Column) -> Column
     if column.type.startswith(("int", "float")) and not column.name.endswith("_id"):
         row = con.execute(
             (
-                f"SELECT count(*) - count({name}), min({name}), quantile_disc({name}, 0.5), max({name}) FROM read_parquet(?)"
+                f"SELECT count(*) - count({name}), min({name}), quantile_disc({name},"
+                f" 0.5), max({name}) FROM read_parquet(?)"
             ),
             [names],
         ).fetchone()
         return ColumnFacts(column, *(row or (0,)))
     if column.type.startswith(("timestamp", "date")):
         row = con.execute(
-            f"SELECT count(*) - count({name}), {_LOW.format(name)}, {_HIGH.format(name)} FROM read_parquet(?)",
+            f"SELECT count(*) - count({name}), {_LOW.format(name)}, {_HIGH.format(name)}"
+            " FROM read_parquet(?)",
             [names],
         ).fetchone() or (
             0,
@@ -258,7 +267,8 @@ def _column(con: DuckDBPyConnection, names: list[str], column: Column) -> Column
         return ColumnFacts(column, nulls)
     top = con.execute(
         (
-            f"SELECT {name}::VARCHAR, count(*) AS n FROM read_parquet(?) WHERE {name} IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {_TOPS}"
+            f"SELECT {name}::VARCHAR, count(*) AS n FROM read_parquet(?)"
+            f" WHERE {name} IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {_TOPS}"
         ),
         [names],
     )
@@ -310,7 +320,8 @@ def _rejected(con: DuckDBPyConnection, root: Path, source: str) -> tuple[tuple[s
     if not files:
         return ()
     rows = con.execute(
-        "SELECT stage, reason, count(*) AS n FROM read_parquet(?) GROUP BY ALL ORDER BY stage, n DESC, reason",
+        "SELECT stage, reason, count(*) AS n FROM read_parquet(?) GROUP BY ALL"
+        " ORDER BY stage, n DESC, reason",
         [[str(file) for file in files]],
     )
     return tuple(rows.fetchall())

@@ -117,7 +117,8 @@ def _description(run: Run, facts: Facts) -> str:
     said = about(facts.source, run.profile.title)
     tables = "".join(
         (
-            f"<li><b>{html.escape(table.table.short)}</b>: {html.escape(table.table.doc)} {table.rows:,} rows, {size(table.size)}.</li>"
+            f"<li><b>{html.escape(table.table.short)}</b>:"
+            f" {html.escape(table.table.doc)} {table.rows:,} rows, {size(table.size)}.</li>"
         )
         for table in facts.tables
     )

@@ -1,4 +1,5 @@
-"""Personal data that people wrote into titles and texts: e-mail addresses and phone numbers, counted by row.
+"""Personal data that people wrote into titles and texts: e-mail addresses and phone numbers,
+counted by row.
 
 Game talk is full of figures, so a phone number is one of these forms only, and has 8 to 15 digits:
 
@@ -15,6 +16,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -33,7 +35,11 @@ _INTERNATIONAL = r"\+[1-9][0-9]{0,2}(?:[ .\-]?\(?[0-9]{1,4}\)?){2,6}"
 _NATIONAL = r"0[1-9][0-9]{1,3}[ /\-][0-9]{3,4}[ \-]?[0-9]{3,4}"
 _WORDS = "(?i:call|phone|tel|telephone|telefon|whats ?app|mobile|handy|dial|ruf|sms)"
 _GROUPS = r"[0-9]{2,4}(?:[ .\-/][0-9]{2,5}){1,4}"
-PHONE = rf"(?:^|[^0-9A-Za-z])(?:{_AMERICAN}|{_INTERNATIONAL}|{_NATIONAL}|{_WORDS}\b[^0-9+\n]{{0,20}}{_GROUPS})(?:$|[^0-9A-Za-z])"
+PHONE = (
+    rf"(?:^|[^0-9A-Za-z])"
+    rf"(?:{_AMERICAN}|{_INTERNATIONAL}|{_NATIONAL}|{_WORDS}\b[^0-9+\n]{{0,20}}{_GROUPS})"
+    rf"(?:$|[^0-9A-Za-z])"
+)
 _SURE = re.compile(rf"(?:^|[^0-9A-Za-z])(?:{_AMERICAN})(?:$|[^0-9A-Za-z])")
 _FORM = re.compile(
     rf"(?:^|[^0-9A-Za-z])(?:({_INTERNATIONAL}|{_NATIONAL})|{_WORDS}\b[^0-9+\n]{{0,20}}({_GROUPS}))(?=$|[^0-9A-Za-z])"
@@ -60,7 +66,9 @@ def _is_number(text: str) -> bool:
 
 
 def personal(folder: Folder, section: Release) -> list[Problem]:
-    """A line for each column with more e-mail addresses or phone numbers than the profile tolerates."""
+    """A line for each column with more e-mail addresses or phone numbers than the profile
+    tolerates.
+    """
     found = []
     for (table, name), (rows, emails, phones) in personal_counts(folder).items():
         for what, hits, tolerated, key in (
@@ -73,7 +81,8 @@ def personal(folder: Folder, section: Release) -> list[Problem]:
                         "personal data",
                         f"{folder.source}/{table}",
                         (
-                            f"{hits:,} of {rows:,} rows have {what} in {name}, [release] {key} tolerates {tolerated:g} per 1,000"
+                            f"{hits:,} of {rows:,} rows have {what} in {name},"
+                            f" [release] {key} tolerates {tolerated:g} per 1,000"
                         ),
                     )
                 )
@@ -81,7 +90,9 @@ def personal(folder: Folder, section: Release) -> list[Problem]:
 
 
 def personal_counts(folder: Folder) -> dict[tuple[str, str], tuple[int, int, int]]:
-    """(table, column) → rows, rows with an e-mail address, rows with a phone number; what people wrote only."""
+    """(table, column) → rows, rows with an e-mail address, rows with a phone number;
+    what people wrote only.
+    """
     counts: dict[tuple[str, str], tuple[int, int, int]] = {}
     for part in folder.parts:
         for column in part.table.columns:
@@ -102,12 +113,13 @@ def _count(shards: Sequence[Path], name: str) -> tuple[int, int, int]:
                 values = batch.column(0).drop_null()
                 rows += batch.num_rows
                 emails += len(_matching(values.filter(pc.match_substring(values, "@")), EMAIL))
-                phones += sum(holds_phone(text) for text in _matching(values, PHONE).to_pylist())
+                suspect = cast("list[str]", _matching(values, PHONE).to_pylist())
+                phones += sum(map(holds_phone, suspect))
         except (pa.ArrowInvalid, OSError):
             continue  # the structure check reports it
     return rows, emails, phones
 
 
-def _matching(values: pa.Array, shape: str) -> pa.Array:
+def _matching(values: pa.Array[Any], shape: str) -> pa.Array[Any]:
 
     return values.filter(pc.match_substring_regex(values, shape))

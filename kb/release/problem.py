@@ -6,7 +6,10 @@ from typing import NamedTuple
 
 
 class Problem(NamedTuple):
-    """One reason not to publish. `where` is a folder, file or table; nothing here holds a secret."""
+    """One reason not to publish.
+
+    `where` is a folder, file or table; nothing here holds a secret.
+    """
 
     check: str
     where: str

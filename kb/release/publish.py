@@ -1,8 +1,10 @@
-"""`kb release publish`: one deposit a folder, a draft by default, resumable, new versions of old records.
+"""`kb release publish`: one deposit a folder, a draft by default, resumable, new versions of old
+records.
 
 What was done is kept in `state/deposits.json` (ids and digests, no token), written before and after
 every step that can't be repeated: a run that was cut off goes on with the same draft and sends only
-files whose md5 differs; a draft that was published meanwhile with these files is noted, not repeated.
+files whose md5 differs; a draft that was published meanwhile with these files is noted, not
+repeated.
 """
 
 from __future__ import annotations
@@ -35,7 +37,10 @@ MOST_FILES, MOST_BYTES = 100, 50 * 10**9  # a record at Zenodo
 
 
 def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None = None) -> Summary:
-    """Deposit every folder of release/. Raises ReleaseRefused, MissingCredential, CredentialRefused, Stopped."""
+    """Deposit every folder of release/.
+
+    Raises ReleaseRefused, MissingCredential, CredentialRefused, Stopped.
+    """
     token = run.settings.need("zenodo_token")
     endpoint = run.settings.kb_zenodo_endpoint or HOSTS[to]
     with taking(run.root, *RELEASES):
@@ -182,7 +187,10 @@ class _Upload:
         try:
             return self._go(publish=publish)
         except Forbidden as error:
-            error.hint = f"the deposit is another account's, or ZENODO_TOKEN may not do this: use the token that made it, or move {self.path} away"
+            error.hint = (
+                "the deposit is another account's, or ZENODO_TOKEN may not do this:"
+                f" use the token that made it, or move {self.path} away"
+            )
             raise
 
     def _go(self, *, publish: bool) -> dict[str, Any]:
@@ -235,8 +243,8 @@ class _Upload:
     def _draft(self, known: dict[str, Any]) -> dict[str, Any]:
         """The draft to fill: the one begun, the next version of the published record, or a new one.
 
-        The record itself when the one begun was published meanwhile, by hand or by a run that was killed
-        before it could note that, with the files of this folder.
+        The record itself when the one begun was published meanwhile, by hand or by a run that was
+        killed before it could note that, with the files of this folder.
         """
         if "draft" in known:
             try:
@@ -251,18 +259,20 @@ class _Upload:
         if "id" in known:
             self._write(known | {"creating": True})
             draft = self.service.new_version(known["id"])
+        elif lost := self._lost_draft(known):
+            draft = lost
         else:
-            draft = self._lost_draft(known)
-            if draft is None:
-                self._write({"creating": True})
-                draft = self.service.create(self.metadata)
+            self._write({"creating": True})
+            draft = self.service.create(self.metadata)
         self._write(
             {key: what for key, what in known.items() if key != "creating"} | {"draft": draft["id"]}
         )
         return draft
 
     def _lost_draft(self, known: dict[str, Any]) -> dict[str, Any] | None:
-        """A draft that an earlier run created without learning of it: ours by its title, still empty."""
+        """A draft that an earlier run created without learning of it: ours by its title,
+        still empty.
+        """
         if not known.get("creating"):
             return None
         return next(
@@ -315,7 +325,8 @@ class _Upload:
         ):
             raise DamagedData(
                 f"{self.path} is damaged",
-                hint="restore it, or move it away: then new drafts are made, also of what was published before",
+                hint="restore it, or move it away: then new drafts are made,"
+                " also of what was published before",
             )
         return found
 

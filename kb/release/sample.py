@@ -1,7 +1,8 @@
 """sample-<table>.parquet: some rows of each table that belong together, for a first look.
 
 The tables of a folder share a column (a page, a post, a video). Its values are taken in the order
-of their MD5, so the sample is spread over the data and the same each time, until it is large enough.
+of their MD5, so the sample is spread over the data and the same each time, until it is large
+enough.
 """
 
 from __future__ import annotations
@@ -18,13 +19,17 @@ _MOST = 5_000  # groups: a sample is for reading
 
 
 def write(folder: Folder, megabytes: float) -> list[Path]:
-    """Write one sample file a table, together at most `megabytes`. Bytes follow from the data alone."""
+    """Write one sample file a table, together at most `megabytes`.
+
+    Bytes follow from the data alone.
+    """
     shared = _shared(folder.parts)
     data = sum(shard.stat().st_size for part in folder.parts for shard in part.shards)
     with database.connect() as con:
         lead = next((part for part in folder.parts if part.table.key == (shared,)), folder.parts[0])
         con.execute(
-            f'CREATE TABLE chosen AS SELECT DISTINCT "{shared}" AS k, md5("{shared}"::VARCHAR) AS h FROM read_parquet(?) ORDER BY h',
+            f'CREATE TABLE chosen AS SELECT DISTINCT "{shared}" AS k,'
+            f' md5("{shared}"::VARCHAR) AS h FROM read_parquet(?) ORDER BY h',
             [[str(shard) for shard in lead.shards]],
         )
         total = con.execute("SELECT count(*) FROM chosen").fetchall()[0][0]
@@ -41,7 +46,8 @@ def write(folder: Folder, megabytes: float) -> list[Path]:
 
 def _part(con: DuckDBPyConnection, folder: Folder, part: Part, shared: str, take: int) -> Path:
     found = con.sql(
-        f'SELECT t.* FROM read_parquet(?) t WHERE t."{shared}" IN (SELECT k FROM chosen ORDER BY h LIMIT {take})',
+        f'SELECT t.* FROM read_parquet(?) t WHERE t."{shared}" IN (SELECT k FROM chosen'
+        f" ORDER BY h LIMIT {take})",
         params=[[str(shard) for shard in part.shards]],
     ).to_arrow_table()
     path = folder.path / f"sample-{part.table.short}.parquet"
@@ -50,7 +56,9 @@ def _part(con: DuckDBPyConnection, folder: Folder, part: Part, shared: str, take
 
 
 def _shared(parts: tuple[Part, ...]) -> str:
-    """The column that all tables of the folder have and that is a key of one; else the first's first key."""
+    """The column that all tables of the folder have and that is a key of one;
+    else the first's first key.
+    """
     for name in ("page_id", "post_id", "video_id"):
         if all(name in part.table.names(released=True) for part in parts):
             return name

@@ -1,4 +1,6 @@
-"""Looks into every file of a release for secrets: the literal values of the settings, and anything shaped like a key."""
+"""Looks into every file of a release for secrets: the literal values of the settings,
+and anything shaped like a key.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +24,12 @@ KEY_SHAPES = {
     "a private key": r"-----BEGIN [A-Z ]*PRIVATE KEY-----",
     "a bearer token": r"[Bb]earer [0-9A-Za-z_\-\.=]{20,}",
     "a JSON web token": r"eyJ[0-9A-Za-z_\-]{10,}\.eyJ[0-9A-Za-z_\-]{10,}\.",
-    "a secret in an address": r"(?:access_token|client_secret|api_key|apikey|[?&]key)=[0-9A-Za-z_\-]{16,}",
+    "a secret in an address": (
+        r"(?:access_token|client_secret|api_key|apikey|[?&]key)=[0-9A-Za-z_\-]{16,}"
+    ),
 }
-# What each shape can't do without: bytes are looked through for these first, which is many times faster.
+# What each shape can't do without: bytes are looked through for these first, which is many times
+# faster.
 _ANCHORS = {
     "a Google API key": (b"AIza",),
     "a Google access token": (b"ya29.",),
@@ -119,7 +124,6 @@ def _about(file: pq.ParquetFile) -> bytes:
 
 def _first(file: object, name: str, shape: str) -> str:
     """The first text of a column that has the shape, or nothing."""
-
     for batch in file.iter_batches(columns=[name]):  # type: ignore[attr-defined]
         values = batch.column(0).drop_null()
         hits = values.filter(pc.match_substring_regex(values, shape))

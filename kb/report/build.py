@@ -193,7 +193,9 @@ def _notes(run: Run) -> list[str]:
         for source in ("youtube", "wiki", "reddit")
     ):
         return [
-            "Toxicity scores are those of the sandbox's tiny model: "
-            "they mean nothing about real texts."
+            (
+                "Toxicity scores are those of the sandbox's tiny model: "
+                "they mean nothing about real texts."
+            )
         ]
     return []

@@ -9,7 +9,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from kb.core.context import Run
 from kb.schema import table
@@ -66,7 +66,7 @@ class Data:
         self.root = run.root
         self.con = database.connect(run.root, threads=max(1, run.workers))
 
-    def __enter__(self) -> Data:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *failure: object) -> None:
@@ -212,7 +212,7 @@ class Data:
                     entry = found.setdefault((path.stem, day, bucket), [0, 0])
                     entry[0] += requests
                     entry[1] += units or 0
-        return [(*key, *sums) for key, sums in sorted(found.items())]
+        return [(*key, sums[0], sums[1]) for key, sums in sorted(found.items())]
 
     def words(
         self, name: str, columns: Sequence[str], stop: set[str], n: int

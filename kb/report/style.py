@@ -77,14 +77,14 @@ def applied() -> Any:
     """A context in which whatever is drawn looks like the rest."""
     import matplotlib
 
-    return matplotlib.rc_context(_RULES)
+    rules: Any = _RULES  # its stubs list every name that matplotlib knows
+    return matplotlib.rc_context(rules)
 
 
 def canvas(
     height: float, columns: int = 1, rows: int = 1, width: float = WIDTH, **options: Any
 ) -> tuple[Any, Any]:
     """A figure (inches) and its axes, drawn without any display."""
-
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Sheet
 

@@ -194,10 +194,10 @@ def _drawn(
     if image is not None:
         # The screenshot's own pixels: whoever shows the figure scales them once.
         axes.imshow(image, extent=(part.x, right, bottom, part.y), interpolation="none")
-    for kind in KINDS:
+    for kind, look in KINDS.items():
         for name, box in boxes:
             if name == kind:
-                axes.add_patch(_outline(box, KINDS[kind], scale, thin))
+                axes.add_patch(_outline(box, look, scale, thin))
     if frame is not None:
         axes.add_patch(_outline(frame, Kind(INK, "-", 1.8), scale))
     axes.set_xlim(part.x, right)

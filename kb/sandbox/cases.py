@@ -1,8 +1,8 @@
 """Every kind of video that the pipeline must tell apart, with the verdict that it deserves.
 
-Each case changes a plain video (public, Gaming, labelled with the topic's game, widescreen, minutes long,
-manual English captions) in the fewest places. `stage` is the stage that rejects it, None when it is kept:
-the tests' own answer sheet. Stages are the contract's.
+Each case changes a plain video (public, Gaming, labelled with the topic's game, widescreen, minutes
+long, manual English captions) in the fewest places. `stage` is the stage that rejects it, None when
+it is kept: the tests' own answer sheet. Stages are the contract's.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ class Track:
 
 @dataclass(frozen=True)
 class Case:
-    """One kind of video. `change`: fields of Video; `kind`, `evidence`: what its kept row must say."""
+    """One kind of video. `change`: fields of Video; `kind`,
+    `evidence`: what its kept row must say.
+    """
 
     name: str
     stage: str | None = None

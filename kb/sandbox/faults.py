@@ -1,4 +1,5 @@
-"""What goes wrong in the sandbox, on purpose: a plan of faults around every service, and the ledger of requests.
+"""What goes wrong in the sandbox, on purpose: a plan of faults around every service, and the ledger
+of requests.
 
     faults = Faults()
     faults.add("/youtube/v3/videos", status=503, times=2)          # the next two
@@ -6,8 +7,8 @@
     held = faults.add("/watch", hold=True); held.arrived.wait(); held.release()
 
 A service is mounted as `faults.wrap("wiki", application)`. From another process the plan is set by
-`POST /_sandbox/faults` (the arguments of `add` as JSON), cleared by DELETE, and the ledger is read at
-`GET /_sandbox/requests`, on any service's port.
+`POST /_sandbox/faults` (the arguments of `add` as JSON), cleared by DELETE, and the ledger is read
+at `GET /_sandbox/requests`, on any service's port.
 """
 
 from __future__ import annotations
@@ -98,13 +99,13 @@ class Faults:
     def add(self, path: str = "", **what: Any) -> Fault:
         """Plan a fault for requests whose `path?query` matches the regular expression `path`.
 
-        Which: `service`, `method`, `when(environ)`; skip the first `after` matches, then strike each
-        `every`-th, `times` in all (None: without end); `burst=(n, seconds)` strikes only what comes
-        beyond n requests in a window of that many seconds.
-        What: `status`, `headers`, `body` (bytes, text, a dict sent as JSON, or a function of environ)
-        instead of the service; `reset` the connection; `cut` the service's body to this fraction (`honest`:
-        with a Content-Length that fits the cut body); `hold` the request until `release()`; `then(seen)` is
-        called first. A fault of `hold` or `then` alone goes on to the service.
+        Which: `service`, `method`, `when(environ)`; skip the first `after` matches, then strike
+        each `every`-th, `times` in all (None: without end); `burst=(n, seconds)` strikes only what
+        comes beyond n requests in a window of that many seconds. What: `status`, `headers`, `body`
+        (bytes, text, a dict sent as JSON, or a function of environ) instead of the service; `reset`
+        the connection; `cut` the service's body to this fraction (`honest`: with a Content-Length
+        that fits the cut body); `hold` the request until `release()`; `then(seen)` is called first.
+        A fault of `hold` or `then` alone goes on to the service.
         """
         fault = Fault(path, **what)
         with self._lock:
@@ -133,7 +134,7 @@ class Faults:
                 fault = next((one for one in self._plan if one.strikes(environ, service)), None)
 
             def start(status: str, headers: list[tuple[str, str]], exc_info: Any = None) -> Any:
-                seen.status = int(status.split()[0])
+                seen.status = int(status.split(maxsplit=1)[0])
                 for name in ("units", "bucket", "about"):
                     if f"sandbox.{name}" in environ:
                         setattr(seen, name, environ[f"sandbox.{name}"])
@@ -193,15 +194,12 @@ class Faults:
         what, method = environ["PATH_INFO"].removeprefix(CONTROL), environ["REQUEST_METHOD"]
         answer: Any = {"ok": True}
         if (what, method) == ("faults", "POST"):
-            given = json.loads(
+            given: dict[str, Any] = json.loads(
                 environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0)) or b"{}"
             )
-            self.add(
-                **{
-                    name: tuple(value) if name == "burst" else value
-                    for name, value in given.items()
-                }
-            )
+            if "burst" in given:
+                given["burst"] = tuple(given["burst"])
+            self.add(**given)
         elif (what, method) == ("faults", "DELETE"):
             self.clear()
         elif (what, method) == ("requests", "GET"):

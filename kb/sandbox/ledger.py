@@ -14,7 +14,9 @@ _SECRET = {"key", "access_token", "client_secret", "password", "refresh_token", 
 
 @dataclass
 class Seen:
-    """One request. `query` has no credentials; `about` is what the service says it was for (a video id …)."""
+    """One request. `query` has no credentials; `about` is what the service says it was for (a video
+    id …).
+    """
 
     number: int
     time: float

@@ -209,8 +209,9 @@ class Service:
 
 
 def dumps(subreddit: Subreddit, folder: Path) -> list[Path]:
-    """A pair of archive dumps of the same subreddit a year earlier, in the old fields, with two bad lines; their paths."""
-
+    """A pair of archive dumps of the same subreddit a year earlier, in the old fields,
+    with two bad lines; their paths.
+    """
     other = {
         "id": "abc123",
         "subreddit": "gardening",

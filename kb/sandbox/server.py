@@ -15,7 +15,7 @@ import importlib.util
 import threading
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 from werkzeug.serving import WSGIRequestHandler, make_server
 
@@ -73,8 +73,10 @@ class Server:
         if self._server is not None:
             self._server.shutdown()
             self._server.server_close()
+            self._server = None
+        if self._thread is not None:
             self._thread.join()
-            self._server = self._thread = None
+            self._thread = None
 
 
 class Sandbox:
@@ -102,7 +104,8 @@ class Sandbox:
         return self.faults.ledger
 
     def settings(self, *, model: bool = False) -> dict[str, str]:
-        """The settings that point at the services; `model`: the tiny toxicity model's too, made when there is none.
+        """The settings that point at the services; `model`: the tiny toxicity model's too, made
+        when there is none.
 
         Raises MissingExtra for `model` without the extra that it needs.
         """
@@ -121,7 +124,7 @@ class Sandbox:
         """The service listens again."""
         self.servers[service].start()
 
-    def start(self) -> Sandbox:
+    def start(self) -> Self:
         """Listen."""
         for server in self.servers.values():
             server.start()
@@ -133,7 +136,7 @@ class Sandbox:
         for server in self.servers.values():
             server.stop()
 
-    def __enter__(self) -> Sandbox:
+    def __enter__(self) -> Self:
         return self.start()
 
     def __exit__(

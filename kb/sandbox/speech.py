@@ -1,4 +1,6 @@
-"""What people in the invented world say and write: sentences put together from our own word lists."""
+"""What people in the invented world say and write:
+sentences put together from our own word lists.
+"""
 
 from __future__ import annotations
 
@@ -183,8 +185,8 @@ def cues(
 ) -> list[tuple[float, float, str]]:
     """(start s, duration s, text) of a caption track.
 
-    `rolling`: as automatic captions are, five to seven words a cue, each shown until the next but one begins;
-    otherwise whole sentences one after the other.
+    `rolling`: as automatic captions are, five to seven words a cue, each shown until the next but
+    one begins; otherwise whole sentences one after the other.
     """
     made: list[tuple[float, float, str]] = []
     clock, end = round(rng.uniform(0.1, 2.0), 2), min(seconds, 120.0)

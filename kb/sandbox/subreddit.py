@@ -1,4 +1,5 @@
-"""The invented subreddit: posts of every kind and comments below them, in the form of Reddit's answers.
+"""The invented subreddit: posts of every kind and comments below them, in the form of Reddit's
+answers.
 
 The first posts cover every case once (CASES); the rest are ordinary. Insults are our own words
 for the sandbox's toxicity model. Times are fixed, so that the same seed gives the same world.
@@ -57,7 +58,10 @@ CASES = (
 
 
 class Subreddit:
-    """`posts` and `comments` by bare id. `n_posts` in all; `width` replies below the "wide" post, `depth` below the "deep" one."""
+    """`posts` and `comments` by bare id.
+
+    `n_posts` in all; `width` replies below the "wide" post, `depth` below the "deep" one.
+    """
 
     def __init__(
         self,
@@ -101,7 +105,9 @@ class Subreddit:
 
     @cached_property
     def archive(self) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
-        """Posts and comments of a year before, which no listing reaches: dumps hold them, and info knows all but the last three posts."""
+        """Posts and comments of a year before, which no listing reaches: dumps hold them,
+        and info knows all but the last three posts.
+        """
         past = Subreddit(self.seed + 1, 60, width=30, depth=12, name=self.name)
         posts, comments = {}, {}
         for post in past.posts.values():

@@ -1,4 +1,5 @@
-"""The weights of the tiny toxicity model, written down: what each layer computes and why it is exact.
+"""The weights of the tiny toxicity model, written down: what each layer computes and why it is
+exact.
 
 A BERT whose numbers are features with names (`PLACES`). Every token's features have one sum and
 one sum of squares, whatever the text is, so that each LayerNorm divides by a known number and its
@@ -6,8 +7,9 @@ own weight and bias undo that: what comes out of it is what went in.
 
     embeddings  the word's code (±1, 16 places; words of no phrase share one), whether it goes on
                 from the piece before it, and its position as remainders by four moduli
-    layer 1     six heads copy the codes of the six words before, one whether the next piece goes on;
-                a neuron for each phrase of the lists is on where all of its words stand in a row
+    layer 1     six heads copy the codes of the six words before, one whether the next piece goes
+                on; a neuron for each phrase of the lists is on where all of its words stand in a
+                row
     layer 2     a head for each kind of phrase looks for it in the whole text
     pooler      any kind: toxic; obscene and threat: severe
 
@@ -231,7 +233,8 @@ def _phrase_neurons(name: str, total: float, squares: float) -> dict[str, np.nda
         for back, word in enumerate(reversed(phrase)):
             start = PLACES[f"before {back} code 0" if back else "code 0"]
             row[start : start + CODE] = codes[word] * high / margin
-        # "assemble" begins with a word of the lists. As much as needed: 8-bit weights share one scale.
+        # "assemble" begins with a word of the lists. As much as needed: 8-bit weights share one
+        # scale.
         row[PLACES["next goes on"]] = -2 * high
         layer[f"{name}.intermediate.dense.bias"][neuron] = high - len(phrase) * CODE * high / margin
         for state, sign in (("on", 1.0), ("off", -1.0)):

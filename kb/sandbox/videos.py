@@ -38,7 +38,9 @@ _KINDS = ["guide", "walkthrough", "beginner", "guide beginner", "survival", "gui
 
 @dataclass
 class Video:
-    """A video. Counts and durations are the API's text; None means that the answer leaves the field out."""
+    """A video. Counts and durations are the API's text; None means that the answer leaves the field
+    out.
+    """
 
     id: str
     channel: Channel
@@ -121,7 +123,8 @@ class Catalogue:
             channel.videos.sort(key=lambda video: video.published_at, reverse=True)
             channel.entries = list(channel.videos)
         if n_channels >= 8:
-            # An upload while somebody pages: the last entry of a page comes again as the first of the next.
+            # An upload while somebody pages: the last entry of a page comes again as the first of
+            # the next.
             first = self.channels[0]
             if len(first.entries) > PAGE:
                 first.entries.insert(PAGE, first.entries[PAGE - 1])
@@ -130,7 +133,9 @@ class Catalogue:
 
     @cached_property
     def by_playlist(self) -> dict[str, tuple[Channel, list[Video]]]:
-        """Playlist id → its channel and entries; UU… has all uploads, UULF… those that are no Shorts."""
+        """Playlist id → its channel and entries; UU… has all uploads,
+        UULF… those that are no Shorts.
+        """
         found: dict[str, tuple[Channel, list[Video]]] = {}
         for channel in self.channels:
             if channel.listed:

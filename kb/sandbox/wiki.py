@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from werkzeug.utils import redirect, safe_join
+from werkzeug.security import safe_join
+from werkzeug.utils import redirect
 from werkzeug.wrappers import Request, Response
 
 DATA = Path(__file__).with_name("data") / "wiki"
@@ -29,10 +30,9 @@ def settings(url: str) -> dict[str, str]:
 
 def app(world: Any = None, faults: Any = None) -> Any:
     """The WSGI application."""
-    wrapped = (
+    return (
         faults.wrap("wiki", _application(world)) if hasattr(faults, "wrap") else _application(world)
     )
-    return wrapped
 
 
 def _application(world: Any) -> Any:

@@ -19,7 +19,8 @@ class World:
     """What the services show.
 
     `n_channels`, `n_videos`: size of the YouTube part (the first videos cover every case once, see
-    kb/sandbox/cases.py). `wiki_state`: "first" or "later". `quota`: YouTube's units a Pacific day by bucket.
+    kb/sandbox/cases.py). `wiki_state`: "first" or "later". `quota`: YouTube's units a Pacific day
+    by bucket.
     """
 
     def __init__(
@@ -36,13 +37,11 @@ class World:
     @cached_property
     def youtube(self) -> Catalogue:
         """Channels and videos."""
-
         return Catalogue(self.seed, self.n_channels, self.n_videos)
 
     @cached_property
     def reddit(self) -> Subreddit:
         """Posts and comments."""
-
         return Subreddit(self.seed)
 
     def pacific_day(self) -> str:
@@ -52,7 +51,8 @@ class World:
 
 
 def _summer_time(now: datetime) -> bool:
-    """Whether US Pacific time is UTC-7: second Sunday of March 10:00 UTC to first Sunday of November 9:00 UTC.
+    """Whether US Pacific time is UTC-7: second Sunday of March 10:00 UTC to first Sunday of
+    November 9:00 UTC.
 
     Reckoned here because a bare system has no time zone files.
     """

@@ -1,7 +1,8 @@
-"""The sandbox's YouTube: the Data API under /youtube/v3 with its key and quota, and the web site beside it.
+"""The sandbox's YouTube: the Data API under /youtube/v3 with its key and quota, and the web site
+beside it.
 
-Units are counted a Pacific day and bucket in `world.used`, up to `world.quota`. A request that fails for its
-key or for a spent bucket costs nothing; every other one costs a unit, 404 included.
+Units are counted a Pacific day and bucket in `world.used`, up to `world.quota`. A request that
+fails for its key or for a spent bucket costs nothing; every other one costs a unit, 404 included.
 """
 
 from __future__ import annotations

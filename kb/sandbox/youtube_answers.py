@@ -1,6 +1,7 @@
 """Resources of the Data API v3, written field by field like the recorded answers.
 
-Source: https://developers.google.com/youtube/v3/docs (search, channels, playlists, playlistItems, videos).
+Source: https://developers.google.com/youtube/v3/docs (search, channels, playlists, playlistItems,
+videos).
 """
 
 from __future__ import annotations
@@ -181,8 +182,10 @@ def video_parts(video: Video, max_width: int | None, max_height: int | None) -> 
         "commentCount": video.comment_count,
     }
     player: dict[str, Any] = {
-        "embedHtml": f'<iframe width="480" height="270" src="//www.youtube.com/embed/{video.id}" frameborder="0"'
-        ' allow="accelerometer; autoplay; encrypted-media" referrerpolicy="strict-origin-when-cross-origin" allowfullscreen></iframe>'
+        "embedHtml": f'<iframe width="480" height="270" src="//www.youtube.com/embed/{video.id}"'
+        ' frameborder="0"'
+        ' allow="accelerometer; autoplay; encrypted-media"'
+        ' referrerpolicy="strict-origin-when-cross-origin" allowfullscreen></iframe>'
     }
     if video.sized and (max_width or max_height):
         # The largest frame of the video's own shape that fits.

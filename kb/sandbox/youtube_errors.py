@@ -23,7 +23,8 @@ def _answer(name: str, value: object = "") -> Answer:
 
 @cache
 def _written() -> dict[str, dict[str, Any]]:
-    return json.loads(_FILE.read_text(encoding="utf-8"))
+    answers: dict[str, dict[str, Any]] = json.loads(_FILE.read_text(encoding="utf-8"))
+    return answers
 
 
 def _filled(part: Any, value: str) -> Any:

@@ -50,20 +50,26 @@ def watch_page(video: Video | None, key: str) -> str:
         for number in range(250)
     )
     return (
-        f'<!DOCTYPE html><html lang="en"><head><title>{title} - YouTube</title><style>{padding}</style>'
-        f'<script nonce="sandbox">(function() {{window.ytcfg = {{}};ytcfg.set({_script(config)}); }})();</script></head><body dir="ltr">'
-        f"<script nonce=\"sandbox\">var ytInitialPlayerResponse = {_script(player)};var meta = document.createElement('meta');</script>"
-        f'<script nonce="sandbox">var ytInitialData = {_script(_page_data(video, key))};</script></body></html>'
+        f'<!DOCTYPE html><html lang="en"><head><title>{title} -'
+        f" YouTube</title><style>{padding}</style>"
+        f'<script nonce="sandbox">(function() {{window.ytcfg = {{}};ytcfg.set({_script(config)});'
+        f' }})();</script></head><body dir="ltr">'
+        f'<script nonce="sandbox">var ytInitialPlayerResponse = {_script(player)};var meta ='
+        " document.createElement('meta');</script>"
+        '<script nonce="sandbox">var ytInitialData ='
+        f" {_script(_page_data(video, key))};</script></body></html>"
     )
 
 
 def consent_page(key: str = "") -> str:
     """The cookie wall that comes in place of a watch page."""
     return (
-        '<!DOCTYPE html><html lang="en"><head><title>Before you continue to YouTube</title></head><body>'
-        '<form action="https://consent.youtube.com/s" method="POST"><input type="hidden" name="gl" value="DE">'
-        f'<input type="hidden" name="continue" value="{SITE}/watch?v={html.escape(key)}"><input type="hidden" name="v"'
-        ' value="cb.20261101-00-p0.en+FX+000">'
+        '<!DOCTYPE html><html lang="en"><head><title>Before you continue to'
+        ' YouTube</title></head><body><form action="https://consent.youtube.com/s"'
+        ' method="POST"><input type="hidden" name="gl"'
+        ' value="DE"><input type="hidden" name="continue"'
+        f' value="{SITE}/watch?v={html.escape(key)}"><input'
+        ' type="hidden" name="v" value="cb.20261101-00-p0.en+FX+000">'
         "<button>I agree</button></form></body></html>"
     )
 
@@ -71,7 +77,8 @@ def consent_page(key: str = "") -> str:
 def captcha_page() -> str:
     """The page that a blocked client sees."""
     return (
-        '<!DOCTYPE html><html><head><title>YouTube</title><script src="https://www.google.com/recaptcha/api.js" async defer></script></head><body>'
+        "<!DOCTYPE html><html><head><title>YouTube</title><script"
+        ' src="https://www.google.com/recaptcha/api.js" async defer></script></head><body>'
         '<div id="captcha-page"><form action="/das_captcha" method="POST">'
         '<div class="g-recaptcha" data-sitekey="sandbox"></div></form></div></body></html>'
     )

@@ -201,7 +201,9 @@ def _captions(video: Video) -> dict[str, Any]:
             query["kind"] = track.kind
         tracks.append(
             {
-                "baseUrl": f"{SITE}/api/timedtext?{urlencode(query)}&lang={track.language}&fmt=srv3",
+                "baseUrl": (
+                    f"{SITE}/api/timedtext?{urlencode(query)}&lang={track.language}&fmt=srv3"
+                ),
                 "name": {"runs": [{"text": _name(track)}]},
                 "vssId": ("a." if track.kind else ".") + track.language,
                 "languageCode": track.language,

@@ -1,7 +1,8 @@
 """The web side of the sandbox's YouTube: watch page, player answer and timed text.
 
-In the form that youtube-transcript-api reads: the page gives a key, the player answer (asked with that key) the
-caption tracks, a track's address the text. Lighter than the real ones (160 KB compressed), same places.
+In the form that youtube-transcript-api reads: the page gives a key, the player answer (asked with
+that key) the caption tracks, a track's address the text. Lighter than the real ones (160 KB
+compressed), same places.
 """
 
 from __future__ import annotations
@@ -77,15 +78,24 @@ def _refusal(message: str) -> Response:
 
 
 def timed_text(cues: list[tuple[float, float, str]], *, rich: bool = False) -> str:
-    """Cues as XML; text is escaped twice, as YouTube's is. `rich`: the srv3 form (milliseconds, <p>)."""
+    """Cues as XML; text is escaped twice, as YouTube's is.
+
+    `rich`: the srv3 form (milliseconds, <p>).
+    """
     if rich:
         lines = "".join(
             f'<p t="{round(start * 1000)}" d="{round(length * 1000)}">{html.escape(text)}</p>\n'
             for start, length, text in cues
         )
-        return f'<?xml version="1.0" encoding="utf-8" ?><timedtext format="3">\n<body>\n{lines}</body>\n</timedtext>\n'
+        return (
+            '<?xml version="1.0" encoding="utf-8" ?><timedtext'
+            f' format="3">\n<body>\n{lines}</body>\n</timedtext>\n'
+        )
     lines = "".join(
-        f'<text start="{start:g}" dur="{length:g}">{html.escape(html.escape(text), quote=False)}</text>'
+        (
+            f'<text start="{start:g}"'
+            f' dur="{length:g}">{html.escape(html.escape(text), quote=False)}</text>'
+        )
         for start, length, text in cues
     )
     return f'<?xml version="1.0" encoding="utf-8" ?><transcript>{lines}</transcript>'

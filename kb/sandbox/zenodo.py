@@ -1,9 +1,10 @@
 """The sandbox's deposit service: Zenodo's legacy deposit API as documented, errors included.
 
 Depositions, the file bucket, publish, new versions, public records and their files. Kept in memory.
-It also behaves as the real service does where its page is silent: a deposit without a licence becomes
-CC0, a second draft of a record that still has files is refused, file names are flat.
-Source: https://developers.zenodo.org ("Depositions", "Deposition files", "Deposition actions", "Errors").
+It also behaves as the real service does where its page is silent: a deposit without a licence
+becomes CC0, a second draft of a record that still has files is refused, file names are flat.
+Source: https://developers.zenodo.org ("Depositions", "Deposition files", "Deposition actions",
+"Errors").
 """
 
 from __future__ import annotations
@@ -33,8 +34,10 @@ TOKEN = "sandbox-deposit-token"
 MOST_FILES = 100
 MOST_BYTES = 50 * 10**9
 _UNAUTHORIZED = (
-    "The server could not verify that you are authorized to access the URL requested. You either supplied the wrong"
-    " credentials (e.g. a bad password), or your browser doesn't understand how to supply the credentials required."
+    "The server could not verify that you are authorized to access the URL requested."
+    " You either supplied the wrong credentials (e.g. a bad password),"
+    " or your browser doesn't understand how to supply"
+    " the credentials required."
 )
 
 

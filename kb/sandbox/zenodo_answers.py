@@ -101,7 +101,10 @@ def shown(one: Deposit, draft: Deposit | None, request: Request) -> dict[str, An
 
 
 def checked_metadata(given: dict[str, Any], *, whole: bool) -> dict[str, Any]:
-    """The metadata as the service keeps it; 400 with every wrong field. `whole`: required ones must be there."""
+    """The metadata as the service keeps it; 400 with every wrong field.
+
+    `whole`: required ones must be there.
+    """
     errors = []
     if whole:
         errors = [

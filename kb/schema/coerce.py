@@ -40,7 +40,7 @@ class Wrong:
 
 def coerce(
     values: Sequence[Any], kind: Type, schema: dict[str, Any], *, clean: bool = False
-) -> tuple[pa.Array, Bad]:
+) -> tuple[pa.Array[Any], Bad]:
     """The column of `values` as the declared type, read as the raw field's `schema` says.
 
     `clean` is the caller's word that no text holds a NUL.
@@ -62,9 +62,8 @@ def coerce(
     return texts(values, clean=clean)
 
 
-def texts(values: Sequence[Any], *, clean: bool = False) -> tuple[pa.Array, Bad]:
+def texts(values: Sequence[Any], *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
     """Strings. NUL and lone surrogates become U+FFFD."""
-
     try:
         column = pa.array(values, pa.string())
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
@@ -74,8 +73,10 @@ def texts(values: Sequence[Any], *, clean: bool = False) -> tuple[pa.Array, Bad]
     return column, []
 
 
-def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array, Bad]:
-    """Counts: decimal digits in a string and, where the schema allows it, JSON integers; never negative."""
+def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
+    """Counts: decimal digits in a string and, where the schema allows it, JSON integers;
+    never negative.
+    """
 
     def one(value: Any) -> int:
         return _count(value, allowed)
@@ -96,9 +97,8 @@ def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array, Bad]:
     return pc.replace_with_mask(made, strange, few), [(odd[row], text) for row, text in bad]
 
 
-def durations(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
+def durations(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
     """ISO 8601 durations → whole seconds: weeks, days, hours, minutes, seconds; P0D is 0."""
-
     try:  # there are few distinct ones
         column = pa.array(values, pa.string()).dictionary_encode()
         made = pa.array([_seconds(text) for text in column.dictionary.to_pylist()], pa.int64())
@@ -107,9 +107,8 @@ def durations(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
         return _each(values, pa.int64(), _duration)
 
 
-def times(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
+def times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
     """RFC 3339 times → UTC, with or without fractions of a second."""
-
     kind = pa.timestamp("us", "UTC")
     try:
         column = pa.array(values, pa.string())
@@ -120,9 +119,8 @@ def times(values: Sequence[Any]) -> tuple[pa.Array, Bad]:
     return _each(values, kind, _moment)
 
 
-def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array, Bad]:
+def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
     """Booleans, or the strings "true" and "false" where the schema says string."""
-
     words = {"true": True, "false": False} if "string" in allowed else {}
     native = not allowed or "boolean" in allowed
     try:
@@ -140,28 +138,28 @@ def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array, Bad]:
     )
 
 
-def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array, Bad]:
+def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
     """Lists of strings; an absent one is empty."""
-
     empty: list[str] = []
     values = [empty if value is None else value for value in values]
     try:
         if str in set(map(type, values)):  # Arrow would take it as a list of letters
             raise pa.ArrowTypeError
         column = pa.array(values, kind.arrow())
-        if clean or not pc.any(pc.match_substring(column.flatten(), "\0")).as_py():
+        if clean or not pc.any(pc.match_substring(pc.list_flatten(column), "\0")).as_py():
             return column, []
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
         pass
     column, bad = _each(values, kind.arrow(), _strings)
-    return column.fill_null(empty) if bad else column, bad
+    return pc.fill_null(column, pa.scalar(empty, kind.arrow())) if bad else column, bad
 
 
-def records(values: Sequence[Any], kind: Type) -> tuple[pa.Array, Bad]:
+def records(values: Sequence[Any], kind: Type) -> tuple[pa.Array[Any], Bad]:
     """Lists of fixed rows ([start, duration, text]) → lists of structs."""
-
     assert kind.item is not None
-    makers = [_text if inner.text == "string" else _number for _, inner in kind.item.fields]
+    makers: list[Callable[[Any], Any]] = [
+        _text if inner.text == "string" else _number for _, inner in kind.item.fields
+    ]
     bad: Bad = []
     rows: list[list[Any] | None] = []
     for row, value in enumerate(values):
@@ -193,7 +191,7 @@ def shown(value: Any) -> str:
 
 def _each(
     values: Sequence[Any], kind: pa.DataType, make: Callable[[Any], Any]
-) -> tuple[pa.Array, Bad]:
+) -> tuple[pa.Array[Any], Bad]:
 
     bad: Bad = []
     made: list[Any] = []
@@ -222,12 +220,14 @@ def _count(value: Any, allowed: set[str]) -> int:
     if isinstance(value, str) and "string" in allowed:
         if not (value.isascii() and value.isdigit()):
             raise ValueError
-        value = int(value)
+        count = int(value)
     elif isinstance(value, bool) or not isinstance(value, int) or "integer" not in allowed:
         raise TypeError
-    if not 0 <= value <= _LARGEST:
+    else:
+        count = value
+    if not 0 <= count <= _LARGEST:
         raise ValueError
-    return value
+    return count
 
 
 @lru_cache(100_000)

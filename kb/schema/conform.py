@@ -14,7 +14,6 @@ def conform(declared: Table | str, rows: pa.Table, *, released: bool = False) ->
     Casts only where no value changes. Raises SchemaMismatch that lists every undeclared column,
     every missing one, every value that does not fit and every null where none is allowed.
     """
-
     declared = table(declared) if isinstance(declared, str) else declared
     schema = declared.arrow(released)
     known, given = set(schema.names), set(rows.column_names)

@@ -60,7 +60,7 @@ class Reader:
         self._schemas = [raw.at(self._kind, path) or {} for path in paths]
         response = _struct("Record", _tree(self._paths))
         if self._listed:
-            items = ("items", list[response], msgspec.field(default_factory=list))  # type: ignore[valid-type]
+            items: Any = ("items", list[response], msgspec.field(default_factory=list))  # type: ignore[valid-type]
             response = msgspec.defstruct("Response", [items])
         request = msgspec.defstruct(
             "Request", [("params", dict[str, Any], msgspec.field(default_factory=dict))]
@@ -74,7 +74,7 @@ class Reader:
                 ("response", response),
             ],
         )
-        self._decoder = msgspec.json.Decoder(envelope)
+        self._decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(envelope)
         self._parents = sorted({tuple(path[:-1]) for path in self._paths}, key=len)
 
     def answer(self, line: bytes) -> Answer:
@@ -148,9 +148,8 @@ class Reader:
 
     def table(self, answers: list[Answer]) -> pa.Table:
         """The columns of some answers."""
-
         size = sum(answer.size for answer in answers)
-        data: dict[str, pa.Array] = {}
+        data: dict[str, pa.Array[Any]] = {}
         found: dict[int, list[tuple[str, str, str | None]]] = {}
         for number, (column, schema) in enumerate(zip(self.columns, self._schemas, strict=True)):
             values = list(chain.from_iterable(answer.values[number] for answer in answers))
@@ -170,9 +169,8 @@ class Reader:
         return pa.table(data)
 
 
-def problems(found: dict[int, list[tuple[str, str, str | None]]], size: int) -> pa.Array:
+def problems(found: dict[int, list[tuple[str, str, str | None]]], size: int) -> pa.Array[Any]:
     """The `problems` column of `size` rows from (column, reason, value) triples by row."""
-
     names = ("column", "reason", "value")
     offsets: list[int] = [0]
     flat: list[tuple[str, str, str | None]] = []
@@ -187,10 +185,11 @@ def problems(found: dict[int, list[tuple[str, str, str | None]]], size: int) -> 
 
 
 def _note_absent(
-    array: pa.Array, name: str, found: dict[int, list[tuple[str, str, str | None]]]
+    array: pa.Array[Any], name: str, found: dict[int, list[tuple[str, str, str | None]]]
 ) -> None:
 
-    for row in pc.indices_nonzero(pc.is_null(array)).to_pylist():
+    rows: list[int] = pc.indices_nonzero(pc.is_null(array)).to_pylist()
+    for row in rows:
         if not any(column == name for column, _, _ in found.get(row, ())):
             found.setdefault(row, []).append((name, "absent", None))
 

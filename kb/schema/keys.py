@@ -8,8 +8,8 @@ A raw kind may carry `x-keys`:
       "entries": {"items": ["id"]}       a list of entries, and where each has its key
     }
 
-A path such as "contentDetails.videoId" names one field; of several the first one that is there counts.
-Keys are compared as text.
+A path such as "contentDetails.videoId" names one field; of several the first one that is there
+counts. Keys are compared as text.
 """
 
 from __future__ import annotations

@@ -57,9 +57,12 @@ def raw(kind: str) -> dict[str, Any]:
 def _read(path: Path) -> dict[str, Any]:
     """The schema in a file, with `$ref` to a file beside it put in its place."""
     try:
-        return _resolved(json.loads(path.read_text(encoding="utf-8")), path.parent)
+        schema: dict[str, Any] = _resolved(
+            json.loads(path.read_text(encoding="utf-8")), path.parent
+        )
     except (ValueError, OSError) as error:
         raise SchemaMismatch(f"{path}: not readable as JSON: {error}") from None
+    return schema
 
 
 def _resolved(node: Any, beside: Path) -> Any:
@@ -75,7 +78,10 @@ def _resolved(node: Any, beside: Path) -> Any:
 
 
 def at(kind: str, path: str) -> dict[str, Any] | None:
-    """The sub-schema at a path such as "items[].snippet.title"; None when it is not declared. Free objects hold any."""
+    """The sub-schema at a path such as "items[].snippet.title"; None when it is not declared.
+
+    Free objects hold any.
+    """
     node: dict[str, Any] | None = raw(kind)
     for step in re.findall(r"[^.\[\]]+|\[\d*\]", path):
         if node is None:
@@ -116,7 +122,9 @@ def _shape(kind: str) -> dict[str, Any]:
 
 
 def _outline(schema: dict[str, Any]) -> dict[str, Any] | None:
-    """The parts of a schema that can hold keys: "keys" (each with its outline or None), or "items"."""
+    """The parts of a schema that can hold keys: "keys" (each with its outline or None),
+    or "items".
+    """
     if "items" in schema and "properties" not in schema:
         below = _outline(schema["items"])
         return {"items": below} if below else None

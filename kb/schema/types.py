@@ -41,7 +41,8 @@ class Type:
             return pa.struct([(name, kind.arrow()) for name, kind in self.fields])
         if self.text.startswith("timestamp"):
             return pa.timestamp("us", tz="UTC")
-        return getattr(pa, _PLAIN[self.text][0])()
+        made: pa.DataType = getattr(pa, _PLAIN[self.text][0])()
+        return made
 
     def json(self) -> dict[str, Any]:
         """The JSON Schema of one value, as `kb query --format json` writes it."""

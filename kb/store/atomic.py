@@ -88,7 +88,8 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     try:
         with full_disk_is_resumable(path):
             yield fresh
-            # A worker that was killed leaves what it was writing; its task was done again by another.
+            # A worker that was killed leaves what it was writing; its task was done again by
+            # another.
             for left in fresh.rglob(".*.tmp"):
                 left.unlink(missing_ok=True)
             for folder, _, names in os.walk(fresh):

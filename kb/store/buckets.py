@@ -33,15 +33,18 @@ LOOKED_AT = (
 
 @dataclass(frozen=True)
 class Kind:
-    """A raw kind: how its lines become rows, which key names a record, which column decides its bucket.
+    """A raw kind: how its lines become rows, which key names a record, which column decides its
+    bucket.
 
-    Of several rows with one key the newest stays (`fetched_at`, then the column `then`, then place in the raw log); with
-    `prefer` (a boolean column) a row where it is true beats one where it is not. Everything that is
-    joined must share its bucket, so `bucket` is the same thing in all kinds (a video's id).
+    Of several rows with one key the newest stays (`fetched_at`, then the column `then`, then place
+    in the raw log); with `prefer` (a boolean column) a row where it is true beats one where it is
+    not. Everything that is joined must share its bucket, so `bucket` is the same thing in all kinds
+    (a video's id).
 
-    A kind without `bucket` is read by every bucket: all of it (few rows), or with `named_by` (another
-    kind and its column of lists) the rows whose key is named there. `echo` is a boolean column, true
-    for a row that says again under another key what a row before it says: no duplicate of anything.
+    A kind without `bucket` is read by every bucket: all of it (few rows), or with `named_by`
+    (another kind and its column of lists) the rows whose key is named there. `echo` is a boolean
+    column, true for a row that says again under another key what a row before it says: no duplicate
+    of anything.
     """
 
     parse: Callable[[Iterable[bytes]], Iterator[pa.Table]]
@@ -54,7 +57,9 @@ class Kind:
 
 
 def how_many(size: int) -> int:
-    """Buckets for so many bytes of raw data: a power of two, so that a little more data changes nothing."""
+    """Buckets for so many bytes of raw data: a power of two,
+    so that a little more data changes nothing.
+    """
     wanted = size // RAW_BYTES + 1
     return min(MOST, 1 << (wanted - 1).bit_length())
 
@@ -73,18 +78,19 @@ def spread(
     frames around it are read; the tail of an open segment doesn't count). Raises DamagedData naming
     the segment when a line is no envelope.
     """
-
     unknown: Counter[str] = Counter()
     writers: dict[int, Any] = {}
     rows, at = 0, 0
     frames = Frames(segment)
     collecting = gc.isenabled()
-    gc.disable()  # millions of values and no cycle among them: looking for one costs a tenth of the time
+    # millions of values and no cycle among them: looking for one costs a tenth of the time
+    gc.disable()
     try:
-        for piece in _pieces(kind.parse(_lines(frames, name, unknown))):
-            rows += piece.num_rows
-            piece = piece.append_column("_at", pa.array(range(at, at + piece.num_rows), pa.int64()))
-            at += piece.num_rows
+        for parsed in _pieces(kind.parse(_lines(frames, name, unknown))):
+            rows += parsed.num_rows
+            places = pa.array(range(at, at + parsed.num_rows), pa.int64())
+            at += parsed.num_rows
+            piece = parsed.append_column("_at", places)
             for bucket, part in _split(piece, kind.bucket, buckets):
                 if bucket not in writers:
                     path = folder / str(bucket) / f"{number:06d}.arrow"
@@ -163,12 +169,15 @@ def _split(rows: pa.Table, column: str, buckets: int) -> Iterator[tuple[int, pa.
         start += counts[bucket]
 
 
-def newest(folder: Path, kind: Kind, wanted: pa.Array | None = None) -> tuple[pa.Table | None, int]:
-    """The newest row of each key of one kind's bucket, sorted by key, and how many older ones were left out.
+def newest(
+    folder: Path, kind: Kind, wanted: pa.Array[Any] | None = None
+) -> tuple[pa.Table | None, int]:
+    """The newest row of each key of one kind's bucket, sorted by key, and how many older ones were
+    left out.
 
-    With `wanted` only the rows whose first key column is in it are read. Echoes don't count as left out.
+    With `wanted` only the rows whose first key column is in it are read. Echoes don't count as left
+    out.
     """
-
     paths = sorted(folder.glob("*.arrow")) if folder.is_dir() else []
     if not paths:
         return None, 0
@@ -211,7 +220,7 @@ def newest(folder: Path, kind: Kind, wanted: pa.Array | None = None) -> tuple[pa
     return rows.take(chosen).drop_columns(["_segment", "_at"]), older
 
 
-def _read(path: Path, kind: Kind, wanted: pa.Array | None) -> pa.Table:
+def _read(path: Path, kind: Kind, wanted: pa.Array[Any] | None) -> pa.Table:
 
     with pa.ipc.open_file(str(path)) as file:
         if wanted is None:

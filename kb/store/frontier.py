@@ -31,7 +31,8 @@ CREATE TABLE items (
   PRIMARY KEY (kind, key)) WITHOUT ROWID;
 CREATE INDEX items_by_status ON items (kind, status, seq);
 CREATE TABLE cursors (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE ledger (id INTEGER PRIMARY KEY, at TEXT NOT NULL, day TEXT NOT NULL, bucket TEXT NOT NULL,
+CREATE TABLE ledger (
+  id INTEGER PRIMARY KEY, at TEXT NOT NULL, day TEXT NOT NULL, bucket TEXT NOT NULL,
   units INTEGER NOT NULL, endpoint TEXT NOT NULL, outcome TEXT);
 CREATE INDEX ledger_by_day ON ledger (bucket, day);
 CREATE TABLE offsets (kind TEXT NOT NULL, segment TEXT NOT NULL, offset INTEGER NOT NULL,
@@ -114,7 +115,10 @@ class Frontier:
             version += 1
 
     def forget(self) -> None:
-        """What was removed stands in no free page, no log and no backup any more. Raises DiskFull."""
+        """What was removed stands in no free page, no log and no backup any more.
+
+        Raises DiskFull.
+        """
         with self._lock, full_disk_is_resumable(self.path):
             self._db.execute("VACUUM")
             self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
@@ -160,7 +164,10 @@ class Frontier:
             raise
 
     def add(self, kind: str, keys: Iterable[str | tuple[str, Any]]) -> int:
-        """Add keys that are not known yet; how many were new. Order of adding is order of taking."""
+        """Add keys that are not known yet; how many were new.
+
+        Order of adding is order of taking.
+        """
         with self.transaction():
             before = self._db.total_changes
             seq = self._db.execute(
@@ -168,7 +175,8 @@ class Frontier:
             ).fetchone()[0]
             rows = ((kind, *_pair(entry), number) for number, entry in enumerate(keys, seq + 1))
             self._db.executemany(
-                "INSERT OR IGNORE INTO items (kind, key, payload, seq, status) VALUES (?, ?, ?, ?, 'todo')",
+                "INSERT OR IGNORE INTO items (kind, key, payload, seq, status) VALUES (?,"
+                " ?, ?, ?, 'todo')",
                 rows,
             )
             return self._db.total_changes - before
@@ -177,7 +185,8 @@ class Frontier:
         """Up to `n` items to do, oldest first; they are in progress until answered."""
         with self.transaction():
             rows = self._db.execute(
-                "SELECT key, tries, payload FROM items WHERE kind = ? AND status = 'todo' ORDER BY seq LIMIT ?",
+                "SELECT key, tries, payload FROM items WHERE kind = ? AND status = 'todo'"
+                " ORDER BY seq LIMIT ?",
                 (kind, n),
             ).fetchall()
             self._db.executemany(
@@ -190,7 +199,8 @@ class Frontier:
         """Set the status of known keys; an "error" counts one try."""
         with self.transaction():
             self._db.executemany(
-                "UPDATE items SET status = ?, reason = ?, tries = tries + ? WHERE kind = ? AND key = ?",
+                "UPDATE items SET status = ?, reason = ?, tries = tries + ?"
+                " WHERE kind = ? AND key = ?",
                 [(status, reason, int(status == "error"), kind, key) for key in keys],
             )
 
@@ -235,11 +245,14 @@ class Frontier:
         return None if row is None else (row[0], self._decode(kind, row[1]), row[2])
 
     def items(self, kind: str, *statuses: str) -> Iterator[tuple[str, str, str | None, Any]]:
-        """(key, status, reason, payload) of all items of a kind, oldest first; their list is held in memory."""
+        """(key, status, reason, payload) of all items of a kind, oldest first;
+        their list is held in memory.
+        """
         marks = f"AND status IN ({', '.join('?' * len(statuses))})" if statuses else ""
         with self._lock:
             rows = self._db.execute(
-                f"SELECT key, status, reason, payload FROM items WHERE kind = ? {marks} ORDER BY seq",
+                f"SELECT key, status, reason, payload FROM items WHERE kind = ? {marks}"
+                " ORDER BY seq",
                 (kind, *statuses),
             ).fetchall()
         for key, status, reason, payload in rows:
@@ -281,10 +294,13 @@ class Frontier:
             )
 
     def ready(self, kind: str, most: int = 1) -> int:
-        """How many items of a kind are to do, counted up to `most`: quick however many there are."""
+        """How many items of a kind are to do,
+        counted up to `most`: quick however many there are.
+        """
         with self._lock:
             row = self._db.execute(
-                "SELECT count(*) FROM (SELECT 1 FROM items WHERE kind = ? AND status = 'todo' LIMIT ?)",
+                "SELECT count(*) FROM (SELECT 1 FROM items WHERE kind = ?"
+                " AND status = 'todo' LIMIT ?)",
                 (kind, most),
             ).fetchone()
             return int(row[0])
@@ -350,7 +366,8 @@ class Frontier:
         """(day, bucket, endpoint, requests, units), by day."""
         with self._lock:
             return self._db.execute(
-                "SELECT day, bucket, endpoint, count(*), sum(units) FROM ledger GROUP BY 1, 2, 3 ORDER BY 1, 2, 3"
+                "SELECT day, bucket, endpoint, count(*), sum(units) FROM ledger"
+                " GROUP BY 1, 2, 3 ORDER BY 1, 2, 3"
             ).fetchall()
 
     def requests(self) -> tuple[int, int]:
@@ -389,7 +406,9 @@ class Frontier:
 
 
 def going_on(frontier: Frontier, kind: str, older_than: int | None) -> bool:
-    """Whether a refresh with this `--older-than` was stopped and left items: they are read before others are sought."""
+    """Whether a refresh with this `--older-than` was stopped and left items:
+    they are read before others are sought.
+    """
     if older_than is None or frontier.cursor(ROUND) != older_than:
         return False
     return frontier.ready(kind) > 0

@@ -15,9 +15,9 @@ from kb.store.atomic import write_bytes
 def remember(root: Path, source: str, **facts: str) -> None:
     """Note a source's hosts, subreddit or wiki, or compare with what was noted.
 
-    Addresses are compared by host and path, ports aside. What was noted binds once an answer is stored: a
-    mistyped address that nothing came from does no harm. Raises OtherService (exit 2) before anything was
-    sent or written.
+    Addresses are compared by host and path, ports aside. What was noted binds once an answer is
+    stored: a mistyped address that nothing came from does no harm. Raises OtherService (exit 2)
+    before anything was sent or written.
     """
     new = {name: _host(value) for name, value in facts.items()}
     old = noted(root, source)

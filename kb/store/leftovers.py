@@ -50,7 +50,9 @@ def _of_source(source: str) -> tuple[str, ...]:
 
 
 def _beside(path: Path) -> None:
-    """Hidden files and folders that bear the name of `path`: `.NAME.new`, `.NAME.work`, `.NAME….tmp`."""
+    """Hidden files and folders that bear the name of `path`: `.NAME.new`,
+    `.NAME.work`, `.NAME….tmp`.
+    """
     if path.parent.is_dir():
         for entry in sorted(path.parent.iterdir()):
             if entry.name.startswith(f".{path.name}."):

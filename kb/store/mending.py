@@ -1,6 +1,8 @@
-"""Raw segments that can't be read in full: nothing good is cut, and what is lost is asked for again.
+"""Raw segments that can't be read in full: nothing good is cut, and what is lost is asked for
+again.
 
-    damaged bytes     set aside as `<segment>.ndjson.zst.damaged-<offset>`; the frames on both sides stay
+    damaged bytes     set aside as `<segment>.ndjson.zst.damaged-<offset>`; the frames on both
+                      sides stay
     missing, short    the state knows how far each segment was read, so it knows what is not there
     what was in it    the state says what was answered; the raw data that are left say what still is
 
@@ -55,7 +57,8 @@ def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False
     """Set aside what can't be read, and note what is missing or short.
 
     Looked into are open segments, those that the state does not know in full, suspects, and with
-    `every` all of them. Call it under the writer's lock, before open segments are closed. Raises DiskFull.
+    `every` all of them. Call it under the writer's lock, before open segments are closed. Raises
+    DiskFull.
     """
     suspects = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [])}
     suspects |= {(lost.kind, lost.segment) for lost in _load(frontier) if lost.items is None}

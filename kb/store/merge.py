@@ -12,7 +12,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -31,11 +31,14 @@ class Merge:
     """
 
     def __init__(self, parts: Sequence[Path], by: Sequence[str], columns: Sequence[str]) -> None:
-        self._by = [(name, "ascending") for name in by]
+        self._by: list[tuple[str, Literal["ascending", "descending"]]] = [
+            (name, "ascending") for name in by
+        ]
         self._first = by[0]
         self._columns = [*columns, *(name for name in by if name not in columns)]
         self._wanted = list(columns)
-        self._parts, self._cursors = parts, []  # type: tuple[Sequence[Path], list[_Cursor]]
+        self._parts = parts
+        self._cursors: list[_Cursor] = []
         self._scratch: str | None = None
 
     def __iter__(self) -> Iterator[pa.Table]:
@@ -80,8 +83,9 @@ class Merge:
 
 
 def _is_sorted(path: Path, by: list[str]) -> bool:
-    """Whether the file says that each of its row groups, and they one after another, are in this order."""
-
+    """Whether the file says that each of its row groups, and they one after another,
+    are in this order.
+    """
     file = pq.read_metadata(path)
     names = [file.schema.column(index).path for index in range(file.num_columns)]
     for index in range(file.num_row_groups):
@@ -106,7 +110,7 @@ class _Cursor:
             batch_size=batch, columns=columns, use_threads=False
         )
         self._columns = columns
-        self.rows: Any = None
+        self.rows: Any = None  # a table, once a batch was read
         self.ended = False
 
     def fill(self, least: int) -> bool:
@@ -117,7 +121,6 @@ class _Cursor:
 
     def more(self) -> None:
         """Read one batch."""
-
         batch = next(self._batches, None)
         if batch is None:
             self.ended = True
@@ -135,13 +138,13 @@ class _Cursor:
 
     def cut(self, name: str, bound: Any) -> pa.Table:
         """Cut off the rows below `bound` (all when it is None)."""
-
         if bound is None:
             count = self.rows.num_rows
         else:
             values = self.rows.column(name)
             count = pc.sum(pc.less(values, pa.scalar(bound, values.type))).as_py() or 0
-        head, self.rows = self.rows.slice(0, count), self.rows.slice(count)
+        head: pa.Table = self.rows.slice(0, count)
+        self.rows = self.rows.slice(count)
         return head
 
     def close(self) -> None:

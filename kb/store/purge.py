@@ -1,15 +1,17 @@
-"""Removing keys for good, from every file of a data root. Every step may be repeated, so a purge that was
-cut off goes on where it stopped: the list of keys stands in state/ until the last step is done.
+"""Removing keys for good, from every file of a data root. Every step may be repeated, so a purge
+that was cut off goes on where it stopped: the list of keys stands in state/ until the last step is
+done.
 
-The order is the other way round than that of collecting: tombstones first, so that nothing that is removed
-can come back meanwhile; then raw, then what was made of it.
+The order is the other way round than that of collecting: tombstones first, so that nothing that is
+removed can come back meanwhile; then raw, then what was made of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import pyarrow as pa
@@ -24,13 +26,18 @@ from kb.store.rawlog import Envelope
 from kb.store.shards import ShardWriter
 
 Strip = Callable[[str, Envelope, Collection[str]], "Envelope | None"]
-"""(kind, envelope, keys) → the envelope without the keys, the same object when it holds none, None when nothing is left."""
+"""(kind, envelope, keys) → the envelope without the keys.
+
+The same object when it holds none, None when nothing is left.
+"""
 
 
 class Place(NamedTuple):
-    """Where rows of keys stand: folder under the data root, table, and the column that names the key.
+    """Where rows of keys stand: folder under the data root, table, and the column that names the
+    key.
 
-    A column of bare ids gets `prefix` first where keys are full names (a comment may have a post's bare id).
+    A column of bare ids gets `prefix` first where keys are full names (a comment may have a post's
+    bare id).
     """
 
     folder: str
@@ -40,7 +47,9 @@ class Place(NamedTuple):
 
 
 def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:
-    """Note what is to go (key → reason), together with what an unfinished purge left; its whole list."""
+    """Note what is to go (key → reason), together with what an unfinished purge left;
+    its whole list.
+    """
     found = {**left_over(root, source), **found}
     if found:
         write_bytes(_plan(root, source), msgspec.json.encode(found, order="sorted"))
@@ -59,8 +68,8 @@ def left_over(root: Path, source: str) -> dict[str, str]:
 def finish(root: Path, source: str) -> None:
     """Everything is done: nothing of it is left in the state, and the list is forgotten.
 
-    Raises WriterLocked, DiskFull, and DamagedData where raw data could not be read in full: all that
-    could be read was purged.
+    Raises WriterLocked, DiskFull, and DamagedData where raw data could not be read in full: all
+    that could be read was purged.
     """
     with lock.writer(root, source):
         frontier = Frontier(root / "state" / f"{source}.sqlite")
@@ -82,8 +91,9 @@ def rewrite_raw(
 ) -> int:
     """Write raw segments again without the keys; how many envelopes changed.
 
-    Call it under the writer's lock, with every segment closed, taken into the frontier, and rid of what can't
-    be read (a Recorder with `every`). A segment keeps its name and place in the order; the new one takes the old one's place by a rename.
+    Call it under the writer's lock, with every segment closed, taken into the frontier, and rid of
+    what can't be read (a Recorder with `every`). A segment keeps its name and place in the order;
+    the new one takes the old one's place by a rename.
     """
     changed = 0
     for kind in rawlog.kinds(root, source):
@@ -97,7 +107,10 @@ def rewrite_raw(
 
 
 def _rewrite(path: Path, kind: str, keys: Collection[str], strip: Strip) -> int:
-    """A segment without the keys; how many envelopes changed. An envelope at a time; a segment without the keys stays."""
+    """A segment without the keys; how many envelopes changed.
+
+    An envelope at a time; a segment without the keys stays.
+    """
     if not any(
         strip(kind, envelope, keys) is not envelope
         for envelope in map(rawlog.decode, (line for _, line in rawlog.Frames(path)))
@@ -125,7 +138,6 @@ def drop_rows(root: Path, places: Iterable[Place], keys: Collection[str]) -> int
 
     Files without such rows are not touched; order and way of writing stay.
     """
-
     gone = 0
     for place in places:
         wanted = pa.array(
@@ -137,14 +149,20 @@ def drop_rows(root: Path, places: Iterable[Place], keys: Collection[str]) -> int
                 path,
                 place.table,
                 place.column,
-                lambda values, wanted=wanted: pc.invert(pc.is_in(values, value_set=wanted)),
+                partial(_outside, wanted),
             )
     return gone
 
 
-def drop_annotations(root: Path, source: str, used: pa.Array) -> int:
-    """Forget scores of texts that no row has any more; `used` are the hashes of those that rows still have."""
+def _outside(gone: pa.Array[Any], values: pa.Array[Any]) -> pa.Array[Any]:
+    mask: pa.Array[Any] = pc.invert(pc.is_in(values, value_set=gone))
+    return mask
 
+
+def drop_annotations(root: Path, source: str, used: pa.Array[Any] | pa.ChunkedArray[Any]) -> int:
+    """Forget scores of texts that no row has any more;
+    `used` are the hashes of those that rows still have.
+    """
     files = sorted((root / "annotations" / source).glob("*.parquet"))
     return sum(
         _keep(
@@ -154,9 +172,10 @@ def drop_annotations(root: Path, source: str, used: pa.Array) -> int:
     )
 
 
-def _keep(path: Path, declared: str, column: str, good: Callable[[pa.Array], pa.Array]) -> int:
+def _keep(
+    path: Path, declared: str, column: str, good: Callable[[pa.Array[Any]], pa.Array[Any]]
+) -> int:
     """Keep the rows that `good` says of a file; how many went. A batch at a time."""
-
     with pq.ParquetFile(path) as file:
         kept = [
             good(batch.column(0).cast(pa.string())) for batch in file.iter_batches(columns=[column])

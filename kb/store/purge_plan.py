@@ -30,7 +30,9 @@ class Line(msgspec.Struct):
 
 @contextmanager
 def state(root: Path, source: str) -> Iterator[Frontier | None]:
-    """A copy of the source's state to read, as opening it in place would leave files; None without one."""
+    """A copy of the source's state to read, as opening it in place would leave files;
+    None without one.
+    """
     files = [
         root / "state" / f"{source}.sqlite{suffix}"
         for suffix in ("", "-wal")

@@ -55,7 +55,9 @@ _UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
 
 
 def encode(envelope: Envelope) -> bytes:
-    """The envelope as one line; NUL and lone surrogates become U+FFFD, a secret of ours "***", all else is verbatim."""
+    """The envelope as one line; NUL and lone surrogates become U+FFFD, a secret of ours "***",
+    all else is verbatim.
+    """
     return storable(envelope)[1]
 
 
@@ -144,7 +146,9 @@ def _frames(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:
 def _frame(
     engine: zstandard.ZstdDecompressor, file: BinaryIO, rest: bytes
 ) -> tuple[bytes, int, bytes] | None:
-    """A frame that begins with `rest`: content, size, and what was read behind it; None: damaged."""
+    """A frame that begins with `rest`: content, size, and what was read behind it;
+    None: damaged.
+    """
     frame = engine.decompressobj()
     parts, used = [], 0
     while rest:
@@ -206,7 +210,7 @@ def segments(root: Path, source: str, kind: str) -> list[Path]:
         if base.is_dir()
         else []
     )
-    return sorted(found, key=lambda path: base_name(path))
+    return sorted(found, key=base_name)
 
 
 def base_name(path: Path) -> str:
@@ -348,20 +352,28 @@ def aside_name(path: Path, start: int, end: int) -> str:
 
 
 def set_aside(path: Path, found: Sequence[tuple[int, int, str]]) -> None:
-    """Take stretches (start, end, name of the new file) out of a segment, which is written anew. Raises DiskFull."""
+    """Take stretches (start, end, name of the new file) out of a segment, which is written anew.
+
+    Raises DiskFull.
+    """
     with path.open("rb") as file:
         for start, end, name in found:
             file.seek(start)
             write_bytes(path.with_name(name), file.read(end - start))
         with writing(path) as temporary, temporary.open("wb") as fresh:
             at = 0
-            for start, end in [*((start, end) for start, end, _ in found), (None, None)]:
-                file.seek(at)
-                left = None if start is None else start - at
-                while chunk := file.read(_CHUNK if left is None else min(_CHUNK, left)):
-                    fresh.write(chunk)
-                    left = None if left is None else left - len(chunk)
-                at = end or at
+            for start, end, _ in found:
+                _copy(file, fresh, at, start)
+                at = end
+            _copy(file, fresh, at, path.stat().st_size)
+
+
+def _copy(file: BinaryIO, fresh: BinaryIO, start: int, end: int) -> None:
+    file.seek(start)
+    left = end - start
+    while chunk := file.read(min(_CHUNK, left)):
+        fresh.write(chunk)
+        left -= len(chunk)
 
 
 def asides(root: Path, source: str) -> list[Path]:

@@ -1,4 +1,5 @@
-"""How the data root's own files are read: paths taken literally, and damage told by the file's name with what to do.
+"""How the data root's own files are read: paths taken literally, and damage told by the file's name
+with what to do.
 
 with reading(files):                    # what a library says of a broken file becomes DamagedData
     con.execute(f"SELECT count(*) FROM {scan(files)}")
@@ -27,7 +28,8 @@ _BATCH = 1024  # rows of a suspect that are decoded at a time
 
 @contextlib.contextmanager
 def reading(files: Iterable[Path | str]) -> Iterator[None]:
-    """Raises DamagedData for the first of these Parquet files that can't be read, when that is why the block failed.
+    """Raises DamagedData for the first of these Parquet files that can't be read, when that is why
+    the block failed.
 
     Nothing is read unless the block fails, and an error that no file explains stays what it is.
     """
@@ -40,8 +42,10 @@ def reading(files: Iterable[Path | str]) -> Iterator[None]:
 
 
 def broken(files: Iterable[Path | str]) -> DamagedData | None:
-    """The first file that can't be read, as an error; None when all can. Footers first, then every page, a batch at a time."""
+    """The first file that can't be read, as an error; None when all can.
 
+    Footers first, then every page, a batch at a time.
+    """
     paths = [Path(file) for file in files]
     for deep in (False, True):
         for path in paths:
@@ -122,7 +126,9 @@ def state(path: Path) -> Iterator[Frontier]:
 
 
 def _a_readers(error: Exception) -> bool:
-    """Whether a library may say so of a broken file: Arrow and DuckDB have errors of their own, and OSErrors without a number."""
+    """Whether a library may say so of a broken file: Arrow and DuckDB have errors of their own,
+    and OSErrors without a number.
+    """
     kinds = [
         getattr(sys.modules.get(name), kind, None)
         for name, kind in (("pyarrow", "ArrowException"), ("duckdb", "Error"))

@@ -12,7 +12,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from kb.core import clock
 from kb.store import mending, rawlog, tombstones
@@ -61,7 +61,10 @@ class Recorder:
         response: Any,
         fetched_at: str | None = None,
     ) -> Envelope:
-        """Keep one answer and its effect on the frontier. Raises DiskFull, with nothing half-kept."""
+        """Keep one answer and its effect on the frontier.
+
+        Raises DiskFull, with nothing half-kept.
+        """
         # The frontier sees what is on disk, as it would from a replay.
         envelope, line = rawlog.storable(
             Envelope(fetched_at or clock.stamp(), Request(endpoint, params), status, response)
@@ -83,7 +86,7 @@ class Recorder:
             self._segments.clear()
             mending.asked_again(self._frontier)
 
-    def __enter__(self) -> Recorder:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -13,7 +13,8 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import TracebackType
+from typing import Any, NamedTuple, Self
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -51,7 +52,10 @@ def write_table(
     sort: bool = True,
     sync: bool = True,
 ) -> Shard:
-    """Write `rows` as one sorted file; `sync` as in kb.store.atomic. Raises SchemaMismatch and DiskFull."""
+    """Write `rows` as one sorted file; `sync` as in kb.store.atomic.
+
+    Raises SchemaMismatch and DiskFull.
+    """
     declared = table(declared) if isinstance(declared, str) else declared
     rows = conform(declared, rows, released=released)
     if sort and rows.num_rows > 1:
@@ -85,7 +89,7 @@ class ShardWriter:
         self._held = 0
         self._in_order, self._sync = in_order, sync
 
-    def __enter__(self) -> ShardWriter:
+    def __enter__(self) -> Self:
         self._stack = contextlib.ExitStack()
         temporary = self._stack.enter_context(writing(self.path, sync=self._sync))
         self._file = self._stack.enter_context(
@@ -105,14 +109,19 @@ class ShardWriter:
             if self._held == ROW_GROUP:
                 self._flush()
 
-    def __exit__(self, *failure: Any) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        failure: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         try:
-            if failure[0] is None:
+            if kind is None:
                 self._flush()
         except BaseException as error:
             self._stack.__exit__(type(error), error, error.__traceback__)
             raise
-        self._stack.__exit__(*failure)
+        self._stack.__exit__(kind, failure, trace)
 
     def _flush(self) -> None:
 
@@ -124,7 +133,6 @@ class ShardWriter:
 
 def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any:
     """A pyarrow ParquetWriter with the project's settings."""
-
     low = [
         column.name
         for column in declared.columns
@@ -139,7 +147,7 @@ def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any
         version="2.6",
         compression="zstd",
         compression_level=ZSTD_LEVEL,
-        use_dictionary=low or False,
+        use_dictionary=low or False,  # type: ignore[arg-type]  # names of columns are fine
         data_page_size=PAGE,
         write_statistics=True,
         write_page_index=True,
@@ -148,8 +156,9 @@ def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any
 
 
 def check_columns(parts: Sequence[Path], declared: Table, hint: str) -> None:
-    """Raise FatalError with `hint` where a table's parts lack a column: an earlier version wrote them."""
-
+    """Raise FatalError with `hint` where a table's parts lack a column:
+    an earlier version wrote them.
+    """
     for path in parts[:1]:  # all parts of a table are written together
         with reading([path]):
             there = pq.read_schema(path).names
@@ -179,7 +188,6 @@ def sorted_shards(
     groups and a page of each part's columns. Without rows one empty shard is written, so that
     readers find the table. Raises DamagedData, SchemaMismatch and DiskFull.
     """
-
     declared = table(declared) if isinstance(declared, str) else declared
     with reading(parts):
         total = sum(pq.read_metadata(path).num_rows for path in parts)
@@ -206,7 +214,8 @@ class _Pieces:
     """Hands out a stream of tables in portions of a wanted number of rows."""
 
     def __init__(self, tables: Iterator[pa.Table]) -> None:
-        self._tables, self._rest = tables, None
+        self._tables = tables
+        self._rest: pa.Table | None = None
 
     def take(self, rows: int) -> Iterator[pa.Table]:
         while rows:

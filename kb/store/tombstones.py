@@ -1,10 +1,11 @@
 """Keys that were purged: crawl, import and filter skip them for good.
 
     raw/<source>/tombstones.parquet      what the contract names, and what travels with the raw data
-    state/<source>/tombstones.parquet    the same again, as another machine's raw folder copied here has a file
-                                         of that name and takes the first one's place
+    state/<source>/tombstones.parquet    the same again, as another machine's raw folder copied here
+                                         has a file of that name and takes the first one's place
 
-Whoever reads takes the union of both, and of other copies beside the first one. Whoever writes makes both whole.
+Whoever reads takes the union of both, and of other copies beside the first one. Whoever writes
+makes both whole.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 import filecmp
 from collections.abc import Collection, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -32,17 +33,17 @@ def path(root: Path, source: str) -> Path:
 
 def keys(root: Path, source: str) -> set[str]:
     """The purged keys of a source."""
-
-    return {
-        key
-        for file in _files(root, source)
-        for key in pq.read_table(file, columns=["key"])["key"].to_pylist()
-    }
+    found: set[str] = set()
+    for file in _files(root, source):
+        column = pq.read_table(file, columns=["key"])["key"]
+        found.update(cast("list[str]", column.to_pylist()))
+    return found
 
 
 def read(root: Path, source: str) -> pa.Table:
-    """Every tombstone of a source once, by key, as shared/tombstones declares; of several the oldest."""
-
+    """Every tombstone of a source once, by key, as shared/tombstones declares;
+    of several the oldest.
+    """
     files, schema = _files(root, source), table(_TABLE).arrow()
     if len(files) == 1:
         return pq.read_table(files[0])
@@ -98,7 +99,9 @@ def _places(root: Path, source: str) -> tuple[Path, Path]:
 
 
 def _beside(root: Path, source: str) -> list[Path]:
-    """Copies that someone put beside the first file under another name (tombstones-b.parquet, tombstones.parquet~)."""
+    """Copies that someone put beside the first file under another name (tombstones-b.parquet,
+    tombstones.parquet~).
+    """
     first = path(root, source)
     return sorted(
         file for file in first.parent.glob("tombstones*") if file != first and file.is_file()

@@ -1,4 +1,6 @@
-"""The tiny model, written once a machine and loaded once a session: importing torch takes seconds."""
+"""The tiny model, written once a machine and loaded once a session:
+importing torch takes seconds.
+"""
 
 from __future__ import annotations
 

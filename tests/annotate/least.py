@@ -1,8 +1,9 @@
-"""The least instruction sets that this machine's libraries can be told to use; run as a script, scores.
+"""The least instruction sets that this machine's libraries can be told to use; run as a script,
+scores.
 
     ATEN_CPU_CAPABILITY, MKL_CBWR, ONEDNN_MAX_CPU_ISA, OPENBLAS_CORETYPE   torch and what it calls
     NPY_DISABLE_CPU_FEATURES                                              numpy's own loops
-    GLIBC_TUNABLES                                                        exp and log of the C library
+    GLIBC_TUNABLES                                                        the C library's exp, log
     ONEDNN_MAX_CPU_ISA                                                    OpenVINO, too
 
 ONNX Runtime asks the processor itself and has no switch. OpenVINO follows oneDNN's, and doesn't run

@@ -1,4 +1,6 @@
-"""Small Detoxify-shaped checkpoints with random weights, of each architecture that Detoxify publishes."""
+"""Small Detoxify-shaped checkpoints with random weights,
+of each architecture that Detoxify publishes.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,10 @@ UNBIASED = (
     "threat",
     "sexual_explicit",
 )
-SENTENCE = "you are a stupid idiot shut up how to build a house in minecraft with redstone pistons and hoppers hello there creeper"
+SENTENCE = (
+    "you are a stupid idiot shut up how to build a house in minecraft with redstone pistons"
+    " and hoppers hello there creeper"
+)
 WORDS = SENTENCE.split()
 _SIZES = {
     "hidden_size": 24,
@@ -43,7 +48,8 @@ def make_checkpoint(
     outputs: int = 6,
     change: Any = None,
 ) -> Path:
-    """A checkpoint file "mine.ckpt" of `outputs` outputs, with its `.sha256`, configuration and tokenizer beside it.
+    """A checkpoint file "mine.ckpt" of `outputs` outputs, with its `.sha256`, configuration and
+    tokenizer beside it.
 
     `change` gets what is written, before it is written.
     """

@@ -1,4 +1,6 @@
-"""A checkpoint is verified before anything unpickles it; a wrong, missing or cut one is exit 2 with what to do."""
+"""A checkpoint is verified before anything unpickles it; a wrong,
+missing or cut one is exit 2 with what to do.
+"""
 
 from __future__ import annotations
 
@@ -84,7 +86,9 @@ def test_published_digests_stand_in_the_code_and_not_in_a_name(copied, tmp_path,
 
 
 def test_what_a_verified_file_would_run_is_not_run(tmp_path):
-    """The digest says which file it is, not that it is harmless: only tensors and values are read."""
+    """The digest says which file it is,
+    not that it is harmless: only tensors and values are read.
+    """
     mark = tmp_path / "ran"
 
     class Bomb:
@@ -274,9 +278,9 @@ def test_it_loads_without_asking_any_host(tiny):
         "from kb.annotate.checkpoint import find_checkpoint\n"
         "from kb.annotate.detoxify_model import load_detoxify\n"
         "from kb.core.settings import load_settings\n"
-        f"model = load_detoxify(find_checkpoint(load_settings(dotenv=False, kb_toxicity_model={str(tiny)!r})))\n"
-        "assert max(model.predict('you are a stupid idiot').values()) > 0.5\n"
-        "print(model.class_names)\n"
+        "model = load_detoxify(find_checkpoint(load_settings(dotenv=False,"
+        f" kb_toxicity_model={str(tiny)!r})))\nassert max(model.predict('you are a stupid"
+        " idiot').values()) > 0.5\nprint(model.class_names)\n"
     )
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HF_")}
     done = subprocess.run(

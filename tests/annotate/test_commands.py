@@ -64,7 +64,9 @@ def test_a_damaged_model_is_exit_2(job, tmp_path, tiny):
 
 
 def test_a_release_names_the_model_whose_scores_decided(job, make_run, tmp_path):
-    """Scores of an earlier model stay beside the rows; they are no part of what was made with a later one."""
+    """Scores of an earlier model stay beside the rows;
+    they are no part of what was made with a later one.
+    """
     first = make_run(root=job.root)
     tiny = run_clean(first, "youtube")
     assert models(job.root, "youtube") == ((tiny["model"], tiny["revision"], "fp32"),)

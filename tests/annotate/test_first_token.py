@@ -1,4 +1,6 @@
-"""The shortened last layer: the numbers of the whole model, for each of Detoxify's architectures."""
+"""The shortened last layer: the numbers of the whole model,
+for each of Detoxify's architectures.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,16 @@ transformers = pytest.importorskip("transformers")
 
 from kb.annotate.first_token import shorten, shortened  # noqa: E402
 
-SIZES = {"num_labels": 3, "vocab_size": 50, "hidden_size": 24, "num_hidden_layers": 2, "num_attention_heads": 3,
-         "intermediate_size": 32, "max_position_embeddings": 40, "initializer_range": 0.5}  # fmt: skip
+SIZES = {
+    "num_labels": 3,
+    "vocab_size": 50,
+    "hidden_size": 24,
+    "num_hidden_layers": 2,
+    "num_attention_heads": 3,
+    "intermediate_size": 32,
+    "max_position_embeddings": 40,
+    "initializer_range": 0.5,
+}
 
 
 @pytest.fixture

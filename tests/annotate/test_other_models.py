@@ -1,4 +1,6 @@
-"""Models of other shapes than `original`: of Detoxify's other architectures, with more outputs than classes."""
+"""Models of other shapes than `original`: of Detoxify's other architectures,
+with more outputs than classes.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ TEXTS = ["hello there", "you are a stupid idiot", " ".join(WORDS * 3), "creeper"
 
 @pytest.fixture(scope="module", params=["roberta", "albert"])
 def sixteen(request, tmp_path_factory):
-    """A checkpoint as `unbiased` and `unbiased-small`: 16 outputs, of which the first 7 are classes."""
+    """A checkpoint as `unbiased` and `unbiased-small`: 16 outputs,
+    of which the first 7 are classes.
+    """
     folder = tmp_path_factory.mktemp(request.param)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
@@ -51,7 +55,9 @@ def test_more_outputs_than_classes_are_read_as_detoxify_reads_them(sixteen):
 
 
 def test_a_class_that_only_some_models_have_is_kept_and_counts(sixteen, make_run):
-    """`sexual_explicit` is a class of `unbiased`; a lower one of `original` would else be called the largest."""
+    """`sexual_explicit` is a class of `unbiased`; a lower one of `original` would else be called
+    the largest.
+    """
     run = make_run(model=str(sixteen.path))
     scorer = Scorer.open(run, "reddit")
     scorer.annotate([TEXTS])

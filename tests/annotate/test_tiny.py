@@ -1,4 +1,6 @@
-"""The sandbox's model, written down: the same bytes everywhere, and every phrase of its lists told."""
+"""The sandbox's model, written down:
+the same bytes everywhere, and every phrase of its lists told.
+"""
 
 from __future__ import annotations
 

@@ -115,7 +115,9 @@ def test_each_text_is_scored_once_in_this_and_all_later_runs(make_run, monkeypat
 
 
 def test_equal_texts_far_apart_are_scored_once_too(make_run, monkeypatch):
-    """The second one comes in a later look-up, before and after the first one's score is on disk."""
+    """The second one comes in a later look-up,
+    before and after the first one's score is on disk.
+    """
     monkeypatch.setattr(chunks, "LOOKUP_TEXTS", 2)
     monkeypatch.setattr(chunks, "CHUNK_TEXTS", 3)
     seen: list[str] = []
@@ -172,7 +174,9 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, 
 
 
 def test_a_chunk_grows_and_shrinks_with_the_time_it_takes(tmp_path):
-    """A stop waits for the chunk in hand, so that a slow model gets small ones and a fast one large ones."""
+    """A stop waits for the chunk in hand, so that a slow model gets small ones and a fast one large
+    ones.
+    """
     scores = Scores(str(tmp_path), "m", "r")
     given = chunks.Chunks(scores, None, None, SilentTask())
     sizes = []

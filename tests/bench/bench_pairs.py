@@ -1,9 +1,11 @@
-"""Pairs: words a second beside other ways to match, and time and memory at shares of the paper's scale.
+"""Pairs: words a second beside other ways to match, and time and memory at shares of the paper's
+scale.
 
     KB_BENCH_SCALE=0.1 make bench ARGS="-k pairs"    a tenth of each share, for a quick look
 
-CPU seconds of one core, so that other work on the machine disturbs the ratios little. Transcripts are
-invented (Zipf's law, keywords mixed in); at scale, 2,000 different ones are repeated under other ids.
+CPU seconds of one core, so that other work on the machine disturbs the ratios little. Transcripts
+are invented (Zipf's law, keywords mixed in); at scale, 2,000 different ones are repeated under
+other ids.
 """
 
 from __future__ import annotations
@@ -40,7 +42,9 @@ _SCALE = float(os.environ.get("KB_BENCH_SCALE", "1"))
 
 
 class Said(NamedTuple):
-    """Transcripts: as a table, as texts, and folded into plain lower-case words for those that can't do it themselves."""
+    """Transcripts: as a table, as texts, and folded into plain lower-case words for those that
+    can't do it themselves.
+    """
 
     rows: pa.Table
     lengths: pa.Array
@@ -65,7 +69,9 @@ def said(tools) -> Said:  # type: ignore[no-untyped-def]
 
 
 def _rate(words: int, work: Callable[[], object], least: float = 0.5) -> float:
-    """Words a CPU second; the best of runs that take `least` seconds together, after one to warm up."""
+    """Words a CPU second; the best of runs that take `least` seconds together,
+    after one to warm up.
+    """
     best, spent = float("inf"), 0.0
     work()
     while spent < least:
@@ -119,7 +125,8 @@ def test_pairs_matching_and_pipeline(said: Said, tools) -> None:  # type: ignore
     _pyahocorasick(said, phrases, rates, hits)
     _duckdb(said, phrases, rates)
     _show(
-        f"{len(phrases):,} phrases, {said.words:,} words, a match in {1 / hits['kb: fold + match + resolve']:.0f} words",
+        f"{len(phrases):,} phrases, {said.words:,} words, a match in"
+        f" {1 / hits['kb: fold + match + resolve']:.0f} words",
         rates,
         "one re alternation",
     )
@@ -186,8 +193,10 @@ from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.pairs.build import build
 begin, cpu = time.perf_counter(), time.process_time()
-summary = build(Run(load_settings(dotenv=False), load_profile("minecraft"), Path(sys.argv[1]), workers=1))
-peak = next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmHWM"))  # ru_maxrss would tell the parent's
+settings, profile = load_settings(dotenv=False), load_profile("minecraft")
+summary = build(Run(settings, profile, Path(sys.argv[1]), workers=1))
+status = open("/proc/self/status")  # ru_maxrss would tell the parent's
+peak = next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))
 print(json.dumps({"seconds": time.perf_counter() - begin, "cpu": time.process_time() - cpu,
                   "peak_mb": peak / 1024, **summary}))
 """
@@ -199,7 +208,8 @@ def test_pairs_at_scale(tools, tmp_path: Path, make_rows) -> None:  # type: igno
     )
     measured = []
     print(
-        f"\nscale of the paper: {VIDEOS:,} videos, {WORDS:,} words; one worker, from Parquet to Parquet"
+        f"\nscale of the paper: {VIDEOS:,} videos, {WORDS:,} words; one worker,"
+        " from Parquet to Parquet"
     )
     for share in SHARES:
         root = tmp_path / f"{share}"
@@ -210,13 +220,16 @@ def test_pairs_at_scale(tools, tmp_path: Path, make_rows) -> None:  # type: igno
         one = json.loads(child.stdout.splitlines()[-1])
         measured.append(one)
         print(
-            f"  {share * _SCALE:6.2%}: {one['videos']:,} videos, {one['words'] / 1e6:.1f} M words, {one['pairs']:,} pairs: "
-            f"{one['cpu']:.1f} s of CPU ({one['seconds']:.1f} s), {one['words'] / one['cpu'] / 1e6:.2f} M words/s, peak {one['peak_mb']:.0f} MB"
+            f"  {share * _SCALE:6.2%}: {one['videos']:,} videos, {one['words'] / 1e6:.1f} M words,"
+            f" {one['pairs']:,} pairs: {one['cpu']:.1f} s of CPU ({one['seconds']:.1f} s),"
+            f" {one['words'] / one['cpu'] / 1e6:.2f} M words/s, peak {one['peak_mb']:.0f} MB"
         )
     last = measured[-1]
     print(
-        f"  extrapolated from the last line, not measured: 100% is {last['cpu'] * WORDS / last['words'] / 60:.0f} minutes of one core, "
-        f"about {last['pairs'] * WORDS / last['words'] / 1e6:.1f} M pairs before max_pairs_per_video"
+        "  extrapolated from the last line, not measured: 100% is"
+        f" {last['cpu'] * WORDS / last['words'] / 60:.0f} minutes of one core, "
+        f"about {last['pairs'] * WORDS / last['words'] / 1e6:.1f} M pairs before"
+        " max_pairs_per_video"
     )
     assert (
         last["peak_mb"] < 2 * measured[0]["peak_mb"] + 100

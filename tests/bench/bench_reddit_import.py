@@ -1,4 +1,5 @@
-"""Reading a month's dump for one subreddit: lines a second of one core, beside other ways in the same run.
+"""Reading a month's dump for one subreddit: lines a second of one core, beside other ways in the
+same run.
 
     json        every line through the standard library, the field compared
     orjson      the same with orjson
@@ -30,7 +31,8 @@ LINES = int(os.environ.get("KB_BENCH_LINES", "400000"))
 ROUNDS = 5
 
 
-# What a comment of 2023 has besides; one of 2012 doesn't. Most are empty in most lines, as in the archive's.
+# What a comment of 2023 has besides; one of 2012 doesn't. Most are empty in most lines, as in the
+# archive's.
 LATER = {
     "all_awardings": [],
     "approved_at_utc": None,
@@ -186,7 +188,9 @@ def ours(path: Path, root: Path) -> int:
 
 @pytest.mark.parametrize("later", [{}, LATER], ids=["2012", "2023"])
 def test_six_times_json(tmp_path, record_property, later):
-    """Each way once a round and the best of its rounds: what else a machine does can only slow a way down."""
+    """Each way once a round and the best of its rounds:
+    what else a machine does can only slow a way down.
+    """
     path = tmp_path / "RC_2024-01.zst"
     write(path, LINES, later)
     ways: dict[str, Callable[[int], int]] = {
@@ -216,7 +220,8 @@ def test_memory_does_not_grow_with_the_file(tmp_path, record_property):
         write(path, lines, LATER)
         program = (
             "import sys; from kb.reddit.importing import Job, import_file; import resource;"
-            "import_file(Job(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'), 0)); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+            "import_file(Job(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'),"
+            " 0)); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
         )
         done = subprocess.run(
             [sys.executable, "-c", program, str(path), str(tmp_path / f"root{lines}")],

@@ -1,8 +1,10 @@
-"""Texts a second on a model of BERT-base's size, beside plain Detoxify on the same texts in the same run.
+"""Texts a second on a model of BERT-base's size, beside plain Detoxify on the same texts in the
+same run.
 
     one by one       `Detoxify.predict(text)` for each text
     arrival order    `Detoxify.predict(32 texts)` at a time, padded to the longest of them
-    ours             equal texts once, sorted by length, batches under a token budget, fastest exact backend
+    ours             equal texts once, sorted by length, batches under a token budget, fastest exact
+                     backend
 
 All in fp32 with the same number of threads. Weights are random: the time is that of the real model.
 """
@@ -37,7 +39,9 @@ WAYS = ("chosen", "torch", "onnxruntime", "bf16", "int8")
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory):
-    """12 layers of 768, as `original`, with random weights and the tiny model's vocabulary filled up to BERT's size."""
+    """12 layers of 768, as `original`, with random weights and the tiny model's vocabulary filled
+    up to BERT's size.
+    """
     from transformers import BertConfig, BertForSequenceClassification
 
     os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
@@ -49,7 +53,8 @@ def checkpoint(tmp_path_factory):
     (folder / "tokenizer_config.json").write_text(
         '{"do_lower_case": true, "model_max_length": 512}'
     )
-    # Wider weights than a fresh model's: else every text has the same score and agreement means nothing.
+    # Wider weights than a fresh model's: else every text has the same score and agreement means
+    # nothing.
     config = BertConfig(num_labels=6, initializer_range=0.05)
     (folder / "config.json").write_text(json.dumps({"model_type": "bert"}))
     args = {
@@ -76,7 +81,9 @@ def checkpoint(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def texts():
-    """Lengths as of comments and titles: half under 15 words, a few of hundreds; a fifth said before."""
+    """Lengths as of comments and titles: half under 15 words, a few of hundreds;
+    a fifth said before.
+    """
     rng = clock.rng("bench toxicity")
     made: list[str] = []
     for _ in range(TEXTS):
@@ -89,7 +96,9 @@ def texts():
 
 
 def test_same_scores_at_three_times_the_rate(checkpoint, texts):
-    """The ways take turns, and the best of the rounds counts: a machine's speed drifts by the minute."""
+    """The ways take turns, and the best of the rounds counts:
+    a machine's speed drifts by the minute.
+    """
     threads = len(os.sched_getaffinity(0))
     torch.set_num_threads(threads)
     detoxify = load_detoxify(checkpoint)
@@ -118,7 +127,8 @@ def test_same_scores_at_three_times_the_rate(checkpoint, texts):
 
     one = best.pop("one by one")
     print(
-        f"\n{len(texts)} texts, {len(set(texts))} distinct, {threads} threads, best of {ROUNDS} rounds"
+        f"\n{len(texts)} texts, {len(set(texts))} distinct, {threads} threads,"
+        f" best of {ROUNDS} rounds"
     )
     print(f"one by one      {one:7.1f} texts/s   1.00×")
     print(
@@ -126,8 +136,8 @@ def test_same_scores_at_three_times_the_rate(checkpoint, texts):
     )
     for name, rate in best.items():
         print(
-            f"{name:<16}{rate:7.1f} texts/s   {rate / one:.2f}×   largest difference {differences[name]:.1e}"
-            f"{'   ' + runners[name].name if name == 'chosen' else ''}",
+            f"{name:<16}{rate:7.1f} texts/s   {rate / one:.2f}×   largest difference"
+            f" {differences[name]:.1e}{'   ' + runners[name].name if name == 'chosen' else ''}",
             flush=True,
         )
     exact = [name for name in best if name not in ("bf16", "int8")]

@@ -1,5 +1,5 @@
-"""The wiki's browser work: one call for a whole page against WebDriver's calls for each element, and
-pages a second with one and two browsers against nothing but loading them with the same browser.
+"""The wiki's browser work: one call for a whole page against WebDriver's calls for each element,
+and pages a second with one and two browsers against nothing but loading them with the same browser.
 """
 
 from __future__ import annotations
@@ -97,7 +97,8 @@ def test_one_call_against_webdriver(make_pool, wiki, section):
         (tag, round(rect["width"])) for tag, _, rect, _ in by_driver
     ]
     print(
-        f"\n{len(elements)} elements: one call {ours * 1000:.1f} ms, WebDriver {theirs:.2f} s: {theirs / ours:.0f} times"
+        f"\n{len(elements)} elements: one call {ours * 1000:.1f} ms,"
+        f" WebDriver {theirs:.2f} s: {theirs / ours:.0f} times"
     )
     assert theirs / ours >= 100
 
@@ -140,7 +141,8 @@ def test_pages_a_second(make_pool, wiki, section, tmp_path):
                     parts.update(held)
     total = sum(parts.values())
     print(
-        f"\nbare load {loads:.1f} pages/s; whole pages with 1 browser {rates[1]:.2f}, with 2 {rates[2]:.2f} ({rates[2] / rates[1]:.1f} times)"
+        f"\nbare load {loads:.1f} pages/s; whole pages with 1 browser {rates[1]:.2f},"
+        f" with 2 {rates[2]:.2f} ({rates[2] / rates[1]:.1f} times)"
     )
     print(
         "where a page's time goes: "

@@ -1,4 +1,5 @@
-"""One million raw video records: parse + filter + export, against the same job as plain Python over dicts.
+"""One million raw video records: parse + filter + export, against the same job as plain Python over
+dicts.
 
 Both read the same raw segments and must keep and reject the same records at the same stages.
 Peak memory must not grow with the number of records.
@@ -47,12 +48,14 @@ def test_rate_and_memory(tmp_path: Path) -> None:
         ):
             figures[name, size] = script(what, root, workers)
     print(
-        f"\n{'':12} {'records':>10} {'seconds':>8} {'CPU s':>7} {'records/s':>10} {'ratio':>6} {'peak MB':>8} {'worker MB':>9}"
+        f"\n{'':12} {'records':>10} {'seconds':>8} {'CPU s':>7} {'records/s':>10}"
+        f" {'ratio':>6} {'peak MB':>8} {'worker MB':>9}"
     )
     for (name, size), found in figures.items():
         ratio = figures["plain", size]["seconds"] / found["seconds"]
         print(
-            f"{name:12} {size:10,} {found['seconds']:8.1f} {found['cpu_s']:7.1f} {size / found['seconds']:10,.0f} {ratio:6.2f}"
+            f"{name:12} {size:10,} {found['seconds']:8.1f} {found['cpu_s']:7.1f}"
+            f" {size / found['seconds']:10,.0f} {ratio:6.2f}"
             f" {found['peak_mb']:8} {found['worker_mb']:9}"
         )
     for size in (SMALL, LARGE):

@@ -1,6 +1,8 @@
-"""Synthetic raw video records, and the job written as plain Python over dicts. Run as a script, so that memory is its own.
+"""Synthetic raw video records, and the job written as plain Python over dicts. Run as a script, so
+that memory is its own.
 
-    python youtube_records.py make ROOT COUNT      raw/youtube/videos of COUNT records, 50 an envelope
+    python youtube_records.py make ROOT COUNT      raw/youtube/videos of COUNT records,
+                                                   50 an envelope
     python youtube_records.py ours ROOT WORKERS    parse, filter and export by Lorebase
     python youtube_records.py plain ROOT           the same by json, dicts and lists
 
@@ -131,7 +133,9 @@ def _item(number: int, chance: random.Random, texts: list[str]) -> dict[str, Any
 
 
 def ours(root: Path, workers: int) -> dict[str, Any]:
-    """`kb youtube filter` and `export`; neither label, transcripts nor model, so that the columns are what is measured."""
+    """`kb youtube filter` and `export`; neither label, transcripts nor model,
+    so that the columns are what is measured.
+    """
     from kb.core.context import Run
     from kb.core.profile import load_profile
     from kb.core.settings import Settings

@@ -1,4 +1,6 @@
-"""`kb` as a user runs it: a process of its own, in an empty folder, without the caller's settings."""
+"""`kb` as a user runs it: a process of its own,
+in an empty folder, without the caller's settings.
+"""
 
 from __future__ import annotations
 

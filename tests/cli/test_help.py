@@ -15,7 +15,8 @@ import typer
 from kb.cli.app import TREE, leaves, main
 from kb.cli.options import COMMON, RUNNING, SHARED
 
-# What may be imported before a command runs: a budget in modules, as a time would depend on the machine.
+# What may be imported before a command runs: a budget in modules, as a time would depend on the
+# machine.
 NOT_FOR_HELP = (
     "rich",
     "pydantic",
@@ -50,7 +51,10 @@ def imports_of(code: str) -> set[str]:
         [
             sys.executable,
             "-c",
-            f"import json, sys\ntry:\n    {code}\nexcept SystemExit:\n    pass\nprint('\\n' + json.dumps(sorted(sys.modules)))",
+            (
+                f"import json, sys\ntry:\n    {code}\nexcept SystemExit:\n    pass\n"
+                "print('\\n' + json.dumps(sorted(sys.modules)))"
+            ),
         ],
         capture_output=True,
         text=True,
@@ -79,7 +83,7 @@ def test_help_lists_every_group(kb: Any) -> None:
     assert answer.returncode == 0
     assert answer.stderr == ""
     for name, (_, line) in TREE.items():
-        assert re.search(rf"^  {name} +{re.escape(line)}$", answer.stdout, re.M), name
+        assert re.search(rf"^  {name} +{re.escape(line)}$", answer.stdout, re.MULTILINE), name
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
@@ -175,7 +179,7 @@ def test_an_option_before_a_groups_command_is_not_dropped(kb: Any) -> None:
 def test_help_has_its_options_in_groups(name: str) -> None:
     command = COMMANDS[name]
     shown = command.get_help(typer.Context(command, info_name=f"kb {name}"))
-    sections = re.split(r"^(?=\S.*:\n)", shown, flags=re.M)
+    sections = re.split(r"^(?=\S.*:\n)", shown, flags=re.MULTILINE)
     by_title = {part.split(":\n")[0]: part for part in sections}
     assert all(f"--{option}" in by_title["Common options"] for option in COMMON)
     running = APPLIES.get(name, set())

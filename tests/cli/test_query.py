@@ -23,8 +23,9 @@ from kb.schema.tables import table
 from tests.cli.conftest import clean_environment
 
 SQL = (
-    "SELECT 1 AS n, 'a, \"b\"' AS text, TIMESTAMPTZ '2026-11-20 12:00:00+00' AS at, [1.5, NULL] AS list, NULL AS nothing"
-    " UNION ALL SELECT 2, 'é' || chr(10) || 'x', NULL, NULL, NULL ORDER BY n"
+    "SELECT 1 AS n, 'a, \"b\"' AS text, TIMESTAMPTZ '2026-11-20 12:00:00+00' AS at, [1.5,"
+    " NULL] AS list, NULL AS nothing UNION ALL SELECT 2, 'é' || chr(10) || 'x', NULL,"
+    " NULL, NULL ORDER BY n"
 )
 
 
@@ -128,7 +129,10 @@ def test_views_of_the_data_root(kb: Any, root: Path) -> None:
         ("COPY (SELECT 1) TO 'x.csv'", ["only reads"]),
         ("SELECT 'x'::INT", ["x"]),
         (
-            "SELECT CASE WHEN range > 90000 THEN error('late') ELSE range::VARCHAR END AS x FROM range(100000)",
+            (
+                "SELECT CASE WHEN range > 90000 THEN error('late') ELSE range::VARCHAR END AS"
+                " x FROM range(100000)"
+            ),
             ["late"],
         ),
         ("SELECT [DATE 'infinity'] AS x", ["column x", "x::VARCHAR"]),
@@ -151,7 +155,10 @@ def test_a_wrong_query_is_one_line_and_exit_2(
 def test_a_mistake_in_a_late_row_is_one_line_and_exit_2(
     kb: Any, tmp_path: Path, format: str
 ) -> None:
-    late = "SELECT CASE WHEN range > 90000 THEN error('late') ELSE range::VARCHAR END AS x FROM range(100000)"
+    late = (
+        "SELECT CASE WHEN range > 90000 THEN error('late') ELSE range::VARCHAR END AS x"
+        " FROM range(100000)"
+    )
     answer = kb("query", late, "--format", format, "--out", "answer")
     assert (answer.returncode, answer.stderr.count("\n")) == (2, 1)
     assert "Invalid Input Error: late" in answer.stderr
@@ -175,8 +182,10 @@ def test_columns_of_one_name_are_all_there(kb: Any, tmp_path: Path) -> None:
 
 # What Python, JSON or Arrow have no value for.
 ODD = (
-    "SELECT INTERVAL 3 DAY AS i, 170141183460469231731687303715884105727::HUGEINT AS h, DATE 'infinity' AS d, DATE '20000-01-02' AS far,"
-    " TIMESTAMP '-infinity' AS t, TIMESTAMPTZ '20000-01-02 03:04:05.5+00' AS z, 'ab'::BLOB AS b, true AS yes, {'x y': [INTERVAL 1 DAY]} AS s,"
+    "SELECT INTERVAL 3 DAY AS i, 170141183460469231731687303715884105727::HUGEINT AS h,"
+    " DATE 'infinity' AS d, DATE '20000-01-02' AS far,"
+    " TIMESTAMP '-infinity' AS t, TIMESTAMPTZ '20000-01-02 03:04:05.5+00' AS z, 'ab'::BLOB AS b,"
+    " true AS yes, {'x y': [INTERVAL 1 DAY]} AS s,"
     " MAP {'k': '101'::BIT} AS m, TIMESTAMP_NS '2026-01-02 03:04:05.123456789' AS n"
 )
 
@@ -197,7 +206,8 @@ def test_values_of_every_kind_as_text(kb: Any) -> None:
         "n": "2026-01-02T03:04:05.123456789",
     }
     assert kb("query", ODD, "--format", "csv").stdout.splitlines()[1] == (
-        "3 days,170141183460469231731687303715884105727,infinity,20000-01-02,-infinity,20000-01-02T03:04:05.500000Z,ab,true,"
+        "3 days,170141183460469231731687303715884105727,infinity,20000-01-02,-infinity,"
+        "20000-01-02T03:04:05.500000Z,ab,true,"
         '"{""x y"":[""1 day""]}","[[""k"",""101""]]",2026-01-02T03:04:05.123456789'
     )
     assert "20000-01-02T03:04:05.500000Z" in kb("query", ODD).stdout
@@ -374,9 +384,9 @@ def test_after_the_demo_its_own_tables_are_named(kb: Any, root: Path, tmp_path: 
 def test_numbers_in_full(kb: Any) -> None:
     answer = kb(
         "query",
-        "SELECT avg(x) AS mean, 0.12::FLOAT AS score, 1e16 AS big, 1e-7 AS small, 12.0::DOUBLE AS whole,"
-        " 123456789012345678901234567890::HUGEINT AS huge, 1e300 AS vast, 'nan'::DOUBLE AS nothing"
-        " FROM (VALUES (274100.0::DOUBLE), (274123.456789)) t(x)",
+        "SELECT avg(x) AS mean, 0.12::FLOAT AS score, 1e16 AS big, 1e-7 AS small,"
+        " 12.0::DOUBLE AS whole, 123456789012345678901234567890::HUGEINT AS huge, 1e300 AS vast,"
+        " 'nan'::DOUBLE AS nothing FROM (VALUES (274100.0::DOUBLE), (274123.456789)) t(x)",
     )
     assert answer.stdout.splitlines()[2].split() == [
         "274111.7283945",

@@ -12,8 +12,9 @@ import pytest
 
 from tests.cli.conftest import clean_environment
 
-# Two commands of the usual make: one that looks at the stop flag between items, one that is blocked in a wait.
-# A shell without job control starts background jobs, this suite perhaps, with SIGINT ignored, and children inherit that.
+# Two commands of the usual make: one that looks at the stop flag between items, one that is blocked
+# in a wait. A shell without job control starts background jobs, this suite perhaps, with SIGINT
+# ignored, and children inherit that.
 PROGRAM = """
 import signal, sys, threading
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -112,7 +113,10 @@ def test_a_signal_while_a_command_is_still_being_loaded(
     (tmp_path / "typer.py").write_text(
         'import time\nprint("importing", flush=True)\ntime.sleep(60)\n'
     )
-    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from kb.cli import main; main()"
+    program = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+        " from kb.cli import main; main()"
+    )
     process = subprocess.Popen(
         [sys.executable, "-c", program, "youtube", "crawl", "--json"],
         cwd=tmp_path,

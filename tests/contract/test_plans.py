@@ -1,4 +1,6 @@
-"""`--plan`: what a command would cost, of every command that asks a service; nothing is sent or kept."""
+"""`--plan`: what a command would cost, of every command that asks a service;
+nothing is sent or kept.
+"""
 
 from __future__ import annotations
 

@@ -85,32 +85,90 @@ def test_a_file_that_is_not_there(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('["roses"]', '"roses"', """'youtube.keywords' is "roses": must be a list in brackets, such as ["roses"]"""),
-        ('["roses"]', "[7]", """'youtube.keywords[1]' is 7: must be text in quotes, such as "7\""""),
-        ('["roses"]', '["roses", ""]', """'youtube.keywords' is ["roses", ""]: holds an empty keyword"""),
+        (
+            '["roses"]',
+            '"roses"',
+            """'youtube.keywords' is "roses": must be a list in brackets, such as ["roses"]""",
+        ),
+        (
+            '["roses"]',
+            "[7]",
+            """'youtube.keywords[1]' is 7: must be text in quotes, such as "7\"""",
+        ),
+        (
+            '["roses"]',
+            '["roses", ""]',
+            """'youtube.keywords' is ["roses", ""]: holds an empty keyword""",
+        ),
         ('["roses"]', "[]", "'youtube.keywords' is []: must hold at least 1"),
         ("[26]", "26", "'youtube.category_ids' is 26: must be a list in brackets, such as [26]"),
-        ("[26]", '[20, "x"]', """'youtube.category_ids[2]' is "x": must be a whole number, such as 100"""),
+        (
+            "[26]",
+            '[20, "x"]',
+            """'youtube.category_ids[2]' is "x": must be a whole number, such as 100""",
+        ),
         ("[26]", "[26]\nmin_views = 1.5", "'youtube.min_views' is 1.5: must be a whole number"),
         ("[26]", '[26]\nmin_views = "many"', """is "many": must be a whole number, such as 100"""),
         ("[26]", '[26]\nmin_aspect_ratio = "wide"', "must be a number, such as 1.5"),
         ("[26]", '[26]\ntranslate = "perhaps"', "must be true or false, such as true"),
         ("[26]", "[26]\nsearch_pages = 11", "'youtube.search_pages' is 11: must be at most 10"),
         ("[26]", "[26]\ntranscripts_per_hour = 0", "must be more than 0"),
-        ("[26]", '[26]\nlanguage = "English"', """'youtube.language' is "English": must be: language of the transcripts, such as "en\""""),
-        ("[26]", '[26]\n[reddit]\nsubreddit = "r/garden"', """'reddit.subreddit' is "r/garden": must be: name without r/, such as "Minecraft\""""),
-        ("[26]", '[26]\n[wiki]\nurl = "garden.wiki"', "must be an address like https://minecraft.wiki"),
-        ("[26]", '[26]\n[release]\nversion = "2"', """must be: version of the data: raise it for each published release, such as "1.0.0\""""),
-        ("[26]", "[26]\n[[release.creators]]\nname = ''", "'release.creators[1].name' is \"\": must not be empty"),
-        ("[26]", "[26]\n[pairs]\ninclude = ['x']\nmin_tokens = 70\nmax_tokens = 60", "'pairs': min_tokens is above max_tokens"),
+        (
+            "[26]",
+            '[26]\nlanguage = "English"',
+            (
+                """'youtube.language' is "English": must be: language of the transcripts,"""
+                """ such as "en\""""
+            ),
+        ),
+        (
+            "[26]",
+            '[26]\n[reddit]\nsubreddit = "r/garden"',
+            """'reddit.subreddit' is "r/garden": must be: name without r/, such as "Minecraft\"""",
+        ),
+        (
+            "[26]",
+            '[26]\n[wiki]\nurl = "garden.wiki"',
+            "must be an address like https://minecraft.wiki",
+        ),
+        (
+            "[26]",
+            '[26]\n[release]\nversion = "2"',
+            (
+                """must be: version of the data: raise it for each published release,"""
+                """ such as "1.0.0\""""
+            ),
+        ),
+        (
+            "[26]",
+            "[26]\n[[release.creators]]\nname = ''",
+            "'release.creators[1].name' is \"\": must not be empty",
+        ),
+        (
+            "[26]",
+            "[26]\n[pairs]\ninclude = ['x']\nmin_tokens = 70\nmax_tokens = 60",
+            "'pairs': min_tokens is above max_tokens",
+        ),
         ('title = "Garden"', "title = 5", """'title' is 5: must be text in quotes, such as "5\""""),
         ('title = "Garden"', 'title = "Garden"\nyoutub = 1', "unknown key 'youtub'"),
-        ('title = "Garden"', 'title = "Garden"\ntoxicity = "of"', """'toxicity' is "of": must be one of 'on' or 'off'"""),
+        (
+            'title = "Garden"',
+            'title = "Garden"\ntoxicity = "of"',
+            """'toxicity' is "of": must be one of 'on' or 'off'""",
+        ),
         ('title = "Garden"', 'title = "Garden"\ntoxicity = 5', "'toxicity' is 5: must be a table"),
-        ('title = "Garden"', 'title = "Garden"\nwiki = "garden.wiki"', """'wiki' is "garden.wiki": must be a table"""),
-        ('name = "garden"', 'name = "My Garden"', """must be: short name, used in file names and titles, such as "stardew-valley\""""),
+        (
+            'title = "Garden"',
+            'title = "Garden"\nwiki = "garden.wiki"',
+            """'wiki' is "garden.wiki": must be a table""",
+        ),
+        (
+            'name = "garden"',
+            'name = "My Garden"',
+            """must be: short name, used in file names and titles, such as "stardew-valley\"""",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_value_is_told_in_a_users_words(tmp_path, old, new, message):
     assert old in GOOD
     with pytest.raises(ProfileError) as error:

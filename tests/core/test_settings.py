@@ -166,16 +166,28 @@ def test_a_file_that_is_no_text_is_said_to_be_none(empty_place):
         ("SOURCE_DATE_EPOCH", "-1", 'is "-1": must be at least 0, such as 1767225600'),
         ("SOURCE_DATE_EPOCH", "9" * 30, "must be at most 253402300799"),
         ("SOURCE_DATE_EPOCH", "9" * 5000, "…: is too large a number, such as 1767225600"),
-        ("KB_NOW", "yesterday", 'is "yesterday": must be a date and time, such as "2026-11-20T12:00:00Z"'),
+        (
+            "KB_NOW",
+            "yesterday",
+            'is "yesterday": must be a date and time, such as "2026-11-20T12:00:00Z"',
+        ),
         ("KB_NOW", "0001-01-01T00:00:00+10:00", "must be a time from the years 1 to 9999"),
         ("KB_DATA", "da\nta", 'is "da\\nta": must not hold line breaks'),
         ("KB_CONTACT", "snow☃man@example.org", "must be of Latin letters, digits and signs"),
-        ("KB_WIKI_URL", "minecraft.wiki", "KB_WIKI_URL: must be an address like http://127.0.0.1:8000"),
-        ("KB_WIKI_URL", "http://hunter2@host", "KB_WIKI_URL: must not hold a user name or password"),
+        (
+            "KB_WIKI_URL",
+            "minecraft.wiki",
+            "KB_WIKI_URL: must be an address like http://127.0.0.1:8000",
+        ),
+        (
+            "KB_WIKI_URL",
+            "http://hunter2@host",
+            "KB_WIKI_URL: must not hold a user name or password",
+        ),
         ("ZENODO_TOKEN", "hunter2\nhunter2", "ZENODO_TOKEN: must not hold line breaks"),
         ("YOUTUBE_API_KEY", "hunter2☃", "YOUTUBE_API_KEY: must be of Latin letters"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_said_in_a_users_words(monkeypatch, name, value, message):
     monkeypatch.setenv(name, value)
     with pytest.raises(SettingError) as error:

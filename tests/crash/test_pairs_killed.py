@@ -13,6 +13,8 @@ import pytest
 from tests.cli.conftest import clean_environment
 from tests.pairs.made import fill, tables
 
+pytestmark = pytest.mark.crash
+
 
 def command(root: Path) -> list[str]:
     return [sys.executable, "-m", "kb", "pairs", "--data", str(root), "--workers", "1", "--quiet"]

@@ -1,4 +1,6 @@
-"""A purge that is killed, or comes after a killed command: no byte of the data root keeps what is purged."""
+"""A purge that is killed, or comes after a killed command:
+no byte of the data root keeps what is purged.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +12,8 @@ import pytest
 
 from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT
+
+pytestmark = pytest.mark.crash
 
 
 @pytest.mark.parametrize(("step", "kills"), [("purge", 12), ("filter", 6), ("pairs", 4)])

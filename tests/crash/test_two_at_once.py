@@ -1,4 +1,6 @@
-"""Two commands at once on one data root: one is paused where it writes, the other says who holds it, and both are right."""
+"""Two commands at once on one data root: one is paused where it writes,
+the other says who holds it, and both are right.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +19,17 @@ from tests.conftest import ROOT
 from tests.crash.killed import GONE, make, traces
 from tests.filters.made import digests
 
+pytestmark = pytest.mark.crash
+
 # Runs `kb`, and stops itself when it makes a folder or file of the name given first.
 PAUSED = """
 import os, signal, sys
 wanted = [sys.argv.pop(1)]
 def look(event, args):
-    if wanted and event in ("os.mkdir", "open") and os.path.basename(str(args[0])).startswith(wanted[0]):
-        wanted.clear()
-        os.kill(os.getpid(), signal.SIGSTOP)
+    if wanted and event in ("os.mkdir", "open"):
+        if os.path.basename(str(args[0])).startswith(wanted[0]):
+            wanted.clear()
+            os.kill(os.getpid(), signal.SIGSTOP)
 sys.addaudithook(look)
 from kb.cli.app import main
 sys.exit(main())

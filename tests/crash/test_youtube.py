@@ -1,4 +1,6 @@
-"""SIGKILL at random moments of the YouTube job, then the same commands again: the same release, and hardly a request more."""
+"""SIGKILL at random moments of the YouTube job, then the same commands again: the same release,
+and hardly a request more.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +17,8 @@ from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.youtube.job import Job, plain_units
 
+pytestmark = pytest.mark.crash
+
 KILLS = 5
 WORKERS = 2
 
@@ -30,7 +34,9 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
 
 
 def killed(job: Job, request: int, *words: str) -> bool:
-    """Run `kb WORDS` and kill it when the request of that number comes; False when it ended before."""
+    """Run `kb WORDS` and kill it when the request of that number comes;
+    False when it ended before.
+    """
     children: list[subprocess.Popen[str]] = []
     fault = job.sandbox.faults.add("", after=request, then=lambda seen: children[0].kill())
     children.append(job.start(*words, "--workers", str(WORKERS)))
@@ -51,7 +57,8 @@ def test_killed_again_and_again_it_makes_the_same_release(plain: Job, tmp_path: 
         job.done("youtube", "filter")
         job.done("youtube", "export")
         assert job.released() == plain.released()
-        # Nothing was asked again but what was in flight: a call of the API, and a video in each worker's hands.
+        # Nothing was asked again but what was in flight: a call of the API, and a video in each
+        # worker's hands.
         assert plain_units(sandbox) <= sandbox.ledger.units() <= plain_units(sandbox) + kills
         watched = Counter(seen.about for seen in sandbox.ledger.requests("/watch"))
         assert sum(watched.values()) - len(watched) <= kills * WORKERS
@@ -66,7 +73,9 @@ def test_killed_again_and_again_it_makes_the_same_release(plain: Job, tmp_path: 
 def test_a_killed_filter_or_export_leaves_the_last_tables_or_none(
     plain: Job, tmp_path: Path, step: str
 ) -> None:
-    """Killed at moments spread over its whole length, it leaves what was there; done again, it makes the same bytes."""
+    """Killed at moments spread over its whole length, it leaves what was there; done again,
+    it makes the same bytes.
+    """
     job = Job(plain.sandbox, tmp_path)
     shutil.copytree(plain.root, job.root)
     folder = ("clean", "youtube") if step == "filter" else ("release", "youtube")

@@ -1,4 +1,6 @@
-"""What a new source gets from the frame without writing it: resume, limit, wait, failures, blocks."""
+"""What a new source gets from the frame without writing it: resume, limit, wait,
+failures, blocks.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Every `kb …` that a message, hint or description names is a command, and can be typed as it stands."""
+"""Every `kb …` that a message, hint or description names is a command,
+and can be typed as it stands.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""README's blocks: what is shown with output is run and compared, what needs a real service is at least a real command."""
+"""README's blocks: what is shown with output is run and compared,
+what needs a real service is at least a real command.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +21,16 @@ TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.M | re.S)
+    return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
 
 
 def sessions() -> list[tuple[str, str]]:
-    """(command, output) of every `$ ` line of the console blocks; a command may go on over lines that end in a backslash."""
+    """(command, output) of every `$ ` line of the console blocks;
+    a command may go on over lines that end in a backslash.
+    """
     found = []
     for block in blocks("console"):
-        for part in re.split(r"^\$ ", block, flags=re.M)[1:]:
+        for part in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
             match = re.match(r"((?:[^\n]*\\\n)*[^\n]*)\n([\s\S]*)", part)
             assert match
             found.append((match[1], match[2]))
@@ -62,7 +66,7 @@ def test_commands_that_are_only_shown_exist() -> None:
         for block in (*blocks("bash"), *blocks(""))
         for line in block.splitlines()
     ]
-    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M))
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     checked = 0
     for line in lines:
         words = shlex.split(line) if line.startswith(("kb ", "make ")) else []
@@ -82,7 +86,7 @@ def test_the_table_of_commands_is_whole() -> None:
     table = TEXT[TEXT.index("## Commands") : TEXT.index("## ", TEXT.index("## Commands") + 3)]
     for name in TREE:
         assert f"kb {name}" in table or "`kb … " in table, name
-    for target in re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text(), re.M):
+    for target in re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text(), re.MULTILINE):
         if target not in ("help", "lock", "reference"):
             assert target in TEXT, target
 

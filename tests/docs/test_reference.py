@@ -24,14 +24,16 @@ def test_a_page_is_what_would_be_made_now(name: str) -> None:
 def test_every_setting_is_described_and_in_the_example() -> None:
     example = (ROOT / ".env.example").read_text(encoding="utf-8")
     names = {name.upper() for name in Settings.model_fields}
-    assert set(re.findall(r"^#?([A-Z][A-Z0-9_]+)=", example, re.M)) == names
+    assert set(re.findall(r"^#?([A-Z][A-Z0-9_]+)=", example, re.MULTILINE)) == names
     assert all(field.description for field in Settings.model_fields.values())
 
 
 def test_the_example_changes_nothing_as_it_is() -> None:
     """A copy of it without a value filled in must behave like no file at all."""
     values = re.findall(
-        r"^([A-Z][A-Z0-9_]+)=(.*)$", (ROOT / ".env.example").read_text(encoding="utf-8"), re.M
+        r"^([A-Z][A-Z0-9_]+)=(.*)$",
+        (ROOT / ".env.example").read_text(encoding="utf-8"),
+        re.MULTILINE,
     )
     assert all(value == "" for _, value in values)
 
@@ -45,8 +47,8 @@ def test_every_key_of_a_profile_is_described() -> None:
 
 def test_every_make_target_is_in_make_help() -> None:
     text = (ROOT / "Makefile").read_text(encoding="utf-8")
-    targets = set(re.findall(r"^([a-z-]+):", text, re.M))
-    described = set(re.findall(r"^([a-z-]+):.*## \S", text, re.M))
+    targets = set(re.findall(r"^([a-z-]+):", text, re.MULTILINE))
+    described = set(re.findall(r"^([a-z-]+):.*## \S", text, re.MULTILINE))
     assert targets == described
     wanted = {
         "setup",

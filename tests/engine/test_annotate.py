@@ -1,4 +1,6 @@
-"""`kb annotate wiki` and `kb annotate reddit` as a user types them: every text is scored once, and the filter finds it."""
+"""`kb annotate wiki` and `kb annotate reddit` as a user types them: every text is scored once,
+and the filter finds it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""The Dask engine behind the executor seam: order, errors, dying workers, and what a user can set wrong."""
+"""The Dask engine behind the executor seam: order, errors, dying workers,
+and what a user can set wrong.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +20,8 @@ from kb.core.errors import FatalError, MissingExtra, SettingError, Unreachable
 
 sys.path.insert(0, str(Path(__file__).parent))
 import tasks
+
+pytestmark = pytest.mark.dask
 
 
 @pytest.fixture(scope="module")

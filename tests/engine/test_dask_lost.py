@@ -1,4 +1,6 @@
-"""A Dask cluster that goes away, or that never gets workers: one clear line and exit 3, and signals are heard."""
+"""A Dask cluster that goes away, or that never gets workers: one clear line and exit 3,
+and signals are heard.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +22,8 @@ from kb.core.errors import Interrupted, Unreachable
 
 sys.path.insert(0, str(Path(__file__).parent))
 import tasks
+
+pytestmark = pytest.mark.dask
 
 
 class Own:

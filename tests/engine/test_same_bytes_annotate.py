@@ -1,4 +1,6 @@
-"""Scores of a two-worker cluster are the bytes of the local engine, also when a worker is killed."""
+"""Scores of a two-worker cluster are the bytes of the local engine,
+also when a worker is killed.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +20,8 @@ from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.sandbox import toxicity_words
 from kb.sandbox.toxicity import tiny_checkpoint
+
+pytestmark = pytest.mark.dask
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,8 @@ from kb.sandbox.world import World
 from tests.annotate.least import LIMITS
 from tests.youtube.job import Job
 
+pytestmark = pytest.mark.dask
+
 HERE = {"TZ": "UTC", "LC_ALL": "C.UTF-8", "PYTHONHASHSEED": "1"}
 # Half an hour beyond a whole zone; a locale whose comma and dotless i trip what asks for one.
 ELSEWHERE = {"TZ": "Asia/Kolkata", "LC_ALL": "tr_TR.UTF-8", "PYTHONHASHSEED": "77", **LIMITS}

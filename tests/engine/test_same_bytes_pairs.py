@@ -14,6 +14,8 @@ from kb.core.settings import load_settings
 from kb.pairs import build as building
 from tests.pairs.made import fill, tables
 
+pytestmark = pytest.mark.dask
+
 
 @pytest.fixture(scope="module")
 def data():

@@ -18,6 +18,8 @@ from kb.reddit.authors import load_key
 from kb.reddit.importing import import_dumps
 from tests.engine.test_same_bytes_youtube import digests
 
+pytestmark = pytest.mark.dask
+
 FILES, COMMENTS = 10, 1500
 
 

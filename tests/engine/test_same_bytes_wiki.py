@@ -1,4 +1,6 @@
-"""Filter and scores of wiki pages: the same bytes by one worker, two, a cluster, and one whose worker dies."""
+"""Filter and scores of wiki pages: the same bytes by one worker, two, a cluster,
+and one whose worker dies.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +22,8 @@ from kb.store import buckets
 from tests.engine.test_same_bytes_youtube import digests
 from tests.wiki.made import MONDAY, many, page, put, refused, told
 
+pytestmark = pytest.mark.dask
+
 PAGES = 150
 
 
@@ -38,7 +42,9 @@ def crawled(tmp_path_factory):
 
 @pytest.fixture
 def start(crawled, tmp_path, monkeypatch):
-    """start(name, options of the run) → a Run on a copy of the crawl, cut into as many tasks as a large one."""
+    """start(name, options of the run) → a Run on a copy of the crawl,
+    cut into as many tasks as a large one.
+    """
     monkeypatch.setattr(buckets, "RAW_BYTES", 300_000)
     settings = load_settings(dotenv=False, kb_toxicity_model=str(tiny_checkpoint()))
 

@@ -1,4 +1,6 @@
-"""Filter, pairs and release of a crawl: the same bytes by one worker, two, a cluster, and one whose worker dies."""
+"""Filter, pairs and release of a crawl: the same bytes by one worker, two, a cluster,
+and one whose worker dies.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +25,8 @@ from kb.sandbox.toxicity import tiny_checkpoint
 from kb.sandbox.world import World
 from kb.store import buckets
 from tests.youtube.job import NOW, Job
+
+pytestmark = pytest.mark.dask
 
 
 @pytest.fixture(scope="module")

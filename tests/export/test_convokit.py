@@ -1,4 +1,6 @@
-"""Reddit as a ConvoKit corpus, out of a data root of any name; that ConvoKit loads it is tested with Reddit's filter."""
+"""Reddit as a ConvoKit corpus, out of a data root of any name;
+that ConvoKit loads it is tested with Reddit's filter.
+"""
 
 from __future__ import annotations
 

@@ -320,18 +320,21 @@ class Scorer:
         return "lengths"
 
     def annotate(self, run, source, texts):
-        Path(run.root, "asked.txt").write_text("\\n".join(sorted({text for part in texts for text in part.to_pylist() if text})))
+        asked = {text for part in texts for text in part.to_pylist() if text}
+        Path(run.root, "asked.txt").write_text("\\n".join(sorted(asked)))
 
     def scores(self, key, root, source, texts):
         import pyarrow as pa
-        return pa.table({name: pa.array([None if not text else len(text) / scale for text in texts.to_pylist()], pa.float32())
+        lengths = [len(text) if text else None for text in texts.to_pylist()]
+        return pa.table({name: pa.array([n and n / scale for n in lengths], pa.float32())
                          for name, scale in (("toxicity", 100), ("insult", 50))})
 
 
 def clean(p):
     spec = shipped.clean(p)
     chain = spec.chains[0]
-    stages = (*chain.stages[:-3], AtMost("toxicity_title", 0.31, stage="toxicity", null_passes=True), *chain.stages[-3:])
+    title = AtMost("toxicity_title", 0.31, stage="toxicity", null_passes=True)
+    stages = (*chain.stages[:-3], title, *chain.stages[-3:])
     return replace(spec, scorer=Scorer(), chains=(replace(chain, stages=stages),))
 '''
 

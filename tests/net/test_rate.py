@@ -57,7 +57,10 @@ def test_loopback(url: str, wanted: bool) -> None:
     assert is_loopback(url) is wanted
 
 
-RULES = "User-agent: *\nDisallow: /private\nCrawl-delay: 5\n\nUser-agent: lorebase\nDisallow: /no\nCrawl-delay: 0.5\n"
+RULES = (
+    "User-agent: *\nDisallow: /private\nCrawl-delay: 5\n\nUser-agent: lorebase\nDisallow:"
+    " /no\nCrawl-delay: 0.5\n"
+)
 
 
 def test_robots_by_agent() -> None:

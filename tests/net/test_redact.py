@@ -35,7 +35,10 @@ def _forget() -> Iterator[None]:
             "refresh_token=***&client_secret=***",
         ),
         (
-            '"GET /api/timedtext?v=a&ip=10.9.8.7&ei=abc&sparams=ip,ei&signature=0A.1B&key=yt8 HTTP/1.1"',
+            (
+                '"GET /api/timedtext?v=a&ip=10.9.8.7&ei=abc&sparams=ip,ei&signature=0A.1B'
+                '&key=yt8 HTTP/1.1"'
+            ),
             "&ip=***&ei=***&sparams=ip,ei&signature=***&key=***",
         ),
         (

@@ -1,4 +1,6 @@
-"""`kb demo` of the installed wheel, outside of the checkout: the whole job, and nothing left out."""
+"""`kb demo` of the installed wheel, outside of the checkout:
+the whole job, and nothing left out.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from tests import trap
+
+pytestmark = pytest.mark.wheel
 
 STEPS = [
     "youtube crawl",
@@ -101,7 +105,9 @@ def test_it_prints_queries_with_results(demo: Path) -> None:
 def test_its_release_is_read_by_everyone(
     demo: Path, source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Rows by DuckDB, polars, Hugging Face datasets and mlcroissant are the same; checksums and citation are good."""
+    """Rows by DuckDB, polars, Hugging Face datasets and mlcroissant are the same;
+    checksums and citation are good.
+    """
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     import datasets
     import duckdb

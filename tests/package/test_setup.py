@@ -12,12 +12,16 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.wheel
+
 ROOT = Path(__file__).resolve().parents[2]
 
-# A stand-in for the interpreter, and for the one in .venv: knows `-m venv` and notes every `-m pip`.
+# A stand-in for the interpreter, and for the one in .venv:
+# knows `-m venv` and notes every `-m pip`.
 PYTHON = r"""#!/usr/bin/env bash
 case "$*" in
-  *"-m venv"*) mkdir -p .venv/bin; cp "$0" .venv/bin/python; printf '#!%s/.venv/bin/python\n' "$PWD" > .venv/bin/pip;;
+  *"-m venv"*) mkdir -p .venv/bin; cp "$0" .venv/bin/python
+      printf '#!%s/.venv/bin/python\n' "$PWD" > .venv/bin/pip;;
   *"-m pip"*) echo "$*" >> calls
       case "$*" in *"$FAILING"*) echo "ERROR: no such thing"; exit 1;; esac;;
   *"import importlib.metadata"*) exit 1;;
@@ -192,7 +196,9 @@ def test_targets_take_exit_3_for_success_and_pass_others_on(checkout: Path) -> N
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_stopped_make_stops_kb_and_waits_for_it(checkout: Path, number: signal.Signals) -> None:
-    """SIGTERM to make alone, as `kill` and job schedulers send it; SIGINT to all, as a terminal's Ctrl-C."""
+    """SIGTERM to make alone, as `kill` and job schedulers send it; SIGINT to all,
+    as a terminal's Ctrl-C.
+    """
     setup(checkout)
     kb = checkout / ".venv" / "bin" / "kb"
     kb.write_text(KB.format(python=sys.executable))
@@ -205,9 +211,8 @@ def test_a_stopped_make_stops_kb_and_waits_for_it(checkout: Path, number: signal
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(
-            signal.SIGINT, signal.SIG_DFL
-        ),  # which this suite may have been told to ignore
+        # This suite may have been told to ignore SIGINT.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
         env={"PATH": str(checkout / "tools")},
     )
     assert make.stdin is not None

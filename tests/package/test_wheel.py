@@ -12,6 +12,8 @@ import pytest
 
 from tests.cli.conftest import clean_environment
 
+pytestmark = pytest.mark.wheel
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -67,7 +69,8 @@ def test_profile_schemas_and_pipelines_are_found_in_it(installed: Path, tmp_path
         "from kb.core.resources import folder\n"
         "from kb.core.profile import load_profile\n"
         "from kb.schema.tables import tables\n"
-        "print(len(list(folder('pipelines').glob('*.py'))), len(tables()), load_profile('minecraft').path)\n"
+        "print(len(list(folder('pipelines').glob('*.py'))), len(tables()),"
+        " load_profile('minecraft').path)\n"
     )
     answer = run(tmp_path, installed / "python", "-c", code)
     assert answer.returncode == 0, answer.stderr
@@ -98,7 +101,9 @@ OPTIONAL = (
 
 @pytest.fixture
 def base_only(tmp_path: Path) -> dict[str, str]:
-    """Settings under which optional packages can't be imported, as after a plain `pip install lorebase`."""
+    """Settings under which optional packages can't be imported,
+    as after a plain `pip install lorebase`.
+    """
     folder = tmp_path / "blocked"
     folder.mkdir()
     for name in OPTIONAL:
@@ -115,7 +120,8 @@ def test_the_base_install_imports_every_module(
     code = (
         "import importlib, pkgutil, kb\n"
         "for module in pkgutil.walk_packages(kb.__path__, 'kb.'):\n"
-        "    if not module.name.startswith(('kb.pipelines', 'kb.schemas', 'kb.profiles')) and not module.name.endswith('__main__'):\n"
+        "    if not module.name.startswith(('kb.pipelines', 'kb.schemas',"
+        " 'kb.profiles')) and not module.name.endswith('__main__'):\n"
         "        importlib.import_module(module.name)\n"
         "        print(module.name)\n"
     )

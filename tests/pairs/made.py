@@ -83,7 +83,9 @@ def vocabulary(size: int, seed: int = 7) -> list[str]:
 def words(
     count: int, phrases: list[str], share: float, seed: int, vocabulary_size: int = 20_000
 ) -> np.ndarray:
-    """`count` words or phrases; about `share` of them are `phrases`, a few of these far more often than the rest."""
+    """`count` words or phrases; about `share` of them are `phrases`,
+    a few of these far more often than the rest.
+    """
     rng = np.random.default_rng(seed)
     plain = np.asarray(vocabulary(vocabulary_size), object)
     chosen = plain[_zipf(rng, count, len(plain))]

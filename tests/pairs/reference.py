@@ -1,4 +1,7 @@
-"""The slow, obvious way to find keywords: word by word in a trie of dicts. What the fast one is held against."""
+"""The slow, obvious way to find keywords: word by word in a trie of dicts.
+
+What the fast one is held against.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,9 @@ class Hit(NamedTuple):
 
 
 def joined(cues: list[dict]) -> str:  # type: ignore[type-arg]
-    """A transcript's text: its cues by start (what is no time counts as 0), one space between two."""
+    """A transcript's text: its cues by start (what is no time counts as 0),
+    one space between two.
+    """
 
     def start(cue: dict) -> float:  # type: ignore[type-arg]
         value = cue["start_s"]
@@ -23,7 +28,9 @@ def joined(cues: list[dict]) -> str:  # type: ignore[type-arg]
 
 
 def words(text: str) -> list[tuple[str, int, int]]:
-    """(folded word, start, end): runs of letters, digits and marks; invisible characters are looked through."""
+    """(folded word, start, end): runs of letters, digits and marks;
+    invisible characters are looked through.
+    """
     found: list[tuple[str, int, int]] = []
     word, start, end = "", 0, 0
     for place, char in enumerate(text):
@@ -41,7 +48,9 @@ def words(text: str) -> list[tuple[str, int, int]]:
 
 
 def find(text: str, phrases: list[str]) -> list[Hit]:
-    """Every phrase (folded words) in the text: the leftmost, of those the longest, then on behind it."""
+    """Every phrase (folded words) in the text: the leftmost, of those the longest,
+    then on behind it.
+    """
     trie: dict = {}  # type: ignore[type-arg]
     for phrase in phrases:
         node = trie

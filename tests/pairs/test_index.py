@@ -17,7 +17,8 @@ from tests.pairs.conftest import rows_of, transcripts
 from tests.pairs.reference import joined
 from tests.pairs.test_match import _PARTS
 
-# No shrinking: a failing example is printed as it is, where making it small takes longer than reading it.
+# No shrinking: a failing example is printed as it is, where making it small takes longer than
+# reading it.
 _FILLER = [
     "the",
     "so",
@@ -107,7 +108,9 @@ def test_every_pair(keywords, with_section, tools, videos, rules):
 
 
 def _stuck(tools, spoken, row, most):  # type: ignore[no-untyped-def]
-    """Whether one more character on either side would be too many tokens: the only reason for a short text."""
+    """Whether one more character on either side would be too many tokens:
+    the only reason for a short text.
+    """
     left, right = len(spoken[: row["text_start_char"]].rstrip()), row["text_end_char"]
     right += len(spoken[right:]) - len(spoken[right:].lstrip())
     longer = [spoken[left - 1 : row["text_end_char"]]] if left else []

@@ -87,7 +87,8 @@ def _list(tmp_path: Path, text: str) -> Path:
 def test_a_list_of_ones_own(tmp_path: Path) -> None:
     path = _list(
         tmp_path,
-        "# mine\nkeyword\tkind\trule\tforms\nRook\tpiece\nPawn\tpiece\tnear:7\tfoot soldier, peon\n\nMove\tterm\tnever\nKing\tpiece\tnear\n",
+        "# mine\nkeyword\tkind\trule\tforms\nRook\tpiece\nPawn\tpiece\tnear:7\tfoot"
+        " soldier, peon\n\nMove\tterm\tnever\nKing\tpiece\tnear\n",
     )
     assert read(path, 9) == [
         Keyword("Rook", "piece"),

@@ -131,7 +131,9 @@ def test_damaged_rows_of_youtube_are_named(run: Run, tmp_path: Path, table: str)
 
 
 def test_video2dataset_reads_the_clips(run: Run, tmp_path: Path) -> None:
-    """By video2dataset's own reader; its package imports its downloaders, so the module is loaded alone."""
+    """By video2dataset's own reader; its package imports its downloaders,
+    so the module is loaded alone.
+    """
     path = _export(run, "video2dataset")
     found = importlib.util.find_spec("video2dataset")
     if found is None:

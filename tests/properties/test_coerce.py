@@ -61,7 +61,8 @@ def test_no_duration_raises_or_is_negative(values: list[Any]) -> None:
     assert column.null_count == len(bad) + values.count(None)
 
 
-moments = st.datetimes(datetime(1970, 1, 1), datetime(2100, 1, 1))
+# hypothesis wants bounds without a zone.
+moments = st.datetimes(datetime(1970, 1, 1), datetime(2100, 1, 1))  # noqa: DTZ001
 
 
 @given(st.lists(moments), st.sampled_from(["Z", ".000Z", ".%fZ"]))

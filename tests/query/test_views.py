@@ -138,11 +138,20 @@ def test_a_mistake_is_one_line_with_a_hint(root: Path, sql: str, said: str, hint
         "EXPORT DATABASE '{tmp}/x'",
         "PRAGMA database_list",
         "SELECT * FROM glob('/etc/*')",
-        "COPY (PIVOT youtube_videos ON view_count USING count(*)) TO '{root}/clean/youtube/videos/x.parquet'",
+        (
+            "COPY (PIVOT youtube_videos ON view_count USING count(*)) TO"
+            " '{root}/clean/youtube/videos/x.parquet'"
+        ),
         "CREATE TABLE t AS PIVOT youtube_videos ON view_count USING count(*)",
         "EXPLAIN ANALYZE COPY (SELECT 1) TO '{root}/clean/youtube/videos/x.parquet'",
-        "/* é */ EXPLAIN (ANALYZE, FORMAT JSON) COPY (SELECT 1) TO '{root}/clean/youtube/videos/x.parquet'",
-        "EXPLAIN ANALYZE COPY (PIVOT youtube_videos ON view_count USING count(*)) TO '{root}/clean/youtube/videos/x.parquet'",
+        (
+            "/* é */ EXPLAIN (ANALYZE, FORMAT JSON) COPY (SELECT 1) TO"
+            " '{root}/clean/youtube/videos/x.parquet'"
+        ),
+        (
+            "EXPLAIN ANALYZE COPY (PIVOT youtube_videos ON view_count"
+            " USING count(*)) TO '{root}/clean/youtube/videos/x.parquet'"
+        ),
     ],
 )
 def test_nothing_but_reading_the_tables(root: Path, tmp_path: Path, sql: str, make_rows) -> None:  # type: ignore[no-untyped-def]

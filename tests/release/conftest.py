@@ -33,7 +33,9 @@ def a_run(root: Path, profile: str | Path = "minecraft", **settings: object) -> 
 
 @pytest.fixture(autouse=True)
 def november(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Made rows were read in early November 2026: not too old for the gate, whenever the tests run."""
+    """Made rows were read in early November 2026:
+    not too old for the gate, whenever the tests run.
+    """
     monkeypatch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
 
 

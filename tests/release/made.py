@@ -20,9 +20,9 @@ from kb.store.shards import sorted_shards, write_table
 
 START = datetime(2026, 11, 1, tzinfo=UTC)
 VOCABULARY = (
-    "how to build a small house with oak logs find diamonds craft an iron pickaxe tame the wolf farm wheat cave castle"
-    " tower bridge torch furnace bread village trade emerald horse saddle boat river ocean island ship chest barrel"
-    " stairs roof garden flower bee honey"
+    "how to build a small house with oak logs find diamonds craft an iron pickaxe tame the wolf"
+    " farm wheat cave castle tower bridge torch furnace bread village trade emerald horse saddle"
+    " boat river ocean island ship chest barrel stairs roof garden flower bee honey"
 )
 WORDS = VOCABULARY.split()
 KEYWORDS = ("oak log", "diamond", "iron pickaxe", "wolf", "wheat")

@@ -1,6 +1,8 @@
-"""A published release, downloaded from the loopback service into an empty folder, read by everyone who will read it.
+"""A published release, downloaded from the loopback service into an empty folder, read by everyone
+who will read it.
 
-Offline: DuckDB, pyarrow, polars, Hugging Face datasets, mlcroissant, sha256sum, cffconvert, zenodo.json.
+Offline: DuckDB, pyarrow, polars, Hugging Face datasets, mlcroissant, sha256sum, cffconvert,
+zenodo.json.
 """
 
 from __future__ import annotations
@@ -100,8 +102,8 @@ def test_kb_query(released: Path, capsys: pytest.CaptureFixture[str]) -> None:
             [
                 "query",
                 (
-                    "SELECT v.video_id, count(*) AS n FROM release.youtube_videos v JOIN release.pairs p USING "
-                    "(video_id) GROUP BY 1 ORDER BY 1 LIMIT 1"
+                    "SELECT v.video_id, count(*) AS n FROM release.youtube_videos v"
+                    " JOIN release.pairs p USING (video_id) GROUP BY 1 ORDER BY 1 LIMIT 1"
                 ),
                 "--data",
                 str(released),

@@ -309,7 +309,8 @@ def test_changed_release_becomes_a_new_version(root: Path, service: Sandbox) -> 
     build(root, sources=("pairs",), n=70)
     profile = root / "mine.toml"
     profile.write_text(
-        'name = "minecraft"\ntitle = "Minecraft"\n[release]\nversion = "1.1.0"\n[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\n'
+        'name = "minecraft"\ntitle = "Minecraft"\n[release]\nversion ='
+        ' "1.1.0"\n[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\n'
     )
     run = a_run(root, profile, kb_zenodo_endpoint=service.servers["zenodo"].url, zenodo_token=TOKEN)
     others = [root / "release" / name for name in ("youtube", "wiki", "reddit")]
@@ -352,7 +353,8 @@ def test_release_of_the_tiny_model_goes_to_loopback_only(root: Path, service: Sa
     folder = root / "annotations" / "youtube"
     folder.mkdir(parents=True)
     duckdb.connect().execute(
-        f"COPY (SELECT 'lorebase_tiny' AS model, 'abc' AS revision, 'fp32' AS precision) TO '{folder / 'a.parquet'}' (FORMAT parquet)"
+        "COPY (SELECT 'lorebase_tiny' AS model, 'abc' AS revision,"
+        f" 'fp32' AS precision) TO '{folder / 'a.parquet'}' (FORMAT parquet)"
     )
     assert release(a_run(root))["sandbox_model"]
     assert "tiny toxicity model" in (root / "release" / "youtube" / "README.md").read_text()
@@ -436,7 +438,8 @@ def test_a_folder_that_fails_is_named_and_so_is_what_is_public(
         send(root, service, only="", publish=True)
     first, second = list(store(service).by_id)[:2]
     assert str(caught.value) == (
-        f"reddit: the deposit service refused (400): no; published before that: youtube (10.5072/zenodo.{first}), wiki (10.5072/zenodo.{second})"
+        "reddit: the deposit service refused (400): no; published before that:"
+        f" youtube (10.5072/zenodo.{first}), wiki (10.5072/zenodo.{second})"
     )
     summary = caught.value.summary or {}
     assert (summary["published"], list(summary["sources"])) == (2, ["youtube", "wiki"])

@@ -134,9 +134,9 @@ def test_content_hidden_in_a_released_column_of_reddit(tmp_path: Path, text: str
         tmp_path, changed("reddit/comments", lambda row: row.update(score_source=text)), ("reddit",)
     )
     assert (
-        "content: reddit/comments-00000-of-00001.parquet: column score_source holds text that is no id"
-        in refused(tmp_path)
-    )
+        "content: reddit/comments-00000-of-00001.parquet: column score_source holds text"
+        " that is no id"
+    ) in refused(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,10 @@ def test_undescribed_column(tmp_path: Path) -> None:
         lambda rows: rows.append_column("mood", pa.array(["x"] * rows.num_rows)),
     )
     assert refused(tmp_path) == [
-        "undescribed: youtube/videos-00001-of-00002.parquet: column mood is not described in schemas/"
+        (
+            "undescribed: youtube/videos-00001-of-00002.parquet:"
+            " column mood is not described in schemas/"
+        )
     ]
 
 
@@ -194,9 +197,9 @@ def test_column_of_another_type_or_missing(tmp_path: Path) -> None:
     )
     lines = refused(tmp_path)
     assert (
-        "undescribed: youtube/videos-00000-of-00002.parquet: column width is string, schemas/ says int64"
-        in lines
-    )
+        "undescribed: youtube/videos-00000-of-00002.parquet: column width is string,"
+        " schemas/ says int64"
+    ) in lines
     assert "undescribed: youtube/videos-00000-of-00002.parquet: column fps is missing" in lines
 
 
@@ -253,7 +256,8 @@ def test_wiki_under_a_licence_that_no_release_can_carry(tmp_path: Path) -> None:
     )
     (line,) = refused(tmp_path, profile=profile)
     assert line.startswith(
-        "licence: wiki/LICENSE: the pages name https://wiki.example.org/terms, which is no licence that a release can carry"
+        "licence: wiki/LICENSE: the pages name https://wiki.example.org/terms,"
+        " which is no licence that a release can carry"
     )
 
 
@@ -284,7 +288,10 @@ def test_undeclared_files(tmp_path: Path, source: str, name: str) -> None:
     build(tmp_path, sources=(source,))
     (tmp_path / "release" / source / name).write_text("text")
     assert refused(tmp_path) == [
-        f"undeclared file: {source}/{name}: is nothing that an export or a release writes; remove it"
+        (
+            f"undeclared file: {source}/{name}: is nothing that an export or a release"
+            " writes; remove it"
+        )
     ]
 
 
@@ -400,7 +407,8 @@ def test_archives_that_are_gone_or_cut_off(tmp_path: Path) -> None:
     images.write_bytes(whole[:1024])
     (line,) = refused(tmp_path)
     assert re.fullmatch(
-        r"damaged: wiki/images-00000-of-00001\.tar: is cut off: \d+ of its files end beyond it; run `kb wiki export` again",
+        r"damaged: wiki/images-00000-of-00001\.tar: is cut off:"
+        r" \d+ of its files end beyond it; run `kb wiki export` again",
         line,
     )
     images.write_bytes(whole)
@@ -510,7 +518,10 @@ def test_personal_data_beyond_tolerance(
 ) -> None:
     build(tmp_path, changed("wiki/cells", lambda row: row.update(text=text)), ("wiki",))
     assert refused(tmp_path) == [
-        f"personal data: wiki/cells: 1 of 36 rows have {what} in text, [release] {key} tolerates {rate} per 1,000"
+        (
+            f"personal data: wiki/cells: 1 of 36 rows have {what} in text,"
+            f" [release] {key} tolerates {rate} per 1,000"
+        )
     ]
 
 
@@ -547,7 +558,8 @@ def test_rows_too_old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lines = refused(tmp_path)
     assert lines == [
         (
-            "age: youtube/videos: 24 rows were read more than 30 days ago (the oldest on 2026-11-01); run `kb refresh youtube`"
+            "age: youtube/videos: 24 rows were read more than 30 days ago (the oldest on"
+            " 2026-11-01); run `kb refresh youtube`"
         )
     ]
 

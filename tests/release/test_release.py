@@ -1,4 +1,6 @@
-"""`kb release` itself: the same bytes twice, what it is built from, licences, tombstones, samples."""
+"""`kb release` itself: the same bytes twice, what it is built from, licences,
+tombstones, samples.
+"""
 
 from __future__ import annotations
 
@@ -148,8 +150,8 @@ def test_wiki_archives_belong_to_the_release(tmp_path: Path) -> None:
 def test_names_and_orcids_reach_citation_and_deposit(tmp_path: Path) -> None:
     profile = tmp_path / "mine.toml"
     profile.write_text(
-        'name = "mine"\ntitle = "Mine: \\"quoted\\""\n[release]\nhomepage = "https://kb.example.org"\n'
-        'contact = "https://kb.example.org/remove"\nversion = "2.0.1"\n'
+        'name = "mine"\ntitle = "Mine: \\"quoted\\""\n[release]\nhomepage ='
+        ' "https://kb.example.org"\ncontact = "https://kb.example.org/remove"\nversion = "2.0.1"\n'
         'creators = [{ name = "Doe, Jane", affiliation = "A: B", orcid = "0000-0002-1825-0097" }, '
         '{ name = "The group" }]\n'
     )
@@ -174,7 +176,8 @@ def test_language_of_the_profile_reaches_the_deposit(
 ) -> None:
     profile = tmp_path / "mine.toml"
     profile.write_text(
-        f'name = "mine"\ntitle = "Mine"\n[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\nlanguage = "{written}"\n'
+        'name = "mine"\ntitle = "Mine"\n[youtube]\nkeywords = ["x"]\ncategory_ids ='
+        f' [20]\nlanguage = "{written}"\n'
     )
     release(a_run(build(tmp_path, sources=("pairs",), n=10), profile))
     folder = tmp_path / "release" / "pairs"
@@ -200,7 +203,10 @@ def test_duties_are_those_of_the_licence(tmp_path: Path, spdx: str, alike: bool)
         assert KNOWN[spdx].short in text
 
 
-HOSTILE = "Free\n\n# Owned\n<script>alert(1)</script> | x | [here](https://evil.example) `code` *now*\u2028---"
+HOSTILE = (
+    "Free\n\n# Owned\n<script>alert(1)</script> | x | [here](https://evil.example) `code`"
+    " *now*\u2028---"
+)
 
 
 def test_words_of_the_data_are_never_markup_nor_lines(tmp_path: Path) -> None:
@@ -212,7 +218,8 @@ def test_words_of_the_data_are_never_markup_nor_lines(tmp_path: Path) -> None:
 
     profile = tmp_path / "mine.toml"
     profile.write_text(
-        f'name = "mine"\ntitle = {json.dumps(HOSTILE)}\n[release]\ncontact = {json.dumps(HOSTILE)}\n'
+        f'name = "mine"\ntitle = {json.dumps(HOSTILE)}\n[release]\ncontact ='
+        f" {json.dumps(HOSTILE)}\n"
         f"creators = [{{ name = {json.dumps(HOSTILE)} }}]\n"
     )
     release(a_run(build(tmp_path, edit, ("wiki",)), profile))

@@ -1,4 +1,6 @@
-"""`kb report` over made data: the figures' numbers, the same bytes twice, and what is missing is said."""
+"""`kb report` over made data: the figures' numbers, the same bytes twice,
+and what is missing is said.
+"""
 
 from __future__ import annotations
 
@@ -185,9 +187,9 @@ def test_missing_sources_are_said_in_a_line(tmp_path: Path) -> None:
     page = (tmp_path / "report" / "index.html").read_text()
     assert summary["without"] == "Wiki, Reddit, Video-text pairs, Services"
     assert (
-        "No data of Reddit yet: run `kb reddit crawl` or `kb reddit import FILE`, then `kb reddit filter`."
-        in page
-    )
+        "No data of Reddit yet: run `kb reddit crawl` or `kb reddit import FILE`,"
+        " then `kb reddit filter`."
+    ) in page
     assert "No data of YouTube" not in page
 
 
@@ -201,7 +203,8 @@ def test_what_people_wrote_is_text_and_never_markup(tmp_path: Path) -> None:
         for row in made:
             if name == "reddit/posts":
                 row["title"] = (
-                    '<script>alert("x")</script><img src=http://evil.example/x.png onerror=alert(1)>'
+                    '<script>alert("x")</script><img src=http://evil.example/x.png'
+                    " onerror=alert(1)>"
                 )
 
     build(tmp_path, edit, sources=("reddit",), export=False, n=10)

@@ -38,7 +38,10 @@ def test_it_prints_settings_closes_stdout_and_serves_until_sigterm() -> None:
 
 
 def test_a_command_gets_the_settings_and_its_exit_code_is_ours() -> None:
-    script = "import os, requests, sys\nrequests.get(os.environ['KB_YOUTUBE_WEB'] + '/watch?v=x', timeout=9)\n"
+    script = (
+        "import os, requests, sys\nrequests.get(os.environ['KB_YOUTUBE_WEB'] + '/watch?v=x',"
+        " timeout=9)\n"
+    )
     script += "print(os.environ['KB_DATA'])\nsys.exit(7)"
     done = subprocess.run(
         [*KB, "--data", "/tmp/some where", "--", sys.executable, "-c", script],
@@ -88,7 +91,10 @@ def test_a_file_of_settings(tmp_path: Path) -> None:
 
 def test_sigterm_reaches_the_command(tmp_path: Path) -> None:
     ready = tmp_path / "ready"
-    script = f"import signal, sys; signal.signal(signal.SIGTERM, lambda *_: sys.exit(3)); open({str(ready)!r}, 'w').close(); signal.pause()"
+    script = (
+        "import signal, sys; signal.signal(signal.SIGTERM, lambda *_: sys.exit(3));"
+        f" open({str(ready)!r}, 'w').close(); signal.pause()"
+    )
     child = subprocess.Popen([*KB, "--", sys.executable, "-c", script])
     while not ready.exists() and child.poll() is None:
         pass

@@ -1,4 +1,6 @@
-"""The sandbox's web side through the real youtube-transcript-api, and its answers beside the recorded ones."""
+"""The sandbox's web side through the real youtube-transcript-api,
+and its answers beside the recorded ones.
+"""
 
 from __future__ import annotations
 

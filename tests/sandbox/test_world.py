@@ -23,7 +23,8 @@ _DIGEST = """
 import hashlib
 from kb.sandbox.world import World
 world = World(3).youtube
-held = [(video, world.cues(video, track)) for video in world.videos.values() for track in video.tracks]
+videos = world.videos.values()
+held = [(video, world.cues(video, track)) for video in videos for track in video.tracks]
 print(hashlib.sha256(repr(held).encode("utf-8", "surrogatepass")).hexdigest())
 """
 

@@ -1,4 +1,6 @@
-"""Raw answers against their JSON Schemas: recorded ones pass, unknown keys are counted, wrong ones named."""
+"""Raw answers against their JSON Schemas: recorded ones pass, unknown keys are counted,
+wrong ones named.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +72,9 @@ def test_recorded_answers_have_no_unknown_key_and_no_problem(kind: str, recorded
 
 
 def reddit_answers(recorded: Path) -> Iterator[tuple[str, Any]]:
-    """(kind, answer) of every recorded answer that holds posts, comments or stubs; subreddits and users are not ours."""
+    """(kind, answer) of every recorded answer that holds posts, comments or stubs;
+    subreddits and users are not ours.
+    """
     for path in sorted((recorded / "reddit").glob("*.json")):
         for exchange in json.loads(path.read_text(encoding="utf-8"))["interactions"]:
             uri, text = exchange["request"]["uri"], exchange["response"]["body"]["string"]
@@ -192,7 +196,9 @@ def test_pick_keeps_no_address_of_anything(name: str, recorded: Path) -> None:
     kept = raw.pick("youtube/player", answer)
     text = json.dumps(kept)
     assert not re.search(
-        r"https?:|//|visitor|2001:db8|INNERTUBE|signature|trackingParams|expire", text, re.I
+        r"https?:|//|visitor|2001:db8|INNERTUBE|signature|trackingParams|expire",
+        text,
+        re.IGNORECASE,
     )
     assert len(text) < 8_000
     assert kept["playabilityStatus"]["status"] == answer["playabilityStatus"]["status"]

@@ -1,4 +1,6 @@
-"""Tables: every column has a description and an origin, and code can't write what is not declared."""
+"""Tables: every column has a description and an origin,
+and code can't write what is not declared.
+"""
 
 from __future__ import annotations
 
@@ -22,26 +24,41 @@ FILES = sorted((folder("schemas") / "tables").glob("*/*.toml"))
 # The contract's columns, by its own words: (table, released ones, others that the clean table has)
 CONTRACT = {
     "youtube/videos": (
-        "video_id title link channel_id published_at view_count like_count duration_s width height fps category_id topic_evidence"
-        " transcript_kind word_count license fetched_at toxicity_title toxicity_description",
+        (
+            "video_id title link channel_id published_at view_count like_count duration_s width"
+            " height fps category_id topic_evidence transcript_kind word_count license"
+            " fetched_at toxicity_title toxicity_description"
+        ),
         "toxicity_title_insult toxicity_description_threat",
     ),
     "youtube/transcripts": ("", "video_id kind language cues"),
     "wiki/pages": (
-        "page_id title url revision_id revision_timestamp fetched_at license contributors_url screenshot_path page_width page_height"
-        " viewport_width device_pixel_ratio word_count toxicity",
+        (
+            "page_id title url revision_id revision_timestamp fetched_at license contributors_url"
+            " screenshot_path page_width page_height viewport_width device_pixel_ratio"
+            " word_count toxicity"
+        ),
         "",
     ),
     "wiki/elements": (
-        "page_id element_id parent_id kind tag region heading_level text x y width height visible reading_order",
+        (
+            "page_id element_id parent_id kind tag region heading_level text x y width height"
+            " visible reading_order"
+        ),
         "",
     ),
     "wiki/cells": (
-        "page_id table_id row_index column_index row_span column_span is_header text x y width height",
+        (
+            "page_id table_id row_index column_index row_span column_span is_header text x y"
+            " width height"
+        ),
         "",
     ),
     "wiki/images": (
-        "page_id element_id src path sha256 media_type width height alt_text caption frame_index frame_duration_ms license",
+        (
+            "page_id element_id src path sha256 media_type width height alt_text caption"
+            " frame_index frame_duration_ms license"
+        ),
         "",
     ),
     "reddit/posts": (
@@ -50,8 +67,11 @@ CONTRACT = {
     ),
     "reddit/comments": ("comment_id post_id parent_id depth created_utc score", "body author_hash"),
     "pairs/pairs": (
-        "pair_id video_id keyword keyword_kind token_count match_start_s match_end_s segment_start_s segment_end_s text_start_s"
-        " text_end_s center_s clip_start_s clip_end_s transcript_kind",
+        (
+            "pair_id video_id keyword keyword_kind token_count match_start_s match_end_s"
+            " segment_start_s segment_end_s text_start_s"
+            " text_end_s center_s clip_start_s clip_end_s transcript_kind"
+        ),
         "text",
     ),
     "shared/rejected": ("", "key stage reason value threshold"),

@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -109,7 +110,7 @@ def test_sigkill_at_random_moments_loses_and_doubles_nothing(tmp_path):
     rng = random.Random(7)
     for turn in range(12):
         child = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, str(tmp_path), os.path.dirname(__file__)],
+            [sys.executable, "-c", PROGRAM, str(tmp_path), str(Path(__file__).parent)],
             stdout=subprocess.PIPE,
         )
         child.stdout.readline()
@@ -122,7 +123,8 @@ def test_sigkill_at_random_moments_loses_and_doubles_nothing(tmp_path):
     asked = [
         envelope.request.params["id"] for envelope in rawlog.read(tmp_path, "youtube", "videos")
     ]
-    # An answer whose frame is whole is never asked for again; one that was in flight at a kill may be twice in the ledger.
+    # An answer whose frame is whole is never asked for again; one that was in flight at a kill may
+    # be twice in the ledger.
     assert sorted(asked) == sorted(f"v{n}" for n in range(400))
     assert 400 <= frontier.requests()[0] <= 400 + 11
 

@@ -1,4 +1,6 @@
-"""Reading the data root: paths are taken as they are, and a file that can't be read is named with what to do."""
+"""Reading the data root: paths are taken as they are, and a file that can't be read is named with
+what to do.
+"""
 
 from __future__ import annotations
 

@@ -53,7 +53,8 @@ def test_a_writer_makes_the_file_in_raw_whole_again(two: tuple[Path, Path]) -> N
     whole, at = file.read_bytes(), file.stat().st_mtime_ns
     tombstones.heal(mine, "youtube")
     assert (file.read_bytes(), file.stat().st_mtime_ns) == (whole, at)
-    # The same from either side, in raw alone (a folder that was copied without its state), or with copies beside it.
+    # The same from either side, in raw alone (a folder that was copied without its state), or with
+    # copies beside it.
     file.rename(file.with_name("tombstones-mine.parquet"))
     shutil.rmtree(mine / "state")
     assert tombstones.keys(mine, "youtube") == {"a", "b", "both"}

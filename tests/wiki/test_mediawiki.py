@@ -21,6 +21,8 @@ from kb.wiki.browser import Browser, reach
 from kb.wiki.crawl import crawl
 from kb.wiki.pool import Pool
 
+pytestmark = pytest.mark.mediawiki
+
 TITLES = {
     "Main Page",
     "Grids",

@@ -44,11 +44,12 @@ KINDS = (
     ("enchantment", "enchantments"),
 )
 
-STRUCTURES = """abandoned mineshaft, ancient city, bastion remnant, buried treasure, desert pyramid, desert temple, desert well,
-dungeon, end city, end gateway, end portal, end ship, exit portal, fossil, igloo, jungle pyramid, jungle temple,
-mineshaft, mob spawner, nether fortress, nether fossil, nether portal, ocean monument, ocean ruins,
-pillager outpost, ruined portal, shipwreck, spawner, stronghold, swamp hut, trail ruins, trial chamber, village,
-witch hut, woodland mansion"""
+STRUCTURES = """abandoned mineshaft, ancient city, bastion remnant, buried treasure, desert
+pyramid, desert temple, desert well, dungeon, end city, end gateway, end portal, end ship, exit
+portal, fossil, igloo, jungle pyramid, jungle temple, mineshaft, mob spawner, nether fortress,
+nether fossil, nether portal, ocean monument, ocean ruins, pillager outpost, ruined portal,
+shipwreck, spawner, stronghold, swamp hut, trail ruins, trial chamber, village, witch hut, woodland
+mansion"""
 DIMENSIONS = "Nether, The Nether, The End, Overworld"
 SPOKEN = {  # what people say and no version writes
     "Crafting Table": "workbench, crafting bench",
@@ -73,39 +74,45 @@ SPOKEN = {  # what people say and no version writes
     "Diamond Pickaxe": "diamond pick",
     "Iron Pickaxe": "iron pick",
 }
-# Everyday words: alone they say little about the game. "near" wants an unmistakable keyword close by; "never" makes no pair.
+# Everyday words: alone they say little about the game. "near" wants an unmistakable keyword close
+# by; "never" makes no pair.
 NEAR = """
-absorption, anvil, apple, apples, arrow, bamboo, banner, barrel, barrier, basalt, bat, beach, beacon, bed, bee, beef,
-beehive, beetroot, beetroots, bell, birch forest, black dye, blaze, blindness, blue dye, boat, bogged, bone, book,
-bookshelf, boots, bow, bowl, bread, breeze, brick, bricks, brown dye, brush, bucket, bundle, buried treasure, bush,
-button, cactus, cake, camel, campfire, candle, carpet, carrot, carrots, cat, cauldron, chain, charcoal, cherry grove,
-chest, chest boat, chicken, clay, clock, clownfish, coal, cocoa, cocoa beans, cod, cold ocean, compass, concrete,
-cookie, copper, cornflower, cow, creaking, crossbow, dandelion, darkness, deep ocean, desert, diamond, dirt,
-dispenser, dolphin, donkey, door, dragon, dropper, drowned, dungeon, dye, efficiency, egg, eggs, emerald, farmland,
-feather, fence, fern, fireball, fireworks, fish, fishing bobber, fishing rod, flame, flint, flower, flower pot,
-forest, fortune, fossil, fox, frog, frozen ocean, frozen river, furnace, giant, glass, glass bottle, glow, glowing,
-goat, gold, gold block, granite, grass, gravel, grove, guardian, haste, hay, health boost, hell, helmet, honey,
-hopper, horse, hunger, husk, ice, ice spikes, igloo, infested, instant damage, instant health, invisibility, iron,
-iron bars, iron door, item frame, jigsaw, jukebox, jungle, kelp, ladder, lamp, lantern, lava, lead, leather, leaves,
-lectern, lever, levitation, lightning, lilac, lily pad, llama, log, loom, looting, loyalty, lunge, lure, mace, magma,
-mannequin, meadow, melon, mending, milk, mob, monster, moss, mountains, mud, mule, mushroom, mutton, name tag, nausea,
-nautilus, night vision, oak, oak tree, observer, ocean, painting, panda, paper, parched, parrot, peony, phantom,
-piercing, pig, piston, plains, planks, poison, poppy, portal, potato, potatoes, potion, protection, pufferfish,
-pumpkin, punch, quartz, rabbit, raid, rail, rails, regeneration, repeater, resistance, respiration, riptide, river,
-rose, saddle, salmon, sand, sandstone, sapling, saturation, savanna, scaffolding, seagrass, seeds, sharpness, shears,
-sheep, shield, shipwreck, shrub, skull, slab, slime, slowness, smite, smoker, sniffer, snow, snowball, snowy beach,
-spider, sponge, spruce, spyglass, squid, stairs, steak, stick, stone, stony shore, stray, strength, strider, string,
-stronghold, sugar, sugar cane, sunflower, swamp, sword, terracotta, the end, thorns, torch, totem, trap, tree,
-trident, tripwire, tropical fish, turtle, vault, vex, village, villager, vine, vines, void, wall, warden, warm ocean,
-water, weakness, weaving, wheat, windswept hills, witch, wither, wolf, wood, wooden button, wooden door, wool
+absorption, anvil, apple, apples, arrow, bamboo, banner, barrel, barrier, basalt, bat, beach,
+beacon, bed, bee, beef, beehive, beetroot, beetroots, bell, birch forest, black dye, blaze,
+blindness, blue dye, boat, bogged, bone, book, bookshelf, boots, bow, bowl, bread, breeze, brick,
+bricks, brown dye, brush, bucket, bundle, buried treasure, bush, button, cactus, cake, camel,
+campfire, candle, carpet, carrot, carrots, cat, cauldron, chain, charcoal, cherry grove, chest,
+chest boat, chicken, clay, clock, clownfish, coal, cocoa, cocoa beans, cod, cold ocean, compass,
+concrete, cookie, copper, cornflower, cow, creaking, crossbow, dandelion, darkness, deep ocean,
+desert, diamond, dirt, dispenser, dolphin, donkey, door, dragon, dropper, drowned, dungeon, dye,
+efficiency, egg, eggs, emerald, farmland, feather, fence, fern, fireball, fireworks, fish, fishing
+bobber, fishing rod, flame, flint, flower, flower pot, forest, fortune, fossil, fox, frog, frozen
+ocean, frozen river, furnace, giant, glass, glass bottle, glow, glowing, goat, gold, gold block,
+granite, grass, gravel, grove, guardian, haste, hay, health boost, hell, helmet, honey, hopper,
+horse, hunger, husk, ice, ice spikes, igloo, infested, instant damage, instant health,
+invisibility, iron, iron bars, iron door, item frame, jigsaw, jukebox, jungle, kelp, ladder, lamp,
+lantern, lava, lead, leather, leaves, lectern, lever, levitation, lightning, lilac, lily pad,
+llama, log, loom, looting, loyalty, lunge, lure, mace, magma, mannequin, meadow, melon, mending,
+milk, mob, monster, moss, mountains, mud, mule, mushroom, mutton, name tag, nausea, nautilus, night
+vision, oak, oak tree, observer, ocean, painting, panda, paper, parched, parrot, peony, phantom,
+piercing, pig, piston, plains, planks, poison, poppy, portal, potato, potatoes, potion, protection,
+pufferfish, pumpkin, punch, quartz, rabbit, raid, rail, rails, regeneration, repeater, resistance,
+respiration, riptide, river, rose, saddle, salmon, sand, sandstone, sapling, saturation, savanna,
+scaffolding, seagrass, seeds, sharpness, shears, sheep, shield, shipwreck, shrub, skull, slab,
+slime, slowness, smite, smoker, sniffer, snow, snowball, snowy beach, spider, sponge, spruce,
+spyglass, squid, stairs, steak, stick, stone, stony shore, stray, strength, strider, string,
+stronghold, sugar, sugar cane, sunflower, swamp, sword, terracotta, the end, thorns, torch, totem,
+trap, tree, trident, tripwire, tropical fish, turtle, vault, vex, village, villager, vine, vines,
+void, wall, warden, warm ocean, water, weakness, weaving, wheat, windswept hills, witch, wither,
+wolf, wood, wooden button, wooden door, wool
 """
-NEVER = """air, breach, corner, data, density, end, fire, gate, head, infinity, item, light, load, luck, map, marker, path,
-player, power, rain, save, sign, spawn, speed, target, unluck"""
+NEVER = """air, breach, corner, data, density, end, fire, gate, head, infinity, item, light, load,
+luck, map, marker, path, player, power, rain, save, sign, spawn, speed, target, unluck"""
 SKIP = re.compile(
     r"^(?:tile|item|block)\.|%|\(|^minecraft|unused|^null$|^unknown|spawn egg$|^potted "
-    r"|smithing template|pottery sherd|banner pattern$|^map \d|void$|^\W*$| wall banner$|text display|interaction"
-    r"|entity$|^cauldront$|^xp ?orb$|rideable|^primed |signal$|texture|facing",
-    re.I,
+    r"|smithing template|pottery sherd|banner pattern$|^map \d|void$|^\W*$| wall banner$|text"
+    " display|interaction|entity$|^cauldront$|^xp ?orb$|rideable|^primed |signal$|texture|facing",
+    re.IGNORECASE,
 )
 
 
@@ -143,10 +150,12 @@ def main(folder: Path) -> None:
     for name in sorted(words(DIMENSIONS)):
         add(name, "dimension")
     print(
-        "# Names of the game, made by make_keywords.py from minecraft-data; structures, dimensions, spoken forms and rules by hand."
+        "# Names of the game, made by make_keywords.py from minecraft-data; structures,"
+        " dimensions, spoken forms and rules by hand."
     )
     print(
-        "# A rule is for everyday words: near = counts when an unmistakable keyword is close, never = counted, but makes no pair."
+        "# A rule is for everyday words: near = counts when an unmistakable keyword is"
+        " close, never = counted, but makes no pair."
     )
     print("keyword\tkind\trule\tforms")
     order = [kind for kind, _ in KINDS] + ["structure", "dimension"]

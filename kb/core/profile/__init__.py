@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Literal, overload
 
 from pydantic import Field, ValidationError
 
@@ -47,9 +47,20 @@ class Profile(Section):
         Path(), exclude=True, description="the file it was read from; set when loading"
     )
 
-    def section(self, source: str) -> Any:
+    @overload
+    def section(self, source: Literal["youtube"]) -> YouTube: ...
+    @overload
+    def section(self, source: Literal["wiki"]) -> Wiki: ...
+    @overload
+    def section(self, source: Literal["reddit"]) -> Reddit: ...
+    @overload
+    def section(self, source: Literal["pairs"]) -> Pairs: ...
+    @overload
+    def section(self, source: str) -> YouTube | Wiki | Reddit | Pairs: ...
+
+    def section(self, source: str) -> YouTube | Wiki | Reddit | Pairs:
         """The section of a source. Raises ProfileError when the profile has none."""
-        value = getattr(self, source)
+        value: YouTube | Wiki | Reddit | Pairs | None = getattr(self, source)
         if value is None:
             raise ProfileError(
                 f"profile {self.name!r} has no section [{source}]",

@@ -1,4 +1,6 @@
-"""[pairs]: which words are matched in transcripts, how text and clips grow around them, which pairs are kept."""
+"""[pairs]: which words are matched in transcripts, how text and clips grow around them,
+which pairs are kept.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,8 @@ class Pairs(Section):
     )
     center: Literal["segment", "grown"] = Field(
         "segment",
-        description="the clip's centre is drawn inside the cues that hold the phrase, or inside the grown text (VideoCLIP)",
+        description="the clip's centre is drawn inside the cues that hold the phrase,"
+        " or inside the grown text (VideoCLIP)",
     )
     min_clip_s: float = Field(8, gt=0, le=3600, description="seconds")
     max_clip_s: float = Field(16, gt=0, le=3600, description="seconds")

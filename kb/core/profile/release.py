@@ -1,4 +1,6 @@
-"""[release] of a profile: what a published data set says about itself, and what the gate tolerates."""
+"""[release] of a profile: what a published data set says about itself,
+and what the gate tolerates.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,8 @@ class Release(Section):
     )
     licenses: dict[str, str] = Field(
         {"youtube": "CC-BY-4.0", "reddit": "CC-BY-4.0", "pairs": "CC-BY-4.0"},
-        description="SPDX id of each folder's licence; the wiki's own licence is used when its pages name one",
+        description="SPDX id of each folder's licence; the wiki's own licence is used when its"
+        " pages name one",
     )
     rows_per_shard: int = Field(
         1_048_576,

@@ -14,7 +14,8 @@ class Report(Section):
         85,
         gt=0,
         le=100,
-        description="durations above this percentile are left out of their histogram, as in the paper",
+        description="durations above this percentile are left out of their histogram,"
+        " as in the paper",
     )
     cloud_words: int = Field(150, ge=10, le=1000, description="words in the word cloud")
     stop_words: tuple[str, ...] = Field(

@@ -12,7 +12,9 @@ Score = Annotated[float, Field(ge=0, le=1)]
 
 
 class Thresholds(Section):
-    """A text whose largest category is above its source's number is dropped; without one, none is."""
+    """A text whose largest category is above its source's number is dropped;
+    without one, none is.
+    """
 
     youtube: Score | None = Field(None, description="for titles and descriptions of videos")
     wiki: Score | None = Field(None, description="for a page's whole text")

@@ -24,8 +24,9 @@ class Markup(Section):
 
     root: str = Field("#content, main, .mw-parser-output", description="what is read of a page")
     chrome: str = Field(
-        ".mw-editsection, .mw-jump-link, #jump-to-nav, #siteSub, #siteNotice, .printfooter, .catlinks, #catlinks,"
-        " .mw-indicators, .mw-portlet, .vector-page-toolbar, .toctogglespan, .mw-cite-backlink, .mw-empty-elt, .mw-collapsible-toggle",
+        ".mw-editsection, .mw-jump-link, #jump-to-nav, #siteSub, #siteNotice, .printfooter,"
+        " .catlinks, #catlinks, .mw-indicators, .mw-portlet, .vector-page-toolbar, .toctogglespan,"
+        " .mw-cite-backlink, .mw-empty-elt, .mw-collapsible-toggle",
         description="edit links and other tools that are no text of the page",
     )
     regions: dict[str, str] = Field(
@@ -85,7 +86,8 @@ class Wiki(Section):
     seconds_between: float = Field(
         1.0,
         ge=0,
-        description="politeness towards a public wiki: pause between requests without a crawl-delay",
+        description="politeness towards a public wiki: pause between requests without a"
+        " crawl-delay",
     )
     markup: Markup = Markup()
 

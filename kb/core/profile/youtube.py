@@ -15,7 +15,8 @@ class YouTube(Section):
     keywords: tuple[str, ...] = Field(min_length=1, description="searches that find channels")
     topic_keywords: tuple[str, ...] = Field(
         (),
-        description="whole words that show the topic when the game label is unknown; default: keywords",
+        description="whole words that show the topic when the game label is unknown; default:"
+        " keywords",
     )
     game_ids: tuple[str, ...] = Field(
         (), description="browse ids of the game's label on watch pages"
