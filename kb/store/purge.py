@@ -20,6 +20,7 @@ from kb.schema.tables import table
 from kb.store import lock, mending, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
+from kb.store.layout import Layout, parquet_files
 from kb.store.rawlog import Envelope
 from kb.store.shards import ShardWriter
 
@@ -43,14 +44,14 @@ def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:
     """Note what is to go (key → reason), together with what an unfinished purge left; its whole list."""
     found = {**left_over(root, source), **found}
     if found:
-        write_bytes(_plan(root, source), msgspec.json.encode(found, order="sorted"))
+        write_bytes(Layout(root).purge(source), msgspec.json.encode(found, order="sorted"))
         tombstones.add(root, source, found.items())
     return found
 
 
 def left_over(root: Path, source: str) -> dict[str, str]:
     """The list of a purge that was cut off, {} when none was."""
-    path = _plan(root, source)
+    path = Layout(root).purge(source)
     if not path.exists():
         return {}
     return msgspec.json.decode(path.read_bytes(), type=dict[str, str])
@@ -63,10 +64,10 @@ def finish(root: Path, source: str) -> None:
     could be read was purged.
     """
     with lock.writer(root, source):
-        frontier = Frontier(root / "state" / f"{source}.sqlite")
+        frontier = Frontier(Layout(root).state(source))
         try:
             frontier.forget()
-            _plan(root, source).unlink(missing_ok=True)
+            Layout(root).purge(source).unlink(missing_ok=True)
             mending.tell(root, source, frontier)
         finally:
             frontier.close()
@@ -74,7 +75,7 @@ def finish(root: Path, source: str) -> None:
 
 def unfinished(root: Path, source: str) -> bool:
     """Whether a purge was cut off."""
-    return _plan(root, source).exists()
+    return Layout(root).purge(source).exists()
 
 
 def rewrite_raw(
@@ -145,7 +146,7 @@ def drop_rows(root: Path, places: Iterable[Place], keys: Collection[str]) -> int
 def drop_annotations(root: Path, source: str, used: pa.Array) -> int:
     """Forget scores of texts that no row has any more; `used` are the hashes of those that rows still have."""
 
-    files = sorted((root / "annotations" / source).glob("*.parquet"))
+    files = parquet_files(Layout(root).annotations(source))
     return sum(
         _keep(
             path, "shared/annotations", "text_hash", lambda values: pc.is_in(values, value_set=used)
@@ -177,7 +178,3 @@ def _keep(path: Path, declared: str, column: str, good: Callable[[pa.Array], pa.
                     writer.write(rows)
                     start += batch.num_rows
     return gone
-
-
-def _plan(root: Path, source: str) -> Path:
-    return root / "state" / f"{source}.purge.json"
