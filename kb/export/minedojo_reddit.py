@@ -13,13 +13,14 @@ from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.store.atomic import writing
+from kb.store.layout import Layout
 from kb.store.reading import reading
 
 
 def export(run: Run) -> Summary:
     """clean/reddit → export/minedojo/reddit.json, sorted by id. Raises FatalError without clean rows, DamagedData, DiskFull."""
 
-    parts = sorted((run.root / "clean" / "reddit" / "posts").glob("*.parquet"))
+    parts = Layout(run.root).rows("reddit/posts")
     if not parts:
         raise FatalError(
             "nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first"
@@ -29,7 +30,7 @@ def export(run: Run) -> Summary:
         with reading([part]):
             rows = pq.read_table(part, columns=["post_id", "type"], partitioning=None)
         found += zip(rows["post_id"].to_pylist(), rows["type"].to_pylist(), strict=True)
-    path = run.root / "export" / "minedojo" / "reddit.json"
+    path = Layout(run.root).export("minedojo", "reddit.json")
     with writing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write("[")
         for number, (key, kind) in enumerate(sorted(found)):

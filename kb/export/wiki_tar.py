@@ -28,6 +28,7 @@ from kb.core.verdict import Summary
 from kb.export import parquet
 from kb.schema.tables import table
 from kb.store.inside import inside
+from kb.store.layout import Layout
 from kb.store.merge import Merge
 
 TAR_BYTES = 1 << 30
@@ -58,7 +59,7 @@ class Sample:
 def export(run: Run) -> Summary:
     """Writes release/wiki: the tables, the tars and their index. Raises FatalError, DamagedData, DiskFull."""
     pages = table("wiki/pages")
-    if not parquet.clean_parts(run.root, pages):
+    if not Layout(run.root).rows(pages.name):
         raise FatalError(
             "nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first"
         )
@@ -94,7 +95,7 @@ def export(run: Run) -> Summary:
 
 def rows(root: Path, name: str, columns: list[str], by: list[str]) -> Iterator[dict[str, Any]]:
     """Clean rows of a table in order, a piece at a time in memory."""
-    merge = Merge(parquet.clean_parts(root, table(name)), by, columns)
+    merge = Merge(Layout(root).rows(name), by, columns)
     try:
         for piece in merge:
             yield from piece.to_pylist()
