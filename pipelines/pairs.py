@@ -21,6 +21,7 @@ from kb.core.errors import LimitReached
 from kb.core.verdict import Summary
 from kb.export import clip4mc, minedojo_pairs, parquet, video2dataset
 from kb.pairs.build import build
+from kb.store.layout import Layout
 
 
 def pairs(run: Run, layout: str) -> Summary:
@@ -44,7 +45,7 @@ def _write(run: Run, layout: str) -> dict[str, object]:
     """The release, or another layout: where it is."""
     if layout == "parquet":
         parquet.export(run, "pairs")
-        return {"release": str(run.root / "release" / "pairs")}
+        return {"release": str(Layout(run.root).release("pairs"))}
     layouts = {
         "minedojo": minedojo_pairs.write,
         "clip4mc": clip4mc.write,

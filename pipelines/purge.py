@@ -28,6 +28,7 @@ from kb.release.build import describe
 from kb.report.build import report
 from kb.store import lock
 from kb.store import purge as store
+from kb.store.layout import Layout
 
 
 def purge(run: Run, source: str, ids: Path | None) -> Summary:
@@ -69,7 +70,7 @@ def _purge(run: Run, source: str, ids: Path | None) -> Summary:
 
 def _scores(run: Run, source: str) -> int:
     """Scores of texts that are still somewhere stay."""
-    if not (run.root / "annotations" / source).is_dir():
+    if not Layout(run.root).annotations(source).is_dir():
         return 0
 
     hashes = [text_hashes(part) for part in texts(run, source)]
@@ -84,27 +85,30 @@ def _made(run: Run, source: str) -> None:
     """Exports are written again from clean,
     and everything around them; what can't be is removed.
     """
+    at = Layout(run.root)
     export = load(str(locate(source))).export
-    layouts = {"parquet": f"release/{source}", "minedojo": f"export/minedojo/{source}*"}
-    for format, files in {
-        **layouts,
-        **({"convokit": "export/convokit/*"} if source == "reddit" else {}),
-    }.items():
-        if any(run.root.glob(files)):
+    layouts = {
+        "parquet": at.release().glob(source),
+        "minedojo": at.export("minedojo").glob(f"{source}*"),
+    }
+    if source == "reddit":
+        layouts["convokit"] = at.export("convokit").glob("*")
+    for format, files in layouts.items():
+        if any(files):
             export(run, format)
     if source == "youtube":
-        shutil.rmtree(run.root / "state" / "pairs", ignore_errors=True)
-        for files, write in {
-            "release/pairs": lambda run: parquet.export(run, "pairs"),
-            "export/minedojo/pairs.json": minedojo_pairs.write,
-            "export/clip4mc/*": clip4mc.write,
-            "export/video2dataset/*": video2dataset.write,
-        }.items():
-            if any(run.root.glob(files)):
+        shutil.rmtree(at.pairing, ignore_errors=True)
+        for files, write in (
+            (at.release().glob("pairs"), lambda run: parquet.export(run, "pairs")),
+            (at.export("minedojo").glob("pairs.json"), minedojo_pairs.write),
+            (at.export("clip4mc").glob("*"), clip4mc.write),
+            (at.export("video2dataset").glob("*"), video2dataset.write),
+        ):
+            if any(files):
                 write(run)
     describe(run, [source, "pairs"])
-    if (run.root / "report").exists():
+    if at.report.exists():
         try:
             report(run)
         except MissingExtra:
-            shutil.rmtree(run.root / "report")
+            shutil.rmtree(at.report)

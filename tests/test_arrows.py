@@ -7,6 +7,7 @@ cli → pipelines → {annotate, filters, pairs, export, release, report, query}
 from __future__ import annotations
 
 import ast
+import shutil
 from pathlib import Path
 
 import pytest
@@ -57,20 +58,20 @@ HEAVY = {
 }
 
 
-def python_files() -> list[Path]:
-    return sorted([*(ROOT / "kb").rglob("*.py"), *(ROOT / "pipelines").glob("*.py")])
+def python_files(root: Path = ROOT) -> list[Path]:
+    return sorted([*(root / "kb").rglob("*.py"), *(root / "pipelines").glob("*.py")])
 
 
-def room_of(path: Path) -> str:
-    parts = path.relative_to(ROOT).parts
+def room_of(path: Path, root: Path) -> str:
+    parts = path.relative_to(root).parts
     if parts[0] == "pipelines":
         return "pipelines"
     return parts[1] if len(parts) > 2 else ""
 
 
-def imported(tree: ast.AST, path: Path) -> list[tuple[int, str]]:
+def imported(tree: ast.AST, path: Path, root: Path = ROOT) -> list[tuple[int, str]]:
     """(line, module) of every import anywhere in the file, relative ones made absolute."""
-    package = [*path.relative_to(ROOT).with_suffix("").parts][:-1]
+    package = [*path.relative_to(root).with_suffix("").parts][:-1]
     found = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -85,25 +86,66 @@ def imported(tree: ast.AST, path: Path) -> list[tuple[int, str]]:
     return found
 
 
-def test_rooms_import_along_the_arrows() -> None:
+def against_the_arrows(root: Path) -> list[str]:
+    """Every import in a checkout that no arrow allows, as "file:line imports …"."""
     wrong = []
-    for path in python_files():
-        room = room_of(path)
-        for line, module in imported(ast.parse(path.read_text()), path):
+    for path in python_files(root):
+        room = room_of(path, root)
+        for line, module in imported(ast.parse(path.read_text()), path, root):
+            place = f"{path.relative_to(root)}:{line}"
             parts = module.split(".")
             if parts[0] == "pipelines":
-                wrong.append(
-                    f"{path.relative_to(ROOT)}:{line} imports {module}:"
-                    " pipelines are loaded by path"
-                )
-            if parts[0] != "kb" or len(parts) < 2 or not (ROOT / "kb" / parts[1]).is_dir():
+                wrong.append(f"{place} imports {module}: pipelines are loaded by path")
+            if parts[0] != "kb" or len(parts) < 2 or not (root / "kb" / parts[1]).is_dir():
                 continue
             if room and parts[1] != room and parts[1] not in ALLOWED[room]:
-                wrong.append(
-                    f"{path.relative_to(ROOT)}:{line} imports {module}:"
-                    f" {room} may not import {parts[1]}"
-                )
+                wrong.append(f"{place} imports {module}: {room} may not import {parts[1]}")
+    return wrong
+
+
+def test_rooms_import_along_the_arrows() -> None:
+    wrong = against_the_arrows(ROOT)
     assert not wrong, "\n".join(wrong)
+
+
+UPWARDS = {
+    "core/clock.py": "from kb.store.layout import Layout",
+    "core/signals.py": "import kb.net.retry",
+    "schema/keys.py": "from kb.store import rawlog",
+    "schema/rows.py": "from ..net import retry",
+    "net/retry.py": "from kb.schema import tables",
+    "net/rate.py": "from kb.store.frontier import Frontier",
+    "store/atomic.py": "from kb.crawl import loop",
+    "store/inside.py": "from kb.query import connect",
+    "crawl/limits.py": "from kb.youtube import parse",
+    "youtube/parse.py": "from kb.wiki import addresses",
+}
+
+
+def test_planted_imports_upwards_are_reported(tmp_path: Path) -> None:
+    """Also inside of a function, where they would run late, in the ground rooms as above them."""
+    for folder in ("kb", "pipelines"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=_not_source)
+    for name, line in UPWARDS.items():
+        path = tmp_path / "kb" / name
+        path.write_text(f"{path.read_text()}\n\ndef planted():\n    {line}\n")
+    wrong = against_the_arrows(tmp_path)
+    assert {found.partition(":")[0] for found in wrong} == {f"kb/{name}" for name in UPWARDS}
+    assert all(" may not import " in found for found in wrong)
+
+
+def _not_source(_: str, names: list[str]) -> list[str]:
+    return [name for name in names if "." in name and not name.endswith(".py")]
+
+
+def test_no_room_is_above_itself() -> None:
+    """Arrows in a circle would allow any import among the rooms on it."""
+    below = {room: set(ALLOWED[room]) for room in ALLOWED}
+    while below:
+        lowest = [room for room, others in below.items() if not others & below.keys()]
+        assert lowest, f"a circle: {sorted(below)}"
+        for room in lowest:
+            del below[room]
 
 
 def test_every_room_has_its_arrows() -> None:

@@ -28,6 +28,7 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import LimitReached
+from kb.store.layout import Layout
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class Scorer:
         need_extra()
         checkpoint = find_checkpoint(run.settings)
         scores = Scores(
-            str(run.root / "annotations" / source), checkpoint.model, checkpoint.revision
+            str(Layout(run.root).annotations(source)), checkpoint.model, checkpoint.revision
         )
         return cls(
             run,
@@ -213,7 +214,7 @@ def scores(
         return pa.table({name: pa.nulls(len(texts), pa.float32()) for name in CATEGORIES})
     model, _, revision = key.rpartition("@")
     return (
-        Scores(str(Path(root) / "annotations" / source), model, revision)
+        Scores(str(Layout(Path(root)).annotations(source)), model, revision)
         .lookup(text_hashes(texts))
         .select(list(CATEGORIES))
     )

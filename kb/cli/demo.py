@@ -22,7 +22,7 @@ app = group("The whole job on the sandbox: no key, no network, minutes.")
 # Settings of the caller that the demo keeps; all others, credentials among them, are out of its
 # sight.
 _KEPT = {"kb_data", "kb_now", "source_date_epoch"}
-_OURS = ("dumps", "raw", "state", "annotations", "clean", "pairs", "release", "export", "report")
+_DUMPS = "dumps"
 _FINISHED = "demo-finished"
 
 
@@ -57,7 +57,7 @@ def demo(options: Options) -> Summary:
         run = _run(options, settings)
         _begin(run.root)
         pipeline = load(str(locate("demo", run.pipeline)))
-        given = {"reddit import": {"files": dumps(services.world.reddit, run.root / "dumps")}}
+        given = {"reddit import": {"files": dumps(services.world.reddit, run.root / _DUMPS)}}
         return _all(pipeline, run, services.ledger, given)
 
 
@@ -91,8 +91,10 @@ def _run(options: Options, settings: dict[str, str]) -> Run:
 
 def _begin(root: Path) -> None:
     """Room for a new demo where the last one was finished; one that was stopped goes on."""
+    from kb.store.layout import TOP
+
     if (root / _FINISHED).exists():
-        for name in _OURS:
+        for name in (_DUMPS, *TOP):
             shutil.rmtree(root / name, ignore_errors=True)
         (root / _FINISHED).unlink()
 
@@ -102,6 +104,7 @@ def _all(pipeline: Any, run: Run, ledger: Any, given: dict[str, dict[str, Any]])
     from kb.core.errors import MissingExtra
     from kb.core.verdict import Summary
     from kb.store.atomic import write_text
+    from kb.store.layout import Layout
 
     done = Summary()
     for step in pipeline.STEPS:
@@ -114,10 +117,8 @@ def _all(pipeline: Any, run: Run, ledger: Any, given: dict[str, dict[str, Any]])
         done[step] = dict(summary)
         print(summary.line(), flush=True)
     _queries(pipeline.QUERIES, run.root)
-    print(
-        f"\nTables, figures and releases are in {run.root};"
-        f" open {run.root / 'report' / 'index.html'}"
-    )
+    page = Layout(run.root).page
+    print(f"\nTables, figures and releases are in {run.root}; open {page}")
     write_text(run.root / _FINISHED, "")
     return Summary(
         {

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from kb.cli.as_typed import completed
 from kb.core import clock, vocabulary
+from kb.store.layout import TOP, Layout, parquet_files
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -41,7 +42,7 @@ def overview(run: Run) -> dict[str, Any]:
 
 def _source(run: Run, source: str) -> dict[str, Any]:
     """Progress, quota, age and rows of one source; empty when nothing was collected."""
-    state = run.root / "state" / f"{source}.sqlite"
+    state = Layout(run.root).state(source)
     tables = _tables(run.root, source)
     if not state.is_file() and not tables:
         return {}
@@ -113,7 +114,7 @@ def _answers(root: Path, source: str) -> dict[str, Any]:
     """The four answers of the last filter, together and by table; nothing before the first."""
     from kb.store.tally import SORTED, tally
 
-    found = tally(root / "clean" / source, SORTED[source])
+    found = tally(Layout(root).clean(source), SORTED[source])
     names = ("crawled", "kept", "rejected", "failed", "pending", "missing")
     total = {name: sum(each[name] for each in found.values()) for name in names}
     return {**total, "tally": found} if found else {"tally": {}}
@@ -125,7 +126,7 @@ def _released(root: Path, source: str) -> dict[str, int]:
 
     from kb.store.reading import reading
 
-    files = _files(root / "release" / source)
+    files = parquet_files(Layout(root).release(source))
     found: dict[str, int] = {}
     with reading(files):
         for file in files:
@@ -136,7 +137,7 @@ def _released(root: Path, source: str) -> dict[str, int]:
 
 def _next(root: Path, sources: dict[str, dict[str, Any]]) -> list[str]:
     """The commands to type now, as they have to be typed; each source goes on by itself."""
-    found = []
+    at, found = Layout(root), []
     for source, about in sources.items():
         step = _step(root, source, about)
         found += [step] if step else []
@@ -144,9 +145,9 @@ def _next(root: Path, sources: dict[str, dict[str, Any]]) -> list[str]:
         found = [
             name
             for name, made in (
-                ("pairs", not sources.get("youtube") or any(root.glob("pairs/*.parquet"))),
-                ("release", any(root.glob("release/*/SHA256SUMS"))),
-                ("report", (root / "report" / "index.html").is_file()),
+                ("pairs", not sources.get("youtube") or bool(parquet_files(at.pairs))),
+                ("release", any(at.release().glob("*/SHA256SUMS"))),
+                ("report", at.page.is_file()),
             )
             if not made
         ][:1]
@@ -163,12 +164,13 @@ def _step(root: Path, source: str, about: dict[str, Any]) -> str:
     failed = sum(counts.get("error", 0) for counts in about["phases"].values())
     if about["left"] or failed:
         return f"{source} crawl"
-    clean = root / "clean" / source / "summary.json"
-    if _newest(root / "raw" / source) > _newest(clean):
+    at = Layout(root)
+    clean = at.summary(source)
+    if _newest(at.raw(source)) > _newest(clean):
         return f"{source} filter"
     if about["too_old"]:
         return f"refresh {source}"
-    if _newest(clean) > _newest(root / "release" / source):
+    if _newest(clean) > _newest(at.release(source)):
         return f"{source} export"
     return ""
 
@@ -213,7 +215,7 @@ def _age(run: Run, source: str) -> dict[str, Any]:
     too_old = 0
     limit = clock.now() - timedelta(days=max_age or 0)
     for folder in _table_folders(run.root, source):
-        files = _files(folder)
+        files = parquet_files(folder)
         with reading(files), database.connect() as db:
             columns = {
                 row[0] for row in db.execute(f"DESCRIBE SELECT * FROM {scan(files)}").fetchall()
@@ -245,24 +247,20 @@ def _tables(root: Path, source: str) -> dict[str, int]:
 
     found = {}
     for folder in _table_folders(root, source, verdicts=True):
-        files = _files(folder)
+        files = parquet_files(folder)
         with reading(files):
             found[folder.name] = sum(pq.read_metadata(file).num_rows for file in files)
     return dict(sorted(found.items(), key=lambda item: vocabulary.place(item[0])))
 
 
-def _files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.glob("*.parquet") if not path.name.startswith("."))
-
-
 def _table_folders(root: Path, source: str, *, verdicts: bool = False) -> list[Path]:
-    clean = root / "clean" / source
+    clean = Layout(root).clean(source)
     if not clean.is_dir():
         return []
     return [
         path
         for path in sorted(clean.iterdir())
-        if _files(path) and (verdicts or path.name not in ("rejected", "failed", "pending"))
+        if parquet_files(path) and (verdicts or path.name not in ("rejected", "failed", "pending"))
     ]
 
 
@@ -278,7 +276,7 @@ def _unknown_keys(root: Path, source: str) -> dict[str, int]:
 
 def _writer(root: Path, source: str) -> int | None:
     """The pid of the process that writes to the source now."""
-    path = root / "state" / f"{source}.lock"
+    path = Layout(root).lock(source)
     if not path.is_file():
         return None
     descriptor = os.open(path, os.O_RDONLY)
@@ -293,8 +291,7 @@ def _writer(root: Path, source: str) -> int | None:
 
 
 def _folders(root: Path) -> Iterator[Path]:
-    names = ("raw", "state", "annotations", "clean", "pairs", "release", "export", "report", "demo")
-    yield from (root / name for name in names if (root / name).is_dir())
+    yield from (root / name for name in (*TOP, "demo") if (root / name).is_dir())
 
 
 def _size(folder: Path) -> int:

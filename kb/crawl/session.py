@@ -17,6 +17,7 @@ from kb.core.context import Run
 from kb.crawl.source import Answer, Source
 from kb.store import identity, lock, tombstones
 from kb.store.frontier import Frontier
+from kb.store.layout import Layout
 from kb.store.rawlog import Envelope
 from kb.store.recorder import Recorder
 
@@ -83,7 +84,7 @@ def open_session(run: Run, source: Source, place: Path | None = None) -> Iterato
     with ExitStack() as stack:
         stack.enter_context(lock.writer(root, source.name))
         identity.remember(root, source.name, **facts)
-        frontier = Frontier(root / "state" / f"{source.name}.sqlite", payloads=source.payloads)
+        frontier = Frontier(Layout(root).state(source.name), payloads=source.payloads)
         stack.callback(frontier.close)
         gone = tombstones.keys(run.root, source.name)
         recorder = stack.enter_context(Recorder(root, source.name, frontier, source.reduce))

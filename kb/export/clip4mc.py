@@ -18,6 +18,7 @@ from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.export.pair_rows import pair_rows
 from kb.store.atomic import writing
+from kb.store.layout import Layout
 
 _FRAMES = 16
 _COLUMNS = ["video_id", "text", "clip_start_s", "clip_end_s"]
@@ -25,7 +26,7 @@ _COLUMNS = ["video_id", "text", "clip_start_s", "clip_end_s"]
 
 def write(run: Run) -> Path:
     """Writes the file, row by row. Raises FatalError when pairs have no text, and DiskFull."""
-    path = run.root / "export" / "clip4mc" / "dataset.json"
+    path = Layout(run.root).export("clip4mc", "dataset.json")
     count = 0
     with writing(path) as temporary, temporary.open("wb") as file:
         file.write(b"[")

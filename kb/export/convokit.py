@@ -27,10 +27,9 @@ import duckdb
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
-from kb.export.parquet import clean_parts
-from kb.schema.tables import table
 from kb.store import database
 from kb.store.atomic import replacing_folder
+from kb.store.layout import Layout
 from kb.store.reading import reading, scan
 
 _GONE = "unknown"  # ConvoKit needs a speaker for every utterance
@@ -74,9 +73,8 @@ def export(run: Run) -> Summary:
 
     The same rows give the same bytes.
     """
-    posts, comments = (
-        clean_parts(run.root, table(f"reddit/{name}")) for name in ("posts", "comments")
-    )
+    at = Layout(run.root)
+    posts, comments = at.rows("reddit/posts"), at.rows("reddit/comments")
     if not posts:
         raise FatalError(
             "nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first"
@@ -85,7 +83,7 @@ def export(run: Run) -> Summary:
     counts = {"posts": 0, "comments": 0, "placeholders": 0}
     with (
         database.connect(run.root) as con,
-        replacing_folder(run.root / "export" / "convokit") as fresh,
+        replacing_folder(at.export("convokit")) as fresh,
     ):
         with (
             (fresh / "utterances.jsonl").open("w", encoding="utf-8") as file,
@@ -116,7 +114,7 @@ def export(run: Run) -> Summary:
         command="reddit export",
         source="reddit",
         **counts,
-        path=str(run.root / "export" / "convokit"),
+        path=str(at.export("convokit")),
     )
 
 

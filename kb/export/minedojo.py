@@ -13,9 +13,8 @@ import orjson
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
-from kb.export.parquet import clean_parts
-from kb.schema.tables import table
 from kb.store.atomic import writing
+from kb.store.layout import Layout
 from kb.store.merge import Merge
 
 # MineDojo's name ← ours, in the published order
@@ -35,13 +34,13 @@ def youtube(run: Run) -> Summary:
 
     Memory is bounded by the rows read ahead. Raises FatalError without clean rows, and DiskFull.
     """
-    parts = clean_parts(run.root, table("youtube/videos"))
+    parts = Layout(run.root).rows("youtube/videos")
     if not parts:
         raise FatalError(
             "nothing to export: clean/youtube/videos has no rows",
             hint="run `kb youtube filter` first",
         )
-    path = run.root / "export" / "minedojo" / "youtube_full.json"
+    path = Layout(run.root).export("minedojo", "youtube_full.json")
     count = 0
     merge = Merge(parts, ["video_id"], list(YOUTUBE.values()))
     try:

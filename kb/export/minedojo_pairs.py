@@ -13,6 +13,7 @@ import orjson
 from kb.core.context import Run
 from kb.export.pair_rows import pair_rows
 from kb.store.atomic import writing
+from kb.store.layout import Layout
 
 _COLUMNS = ["keyword", "video_id", "clip_start_s", "clip_end_s"]
 
@@ -22,7 +23,7 @@ def write(run: Run) -> Path:
 
     Raises FatalError, DiskFull.
     """
-    path = run.root / "export" / "minedojo" / "pairs.json"
+    path = Layout(run.root).export("minedojo", "pairs.json")
     clips: dict[str, list[bytes]] = {}
     for row in pair_rows(run, _COLUMNS):
         keyword, *clip = row.values()

@@ -14,6 +14,7 @@ from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.store.atomic import writing
+from kb.store.layout import Layout
 from kb.store.reading import reading
 
 
@@ -22,7 +23,7 @@ def export(run: Run) -> Summary:
 
     Raises FatalError without clean rows, DamagedData, DiskFull.
     """
-    parts = sorted((run.root / "clean" / "reddit" / "posts").glob("*.parquet"))
+    parts = Layout(run.root).rows("reddit/posts")
     if not parts:
         raise FatalError(
             "nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first"
@@ -34,7 +35,7 @@ def export(run: Run) -> Summary:
         ids = cast("list[str]", rows["post_id"].to_pylist())
         types = cast("list[str]", rows["type"].to_pylist())
         found += zip(ids, types, strict=True)
-    path = run.root / "export" / "minedojo" / "reddit.json"
+    path = Layout(run.root).export("minedojo", "reddit.json")
     with writing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write("[")
         for number, (key, kind) in enumerate(sorted(found)):

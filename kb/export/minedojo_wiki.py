@@ -29,11 +29,10 @@ import orjson
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
-from kb.export.parquet import clean_parts
 from kb.export.wiki_tar import rows
-from kb.schema.tables import table
 from kb.store.atomic import replacing_folder
 from kb.store.inside import inside
+from kb.store.layout import Layout
 
 _BOX = ["x", "y", "width", "height"]
 Row = dict[str, Any]
@@ -44,11 +43,11 @@ def wiki(run: Run) -> Summary:
 
     Raises FatalError without clean rows, and DiskFull.
     """
-    if not clean_parts(run.root, table("wiki/pages")):
+    if not Layout(run.root).rows("wiki/pages"):
         raise FatalError(
             "nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first"
         )
-    target = run.root / "export" / "minedojo" / "wiki_full"
+    target = Layout(run.root).export("minedojo", "wiki_full")
     count, taken = 0, set()
     pages = rows(
         run.root,
@@ -132,7 +131,7 @@ class _Grouped:
     """Rows of a table by page, read along with the pages; both are in order of page_id."""
 
     def __init__(self, root: Path, name: str, columns: list[str], by: list[str]) -> None:
-        held = rows(root, name, columns, by) if clean_parts(root, table(name)) else iter(())
+        held = rows(root, name, columns, by) if Layout(root).rows(name) else iter(())
         self._groups = groupby(held, key=lambda row: row["page_id"])
         self._next: tuple[int, Iterator[Row]] | None = next(self._groups, None)
 

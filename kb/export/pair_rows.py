@@ -9,8 +9,8 @@ from typing import Any
 
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.export.parquet import clean_parts
 from kb.schema.tables import table
+from kb.store.layout import Layout
 from kb.store.merge import Merge
 from kb.store.shards import order
 
@@ -21,10 +21,10 @@ def pair_rows(run: Run, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
     Raises FatalError when there is no index.
     """
     declared = table("pairs/pairs")
-    parts = clean_parts(run.root, declared)
+    parts = Layout(run.root).rows(declared.name)
     if not parts:
         raise FatalError(
-            f"nothing to export: {run.root / 'pairs'} has no index", hint="run `kb pairs` first"
+            f"nothing to export: {Layout(run.root).pairs} has no index", hint="run `kb pairs` first"
         )
     merge = Merge(parts, order(declared), list(columns))
     try:

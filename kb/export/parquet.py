@@ -18,9 +18,10 @@ from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
-from kb.schema.tables import Table, tables
+from kb.schema.tables import tables
 from kb.store import shards
 from kb.store.atomic import replacing_folder
+from kb.store.layout import Layout
 
 
 class Change(NamedTuple):
@@ -45,14 +46,15 @@ def export(
     folder before it takes its place. Raises FatalError when there is nothing to export, and
     DiskFull. The same clean rows give the same bytes.
     """
+    at = Layout(run.root)
     released = [
         declared
         for declared in tables().values()
         if declared.source == source and declared.released
     ]
-    found = {declared.name: clean_parts(run.root, declared) for declared in released}
+    found = {declared.name: at.rows(declared.name) for declared in released}
     if not any(found.values()):
-        place = clean_folder(run.root, released[0])
+        place = at.table(released[0].name)
         made_by = "kb pairs" if source == "pairs" else f"kb {source} filter"
         raise FatalError(
             f"nothing to export: {place if source == 'pairs' else place.parent} has no rows",
@@ -63,7 +65,7 @@ def export(
         shards.check_columns(found[declared.name], declared, f"run `{again}`")
     summary: dict[str, int] = {}
     size = run.profile.release.rows_per_shard
-    folder = run.root.absolute() / "release" / source
+    folder = Layout(run.root.absolute()).release(source)
     with (
         run.progress.task(f"export {source}", total=len(released), unit="tables") as task,
         replacing_folder(folder) as fresh,
@@ -122,21 +124,3 @@ def write_shards(name: str, parts: Sequence[str], folder: str, rows_per_shard: i
         sync=False,
     )
     return sum(shard.rows for shard in made)
-
-
-def clean_folder(root: Path, declared: Table) -> Path:
-    """Where a table's kept rows are."""
-    return (
-        root / "pairs"
-        if declared.source == "pairs"
-        else root / "clean" / declared.source / declared.short
-    )
-
-
-def clean_parts(root: Path, declared: Table) -> list[Path]:
-    """The part files of a table's kept rows, in order."""
-    return sorted(
-        path
-        for path in clean_folder(root, declared).glob("*.parquet")
-        if not path.name.startswith(".")
-    )

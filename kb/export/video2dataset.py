@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 from kb.core.context import Run
 from kb.export.pair_rows import by_video
 from kb.store.atomic import writing
+from kb.store.layout import Layout
 
 _COLUMNS = ["pair_id", "keyword", "text", "clip_start_s", "clip_end_s"]
 _ROWS = 4096  # videos written at a time
@@ -41,7 +42,7 @@ def schema() -> pa.Schema:
 
 def write(run: Run) -> Path:
     """Writes the file. Raises FatalError when there is no index, and DiskFull."""
-    path = run.root / "export" / "video2dataset" / "pairs.parquet"
+    path = Layout(run.root).export("video2dataset", "pairs.parquet")
     with (
         writing(path) as temporary,
         pq.ParquetWriter(temporary, schema(), compression="zstd") as file,

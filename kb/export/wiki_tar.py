@@ -29,6 +29,7 @@ from kb.core.verdict import Summary
 from kb.export import parquet
 from kb.schema.tables import table
 from kb.store.inside import inside
+from kb.store.layout import Layout
 from kb.store.merge import Merge
 
 TAR_BYTES = 1 << 30
@@ -62,7 +63,7 @@ def export(run: Run) -> Summary:
     Raises FatalError, DamagedData, DiskFull.
     """
     pages = table("wiki/pages")
-    if not parquet.clean_parts(run.root, pages):
+    if not Layout(run.root).rows(pages.name):
         raise FatalError(
             "nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first"
         )
@@ -98,7 +99,7 @@ def export(run: Run) -> Summary:
 
 def rows(root: Path, name: str, columns: list[str], by: list[str]) -> Iterator[dict[str, Any]]:
     """Clean rows of a table in order, a piece at a time in memory."""
-    merge = Merge(parquet.clean_parts(root, table(name)), by, columns)
+    merge = Merge(Layout(root).rows(name), by, columns)
     try:
         for piece in merge:
             yield from piece.to_pylist()

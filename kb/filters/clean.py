@@ -34,6 +34,7 @@ from kb.schema.tables import table
 from kb.store import buckets, mending, rawlog, tally, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.frontier import Frontier
+from kb.store.layout import Layout, parquet_files
 from kb.store.lock import of_clean, taking, writer
 from kb.store.shards import write_table
 
@@ -62,7 +63,7 @@ def run_clean(run: Run, source: str) -> Summary:
                 raise
             if key and spec.scorer is not None:
                 spec.scorer.annotate(run, source, _texts(run, job, executor))
-            with replacing_folder(run.root / "clean" / source) as fresh:
+            with replacing_folder(Layout(run.root).clean(source)) as fresh:
                 job = job._replace(out=str(fresh))
                 counts = _sort(run, job, executor)
                 summary = _summary(spec, fresh, parsed, counts, key)
@@ -105,7 +106,7 @@ class _work:
     """A folder for rows on their way, gone at the end."""
 
     def __init__(self, job: Job) -> None:
-        self.path = Path(job.root, "clean", f".{job.source}.work")
+        self.path = Layout(Path(job.root)).filtering(job.source)
 
     def __enter__(self) -> Path:
         shutil.rmtree(self.path, ignore_errors=True)
@@ -122,7 +123,7 @@ def _segments(root: Path, spec: Clean) -> list[tuple[str, Path]]:
     ]
     if not any(spec.kinds[kind].bucket for kind, _ in found):
         raise FatalError(
-            f"nothing to filter: {root / 'raw' / spec.source} is empty",
+            f"nothing to filter: {Layout(root).raw(spec.source)} is empty",
             hint=f"run `kb {spec.source} crawl` first",
         )
     return found
@@ -171,7 +172,7 @@ def _suspect(run: Run, source: str, error: DamagedData) -> None:
     ]
     if not found:
         return  # whole, but not what the parser takes: no crawl would find anything to mend
-    frontier = Frontier(run.root / "state" / f"{source}.sqlite")
+    frontier = Frontier(Layout(run.root).state(source))
     try:
         mending.suspect(frontier, found)
     finally:
@@ -236,7 +237,7 @@ def _unanswered(run: Run, job: Job, spec: Clean) -> Counter[str]:
         (f"shared/{verdict}", "key", "") for verdict in VERDICTS
     ]
     for name, column, prefix in places if lost else ():
-        for path in Path(job.out, table(name).short).glob("*.parquet"):
+        for path in parquet_files(Path(job.out, table(name).short)):
             for key in pq.read_table(path, columns=[column])[column].to_pylist():
                 lost.pop(f"{prefix}{key}", None)
     for key in removed_keys(job.root, job.source, job.tombstones) if lost else ():
@@ -253,7 +254,7 @@ def _ended(pending: Path, reasons: tuple[str, ...], lost: Mapping[str, str]) -> 
     """
     count = 0
     keys, of = pa.array(lost, pa.string()), pa.array(reasons, pa.string())
-    for path in sorted(pending.glob("*.parquet")) if lost and reasons else ():
+    for path in parquet_files(pending) if lost and reasons else ():
         rows = pq.read_table(path)
         out = pc.and_(
             pc.is_in(rows["key"].cast(pa.string()), keys),

@@ -163,7 +163,7 @@ def _newest(job: Job, spec: Clean, number: int) -> tuple[dict[str, pa.Table], Co
             if namer is None:
                 continue
             wanted = pc.unique(pc.list_flatten(namer.column(about.named_by[1])))
-        part, older = buckets.newest(
+        part, older = buckets.newest_of(
             Path(job.work, kind, str(number) if about.bucket else "0"), about, wanted
         )
         counts["duplicates"] += older if about.bucket else 0

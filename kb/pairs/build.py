@@ -25,6 +25,7 @@ from kb.pairs import keywords as lists
 from kb.pairs import source
 from kb.pairs.index import Counts, Tools, make_tools, pairs_of
 from kb.store.atomic import replacing_folder, write_text
+from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.shards import ShardWriter, sorted_shards, write_table
 
@@ -66,10 +67,10 @@ def build(run: Run) -> Summary:
         if known.get("fingerprint") == mark and known.get("complete") and not run.again:
             run.progress.say("pairs are made of all transcripts; nothing is new")
             return _summary(known, run.root)
-        work = run.root / "state" / "pairs" / mark
+        work = Layout(run.root).pairing / mark
         if run.again:
             shutil.rmtree(work, ignore_errors=True)
-        for other in (run.root / "state" / "pairs").glob("*"):  # of other transcripts or rules
+        for other in Layout(run.root).pairing.glob("*"):  # of other transcripts or rules
             if other != work:
                 shutil.rmtree(other, ignore_errors=True)
         write_text(work / "plan.json", plan)
@@ -88,7 +89,7 @@ def build(run: Run) -> Summary:
 def read_summary(root: Path) -> dict[str, Any]:
     """What the last run left beside the pairs; empty when there was none."""
     try:
-        return dict(json.loads((root / "pairs" / SUMMARY).read_text()))
+        return dict(json.loads((Layout(root).pairs / SUMMARY).read_text()))
     except (OSError, ValueError):
         return {}
 
@@ -127,7 +128,7 @@ def _work(run: Run, work: Path) -> bool:
 def _todo(run: Run, work: Path) -> tuple[list[Stretch], bool]:
     """Stretches that are not done, no more than the limit, and whether they are all."""
     done: dict[str, int] = {}
-    for path in work.glob("*.parquet"):
+    for path in parquet_files(work):
         stem, _, span = path.stem.rpartition(".")
         done[stem] = max(done.get(stem, 0), int(span.partition("-")[2]))
     left = run.limit
@@ -200,7 +201,7 @@ def _finish(
     import numpy as np
 
     counts = Counts()
-    for path in sorted(work.glob("*.parquet")):
+    for path in parquet_files(work):
         data = json.loads(path.with_suffix(".json").read_text())
         counts.add(
             Counts(
@@ -217,9 +218,9 @@ def _finish(
             key=lambda item: (-item[1]["matches"], item[0]),
         )
     )
-    with replacing_folder(run.root / "pairs") as fresh:
+    with replacing_folder(Layout(run.root).pairs) as fresh:
         sorted_shards(
-            sorted(work.glob("*.parquet")),
+            parquet_files(work),
             fresh,
             "pairs/pairs",
             rows_per_shard=run.profile.release.rows_per_shard,
@@ -234,5 +235,5 @@ def _summary(known: dict[str, Any], root: Path) -> Summary:
         {"command": "pairs", "source": "pairs"},
         **{name: known[name] for name in _TOTALS},
         keywords_found=len(known["keywords"]),
-        path=str(root / "pairs"),
+        path=str(Layout(root).pairs),
     )

@@ -26,6 +26,7 @@ from kb.pairs.tokens import ENDS
 from kb.schema.conform import conform
 from kb.schema.tables import table
 from kb.store.atomic import replacing_folder, write_text
+from kb.store.layout import Layout
 from kb.store.lock import writer
 from kb.store.shards import sorted_shards, write_table
 
@@ -72,7 +73,7 @@ def refill(run: Run, index: Path) -> Summary:
         filled=found,
         differing=differing,
         missing=rows.num_rows - found - differing,
-        path=str(run.root / "pairs"),
+        path=str(Layout(run.root).pairs),
     )
 
 
@@ -113,7 +114,7 @@ def _wanted(batch: Text, places: dict[str, list[int]]) -> list[tuple[str, str]]:
 
 def _write(run: Run, rows: pa.Table, texts: list[str | None]) -> None:
 
-    with replacing_folder(run.root / "pairs") as fresh:
+    with replacing_folder(Layout(run.root).pairs) as fresh:
         part = fresh / ".filled.parquet"
         write_table(part, rows.append_column("text", pa.array(texts, pa.string())), "pairs/pairs")
         sorted_shards(

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from kb.core.errors import FatalError
 from kb.pairs.text import Text
 from kb.store import rawlog
+from kb.store.layout import Layout, parquet_files
 from kb.store.reading import reading
 
 _ROWS = 512  # transcripts in memory at once: about two million words
@@ -27,11 +28,7 @@ def parts(root: Path, table: str = "transcripts", *, index: Path | None = None) 
 
     `index`: the released pairs whose transcripts are wanted, for the advice.
     """
-    found = sorted(
-        path
-        for path in (root / "clean" / "youtube" / table).glob("*.parquet")
-        if not path.name.startswith(".")
-    )
+    found = Layout(root).rows(f"youtube/{table}")
     if not found and table == "transcripts":
         raise FatalError("there are no transcripts in clean/youtube", hint=_how(root, index))
     return found
@@ -111,7 +108,7 @@ class _Lengths:
             self._known = _read([self._same] if self._same.exists() else [])
         where = pc.index_in(ids, self._known["video_id"])
         if where.null_count and not self._all:
-            self._known, self._all = _read(sorted(self._folder.glob("*.parquet"))), True
+            self._known, self._all = _read(parquet_files(self._folder)), True
             where = pc.index_in(ids, self._known["video_id"])
         found = self._known["duration_s"].take(
             where.combine_chunks() if hasattr(where, "combine_chunks") else where
@@ -125,7 +122,6 @@ def _read(files: list[Path]) -> pa.Table:
         tables = [
             pq.read_table(file, columns=["video_id", "duration_s"], partitioning=None)
             for file in files
-            if not file.name.startswith(".")
         ]
     return (
         pa.concat_tables(tables)

@@ -18,11 +18,11 @@ import pyarrow.parquet as pq
 from kb.core.errors import DamagedData
 from kb.schema.tables import Table, table, tables
 from kb.store import database
+from kb.store.layout import Layout, parquet_files
 from kb.store.reading import advice, escaped, reading, scan
 
 SOURCES = ("youtube", "wiki", "reddit", "pairs")
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
-RECONSTRUCTED = Path("export", "reconstructed")  # where `kb reddit reconstruct` writes by default
 _VERDICTS = ("rejected", "failed", "pending")
 _SHARD = re.compile(r"([a-z][a-z0-9_]*?)(?:-[0-9]+(?:-of-[0-9]+)?)?\.parquet")
 
@@ -69,26 +69,26 @@ def found(root: Path) -> Iterator[View]:
 
 def _declared(root: Path, declared: Table) -> Iterator[View]:
     name, short, source = names(declared), declared.short, declared.source
-    clean = root / "pairs" if source == "pairs" else root / "clean" / source / short
-    yield from _view("clean", name, clean, "*.parquet", declared.doc)
-    released = root / "release" / source
-    yield from _view("release", name, released, f"{short}-*-of-*.parquet", declared.doc)
+    at = Layout(root)
+    yield from _view("clean", name, at.table(declared.name), "*.parquet", declared.doc)
+    yield from _view("release", name, at.release(source), f"{short}-*-of-*.parquet", declared.doc)
 
 
 def _kept_aside(root: Path, source: str) -> Iterator[View]:
     """What was rejected, failed or waits, and what was purged."""
+    at = Layout(root)
     for verdict in _VERDICTS:
-        place = root / "clean" / source / verdict
+        place = at.clean(source, verdict)
         doc = table(f"shared/{verdict}").doc
         yield from _view("clean", f"{source}_{verdict}", place, "*.parquet", doc)
     doc, name, file = table("shared/tombstones").doc, f"{source}_tombstones", "tombstones.parquet"
-    yield from _view("clean", name, root / "raw" / source, file, doc)
-    yield from _view("release", name, root / "release" / source, file, doc)
+    yield from _view("clean", name, at.raw(source), file, doc)
+    yield from _view("release", name, at.release(source), file, doc)
 
 
 def _restored(root: Path) -> Iterator[View]:
     """What a reconstruction brought back: in its usual place, or `root` is its `--out` itself."""
-    for place in (root / RECONSTRUCTED, root):
+    for place in (Layout(root).reconstructed, root):
         if not (place / "missing.parquet").is_file():
             continue
         for short in ("posts", "comments"):
@@ -101,7 +101,7 @@ def _restored(root: Path) -> Iterator[View]:
 
 def _links(root: Path) -> Iterator[View]:
     shards: dict[str, list[Path]] = {}
-    for path in _files(root / "links", "*.parquet"):
+    for path in parquet_files(Layout(root).links, "*.parquet"):
         if named := _SHARD.fullmatch(path.name):
             shards.setdefault(named[1], []).append(path)
     for name, files in shards.items():
@@ -110,14 +110,8 @@ def _links(root: Path) -> Iterator[View]:
 
 
 def _view(schema: str, name: str, folder: Path, pattern: str, doc: str) -> Iterator[View]:
-    if files := _files(folder, pattern):
+    if files := parquet_files(folder, pattern):
         yield View(schema, name, files, doc)
-
-
-def _files(folder: Path, pattern: str) -> list[Path]:
-    if not folder.is_dir():
-        return []
-    return sorted(path for path in folder.glob(pattern) if not path.name.startswith("."))
 
 
 def bare(views: Iterable[View]) -> dict[str, View]:

@@ -10,6 +10,7 @@ import pyarrow.compute as pc
 from kb.reddit import threads
 from kb.reddit.parse import KINDS, MARKS, schema
 from kb.reddit.tree import depths
+from kb.store.newest import newest
 
 # Columns that the stages read and no table has, or only one of the two tables.
 HELPERS = (
@@ -52,30 +53,21 @@ def assemble(newest: dict[str, pa.Table]) -> dict[str, Any]:
     return {"reddit/posts": posts, "reddit/comments": with_posts}
 
 
-def newest_of(newest: dict[str, pa.Table]) -> pa.Table:
+def newest_of(answers: dict[str, pa.Table]) -> pa.Table:
     """One row a thing over all kinds of answers, sorted by full name; marks are no things."""
 
     tables = [
-        newest[kind]
+        answers[kind]
         .select(schema().names)
-        .append_column("rank", pa.repeat(pa.scalar(rank, pa.int8()), newest[kind].num_rows))
+        .append_column("rank", pa.repeat(pa.scalar(rank, pa.int8()), answers[kind].num_rows))
         for rank, kind in enumerate(KINDS)
-        if kind in newest
+        if kind in answers
     ]
     rows = pa.concat_tables(tables)
     rows = rows.filter(pc.invert(pc.is_in(rows["state"], value_set=pa.array(MARKS))))
     rows = rows.append_column("real", pc.not_equal(rows["state"], "stub"))
-    by = ["fullname", "real", "fetched_at", "rank"]
-    order = pc.sort_indices(
-        rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by]
-    )
-    names = rows["fullname"].take(order).combine_chunks()
-    last = (
-        pa.concat_arrays([_differs(names), pa.array([True])])
-        if len(names)
-        else pa.array([], pa.bool_())
-    )
-    return rows.take(order.filter(last)).drop_columns(["rank", "real"]).combine_chunks()
+    found = newest(rows, ["fullname"], ["real", "fetched_at", "rank"])
+    return found.drop_columns(["rank", "real"]).combine_chunks()
 
 
 def _marks(newest: dict[str, pa.Table]) -> pa.Table:
@@ -85,12 +77,6 @@ def _marks(newest: dict[str, pa.Table]) -> pa.Table:
         [found.select(["fullname", "post_id", "state"]) for found in newest.values()]
     )
     return rows.filter(pc.is_in(rows["state"], value_set=pa.array(MARKS)))
-
-
-def _differs(names: pa.Array) -> pa.Array:
-
-    names = names.combine_chunks() if hasattr(names, "combine_chunks") else names
-    return pc.not_equal(names.slice(0, len(names) - 1), names.slice(1))
 
 
 def _named(rows: pa.Table) -> pa.Table:

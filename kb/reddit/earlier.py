@@ -8,9 +8,7 @@ had this time (failed, forbidden, malformed) leaves the older row as it is.
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Collection, Mapping
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +20,9 @@ import pyarrow.parquet as pq
 from kb.reddit.tree import depths
 from kb.schema import table
 from kb.store.atomic import settle_folder, write_bytes
+from kb.store.newest import newest
 from kb.store.reading import reading
+from kb.store.shuffle import Shuffle
 
 DONE, MISSING = ".done.json", "missing.parquet"
 NAMES = ("posts", "comments")
@@ -93,29 +93,16 @@ def missing(out: Path) -> dict[str, str]:
 
 
 def spread(out: Path, folder: Path, buckets: int) -> None:
-    """Rows of the tables → `folder/old-<name>/<bucket>.arrow`, by post. Raises DamagedData, DiskFull."""
+    """Rows of the tables → `folder/<bucket>/old-<name>.arrow`, by post. Raises DamagedData, DiskFull."""
 
     for name in NAMES:
-        schema, writers = table(f"reddit/{name}").arrow(), {}
+        schema = table(f"reddit/{name}").arrow()
         parts = _parts(out / name)
-        try:
-            with reading(parts):
-                for batch in (
-                    batch for path in parts for batch in pq.ParquetFile(path).iter_batches(_ROWS)
-                ):
+        with Shuffle(folder, f"old-{name}", buckets) as shuffle, reading(parts):
+            for path in parts:
+                for batch in pq.ParquetFile(path).iter_batches(_ROWS):
                     rows = _declared(pa.Table.from_batches([batch]), schema)
-                    place = pa.array(
-                        [zlib.crc32(key.encode()) % buckets for key in rows["post_id"].to_pylist()]
-                    )
-                    for number in place.unique().to_pylist():
-                        if number not in writers:
-                            path = folder / f"old-{name}" / f"{number}.arrow"
-                            path.parent.mkdir(parents=True, exist_ok=True)
-                            writers[number] = pa.ipc.new_file(str(path), rows.schema)
-                        writers[number].write_table(rows.filter(pa.compute.equal(place, number)))
-        finally:
-            for writer in writers.values():
-                writer.close()
+                    shuffle.write(rows, rows["post_id"])
 
 
 def merged(
@@ -126,18 +113,12 @@ def merged(
     Full names in `gone` are in no table any more.
     """
 
-    path, key = folder / f"old-{name}" / f"{number}.arrow", table(f"reddit/{name}").key[0]
+    path, key = folder / str(number) / f"old-{name}.arrow", table(f"reddit/{name}").key[0]
     parts = [_declared(fresh, fresh.schema)]
     if path.exists():
         with pa.ipc.open_file(str(path)) as file:
             parts.insert(0, _declared(file.read_all(), fresh.schema))
-    rows = pa.concat_tables(parts)
-    rows = rows.append_column("_at", pa.array(range(rows.num_rows), pa.int64()))
-    by = [(column, "ascending", "at_start") for column in (key, "fetched_at", "_at")]
-    rows = rows.take(pc.sort_indices(rows, sort_keys=by))
-    names = rows[key].to_pylist()
-    last = [one != after for one, after in zip_longest(names, names[1:])]
-    rows = rows.filter(pa.array(last, pa.bool_())).drop_columns(["_at"])
+    rows = newest(pa.concat_tables(parts), [key], ["fetched_at"])
     prefix = "t3_" if name == "posts" else "t1_"
     out = [full.removeprefix(prefix) for full in gone if full.startswith(prefix)]
     return rows.filter(pc.invert(pc.is_in(rows[key], value_set=pa.array(out, pa.string()))))

@@ -22,6 +22,7 @@ from kb.core.profile.reddit import Links
 from kb.reddit import parse
 from kb.store import buckets, rawlog
 from kb.store.atomic import full_disk_is_resumable
+from kb.store.newest import newest
 
 _READ = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "dump")
 
@@ -110,44 +111,26 @@ def reduce(folder: str, number: int) -> None:
     parts = []
     for path in sorted(Path(folder, "rows", str(number)).glob("*.arrow")):
         with pa.ipc.open_file(str(path)) as file:
-            rows = file.read_all()
-        parts.append(
-            rows.append_column(
-                "_segment", pa.repeat(pa.scalar(int(path.stem), pa.int32()), rows.num_rows)
-            )
-        )
+            parts.append(file.read_all())
     if not parts:
         return
+    # As in assemble: the later kind wins where two are as old, so that both tell the same. Segments
+    # stand in the order of the kinds.
     rows = pa.concat_tables(parts)
-    # As in assemble: the later kind wins where two are as old, so that both tell the same. Segments stand in
-    # the order of the kinds; nulls first, as an answer that doesn't say when it was read is older than any that does.
-    by = ["fullname", "fetched_at", "live", "dump", "_segment", "_at"]
-    rows = rows.take(
-        pc.sort_indices(rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by])
-    )
+    by = ("fetched_at", "live", "dump")
+    found = newest(rows, ["fullname"], by)
     # An answer that only says that a comment is gone may not say of which post it was; an older one does.
-    rows = rows.set_column(
-        1,
-        "post_id",
-        pc.if_else(pc.equal(rows["post_id"], ""), pa.scalar(None, pa.string()), rows["post_id"]),
+    said = newest(
+        rows.filter(pc.not_equal(pc.fill_null(rows["post_id"], ""), "")), ["fullname"], by
     )
-    last, said = (
-        pc.ScalarAggregateOptions(skip_nulls=False),
-        pc.ScalarAggregateOptions(skip_nulls=True),
-    )
-    newest = rows.group_by("fullname", use_threads=False).aggregate(
-        [
-            ("post_id", "last", said),
-            *((name, "last", last) for name in ("fetched_at", "live", "gone", "state")),
-        ]
-    )
-    newest = newest.rename_columns([name.removesuffix("_last") for name in newest.column_names])
-    newest = newest.append_column("there", pc.equal(newest["state"], "there")).drop_columns(
-        ["state"]
-    )
+    post = said["post_id"].take(pc.index_in(found["fullname"], said["fullname"].combine_chunks()))
+    there = pc.equal(found["state"], "there")
+    found = found.set_column(found.column_names.index("post_id"), "post_id", post)
+    found = found.select(["fullname", "post_id", "fetched_at", "live", "gone"])
+    found = found.append_column("there", there)
     with (
         full_disk_is_resumable(Path(folder)),
-        pa.ipc.new_file(str(Path(folder, f"{number:06d}.arrow")), newest.schema) as file,
+        pa.ipc.new_file(str(Path(folder, f"{number:06d}.arrow")), found.schema) as file,
     ):
-        file.write_table(newest)
+        file.write_table(found)
     shutil.rmtree(Path(folder, "rows", str(number)))

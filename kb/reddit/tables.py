@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 import shutil
-import zlib
 from collections.abc import Collection
 from contextlib import ExitStack
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -26,6 +25,7 @@ from kb.schema.tables import Table, table
 from kb.store import database, rawlog
 from kb.store.atomic import full_disk_is_resumable, replacing_folder
 from kb.store.shards import write_table
+from kb.store.shuffle import Shuffle
 
 IDS = 200_000  # a bucket
 WORK = ".work-"
@@ -104,7 +104,7 @@ def _answered(spread: Path, number: int, answers: Answers) -> dict[str, str]:
     found = {
         kind: _read(path)
         for kind in parse.KINDS
-        if (path := spread / kind / f"{number}.arrow").exists()
+        if (path := spread / str(number) / f"{kind}.arrow").exists()
     }
     if not found:
         return {}
@@ -190,31 +190,17 @@ def _lost(
 
 def _spread(work: Path, spread: Path, buckets: int, links: Links) -> None:
 
-    with ExitStack() as stack:
-        writers: dict[tuple[str, int], Any] = {}
-        for kind in rawlog.kinds(work, "reddit"):
-            lines = (
-                line
-                for path in rawlog.segments(work, "reddit", kind)
-                for _, line in rawlog.Frames(path)
-            )
+    for kind in rawlog.kinds(work, "reddit"):
+        lines = (
+            line
+            for path in rawlog.segments(work, "reddit", kind)
+            for _, line in rawlog.Frames(path)
+        )
+        with Shuffle(spread, kind, buckets) as shuffle:
             for rows in parse.rows(lines, kind, links):
                 # By post where it is known; what was not answered is on its own.
-                place = [
-                    zlib.crc32((post or name).encode()) % buckets
-                    for post, name in zip(
-                        rows["post_id"].to_pylist(), rows["fullname"].to_pylist(), strict=True
-                    )
-                ]
-                for number in sorted(set(place)):
-                    if (kind, number) not in writers:
-                        (spread / kind).mkdir(parents=True, exist_ok=True)
-                        writers[kind, number] = stack.enter_context(
-                            pa.ipc.new_file(str(spread / kind / f"{number}.arrow"), parse.schema())
-                        )
-                    writers[kind, number].write_table(
-                        rows.filter(pa.array([one == number for one in place]))
-                    )
+                unknown = pc.equal(pc.fill_null(rows["post_id"], ""), "")
+                shuffle.write(rows, pc.if_else(unknown, rows["fullname"], rows["post_id"]))
 
 
 def _read(path: Path) -> pa.Table:

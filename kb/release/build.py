@@ -26,6 +26,7 @@ from kb.release.problem import Problem
 from kb.schema import table
 from kb.store import tombstones
 from kb.store.atomic import write_text
+from kb.store.layout import Layout
 from kb.store.lock import RELEASES, taking
 from kb.store.shards import write_table
 
@@ -65,7 +66,7 @@ def exported(run: Run) -> list[Folder]:
     found = folders.find(run.root)
     if not found:
         raise ReleaseRefused(
-            f"there is nothing to release under {run.root / 'release'}",
+            f"there is nothing to release under {Layout(run.root).release()}",
             hint="run an export first, such as `kb youtube export`",
         )
     return found

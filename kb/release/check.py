@@ -20,13 +20,14 @@ from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import KbError
 from kb.release import archives, checksums, columns, personal, scan
-from kb.release.folders import DEPOSIT, SUMS, Folder, Part, clean_files, released_tables
+from kb.release.folders import DEPOSIT, SUMS, Folder, Part, released_tables
 from kb.release.licences import KNOWN, licence
 from kb.release.measure import folder_licence, page_licences
 from kb.release.metadata import Document
 from kb.release.problem import Problem, damaged
 from kb.schema import Table
 from kb.store import database
+from kb.store.layout import Layout
 
 
 def check(run: Run, folders: list[Folder]) -> list[Problem]:
@@ -154,7 +155,7 @@ def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
 def _clean(root: Path, declared: Table) -> list[Problem]:
     """Clean files that can't be read: nothing can be compared with them."""
     found = []
-    for path in clean_files(root, declared):
+    for path in Layout(root).rows(declared.name):
         try:
             pq.read_metadata(path)
         except (pa.ArrowInvalid, OSError) as error:
@@ -172,7 +173,7 @@ def _rows(paths: list[Path] | tuple[Path, ...]) -> int:
 
 
 def _counts(root: Path, source: str, part: Part) -> list[Problem]:
-    clean = clean_files(root, part.table)
+    clean = Layout(root).rows(part.table.name)
     rows, expected = _rows(part.shards), _rows(clean)
     if rows == expected:
         return []
@@ -195,7 +196,7 @@ def _absent(root: Path, folder: Folder) -> list[Problem]:
             "is clean but not exported; run the export again",
         )
         for declared in released_tables(folder.source)
-        if declared.name not in there and clean_files(root, declared)
+        if declared.name not in there and Layout(root).rows(declared.name)
     ]
 
 
@@ -243,7 +244,7 @@ def _scores(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
     found = []
     for declared in released_tables(folder.source):
         where = f"{folder.source}/{declared.short}"
-        clean = _unscored(clean_files(run.root, declared), declared, set(declared.names()))
+        clean = _unscored(Layout(run.root).rows(declared.name), declared, set(declared.names()))
         released = _unscored(
             shards.get(declared.name, ()), declared, set(declared.names(released=True))
         )

@@ -13,6 +13,7 @@ from pathlib import Path
 from kb.core.profile.release import SOURCES
 from kb.release.licences import KNOWN
 from kb.schema import Table, table, tables
+from kb.store.layout import Layout
 
 SUMS = "SHA256SUMS"
 TOMBSTONES = "tombstones.parquet"
@@ -84,7 +85,7 @@ def released_tables(source: str) -> list[Table]:
 def find(root: Path) -> list[Folder]:
     """The folders under `release/` that an export has filled, in the contract's order."""
     return [
-        folder for source in SOURCES if (folder := read(root / "release" / source, source)).data
+        folder for source in SOURCES if (folder := read(Layout(root).release(source), source)).data
     ]
 
 
@@ -121,16 +122,6 @@ def is_made(name: str, source: str) -> bool:
         or name in texts
         or name in {_sample(declared) for declared in released_tables(source)}
     )
-
-
-def clean_files(root: Path, declared: Table) -> list[Path]:
-    """The clean files that a released table was exported from."""
-    folder = (
-        root / "pairs"
-        if declared.source == "pairs"
-        else root / "clean" / declared.source / declared.short
-    )
-    return sorted(folder.glob("*.parquet"))
 
 
 def _files(path: Path) -> list[Path]:

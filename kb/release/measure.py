@@ -15,12 +15,13 @@ from duckdb import DuckDBPyConnection
 
 from kb.core.context import Run
 from kb.release.checksums import digest
-from kb.release.folders import Folder, Part, clean_files, released_tables
+from kb.release.folders import Folder, Part, released_tables
 from kb.release.gaps import gaps
 from kb.release.licences import KNOWN
 from kb.release.personal import personal_counts
 from kb.schema import Column, Table
 from kb.store import database, tombstones
+from kb.store.layout import Layout, parquet_files
 from kb.store.reading import SANDBOX_MODEL, filtered
 
 _TOPS = 8
@@ -127,8 +128,8 @@ def measure(run: Run, folder: Folder) -> Facts:
         read=read,
         made=made,
         rejected=_rejected(con, run.root, folder.source),
-        failed=_count(con, run.root / "clean" / folder.source / "failed"),
-        pending=_count(con, run.root / "clean" / folder.source / "pending"),
+        failed=_count(con, Layout(run.root).clean(folder.source, "failed")),
+        pending=_count(con, Layout(run.root).clean(folder.source, "pending")),
         models=models(run.root, folder.source),
         tombstones=_tombstones(con, run.root, folder.source),
         personal=personal_counts(folder),
@@ -171,7 +172,7 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     """
     # Pairs and wiki pictures carry no scores of their own; a pair's videos were scored as YouTube.
     source = "youtube" if source == "pairs" else source
-    files = [str(file) for file in sorted((root / "annotations" / source).glob("**/*.parquet"))]
+    files = [str(file) for file in parquet_files(Layout(root).annotations(source))]
     said = filtered(root, source)
     if not files or "toxicity" in said:  # "not scored"
         return ()
@@ -309,14 +310,14 @@ def _clean_span(
     con: DuckDBPyConnection, root: Path, source: str
 ) -> tuple[datetime, datetime] | None:
     for declared in released_tables(source):
-        files = [str(path) for path in clean_files(root, declared)]
+        files = [str(path) for path in Layout(root).rows(declared.name)]
         if files and "fetched_at" in declared.names():
             return _extremes(con, files, "fetched_at")
     return None
 
 
 def _rejected(con: DuckDBPyConnection, root: Path, source: str) -> tuple[tuple[str, str, int], ...]:
-    files = sorted((root / "clean" / source / "rejected").glob("**/*.parquet"))
+    files = Layout(root).rows(f"{source}/rejected")
     if not files:
         return ()
     rows = con.execute(
@@ -328,7 +329,7 @@ def _rejected(con: DuckDBPyConnection, root: Path, source: str) -> tuple[tuple[s
 
 
 def _count(con: DuckDBPyConnection, folder: Path) -> int:
-    files = [str(file) for file in sorted(folder.glob("**/*.parquet"))]
+    files = [str(file) for file in parquet_files(folder)]
     row = con.execute("SELECT count(*) FROM read_parquet(?)", [files]).fetchone() if files else None
     return int(row[0]) if row else 0
 

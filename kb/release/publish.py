@@ -28,6 +28,7 @@ from kb.release.measure import models
 from kb.release.metadata import Document
 from kb.release.problem import Problem
 from kb.store.atomic import write_text
+from kb.store.layout import Layout
 from kb.store.lock import RELEASES, taking, writer
 from kb.store.reading import SANDBOX_MODEL
 
@@ -174,7 +175,7 @@ class _Upload:
 
     def __init__(self, run: Run, service: Zenodo, folder: Folder) -> None:
         self.run, self.service, self.folder = run, service, folder
-        self.path = run.root / "state" / "deposits.json"
+        self.path = Layout(run.root).deposits
         host = urlsplit(service.root)
         # Ports change with each start of a loopback service; hosts don't.
         self.key = f"{host.hostname}/{folder.source}"

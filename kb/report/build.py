@@ -23,6 +23,7 @@ from kb.report.style import BLUE, GREEN, PURPLE, Figure, applied
 from kb.report.toxicity import toxicity
 from kb.schema import table
 from kb.store.atomic import replacing_folder
+from kb.store.layout import Layout
 from kb.store.lock import taking
 from kb.store.reading import SANDBOX_MODEL, filtered
 
@@ -135,7 +136,7 @@ def _report(run: Run) -> Summary:
         html = page(
             f"{run.profile.title}: what was collected", data.newest(), cards, sections, notes
         )
-    with replacing_folder(run.root / "report") as folder:
+    with replacing_folder(Layout(run.root).report) as folder:
         for section in sections:
             for figure in section.figures:
                 for suffix, content in figure.files.items():
@@ -144,7 +145,7 @@ def _report(run: Run) -> Summary:
     return Summary(
         command="report",
         figures=sum(len(section.figures) for section in sections),
-        page=str(run.root / "report" / "index.html"),
+        page=str(Layout(run.root).page),
         without=", ".join(section.title for section in sections if section.missing) or None,
     )
 

@@ -14,6 +14,7 @@ from typing import Any, Self
 from kb.core.context import Run
 from kb.schema import table
 from kb.store import database
+from kb.store.layout import Layout
 from kb.store.reading import reading, scan, state
 
 # The contract's stages in their order; a stage that is not named here comes last.
@@ -74,10 +75,7 @@ class Data:
 
     def files(self, name: str) -> list[str]:
         """The clean files of a table ("youtube/videos", "pairs/pairs", "youtube/rejected")."""
-        folder = self.root / "pairs" if name == "pairs/pairs" else self.root / "clean" / name
-        return [
-            str(path) for path in sorted(folder.glob("*.parquet")) if not path.name.startswith(".")
-        ]
+        return [str(path) for path in Layout(self.root).rows(name)]
 
     def rows(self, name: str, sql: str, *values: object) -> list[tuple[Any, ...]]:
         """Rows of a query in which {t} stands for the table; nothing when there are no files.
@@ -206,7 +204,7 @@ class Data:
     def ledgers(self) -> list[tuple[str, str, str, int, int]]:
         """(source, day, bucket, requests, units) of every source that keeps a ledger, by day."""
         found: dict[tuple[str, str, str], list[int]] = {}
-        for path in sorted((self.root / "state").glob("*.sqlite")):
+        for path in sorted(Layout(self.root).state_folder().glob("*.sqlite")):
             with state(path) as frontier:
                 for day, bucket, _, requests, units in frontier.ledger():
                     entry = found.setdefault((path.stem, day, bucket), [0, 0])

@@ -17,9 +17,9 @@ from kb.core.errors import DamagedData, OtherService, ProfileError
 from kb.core.profile import Profile, is_shipped, load_profile
 from kb.store import identity, rawlog
 from kb.store.atomic import write_bytes
+from kb.store.layout import Layout
 
 _SOURCES = ("youtube", "wiki", "reddit")
-_FOLDERS = ("clean", "pairs", "release")
 
 
 class Remembered(msgspec.Struct, frozen=True):
@@ -87,7 +87,7 @@ def note(root: Path, profile: Profile) -> None:
     file = None if profile.is_shipped or profile.path == Path() else str(profile.path)
     new = Remembered(profile.name, file, os.path.relpath(file, root.absolute()) if file else None)
     if new != old:
-        write_bytes(_path(root), msgspec.json.encode(new))
+        write_bytes(Layout(root).profile, msgspec.json.encode(new))
 
 
 def note_if_stored(root: Path, profile: Profile) -> None:
@@ -96,12 +96,8 @@ def note_if_stored(root: Path, profile: Profile) -> None:
         note(root, profile)
 
 
-def _path(root: Path) -> Path:
-    return root / "state" / "profile.json"
-
-
 def _read(root: Path) -> Remembered | None:
-    path = _path(root)
+    path = Layout(root).profile
     try:
         return msgspec.json.decode(path.read_bytes(), type=Remembered)
     except FileNotFoundError:
@@ -114,8 +110,9 @@ def _read(root: Path) -> Remembered | None:
 
 
 def _holds_data(root: Path) -> bool:
+    made = (at := Layout(root)).clean(), at.pairs, at.release()
     return any(rawlog.any_answer(root, source) for source in _SOURCES) or any(
-        (root / name).is_dir() for name in _FOLDERS
+        folder.is_dir() for folder in made
     )
 
 

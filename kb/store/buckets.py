@@ -8,7 +8,6 @@ a bucket afterwards. The number of buckets follows from the size of the raw data
 from __future__ import annotations
 
 import gc
-import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -21,7 +20,9 @@ import pyarrow.compute as pc
 
 from kb.core.errors import DamagedData
 from kb.schema import raw
+from kb.store.newest import duplicates, newest
 from kb.store.rawlog import Frames
+from kb.store.shuffle import Shuffle
 
 RAW_BYTES = 8 << 20  # compressed raw data a bucket, about 100,000 rows of small answers
 MOST = 512
@@ -64,11 +65,6 @@ def how_many(size: int) -> int:
     return min(MOST, 1 << (wanted - 1).bit_length())
 
 
-def bucket_of(key: object, buckets: int) -> int:
-    """The bucket of a key."""
-    return zlib.crc32(str(key).encode("utf-8", "replace")) % buckets
-
-
 def spread(
     kind: Kind, name: str, segment: Path, number: int, folder: Path, buckets: int
 ) -> dict[str, Any]:
@@ -79,25 +75,16 @@ def spread(
     the segment when a line is no envelope.
     """
     unknown: Counter[str] = Counter()
-    writers: dict[int, Any] = {}
-    rows, at = 0, 0
+    rows = 0
     frames = Frames(segment)
     collecting = gc.isenabled()
     # millions of values and no cycle among them: looking for one costs a tenth of the time
     gc.disable()
     try:
-        for parsed in _pieces(kind.parse(_lines(frames, name, unknown))):
-            rows += parsed.num_rows
-            places = pa.array(range(at, at + parsed.num_rows), pa.int64())
-            at += parsed.num_rows
-            piece = parsed.append_column("_at", places)
-            for bucket, part in _split(piece, kind.bucket, buckets):
-                if bucket not in writers:
-                    path = folder / str(bucket) / f"{number:06d}.arrow"
-                    path.parent.mkdir(parents=True, exist_ok=True)
-                    options = pa.ipc.IpcWriteOptions(compression="lz4")
-                    writers[bucket] = pa.ipc.new_file(str(path), part.schema, options=options)
-                writers[bucket].write_table(part)
+        with Shuffle(folder, f"{number:06d}", buckets) as shuffle:
+            for piece in _pieces(kind.parse(_lines(frames, name, unknown))):
+                rows += piece.num_rows
+                shuffle.write(piece, piece.column(kind.bucket) if kind.bucket else None)
     except DamagedData as error:
         named = DamagedData(
             f"{segment}: {error}", hint="move the file away, or copy it again from where it came"
@@ -107,8 +94,6 @@ def spread(
     finally:
         if collecting:
             gc.enable()
-        for writer in writers.values():
-            writer.close()
     return {
         "rows": rows,
         "unknown": dict(unknown),
@@ -151,73 +136,21 @@ def _pieces(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
         yield pa.concat_tables(waiting)
 
 
-def _split(rows: pa.Table, column: str, buckets: int) -> Iterator[tuple[int, pa.Table]]:
-
-    if buckets == 1 or not column:
-        yield 0, rows
-        return
-    keys = pc.fill_null(rows.column(column).cast(pa.string()), "None").cast(pa.binary()).to_pylist()
-    numbers = pa.array(
-        [zlib.crc32(key) % buckets for key in keys], pa.int32()
-    )  # bucket_of, inlined
-    places = pc.sort_indices(numbers)
-    counts = {entry["values"]: entry["counts"] for entry in pc.value_counts(numbers).to_pylist()}
-    rows = rows.take(places)
-    start = 0
-    for bucket in sorted(counts):
-        yield bucket, rows.slice(start, counts[bucket])
-        start += counts[bucket]
-
-
-def newest(
+def newest_of(
     folder: Path, kind: Kind, wanted: pa.Array[Any] | None = None
 ) -> tuple[pa.Table | None, int]:
-    """The newest row of each key of one kind's bucket, sorted by key, and how many older ones were
-    left out.
+    """The newest row of each key of one kind's bucket, and how many older ones were left out.
 
-    With `wanted` only the rows whose first key column is in it are read. Echoes don't count as left
-    out.
+    Sorted by key. With `wanted` only the rows whose first key column is in it are read. Echoes
+    don't count as left out.
     """
     paths = sorted(folder.glob("*.arrow")) if folder.is_dir() else []
     if not paths:
         return None, 0
-    parts = []
-    for number, path in enumerate(paths):
-        part = _read(path, kind, wanted)
-        parts.append(
-            part.append_column("_segment", pa.repeat(pa.scalar(number, pa.int32()), part.num_rows))
-        )
-    rows = pa.concat_tables(parts)
-    by = [
-        *kind.key,
-        *([kind.prefer] if kind.prefer else []),
-        "fetched_at",
-        *([kind.then] if kind.then else []),
-        "_segment",
-        "_at",
-    ]
-    # nulls first: an answer that doesn't say when it was read is older than any that does
-    order = pc.sort_indices(
-        rows.select(by), sort_keys=[(name, "ascending", "at_start") for name in by]
-    )
-    keys = [rows.column(name).take(order).combine_chunks() for name in kind.key]
-    last = pa.array([True] * min(1, rows.num_rows), pa.bool_())
-    if rows.num_rows > 1:
-        same = pa.array([True] * (rows.num_rows - 1), pa.bool_())
-        for column in keys:
-            same = pc.and_(
-                same,
-                pc.fill_null(pc.equal(column.slice(0, len(column) - 1), column.slice(1)), False),
-            )
-        last = pa.concat_arrays([pc.invert(same), last])
-    chosen = order.filter(last)
-    older = rows.num_rows - len(chosen)
-    if kind.echo:
-        older -= (
-            pc.sum(rows.column(kind.echo)).as_py()
-            - pc.sum(rows.column(kind.echo).take(chosen)).as_py()
-        )
-    return rows.take(chosen).drop_columns(["_segment", "_at"]), older
+    rows = pa.concat_tables([_read(path, kind, wanted) for path in paths])
+    by = [name for name in (kind.prefer, "fetched_at", kind.then) if name]
+    kept = newest(rows, kind.key, by)
+    return kept, duplicates(rows, kept, kind.echo)
 
 
 def _read(path: Path, kind: Kind, wanted: pa.Array[Any] | None) -> pa.Table:

@@ -10,6 +10,7 @@ import msgspec
 from kb.core.errors import OtherService
 from kb.store import rawlog
 from kb.store.atomic import write_bytes
+from kb.store.layout import Layout
 
 
 def remember(root: Path, source: str, **facts: str) -> None:
@@ -30,17 +31,14 @@ def remember(root: Path, source: str, **facts: str) -> None:
             hint="use another --data folder, or the settings it was made with",
         )
     if new.items() - old.items():
-        write_bytes(_path(root, source), msgspec.json.encode({**old, **new}, order="sorted"))
+        noted_now = msgspec.json.encode({**old, **new}, order="sorted")
+        write_bytes(Layout(root).identity(source), noted_now)
 
 
 def noted(root: Path, source: str) -> dict[str, str]:
     """What was noted of a source; empty when nothing was."""
-    path = _path(root, source)
+    path = Layout(root).identity(source)
     return msgspec.json.decode(path.read_bytes()) if path.exists() else {}
-
-
-def _path(root: Path, source: str) -> Path:
-    return root / "state" / f"{source}.identity.json"
 
 
 def _host(value: str) -> str:

@@ -5,21 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 
 from kb.core.errors import DamagedData
-
-FILES = Path("raw", "wiki")  # where captured pages and pictures are, below the data root
+from kb.store.layout import Layout
 
 
 def is_inside(root: Path, path: str) -> bool:
-    """Whether `path`, relative to the data root, leads into raw/wiki, links resolved."""
-    base = (root / FILES).resolve()
-    return (root / path).resolve().is_relative_to(base)
+    """Whether `path`, relative to the data root, leads into raw/wiki, links resolved.
+
+    Captured pages and pictures are there.
+    """
+    return (root / path).resolve().is_relative_to(Layout(root).raw("wiki").resolve())
 
 
 def inside(root: Path, path: str) -> Path:
     """The place of `path`. Raises DamagedData where it is not in raw/wiki."""
     if not is_inside(root, path):
         raise DamagedData(
-            f"the wiki's data name {path!r}, which is not in {root / FILES}",
+            f"the wiki's data name {path!r}, which is not in {Layout(root).raw('wiki')}",
             hint="the raw files that say so are not of a crawl: move them away",
         )
     return root / path

@@ -12,41 +12,41 @@ import shutil
 from pathlib import Path
 
 from kb.store.atomic import settle_folder
+from kb.store.layout import Layout
 
 _FILE = re.compile(r"\..+\.(tmp|filled\.parquet)|\.filled\.parquet")
 _FOLDER = re.compile(r"\.(?P<name>.+)\.(new|old)|\.(sort|shot)-.+")
-_PLACES = {
-    "pairs": ("pairs", "state/pairs"),
-    "report": ("report",),
-    "deposits": (),
-    "release-youtube": ("release/youtube", "export/minedojo/youtube_full.json"),
-    "release-wiki": ("release/wiki", "export/minedojo/wiki_full"),
-    "release-reddit": (
-        "release/reddit",
-        "export/minedojo/reddit.json",
-        "export/convokit",
-    ),
-    "release-pairs": (
-        "release/pairs",
-        "export/minedojo/pairs.json",
-        "export/clip4mc",
-        "export/video2dataset",
-    ),
-}
 
 
 def sweep(root: Path, name: str) -> None:
     """Clear what is left where the lock `name` allows to write. Call it under that lock."""
-    for place in _PLACES.get(name, _of_source(name)):
-        path = root / place
+    for path in _places(Layout(root), name):
         _beside(path)
         if path.is_dir() and not path.is_symlink():
             _below(path)
 
 
-def _of_source(source: str) -> tuple[str, ...]:
-    folders = ("raw", "annotations", "clean", "state")
-    return (*(f"{folder}/{source}" for folder in folders), f"state/{source}-import")
+def _places(at: Layout, name: str) -> tuple[Path, ...]:
+    """Where the lock `name` allows to write; it is a source's where it is none of these."""
+    match name:
+        case "pairs":
+            return at.pairs, at.pairing
+        case "report":
+            return (at.report,)
+        case "deposits":
+            return ()
+        case "release-youtube":
+            return at.release("youtube"), at.export("minedojo", "youtube_full.json")
+        case "release-wiki":
+            return at.release("wiki"), at.export("minedojo", "wiki_full")
+        case "release-reddit":
+            corpus = at.export("convokit")
+            return at.release("reddit"), at.export("minedojo", "reddit.json"), corpus
+        case "release-pairs":
+            clips = at.export("clip4mc"), at.export("video2dataset")
+            return at.release("pairs"), at.export("minedojo", "pairs.json"), *clips
+    folders = at.raw(name), at.annotations(name), at.clean(name), at.state_folder(name)
+    return *folders, at.importing(name)
 
 
 def _beside(path: Path) -> None:

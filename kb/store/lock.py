@@ -23,6 +23,7 @@ from pathlib import Path
 from kb.core.errors import WriterLocked
 from kb.store import leftovers
 from kb.store.atomic import full_disk_is_resumable
+from kb.store.layout import Layout
 
 SOURCES = ("youtube", "wiki", "reddit")
 RELEASES = tuple(f"release-{name}" for name in (*SOURCES, "pairs"))
@@ -45,7 +46,7 @@ def of_purge(source: str) -> tuple[str, ...]:
 @contextlib.contextmanager
 def writer(root: Path, name: str) -> Iterator[None]:
     """Hold the right to write, by a name above. Raises WriterLocked naming the holder's pid."""
-    path = root / "state" / f"{name}.lock"
+    path = Layout(root).lock(name)
     if path.resolve() in _taken:
         yield
         return
@@ -82,7 +83,7 @@ def taking(root: Path, *names: str) -> Iterator[None]:
         return
     with contextlib.ExitStack() as stack:
         for name in sorted(set(names), key=ORDER.index):
-            path = (root / "state" / f"{name}.lock").resolve()
+            path = Layout(root).lock(name).resolve()
             if path not in _taken:
                 stack.enter_context(writer(root, name))
                 _taken.add(path)

@@ -22,6 +22,7 @@ import msgspec
 from kb.core.errors import DamagedData
 from kb.store import rawlog
 from kb.store.frontier import Frontier
+from kb.store.layout import Layout
 from kb.store.rawlog import Envelope
 
 Apply = Callable[[Frontier, str, Envelope], None]
@@ -107,7 +108,7 @@ def look_up(
     found = _load(frontier)
     if all(lost.items is not None for lost in found):
         return
-    scratch = root / "state" / f".{source}.rebuilt"
+    scratch = Layout(root).rebuilt(source)
     shutil.rmtree(scratch, ignore_errors=True)
     rebuilt = Frontier(scratch / "state.sqlite")
     try:
@@ -166,7 +167,7 @@ def check(root: Path, source: str) -> None:
 
     That is what a crawl or purge took out, and segments that are shorter than the state knows.
     """
-    path = root / "state" / f"{source}.sqlite"
+    path = Layout(root).state(source)
     if not path.is_file():
         return
     frontier = Frontier(path, readonly=True)

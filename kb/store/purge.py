@@ -22,6 +22,7 @@ from kb.schema.tables import table
 from kb.store import lock, mending, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
+from kb.store.layout import Layout, parquet_files
 from kb.store.rawlog import Envelope
 from kb.store.shards import ShardWriter
 
@@ -52,14 +53,14 @@ def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:
     """
     found = {**left_over(root, source), **found}
     if found:
-        write_bytes(_plan(root, source), msgspec.json.encode(found, order="sorted"))
+        write_bytes(Layout(root).purge(source), msgspec.json.encode(found, order="sorted"))
         tombstones.add(root, source, found.items())
     return found
 
 
 def left_over(root: Path, source: str) -> dict[str, str]:
     """The list of a purge that was cut off, {} when none was."""
-    path = _plan(root, source)
+    path = Layout(root).purge(source)
     if not path.exists():
         return {}
     return msgspec.json.decode(path.read_bytes(), type=dict[str, str])
@@ -72,10 +73,10 @@ def finish(root: Path, source: str) -> None:
     that could be read was purged.
     """
     with lock.writer(root, source):
-        frontier = Frontier(root / "state" / f"{source}.sqlite")
+        frontier = Frontier(Layout(root).state(source))
         try:
             frontier.forget()
-            _plan(root, source).unlink(missing_ok=True)
+            Layout(root).purge(source).unlink(missing_ok=True)
             mending.tell(root, source, frontier)
         finally:
             frontier.close()
@@ -83,7 +84,7 @@ def finish(root: Path, source: str) -> None:
 
 def unfinished(root: Path, source: str) -> bool:
     """Whether a purge was cut off."""
-    return _plan(root, source).exists()
+    return Layout(root).purge(source).exists()
 
 
 def rewrite_raw(
@@ -163,7 +164,7 @@ def drop_annotations(root: Path, source: str, used: pa.Array[Any] | pa.ChunkedAr
     """Forget scores of texts that no row has any more;
     `used` are the hashes of those that rows still have.
     """
-    files = sorted((root / "annotations" / source).glob("*.parquet"))
+    files = parquet_files(Layout(root).annotations(source))
     return sum(
         _keep(
             path, "shared/annotations", "text_hash", lambda values: pc.is_in(values, value_set=used)
@@ -196,7 +197,3 @@ def _keep(
                     writer.write(rows)
                     start += batch.num_rows
     return gone
-
-
-def _plan(root: Path, source: str) -> Path:
-    return root / "state" / f"{source}.purge.json"

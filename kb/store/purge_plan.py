@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 from kb.core.verdict import Summary
 from kb.store import purge, rawlog
 from kb.store.frontier import Frontier
+from kb.store.layout import Layout
 from kb.store.purge import Place, Strip
 from kb.store.reading import reading
 
@@ -33,11 +34,8 @@ def state(root: Path, source: str) -> Iterator[Frontier | None]:
     """A copy of the source's state to read, as opening it in place would leave files;
     None without one.
     """
-    files = [
-        root / "state" / f"{source}.sqlite{suffix}"
-        for suffix in ("", "-wal")
-        if (root / "state" / f"{source}.sqlite{suffix}").is_file()
-    ]
+    first = Layout(root).state(source)
+    files = [path for path in (first, first.with_name(f"{first.name}-wal")) if path.is_file()]
     if not files:
         yield None
         return
@@ -117,7 +115,7 @@ def _rows(root: Path, place: Place, keys: Collection[str]) -> int:
 
 def _made(root: Path, source: str) -> Iterator[Line]:
     """What has to be written anew as a whole."""
-    for folder in ("export", "report"):
-        files = sum(path.is_file() for path in (root / folder).rglob("*"))
+    for folder in (Layout(root).export(), Layout(root).report):
+        files = sum(path.is_file() for path in folder.rglob("*"))
         if files:
-            yield Line(folder, "files, made again as far as they are of this source", files)
+            yield Line(folder.name, "files, made again as far as they are of this source", files)

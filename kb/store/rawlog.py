@@ -25,6 +25,7 @@ import zstandard
 from kb.core.errors import DamagedData
 from kb.net import redact
 from kb.store.atomic import full_disk_is_resumable, sync_folder, write_bytes, writing
+from kb.store.layout import Layout
 
 SUFFIX = ".ndjson.zst"
 OPEN = SUFFIX + ".open"
@@ -193,12 +194,12 @@ def compressor() -> zstandard.ZstdCompressor:
 
 def folder(root: Path, source: str, kind: str) -> Path:
     """Where the segments of a kind are."""
-    return root / "raw" / source / kind
+    return Layout(root).raw(source, kind)
 
 
 def kinds(root: Path, source: str) -> list[str]:
     """The kinds of answers that a source has on disk."""
-    base = root / "raw" / source
+    base = Layout(root).raw(source)
     return sorted(path.name for path in base.iterdir() if path.is_dir()) if base.is_dir() else []
 
 
@@ -378,4 +379,4 @@ def _copy(file: BinaryIO, fresh: BinaryIO, start: int, end: int) -> None:
 
 def asides(root: Path, source: str) -> list[Path]:
     """What was set aside of a source's segments."""
-    return sorted((root / "raw" / source).glob(f"*/*{SUFFIX}.damaged-*"))
+    return sorted(Layout(root).raw(source).glob(f"*/*{SUFFIX}.damaged-*"))

@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
 from kb.store.frontier import Frontier
+from kb.store.layout import Layout
 
 SANDBOX_MODEL = "lorebase_tiny"  # what its scores say means nothing about real texts
 _BATCH = 1024  # rows of a suspect that are decoded at a time
@@ -63,7 +64,7 @@ def broken(files: Iterable[Path | str]) -> DamagedData | None:
 
 def filtered(root: Path, source: str) -> dict[str, Any]:
     """The summary of the source's last filter, {} when there was none. Raises DamagedData."""
-    path = root / "clean" / source / "summary.json"
+    path = Layout(root).summary(source)
     if not path.is_file():
         return {}
     try:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from kb.store.database import connect
+from kb.store.layout import parquet_files
 from kb.store.reading import reading, scan
 
 # The sorted tables of each source, and what their keys begin with in rejected, failed and pending.
@@ -19,14 +20,9 @@ SORTED: dict[str, dict[str, str]] = {
 VERDICTS = ("rejected", "failed", "pending")
 
 
-def files(folder: Path) -> list[Path]:
-    """The whole files of a table."""
-    return sorted(path for path in folder.glob("*.parquet") if not path.name.startswith("."))
-
-
 def rows(folder: Path) -> int:
     """Rows of a table, from its files' footers. Raises DamagedData."""
-    found = files(folder)
+    found = parquet_files(folder)
     with reading(found):
         return sum(pq.read_metadata(file).num_rows for file in found)
 
@@ -42,7 +38,7 @@ def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
     missing = _keys(clean / "rejected", tables, "stage = 'missing'")
     for name in tables:
         answers = {verdict: counts.get(name, 0) for verdict, counts in verdicts.items()}
-        if not files(clean / name) and not any(answers.values()):
+        if not parquet_files(clean / name) and not any(answers.values()):
             continue
         kept = rows(clean / name)
         crawled = kept + sum(answers.values())
@@ -57,7 +53,7 @@ def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
 
 def _keys(folder: Path, tables: Mapping[str, str], where: str = "true") -> dict[str, int]:
     """How many keys of a verdict's files belong to which table."""
-    found = files(folder)
+    found = parquet_files(folder)
     if not found:
         return {}
     sums = ", ".join("count(*) FILTER (starts_with(key, ?))" for _ in tables)

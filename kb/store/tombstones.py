@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from kb.core import clock
 from kb.schema.tables import table
 from kb.store.atomic import sync_folder
+from kb.store.layout import Layout
 from kb.store.shards import write_table
 
 _TABLE = "shared/tombstones"
@@ -28,7 +29,7 @@ _TABLE = "shared/tombstones"
 
 def path(root: Path, source: str) -> Path:
     """Where a source's tombstones are, for others to read."""
-    return root / "raw" / source / "tombstones.parquet"
+    return Layout(root).tombstones(source)[0]
 
 
 def keys(root: Path, source: str) -> set[str]:
@@ -90,12 +91,9 @@ def lift(root: Path, source: str, back: Collection[str], reasons: Collection[str
 def heal(root: Path, source: str) -> None:
     """Make both files hold every tombstone. Call it under the writer's lock. Raises DiskFull."""
     files = _files(root, source)
-    if files and (len(files) > 1 or not all(place.exists() for place in _places(root, source))):
+    whole = all(place.exists() for place in Layout(root).tombstones(source))
+    if files and (len(files) > 1 or not whole):
         _write(root, source, _union(files))
-
-
-def _places(root: Path, source: str) -> tuple[Path, Path]:
-    return path(root, source), root / "state" / source / "tombstones.parquet"
 
 
 def _beside(root: Path, source: str) -> list[Path]:
@@ -111,7 +109,7 @@ def _beside(root: Path, source: str) -> list[Path]:
 def _files(root: Path, source: str) -> list[Path]:
     """The files to read: each content once."""
     found: list[Path] = []
-    for file in (*_places(root, source), *_beside(root, source)):
+    for file in (*Layout(root).tombstones(source), *_beside(root, source)):
         if file.exists() and not any(filecmp.cmp(file, other, shallow=False) for other in found):
             found.append(file)
     return found
@@ -129,7 +127,7 @@ def _union(files: list[Path]) -> list[dict[str, Any]]:
 def _write(root: Path, source: str, rows: list[dict[str, Any]]) -> None:
 
     whole = pa.Table.from_pylist(rows, table(_TABLE).arrow())
-    for place in reversed(_places(root, source)):
+    for place in reversed(Layout(root).tombstones(source)):
         write_table(place, whole, _TABLE)
     others = _beside(root, source)
     for other in others:

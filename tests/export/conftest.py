@@ -10,8 +10,8 @@ import pytest
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import Settings
-from kb.export.parquet import clean_folder
 from kb.schema import table
+from kb.store.layout import Layout
 from kb.store.shards import write_table
 
 
@@ -39,4 +39,4 @@ def _fill(root: Path, name: str, rows: pa.Table, parts: int) -> None:
     declared = table(name)
     for index in range(parts):
         part = rows.take(list(range(index, rows.num_rows, parts)))
-        write_table(clean_folder(root, declared) / f"part-{index:05d}.parquet", part, declared)
+        write_table(Layout(root).table(name) / f"part-{index:05d}.parquet", part, declared)

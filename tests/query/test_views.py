@@ -11,9 +11,9 @@ import pytest
 
 from kb import query
 from kb.core.errors import DamagedData, UsageError
-from kb.query import views
 from kb.reddit import reconstruction
 from kb.store import tombstones
+from kb.store.layout import Layout
 from kb.store.shards import write_table
 
 
@@ -225,7 +225,7 @@ def test_show_tables_has_each_name_once(root: Path) -> None:
 
 
 def test_what_was_reconstructed(tmp_path: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
-    assert views.RECONSTRUCTED == reconstruction.OUT
+    assert Layout(Path()).reconstructed == reconstruction.OUT
     out = tmp_path / reconstruction.OUT
     for name in ("posts", "comments"):
         made = make_rows(f"reddit/{name}", 2)

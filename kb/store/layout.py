@@ -1,0 +1,144 @@
+"""Every path under a data root, once. Nothing here reads or writes.
+
+raw/<source>/<kind>/       answers as they came; the tombstones lie beside the kinds
+state/                     <source>.sqlite, locks, and what a data root remembers
+annotations/<source>/      scores of texts
+clean/<source>/<table>/    rows that were kept; rejected, failed and pending beside them
+pairs/                     video-text pairs
+release/<source>/          what can be published
+export/<format>/           other projects' layouts
+report/                    figures and their page
+links/                     tables that name the same things in two sources
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+TOP = ("raw", "state", "annotations", "clean", "pairs", "release", "export", "report")
+"""The folders that commands write, in the order of the data's way."""
+
+
+def parquet_files(folder: Path, pattern: str = "*.parquet") -> list[Path]:
+    """The whole files of a table, by name; none where the folder is not there.
+
+    Hidden ones are on their way, or were left by a killed command.
+    """
+    return sorted(path for path in folder.glob(pattern) if not path.name.startswith("."))
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The paths of a data root. Without an argument a method gives the folder above."""
+
+    root: Path
+
+    def raw(self, source: str = "", kind: str = "") -> Path:
+        """A source's answers, or the segments of one kind."""
+        return self.root / "raw" / source / kind
+
+    def tombstones(self, source: str) -> tuple[Path, Path]:
+        """Both files of a source's purged keys: the first for others to read, and its copy."""
+        name = "tombstones.parquet"
+        return self.raw(source) / name, self.state_folder(source) / name
+
+    def state_folder(self, source: str = "") -> Path:
+        """state/, or what a source keeps there in a folder of its own."""
+        return self.root / "state" / source
+
+    def state(self, source: str) -> Path:
+        """What is to do and what was done, in SQLite."""
+        return self.state_folder() / f"{source}.sqlite"
+
+    def rebuilt(self, source: str) -> Path:
+        """A folder for a second state, made of the raw data that are left."""
+        return self.state_folder() / f".{source}.rebuilt"
+
+    def lock(self, name: str) -> Path:
+        """The file of a lock of kb.store.lock."""
+        return self.state_folder() / f"{name}.lock"
+
+    def identity(self, source: str) -> Path:
+        """The services that a source's data came from."""
+        return self.state_folder() / f"{source}.identity.json"
+
+    def purge(self, source: str) -> Path:
+        """The keys of a purge that is not finished."""
+        return self.state_folder() / f"{source}.purge.json"
+
+    def importing(self, source: str) -> Path:
+        """What an import of dumps keeps until it is done."""
+        return self.state_folder() / f"{source}-import"
+
+    @property
+    def profile(self) -> Path:
+        """The profile that the data root is bound to."""
+        return self.state_folder() / "profile.json"
+
+    @property
+    def deposits(self) -> Path:
+        """What was uploaded."""
+        return self.state_folder() / "deposits.json"
+
+    def annotations(self, source: str) -> Path:
+        """The scores of a source's texts."""
+        return self.root / "annotations" / source
+
+    def clean(self, source: str = "", table: str = "") -> Path:
+        """A source's rows, or those of one table or verdict ("videos", "rejected")."""
+        return self.root / "clean" / source / table
+
+    def filtering(self, source: str) -> Path:
+        """Rows on their way through a filter."""
+        return self.clean(f".{source}.work")
+
+    def summary(self, source: str) -> Path:
+        """What the last filter said."""
+        return self.clean(source) / "summary.json"
+
+    @property
+    def pairs(self) -> Path:
+        """The pairs of videos and texts."""
+        return self.root / "pairs"
+
+    @property
+    def pairing(self) -> Path:
+        """Pairs on their way, a folder for each set of transcripts and rules."""
+        return self.state_folder("pairs")
+
+    def table(self, name: str) -> Path:
+        """Where the rows of a declared table are: "youtube/videos", "pairs/pairs"."""
+        return self.pairs if name == "pairs/pairs" else self.clean(*name.split("/"))
+
+    def rows(self, name: str) -> list[Path]:
+        """The files of a declared table's rows, in order."""
+        return parquet_files(self.table(name))
+
+    def release(self, source: str = "") -> Path:
+        """A source's folder to publish; `pairs` has one too."""
+        return self.root / "release" / source
+
+    def export(self, format: str = "", name: str = "") -> Path:
+        """Another project's layout, or a file of it."""
+        return self.root / "export" / format / name
+
+    @property
+    def reconstructed(self) -> Path:
+        """Where `kb reddit reconstruct` writes by default."""
+        return self.export("reconstructed")
+
+    @property
+    def report(self) -> Path:
+        """Figures and their page."""
+        return self.root / "report"
+
+    @property
+    def page(self) -> Path:
+        """The report's page."""
+        return self.report / "index.html"
+
+    @property
+    def links(self) -> Path:
+        """Tables that name the same things in two sources."""
+        return self.root / "links"

@@ -1,0 +1,84 @@
+"""Paths under the data root are written in kb/store/layout.py and nowhere else."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from kb.core.profile.release import SOURCES
+from kb.schema import tables
+from kb.store.layout import TOP, Layout, parquet_files
+
+ROOT = Path(__file__).resolve().parents[2]
+# Sources have their turn when they move into the frame of kb/crawl; schemas/raw is no data.
+EXCUSED = ("kb/youtube/", "kb/wiki/", "kb/reddit/", "kb/schema/", "kb/store/layout.py")
+
+
+def paths(source: str) -> Iterator[tuple[int, str]]:
+    """(line, text) of each string that names a top folder as a part of a path."""
+    for node in ast.walk(ast.parse(source)):
+        parts: list[ast.expr] = []
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
+            parts = [node.left, node.right]
+        elif isinstance(node, ast.Call):
+            name = ast.unparse(node.func).rpartition(".")[2]
+            if name in ("Path", "joinpath", "join"):
+                parts = node.args
+            elif name in ("glob", "rglob"):
+                parts = [part for part in node.args if "/" in ast.unparse(part)]
+        for part in parts:
+            if isinstance(part, ast.JoinedStr):
+                part = part.values[0]
+            text = part.value if isinstance(part, ast.Constant) else None
+            if isinstance(text, str) and text.split("/")[0] in (*TOP, "links"):
+                yield part.lineno, text
+
+
+def test_no_other_file_writes_a_path_under_the_data_root() -> None:
+    wrong = []
+    for path in [*(ROOT / "kb").rglob("*.py"), *(ROOT / "pipelines").glob("*.py")]:
+        name = path.relative_to(ROOT).as_posix()
+        if not name.startswith(EXCUSED):
+            wrong += [f"{name}:{line}: {text!r}" for line, text in paths(path.read_text())]
+    assert not wrong, "ask kb.store.layout for these paths:\n" + "\n".join(wrong)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        'root / "clean" / source / "videos"',
+        'run.root / "state" / f"{source}.sqlite"',
+        'root / f"raw/{source}"',
+        'Path(root, "release", source)',
+        'root.joinpath("pairs")',
+        'root.glob("export/*/x.json")',
+    ],
+)
+def test_a_path_in_a_string_is_seen(line: str) -> None:
+    assert list(paths(line))
+
+
+def test_files_of_a_table_are_whole_ones_in_order(tmp_path: Path) -> None:
+    for name in ("part-00001.parquet", "part-00000.parquet", ".part-00002.parquet", "a.json"):
+        (tmp_path / name).touch()
+    assert [path.name for path in parquet_files(tmp_path)] == [
+        "part-00000.parquet",
+        "part-00001.parquet",
+    ]
+    assert parquet_files(tmp_path / "absent") == []
+
+
+def test_every_path_is_below_the_root_and_in_a_known_folder(tmp_path: Path) -> None:
+    at = Layout(tmp_path)
+    found = [at.table(name) for name in tables() if name.partition("/")[0] in SOURCES]
+    for source in SOURCES:
+        found += [at.raw(source), *at.tombstones(source), at.state(source), at.lock(source)]
+        found += [at.clean(source), at.filtering(source), at.summary(source)]
+        found += [at.annotations(source), at.release(source), at.identity(source)]
+    found += [at.export("minedojo", "pairs.json"), at.reconstructed, at.page, at.deposits]
+    assert {path.relative_to(tmp_path).parts[0] for path in found} == set(TOP)
+    assert at.table("pairs/pairs") == tmp_path / "pairs"
+    assert at.table("wiki/pages") == at.clean("wiki", "pages")
