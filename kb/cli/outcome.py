@@ -130,7 +130,9 @@ def show_summary(summary: dict[str, Any], as_json: bool) -> None:
         from kb.core import terminal
         from kb.core.verdict import Summary
 
-        print(terminal.one_line(Summary(summary).line()), flush=True)
+        # A plan is a table, whose line breaks are ours.
+        shown = terminal.lines if "phases" in summary else terminal.one_line
+        print(shown(Summary(summary).line()), flush=True)
 
 
 def _redact(text: str) -> str:

@@ -38,6 +38,7 @@ class Format(StrEnum):
     app,
     uses=("workers", "limit", "wait", "again", "pipeline"),
     binds=False,
+    planned=("ids", "part"),
     examples=[
         "kb youtube crawl --plan                  what is left costs: units, calls, hours, GB, days",
         "kb youtube crawl --limit 100             100 videos through every phase",
@@ -69,7 +70,14 @@ def crawl(
     """
     which = parse_part(part)
     if plan:
+        from kb.core.errors import SettingError
         from kb.youtube.plan import plan as estimate
+
+        if part and not ids:
+            raise SettingError(
+                "--part has no effect on --plan without --ids",
+                hint="leave it out: the plan is of all that is left",
+            )
 
         return estimate(run, ids=ids, part=which)
     return pipeline(run, "youtube").crawl(run, only.value if only else None, ids, which)
