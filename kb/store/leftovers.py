@@ -1,7 +1,8 @@
 """What killed commands left behind: temporary files, new and old folders, leases.
 
 Each holds what may have been purged since, so whoever gets a lock (kb.store.lock) first clears
-what lies where the lock allows to write; a folder that was on its way to be replaced comes back.
+what lies where the lock allows to write, and what no process can be using any more of what DuckDB
+spilled; a folder that was on its way to be replaced comes back.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import re
 import shutil
 from pathlib import Path
 
+from kb.store import database
 from kb.store.atomic import settle_folder
 
 _FILE = re.compile(r"\..+\.(tmp|filled\.parquet)|\.filled\.parquet")
@@ -37,6 +39,7 @@ _PLACES = {
 
 def sweep(root: Path, name: str) -> None:
     """Clear what is left where the lock `name` allows to write. Call it under that lock."""
+    _spilled(root)
     for place in _PLACES.get(name, _of_source(name)):
         path = root / place
         _beside(path)
@@ -57,8 +60,16 @@ def _beside(path: Path) -> None:
                 _clear(entry)
 
 
+def _spilled(folder: Path) -> None:
+    """What killed queries spilled into `folder`: readers take no lock, so it is no lock's own."""
+    for entry in sorted(folder.glob(f"{database.SPILL}-*")):
+        if database.abandoned(entry):
+            _clear(entry)
+
+
 def _below(folder: Path) -> None:
     for where, folders, files in os.walk(folder):
+        _spilled(Path(where))
         for name in files:
             if _FILE.fullmatch(name) or name.endswith(".lease"):
                 Path(where, name).unlink(missing_ok=True)
