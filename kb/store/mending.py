@@ -51,6 +51,26 @@ def suspect(frontier: Frontier, found: Iterable[tuple[str, str]]) -> None:
     frontier.set_cursor(_SUSPECTS, sorted(known | set(found)))
 
 
+def note(root: Path, source: str, frontier: Frontier, error: DamagedData, hint: str) -> None:
+    """Suspect the raw segments that an error is about, as far as they can't be read in full.
+
+    The error then says `hint`. Where all are whole (they hold what a parser doesn't take) no crawl
+    would find anything to mend.
+    """
+    base = rawlog.folder(root, source, "").resolve()
+    paths = getattr(error, "paths", None) or [getattr(error, "path", None)]
+    found = [
+        (path.parent.name, rawlog.base_name(path))
+        for path in paths
+        if path is not None
+        and path.parent.parent.resolve() == base
+        and rawlog.damage(path, path.stat().st_size)
+    ]
+    if found:
+        suspect(frontier, found)
+        error.hint = hint
+
+
 def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False) -> None:
     """Set aside what can't be read, and note what is missing or short.
 
@@ -110,8 +130,9 @@ def look_up(
     try:
         with rebuilt.transaction():
             for kind in rawlog.kinds(root, source):
-                for envelope in rawlog.read(root, source, kind):
-                    apply(rebuilt, kind, envelope)
+                for path in rawlog.segments(root, source, kind):
+                    for _, line in rawlog.Frames(path, mending=True):
+                        apply(rebuilt, kind, rawlog.decode(line))
         items = [
             (kind, key)
             for kind in asked
