@@ -17,8 +17,6 @@ from typing import Any
 
 import typer
 
-from kb.cli import misplaced
-
 # typer carries its own copy of click; its usage errors are reached through a public name.
 UsageProblem: type[Exception] = typer.BadParameter.__mro__[1]  # type: ignore[assignment]
 
@@ -30,6 +28,8 @@ def guarded(run: Callable[[], Any]) -> int:
     try:
         code = run()
     except UsageProblem as error:
+        from kb.cli import misplaced
+
         text = error.format_message().replace("?.", "?").replace("Value error, ", "")  # type: ignore[attr-defined]
         if error.__class__.__name__ == "NoArgsIsHelpError":
             print(text)
