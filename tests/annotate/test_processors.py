@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 import subprocess
 import sys
@@ -84,6 +85,15 @@ def test_openvino_gives_them_with_all_other_limits(texts, kept, tmp_path):
         for threads in (1, 2):
             given = found[f"openvino {threads}"]
             assert given == expected if suits_openvino({}) else given is None
+
+
+def test_a_limit_under_which_openvino_crashes_gives_the_next_runtime(texts, kept, tmp_path):
+    """By this variable alone, on a processor with AVX-512: a kernel for wider vectors than asked for."""
+    paths, _ = kept
+    environment = {**os.environ, "ONEDNN_MAX_CPU_ISA": "AVX2"}
+    answer = run(tmp_path, paths, texts, [], environment)  # SIGSEGV would be -11, not 0
+    next_one = "onnxruntime" if installed("onnxruntime") else "torch"
+    assert [found["chosen"] for found in answer["scores"]] == [next_one] * 2
 
 
 @pytest.mark.parametrize(
