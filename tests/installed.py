@@ -97,6 +97,11 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return _once(tmp_path_factory, "installed", install) / "venv" / "bin"
 
 
+def outside() -> dict[str, str]:
+    """An environment in which nothing leads the installed program back to this checkout."""
+    return {name: value for name, value in clean_environment().items() if name != "PYTHONPATH"}
+
+
 # What a user's own settings may be, and what the demo must leave alone: two credentials, hosts and
 # a model that are not there.
 OWN_DOTENV = "YOUTUBE_API_KEY=a-real-key\nKB_YOUTUBE_ENDPOINT=http://192.0.2.1\nKB_WIKI_URL=http://192.0.2.1\n"
@@ -130,7 +135,7 @@ def demo(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
             code = trap.run(
                 [installed / "kb", "demo", "--json"],
                 folder / "demo.attempts",
-                clean_environment() | OWN_ENVIRONMENT | {"HOME": str(home_that_consents(folder))},
+                outside() | OWN_ENVIRONMENT | {"HOME": str(home_that_consents(folder))},
                 cwd=folder,
                 stdin=subprocess.DEVNULL,
                 stdout=out,

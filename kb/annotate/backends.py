@@ -16,7 +16,14 @@ from kb.annotate.checkpoint import Checkpoint
 from kb.annotate.compiled import can_compile, find_compiled, make_compiled
 from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.first_token import shorten
-from kb.annotate.graph import Compiled, graph_runner, installed, int8_runner
+from kb.annotate.graph import (
+    RUNTIMES,
+    Compiled,
+    graph_runner,
+    installed,
+    int8_runner,
+    usable,
+)
 from kb.annotate.runner import Meta, Network, Runner
 from kb.annotate.scores import PRECISIONS
 from kb.core.errors import MissingExtra, MissingModel, SettingError
@@ -43,8 +50,8 @@ def open_runner(
         return torch_runner(checkpoint, precision, device, threads)
     if precision == "bf16":
         return torch_runner(checkpoint, precision, device, threads)
-    wanted = ("onnxruntime",) if precision == "int8" else ("openvino", "onnxruntime")
-    if any(installed(name) for name in wanted):
+    wanted = ("onnxruntime",) if precision == "int8" else RUNTIMES
+    if any(usable(name) for name in wanted):
         compiled = prepare(checkpoint)
         if compiled:
             runner = (

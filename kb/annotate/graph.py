@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from kb.annotate.processor import suits_openvino
 from kb.annotate.runner import Meta, Network, Runner
 from kb.store.atomic import writing
 
+RUNTIMES = ("openvino", "onnxruntime")  # the fastest first
 PROBE_ERROR = 1e-3  # of a logit; what works differs by a hundredth of it (kb/annotate/rounding.py)
 
 
@@ -41,8 +43,8 @@ def graph_runner(
     `prefer` names one of them; `exact` is what `Runner` computes undecided windows with.
     """
     meta = Meta.read(compiled.folder / "meta.json")
-    for name in (prefer,) if prefer else ("openvino", "onnxruntime"):
-        network = _working(name, compiled, threads) if installed(name) else None
+    for name in (prefer,) if prefer else RUNTIMES:
+        network = _working(name, compiled, threads) if usable(name) else None
         if network:
             return Runner(name, network, _tokenizer(compiled), meta, exact=exact)
     return None
@@ -77,10 +79,7 @@ def int8_runner(compiled: Compiled, threads: int) -> Runner | None:
 
 
 def _working(name: str, compiled: Compiled, threads: int) -> Network | None:
-    """The network, if it gives on this processor what torch gave when the graph was written.
-
-    OpenVINO needs AVX: with SSE 4.1 alone it raises, or answers with no rows at all.
-    """
+    """The network, if it gives on this processor what torch gave when the graph was written."""
     import numpy as np
 
     make = {"openvino": _openvino, "onnxruntime": _onnxruntime}[name]
@@ -128,6 +127,11 @@ def _openvino(graph: Any, threads: int) -> Network:
     }
     model = openvino.Core().compile_model(str(graph), "CPU", hints)
     return lambda ids, mask: model({"input_ids": ids, "attention_mask": mask})[0]
+
+
+def usable(name: str) -> bool:
+    """Whether a runtime is installed and made for this processor, without importing it."""
+    return installed(name) and (name != "openvino" or suits_openvino())
 
 
 def installed(name: str) -> bool:

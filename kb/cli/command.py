@@ -69,6 +69,7 @@ class Nature:
     needs_data: bool = False
     needs: str = "profile"
     binds: bool = False
+    planned: tuple[str, ...] = ()
 
 
 def group(about: str) -> typer.Typer:
@@ -95,6 +96,7 @@ def command(
     needs_data: bool = False,
     cls: type[Command] = Command,
     binds: bool = True,
+    planned: Sequence[str] = (),
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Declare a command of `app`.
 
@@ -109,6 +111,7 @@ def command(
     `cls`: how it reads its arguments.
     `binds`: it writes, so that a data root which holds data and remembers no profile yet
     remembers the run's.
+    `planned`: the options, own ones included, that change what its `--plan` says.
     """
 
     def declare(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -121,6 +124,7 @@ def command(
             needs_data=needs_data,
             needs="profile" if "data" in shared else "nothing",
             binds=binds and not raw and "data" in shared,
+            planned=tuple(planned),
         )
         wrapped = _wrap(function, shared, nature, main=main)
         epilog = "\n".join(examples)
@@ -182,12 +186,13 @@ def _call(
     values: dict[str, Any],
     nature: Nature,
 ) -> int:
-    from kb.cli import as_typed, logs
+    from kb.cli import as_typed, logs, planned
 
     as_typed.begin(options)
     try:
         with _signals(nature.resumable):
             logs.configure(quiet=options.quiet, debug=options.debug)
+            planned.check(function, options, values, nature.planned)
             first: Any = options if nature.raw else options.make_run(needs=nature.needs)
             if nature.needs_data:
                 _existing(first.root)

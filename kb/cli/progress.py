@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from kb.cli.as_typed import as_typed
 from kb.core.progress import Counted, Plain, Silent
 
 if TYPE_CHECKING:
@@ -16,7 +17,15 @@ def choose(*, quiet: bool) -> Progress:
     """The display that fits where stderr goes."""
     if quiet:
         return Silent()
-    return Bars() if sys.stderr.isatty() else Plain()
+    return Bars() if sys.stderr.isatty() else Lines()
+
+
+class Lines(Plain):
+    """Plain lines, with the commands that they name as they have to be typed here."""
+
+    def say(self, text: str) -> None:
+        """One line."""
+        super().say(as_typed(text))
 
 
 class Bars:
@@ -40,7 +49,7 @@ class Bars:
         """One line above the bars."""
         from kb.core import terminal
 
-        shown = terminal.one_line(text)
+        shown = terminal.one_line(as_typed(text))
         if self._live is not None:
             self._live.console.print(shown, highlight=False, markup=False)
         else:

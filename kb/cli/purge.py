@@ -43,6 +43,7 @@ def _purge(run: Run, source: str, ids: Path | None, plan: bool) -> Summary:
 @command(
     app,
     uses=CLUSTER,
+    planned=("ids",),
     needs_data=True,
     examples=["kb purge youtube", "kb purge youtube --ids gone.txt", "kb purge youtube --plan"],
 )
@@ -53,7 +54,13 @@ def youtube(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
     return _purge(run, "youtube", ids, plan)
 
 
-@command(app, uses=CLUSTER, needs_data=True, examples=["kb purge wiki --ids pages.txt"])
+@command(
+    app,
+    uses=CLUSTER,
+    planned=("ids",),
+    needs_data=True,
+    examples=["kb purge wiki --ids pages.txt"],
+)
 def wiki(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
     """Remove pages that the wiki deleted, or that are named, from every folder, and remember them.
 
@@ -66,6 +73,7 @@ def wiki(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
 @command(
     app,
     uses=CLUSTER,
+    planned=("ids",),
     needs_data=True,
     examples=["kb purge reddit", "kb purge reddit --ids requests.txt"],
 )

@@ -141,6 +141,7 @@ def export(
 @command(
     app,
     uses=("limit", "wait", "again"),
+    planned=("ids",),
     examples=[
         "kb reddit reconstruct                                 the data root's own release",
         "kb reddit reconstruct --ids release/reddit            a release, posts and comments",

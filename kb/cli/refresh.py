@@ -29,6 +29,7 @@ OlderThan = Annotated[
 @command(
     app,
     uses=("limit", "wait"),
+    planned=("older_than",),
     needs_data=True,
     examples=[
         "kb refresh youtube --wait",
@@ -49,6 +50,7 @@ def youtube(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summa
 @command(
     app,
     uses=(*CLUSTER, "limit", "wait", "again"),
+    planned=(*CLUSTER, "older_than", "again"),
     needs_data=True,
     examples=[
         "kb refresh reddit --wait",

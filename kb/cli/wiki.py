@@ -28,6 +28,7 @@ class Format(StrEnum):
 @command(
     app,
     uses=("workers", "limit", "wait", "again", "pipeline"),
+    planned=("titles", "workers"),
     examples=[
         "kb wiki crawl --plan                     what is left and what it takes",
         "kb wiki crawl --limit 100                100 pages, then exit code 3",

@@ -40,6 +40,7 @@ class Format(StrEnum):
     app,
     uses=("workers", "limit", "wait", "again", "pipeline"),
     binds=False,
+    planned=("ids", "part"),
     examples=[
         (
             "kb youtube crawl --plan                  what is left costs: units, calls,"
@@ -75,7 +76,14 @@ def crawl(
     """
     which = parse_part(part)
     if plan:
+        from kb.core.errors import SettingError
         from kb.youtube.plan import plan as estimate
+
+        if part and not ids:
+            raise SettingError(
+                "--part has no effect on --plan without --ids",
+                hint="leave it out: the plan is of all that is left",
+            )
 
         return estimate(run, ids=ids, part=which)
     summary: Summary = pipeline(run, "youtube").crawl(run, only.value if only else None, ids, which)

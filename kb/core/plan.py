@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from kb.core import vocabulary
+from kb.core import terminal, vocabulary
 
 _MORE = ("days", "searches_left_today", "units_left_today")
 _COLUMNS = ("items", "requests", "units", "hours", "gb")
@@ -53,7 +53,7 @@ def table(summary: Mapping[str, Any]) -> str:
         lines.append("  " + ", ".join(filter(None, more)))
     if summary.get("assumed"):
         lines.append(f"  assumed: {summary['assumed']}")
-    return "\n".join(lines)
+    return "\n".join(map(terminal.one_line, lines))
 
 
 def _cell(name: str, value: Any) -> str:

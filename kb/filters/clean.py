@@ -81,7 +81,11 @@ def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
         segments = _segments(run.root, spec)
         job = job._replace(work=str(work), buckets=_buckets(run.root, spec, segments))
         with make_executor(run.engine, run.workers, run.scheduler) as executor:
-            _parse(run, job, segments, executor)
+            try:
+                _parse(run, job, segments, executor)
+            except DamagedData as error:
+                _suspect(run, source, error)
+                raise
             yield from _texts(run, job, executor)
 
 
@@ -164,23 +168,18 @@ def _damaged(job: Job, found: list[tuple[str, Path, int]]) -> DamagedData:
 
 def _suspect(run: Run, source: str, error: DamagedData) -> None:
     """Note damaged segments for the crawl, which is what to run."""
-    paths = getattr(error, "paths", None) or [getattr(error, "path", None)]
-    found = [
-        (path.parent.name, rawlog.base_name(path))
-        for path in paths
-        if path is not None and rawlog.damage(path, path.stat().st_size)
-    ]
-    if not found:
-        return  # whole, but not what the parser takes: no crawl would find anything to mend
     frontier = Frontier(Layout(run.root).state(source))
     try:
-        mending.suspect(frontier, found)
+        mending.note(
+            run.root,
+            source,
+            frontier,
+            error,
+            f"run `kb {source} crawl`: it sets aside what can't be read"
+            " and asks again for what that held",
+        )
     finally:
         frontier.close()
-    error.hint = (
-        f"run `kb {source} crawl`: it sets aside what can't be read"
-        " and asks again for what that held"
-    )
 
 
 def _texts(run: Run, job: Job, executor: Any) -> Iterator[pa.Array[Any]]:

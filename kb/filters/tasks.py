@@ -63,6 +63,7 @@ def parse_segment(job: Job, kind: str, segment: str, number: int) -> dict[str, A
             number,
             Path(job.work, kind),
             job.buckets,
+            mending=True,
         )
 
 

@@ -66,17 +66,25 @@ def how_many(size: int) -> int:
 
 
 def spread(
-    kind: Kind, name: str, segment: Path, number: int, folder: Path, buckets: int
+    kind: Kind,
+    name: str,
+    segment: Path,
+    number: int,
+    folder: Path,
+    buckets: int,
+    *,
+    mending: bool = False,
 ) -> dict[str, Any]:
     """Parse one segment and write `folder/<bucket>/<number>.arrow`.
 
-    Returns rows, unknown keys as they were seen, and the first byte that can't be read, if any (the
-    frames around it are read; the tail of an open segment doesn't count). Raises DamagedData naming
-    the segment when a line is no envelope.
+    Returns rows, unknown keys as they were seen, and with `mending` the first byte that can't be
+    read, if any (the frames around it are read; the tail of an open segment doesn't count). Raises
+    DamagedData naming the segment when a line is no envelope, and without `mending` also when
+    something can't be read.
     """
     unknown: Counter[str] = Counter()
     rows = 0
-    frames = Frames(segment)
+    frames = Frames(segment, mending=mending)
     collecting = gc.isenabled()
     # millions of values and no cycle among them: looking for one costs a tenth of the time
     gc.disable()
@@ -86,6 +94,8 @@ def spread(
                 rows += piece.num_rows
                 shuffle.write(piece, piece.column(kind.bucket) if kind.bucket else None)
     except DamagedData as error:
+        if getattr(error, "path", None) is not None:
+            raise
         named = DamagedData(
             f"{segment}: {error}", hint="move the file away, or copy it again from where it came"
         )
@@ -97,14 +107,8 @@ def spread(
     return {
         "rows": rows,
         "unknown": dict(unknown),
-        "damaged": _first_damaged(frames),
+        "damaged": frames.first_damaged(),
     }
-
-
-def _first_damaged(frames: Frames) -> int | None:
-    if frames.damaged:
-        return frames.damaged[0][0]
-    return frames.good if frames.torn and not frames.path.name.endswith(".open") else None
 
 
 def _lines(frames: Frames, name: str, unknown: Counter[str]) -> Iterator[bytes]:

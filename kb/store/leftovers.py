@@ -1,7 +1,8 @@
 """What killed commands left behind: temporary files, new and old folders, leases.
 
 Each holds what may have been purged since, so whoever gets a lock (kb.store.lock) first clears
-what lies where the lock allows to write; a folder that was on its way to be replaced comes back.
+what lies where the lock allows to write, and what no process can be using any more of what DuckDB
+spilled; a folder that was on its way to be replaced comes back.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import re
 import shutil
 from pathlib import Path
 
+from kb.store import database
 from kb.store.atomic import settle_folder
 from kb.store.layout import Layout
 
@@ -20,6 +22,7 @@ _FOLDER = re.compile(r"\.(?P<name>.+)\.(new|old)|\.(sort|shot)-.+")
 
 def sweep(root: Path, name: str) -> None:
     """Clear what is left where the lock `name` allows to write. Call it under that lock."""
+    _spilled(root)
     for path in _places(Layout(root), name):
         _beside(path)
         if path.is_dir() and not path.is_symlink():
@@ -59,8 +62,16 @@ def _beside(path: Path) -> None:
                 _clear(entry)
 
 
+def _spilled(folder: Path) -> None:
+    """What killed queries spilled into `folder`: readers take no lock, so it is no lock's own."""
+    for entry in sorted(folder.glob(f"{database.SPILL}-*")):
+        if database.abandoned(entry):
+            _clear(entry)
+
+
 def _below(folder: Path) -> None:
     for where, folders, files in os.walk(folder):
+        _spilled(Path(where))
         for name in files:
             if _FILE.fullmatch(name) or name.endswith(".lease"):
                 Path(where, name).unlink(missing_ok=True)

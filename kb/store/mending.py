@@ -20,7 +20,7 @@ from pathlib import Path
 import msgspec
 
 from kb.core.errors import DamagedData
-from kb.store import rawlog
+from kb.store import rawlog, reading
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 from kb.store.rawlog import Envelope
@@ -52,6 +52,26 @@ def suspect(frontier: Frontier, found: Iterable[tuple[str, str]]) -> None:
     """Note (kind, segment) for the next command that writes raw data to look into."""
     known = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [])}
     frontier.set_cursor(_SUSPECTS, sorted(known | set(found)))
+
+
+def note(root: Path, source: str, frontier: Frontier, error: DamagedData, hint: str) -> None:
+    """Suspect the raw segments that an error is about, as far as they can't be read in full.
+
+    The error then says `hint`. Where all are whole (they hold what a parser doesn't take) no crawl
+    would find anything to mend.
+    """
+    base = rawlog.folder(root, source, "").resolve()
+    paths = getattr(error, "paths", None) or [getattr(error, "path", None)]
+    found = [
+        (path.parent.name, rawlog.base_name(path))
+        for path in paths
+        if path is not None
+        and path.parent.parent.resolve() == base
+        and rawlog.damage(path, path.stat().st_size)
+    ]
+    if found:
+        suspect(frontier, found)
+        error.hint = hint
 
 
 def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False) -> None:
@@ -114,8 +134,9 @@ def look_up(
     try:
         with rebuilt.transaction():
             for kind in rawlog.kinds(root, source):
-                for envelope in rawlog.read(root, source, kind):
-                    apply(rebuilt, kind, envelope)
+                for path in rawlog.segments(root, source, kind):
+                    for _, line in rawlog.Frames(path, mending=True):
+                        apply(rebuilt, kind, rawlog.decode(line))
         items = [
             (kind, key)
             for kind in asked
@@ -170,12 +191,9 @@ def check(root: Path, source: str) -> None:
     path = Layout(root).state(source)
     if not path.is_file():
         return
-    frontier = Frontier(path, readonly=True)
-    try:
+    with reading.state(path) as frontier:
         found = [lost for lost in _load(frontier) if _open(frontier, lost)]
         known = frontier.offsets()
-    finally:
-        frontier.close()
     for kind in rawlog.kinds(root, source):
         for segment in rawlog.segments(root, source, kind):
             name, size = rawlog.base_name(segment), segment.stat().st_size

@@ -58,7 +58,7 @@ def plan(
     that are made again. Raises DamagedData.
     """
     keys = purge.left_over(root, source) | found
-    lines = [*_raw(root, source, keys, strip)] if keys else []
+    lines = [*_raw(root, source, keys, strip)]  # without keys too: keys were read out of them
     seen = set()
     for place in (*places, *_released(places)) if keys else ():
         if place not in seen:

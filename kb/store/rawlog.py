@@ -98,17 +98,21 @@ def decode(line: bytes) -> Envelope:
 class Frames:
     """The readable frames of a segment, in order, as (offset behind the frame, line).
 
-    What can't be read is passed over: reading goes on at the next whole frame. `start` is the
-    offset of the frame in hand. After the iteration `good` is the offset behind the last readable
-    frame, `torn` tells whether bytes follow it, and `damaged` lists the stretches (start, end)
-    between readable frames that hold none. With `checked` a frame whose line is no envelope counts
-    as damaged too. Works on a segment that is still being written.
+    After the last of them the iteration raises DamagedData where something could not be read, so
+    that nobody takes what is damaged for what never was. Whoever deals with damage says `mending`:
+    then it is passed over, and reading goes on at the next whole frame. `start` is the offset of
+    the frame in hand. After the iteration `good` is the offset behind the last readable frame,
+    `torn` tells whether bytes follow it (no damage while a segment is open), and `damaged` lists
+    the stretches (start, end) between readable frames that hold none. With `checked` a frame whose
+    line is no envelope counts as damaged too. Works on a segment that is still being written.
     """
 
-    def __init__(self, path: Path, start: int = 0, *, checked: bool = False) -> None:
+    def __init__(
+        self, path: Path, start: int = 0, *, mending: bool = False, checked: bool = False
+    ) -> None:
         self.path, self.start, self.good, self.torn = path, start, start, False
         self.damaged: list[tuple[int, int]] = []
-        self._checked = checked
+        self._mending, self._checked = mending, checked
 
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
         at = self.good
@@ -121,6 +125,26 @@ class Frames:
                 self.start, self.good = start, end
                 yield end, line
             self.torn = self.good < file.seek(0, os.SEEK_END)
+        at_byte = self.first_damaged()
+        if at_byte is not None and not self._mending:
+            raise _damaged(self.path, at_byte)
+
+    def first_damaged(self) -> int | None:
+        """The first byte that could not be read, after the iteration; None: there is none."""
+        if self.damaged:
+            return self.damaged[0][0]
+        return self.good if self.torn and not self.path.name.endswith(".open") else None
+
+
+def _damaged(path: Path, at: int) -> DamagedData:
+    source = path.parent.parent.name
+    error = DamagedData(
+        f"{path} is damaged at byte {at:,}",
+        hint=f"run `kb {source} filter`, then `kb {source} crawl`: it sets aside what can't be"
+        " read and asks again for what that held",
+    )
+    error.path = path  # type: ignore[attr-defined]
+    return error
 
 
 def _frames(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:
@@ -220,20 +244,30 @@ def base_name(path: Path) -> str:
 
 
 def read(root: Path, source: str, kind: str) -> Iterator[Envelope]:
-    """Every envelope of a kind, oldest first; a torn tail is left out."""
+    """Every envelope of a kind, oldest first; the torn tail of an open segment is left out.
+
+    Raises DamagedData, behind what can be read of a segment.
+    """
     for path in segments(root, source, kind):
         for _, line in Frames(path):
             yield decode(line)
 
 
 def any_answer(root: Path, source: str) -> bool:
-    """Whether a source has a whole answer on disk."""
+    """Whether a source has answers on disk, readable or not."""
     return any(
-        True
+        _holds_answers(path)
         for kind in kinds(root, source)
         for path in segments(root, source, kind)
-        for _ in Frames(path)
     )
+
+
+def _holds_answers(path: Path) -> bool:
+    """A closed segment held some, whatever is left of it; in an open one there may be none yet."""
+    if not path.name.endswith(".open"):
+        return True
+    frames = Frames(path, mending=True)
+    return next(iter(frames), None) is not None
 
 
 class Segment:
@@ -305,7 +339,7 @@ def recover(root: Path, source: str) -> list[str]:
         for path in segments(root, source, kind):
             if not path.name.endswith(".open"):
                 continue
-            frames = Frames(path)
+            frames = Frames(path, mending=True)
             for _ in frames:
                 pass
             if frames.torn:
@@ -327,7 +361,7 @@ def damage(path: Path, committed: int) -> list[tuple[int, int]]:
     A torn tail of an open segment counts where it begins before `committed`, the offset that the
     state knows; behind it nothing was promised.
     """
-    frames = Frames(path, checked=True)
+    frames = Frames(path, mending=True, checked=True)
     for _ in frames:
         pass
     found = list(frames.damaged)

@@ -20,6 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
+from kb.store.atomic import full_disk_is_resumable
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 
@@ -114,7 +115,11 @@ def escaped(path: str) -> str:
 def state(path: Path) -> Iterator[Frontier]:
     """A source's state, read beside a running crawl. Raises DamagedData."""
     try:
-        with contextlib.closing(Frontier(path, readonly=True)) as frontier:
+        # Even to read it SQLite may need room for a file beside it.
+        with (
+            full_disk_is_resumable(path),
+            contextlib.closing(Frontier(path, readonly=True)) as frontier,
+        ):
             yield frontier
     except sqlite3.DatabaseError as error:
         busy = getattr(error, "sqlite_errorname", "").startswith(("SQLITE_BUSY", "SQLITE_LOCKED"))

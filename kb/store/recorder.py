@@ -15,10 +15,12 @@ from pathlib import Path
 from typing import Any, Self
 
 from kb.core import clock
+from kb.core.errors import DamagedData
 from kb.store import mending, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope, Request, Segment
 
+_AGAIN = "run the same command again: it sets aside what can't be read and says what that held"
 Apply = Callable[[Frontier, str, Envelope], None]
 """Takes (frontier, kind, envelope) into the frontier; must be idempotent."""
 
@@ -89,7 +91,12 @@ class Recorder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, *trace: object
+    ) -> None:
+        if isinstance(error, DamagedData):
+            # Met by a reader in a segment that nothing was wrong with by the state.
+            mending.note(self._root, self._source, self._frontier, error, _AGAIN)
         self.close()
 
     def _replay(self) -> int:

@@ -51,6 +51,19 @@ except KeyboardInterrupt:
 print('result')
 """
 
+NAMED = """
+from pathlib import Path
+from kb.cli import as_typed, progress
+from kb.cli.options import Options
+as_typed.begin(Options(data=Path('my data'), profile='stardew'))
+shown = progress.choose(quiet=False)
+with shown.task('metadata', total=1, unit='videos') as task:
+    shown.say('run `kb reddit import --again` for it, or `kb demo`')
+    task.advance(1)
+getattr(shown, 'close', lambda: None)()
+print('result')
+"""
+
 UNKNOWN = """
 from kb.cli import progress
 shown = progress.choose(quiet=False)
@@ -188,3 +201,11 @@ def test_the_choice(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     assert isinstance(progress.choose(quiet=True), Silent)
     assert isinstance(progress.choose(quiet=False), Plain)
+
+
+def test_a_command_that_a_line_names_is_as_it_has_to_be_typed() -> None:
+    """With this call's --data and --profile, as in hints; on a terminal and elsewhere."""
+    typed = "run `kb reddit import --again --data 'my data' --profile stardew` for it, or `kb demo`"
+    assert typed in in_a_pipe(NAMED)
+    _, seen = on_a_terminal(program=NAMED)
+    assert typed in seen

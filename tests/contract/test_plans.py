@@ -104,3 +104,35 @@ def test_for_people_it_is_a_table_by_phase(job: Job) -> None:
 @pytest.mark.parametrize("words", PLANNED)
 def test_help_names_it(job: Job, words: str) -> None:
     assert "--plan" in job.kb(*words.split(), "--help").stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "idle"),
+    [
+        ("youtube crawl --limit 5", "--limit has"),
+        ("youtube crawl --again --wait", "--wait and --again have"),
+        ("youtube crawl --only uploads", "--only has"),
+        ("youtube crawl --part 1/2", "--part has"),
+        ("wiki crawl --limit 5", "--limit has"),
+        ("reddit crawl --since 2026-01-01 --until 2026-02-01", "--since and --until have"),
+        ("reddit reconstruct --out there", "--out has"),
+        ("refresh youtube --limit 5", "--limit has"),
+        ("refresh reddit --wait", "--wait has"),
+        ("purge reddit --workers 2", "--workers has"),
+    ],
+)
+def test_an_option_that_a_plan_leaves_out_is_refused(job: Job, words: str, idle: str) -> None:
+    job.root.mkdir(exist_ok=True)
+    said = job.stopped(*words.split(), "--plan", code=2)
+    assert f"{idle} no effect on --plan" in said
+    assert "leave" in said
+
+
+def test_options_that_change_a_plan_are_taken(job: Job, tmp_path: Path) -> None:
+    ids = tmp_path / "ids.txt"
+    ids.write_text("".join(f"abcdefgh{number:03d}\n" for number in range(100)))
+    whole = planned(job, "youtube", "crawl", "--ids", str(ids))
+    half = planned(job, "youtube", "crawl", "--ids", str(ids), "--part", "1/2")
+    assert 0 < half["videos"] < whole["videos"] == 100
+    one = planned(job, "wiki", "crawl", "--workers", "1", KB_WIKI_URL="https://minecraft.wiki")
+    assert "each of 1 browsers" in one["assumed"]

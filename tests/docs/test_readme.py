@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from kb.cli.app import TREE
-from tests.cli.conftest import clean_environment
 from tests.cli.test_help import COMMANDS
+from tests.installed import outside
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -50,7 +50,7 @@ def test_what_is_shown_is_what_comes(number: int, demo: Path, installed: Path) -
     done = subprocess.run(
         ["bash", "-c", command],
         cwd=demo,
-        env={**clean_environment(), "PATH": f"{installed}:{os.environ['PATH']}"},
+        env={**outside(), "PATH": f"{installed}:{os.environ['PATH']}"},
         capture_output=True,
         text=True,
         check=False,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import clean_environment
+from tests.installed import outside
 
 pytestmark = pytest.mark.wheel
 
@@ -21,7 +21,7 @@ def run(folder: Path, *command: str | Path, **env: str) -> subprocess.CompletedP
     return subprocess.run(
         command,
         cwd=folder,
-        env={**clean_environment(), **env},
+        env={**outside(), **env},
         capture_output=True,
         text=True,
         check=False,

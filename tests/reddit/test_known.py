@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
+from kb.core.errors import DamagedData
 from kb.reddit.known import known
 from kb.reddit.purge import collect
 from kb.sandbox.reddit import dumps
 from kb.sandbox.server import Sandbox
-from kb.store import buckets, tombstones
+from kb.store import buckets, rawlog, tombstones
 from kb.store.rawlog import read
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
@@ -83,6 +84,20 @@ def test_posts_are_asked_for_first_then_comments_post_by_post(work: Work, tmp_pa
     assert all(name.startswith("t3_") for name in names[:first])
     assert trees[first:] == sorted(trees[first:])
     assert len(set(trees[first:])) > 3
+
+
+def test_a_damaged_answer_is_named_and_not_taken_for_none(work: Work) -> None:
+    """What was not read would be neither refreshed nor purged, and nobody would hear of it."""
+    write(work.root, "listings", {}, listing(post("first")), "2026-02-01T00:00:00Z")
+    [path] = rawlog.segments(work.root, "reddit", "listings")
+    data = bytearray(path.read_bytes())
+    data[10:20] = b"\xff" * 10
+    path.write_bytes(data)
+    named = f"{path.name} is damaged at byte 0"
+    with pytest.raises(DamagedData, match=named), known(work.run()):
+        pass
+    with pytest.raises(DamagedData, match=path.name):
+        collect(work.run(), None)
 
 
 def test_nothing_is_left_of_the_work(work: Work, tmp_path: Path) -> None:

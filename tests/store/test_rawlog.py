@@ -155,6 +155,35 @@ def test_segments_of_several_machines_are_read_as_one(tmp_path):
     assert len(list(rawlog.read(tmp_path / "all", "youtube", "videos"))) == 4
 
 
+@pytest.mark.parametrize("place", ["middle", "end", "all"])
+def test_readers_name_a_damaged_segment_behind_what_they_can_read(tmp_path, place):
+    offsets = [0, *written(tmp_path, 4)]
+    [path] = rawlog.segments(tmp_path, "youtube", "videos")
+    first, last = {"middle": (1, 2), "end": (3, 4), "all": (0, 4)}[place]
+    data = bytearray(path.read_bytes())
+    data[offsets[first] : offsets[last]] = b"\xff" * (offsets[last] - offsets[first])
+    path.write_bytes(data)
+    read = []
+    with pytest.raises(
+        DamagedData, match=f"{path.name} is damaged at byte {offsets[first]}"
+    ) as said:
+        read.extend(
+            entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")
+        )
+    assert read == [f"v{n}" for n in range(4) if not first <= n < last]
+    assert "kb youtube crawl" in said.value.hint
+    assert rawlog.any_answer(tmp_path, "youtube"), "what can't be read is not nothing"
+
+
+def test_the_torn_tail_of_an_open_segment_is_no_damage(tmp_path):
+    offsets = written(tmp_path, 2, close=False)
+    [path] = rawlog.segments(tmp_path, "youtube", "videos")
+    path.write_bytes(path.read_bytes()[: offsets[0] + 9])
+    assert len(list(rawlog.read(tmp_path, "youtube", "videos"))) == 1
+    path.write_bytes(path.read_bytes()[: offsets[0] - 1])
+    assert not rawlog.any_answer(tmp_path, "youtube")
+
+
 def test_a_line_that_is_no_envelope_says_so():
     with pytest.raises(DamagedData, match="no envelope"):
         rawlog.decode(b'{"fetched_at": 3}\n')
@@ -194,7 +223,7 @@ def test_whole_frames_of_any_prefix(tmp_path_factory, lines, cut):
     data = b"".join(frames)
     cut = min(cut, len(data))
     path.write_bytes(data[: len(data) - cut])
-    read = Frames(path)
+    read = Frames(path, mending=True)
     found = [line for _, line in read]
     whole = 0
     while sum(map(len, frames[: whole + 1])) <= len(data) - cut and whole < len(frames):

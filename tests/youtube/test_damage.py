@@ -162,6 +162,27 @@ def test_a_purge_leaves_no_damaged_bytes_that_may_hold_its_key(job: Job) -> None
     }
 
 
+@pytest.mark.parametrize("words", ["refresh youtube --older-than 0", "purge youtube --plan"])
+def test_whoever_reads_raw_data_names_what_is_damaged(job: Job, words: str) -> None:
+    """What was not read is neither fresh nor still there."""
+    path = segment(job, "videos")
+    start, _, _ = frames(path)[0]
+    overwrite(path, start + 10, b"\xff" * 12)
+    asked = len(job.sandbox.ledger)
+    said = job.stopped(*words.split(), code=1)
+    assert f"{path.name} is damaged at byte {start:,}" in said
+    assert len(job.sandbox.ledger) == asked
+    if words.startswith("refresh"):
+        said = job.stopped(*words.split(), code=1)  # as the hint said
+        assert f"set aside as {path.name}.damaged-{start}" in said
+    else:
+        assert path.name in job.stopped("youtube", "filter", code=1)
+    if words.startswith("purge"):
+        assert "set aside" in job.stopped("youtube", "crawl", code=1)
+    job.done("youtube", "crawl")
+    job.done(*words.split())
+
+
 def test_a_flipped_bit_never_makes_another_answer(job: Job) -> None:
     """The frame's checksum tells it, wherever it is."""
     path = segment(job, "videos")
@@ -170,7 +191,7 @@ def test_a_flipped_bit_never_makes_another_answer(job: Job) -> None:
         flipped = bytearray(whole)
         flipped[place] ^= 1 << place % 8
         path.write_bytes(flipped)
-        read = rawlog.Frames(path)
+        read = rawlog.Frames(path, mending=True)
         found = {line for _, line in read}
         assert found <= lines
         assert found == lines or read.damaged or read.torn

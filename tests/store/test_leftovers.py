@@ -1,0 +1,60 @@
+"""What killed queries spilled: cleared by whoever gets a lock, never taken from a running one."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from kb.store import database, lock
+
+PROGRAM = """
+import sys
+from pathlib import Path
+from kb.store import database
+con = database.connect(Path(sys.argv[1]), threads=1, memory="60MB")
+rows = con.sql(
+    "SELECT range::VARCHAR || repeat('x', 100) AS t FROM range(1000000) ORDER BY hash(range)"
+).to_arrow_reader(1000)
+rows.read_next_batch()
+print("spilled", flush=True)
+sys.stdin.read()
+print(1000 + sum(batch.num_rows for batch in rows))
+"""
+
+
+def spilling(folder: Path) -> subprocess.Popen[str]:
+    """A query in a process of its own that has spilled and waits."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, str(folder)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parents[2],
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "spilled\n"
+    return process
+
+
+def spills(folder: Path) -> list[Path]:
+    return sorted(folder.glob(f"{database.SPILL}*"))
+
+
+@pytest.mark.parametrize("below", ["", "annotations/youtube"])
+def test_what_a_killed_query_spilled_goes_and_a_running_one_keeps_its_own(
+    tmp_path: Path, below: str
+) -> None:
+    folder = tmp_path / below
+    folder.mkdir(parents=True, exist_ok=True)
+    killed, running = spilling(folder), spilling(folder)
+    killed.kill()
+    killed.communicate()
+    assert len(spills(folder)) == 2
+    with lock.taking(tmp_path, *lock.of_purge("youtube")):
+        assert len(spills(folder)) == 1
+    assert running.communicate("")[0] == "1000000\n"
+    assert running.returncode == 0
+    assert spills(folder) == []
