@@ -67,6 +67,7 @@ class Nature:
     needs_data: bool = False
     needs: str = "profile"
     binds: bool = False
+    checks: bool = False
 
 
 def group(about: str) -> typer.Typer:
@@ -93,6 +94,7 @@ def command(
     needs_data: bool = False,
     cls: type[Command] = Command,
     binds: bool = True,
+    checks: bool = False,
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Declare a command of `app`.
 
@@ -107,6 +109,8 @@ def command(
     `cls`: how it reads its arguments.
     `binds`: it writes, so that a data root which holds data and remembers no profile yet
     remembers the run's.
+    `checks`: the profile and its keyword lists are looked through first, and an error there ends
+    the command (exit 2) before anything is sent.
     """
 
     def declare(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -119,6 +123,7 @@ def command(
             needs_data=needs_data,
             needs="profile" if "data" in shared else "nothing",
             binds=binds and not raw and "data" in shared,
+            checks=checks,
         )
         wrapped = _wrap(function, shared, nature, main=main)
         epilog = "\n".join(examples)
@@ -186,7 +191,9 @@ def _call(
     try:
         with _signals(nature.resumable):
             logs.configure(quiet=options.quiet, debug=options.debug)
-            first: Any = options if nature.raw else options.make_run(needs=nature.needs)
+            first: Any = options
+            if not nature.raw:
+                first = options.make_run(needs=nature.needs, checks=nature.checks)
             if nature.needs_data:
                 _existing(first.root)
             if nature.binds:

@@ -31,6 +31,7 @@ class Format(StrEnum):
     app,
     main=True,
     uses=(*CLUSTER, "limit", "again", "pipeline"),
+    checks=True,
     examples=[
         "kb pairs                                    match, grow, choose: pairs/ with text, release/pairs/ without",
         "kb pairs --limit 1000                       1,000 transcripts now, the rest with the next run",

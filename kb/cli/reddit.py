@@ -40,6 +40,7 @@ Until = Annotated[
 @command(
     app,
     uses=("limit", "wait", "again"),
+    checks=True,
     examples=[
         "kb reddit crawl                          every listing of the profile's subreddit, and all comments",
         "kb reddit crawl --limit 100              100 posts with their comments",
@@ -66,6 +67,7 @@ def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False
     app,
     name="import",
     uses=(*CLUSTER, "limit", "again"),
+    checks=True,
     examples=[
         "kb reddit import RS_2024-01.zst RC_2024-01.zst       monthly dumps, all subreddits mixed",
         "kb reddit import Minecraft_submissions.zst           a file of one subreddit",
@@ -103,6 +105,7 @@ def import_(
     app,
     name="filter",
     uses=(*CLUSTER, "limit", "pipeline"),
+    checks=True,
     examples=["kb reddit filter", "kb reddit filter --profile mine.toml"],
 )
 def filter_(run: Run) -> Summary:

@@ -28,6 +28,7 @@ class Format(StrEnum):
 @command(
     app,
     uses=("workers", "limit", "wait", "again", "pipeline"),
+    checks=True,
     examples=[
         "kb wiki crawl --plan                     what is left and what it takes",
         "kb wiki crawl --limit 100                100 pages, then exit code 3",
@@ -68,6 +69,7 @@ def crawl(
     app,
     name="filter",
     uses=(*CLUSTER, "limit", "pipeline"),
+    checks=True,
     examples=["kb wiki filter", "kb wiki filter --profile mine.toml"],
 )
 def filter_(run: Run) -> Summary:

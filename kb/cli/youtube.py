@@ -37,6 +37,7 @@ class Format(StrEnum):
 @command(
     app,
     uses=("workers", "limit", "wait", "again", "pipeline"),
+    checks=True,
     binds=False,
     examples=[
         "kb youtube crawl --plan                  what is left costs: units, calls, hours, GB, days",
@@ -79,6 +80,7 @@ def crawl(
     app,
     name="filter",
     uses=(*CLUSTER, "limit", "pipeline"),
+    checks=True,
     examples=["kb youtube filter", "kb youtube filter --profile mine.toml"],
 )
 def filter_(run: Run) -> Summary:
