@@ -1,8 +1,7 @@
-"""`kb profile`: a new domain's profile, and everything that can be known about one before a crawl."""
+"""`kb profile`: a new domain's profile, and all that can be known about one before a crawl."""
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,14 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from kb.cli.options import Options
-    from kb.core.context import Run
-    from kb.core.profile import Profile
     from kb.core.profile.finding import Finding
 
 app = group("Profiles of domains: a new one, and what is wrong with one.")
-
-_UNUSED = 10  # keywords without a hit that are named
-_EXAMPLES = 3
 
 
 @command(
@@ -29,9 +23,9 @@ _EXAMPLES = 3
     raw=True,
     without=("data", "profile"),
     examples=[
-        "kb profile new gardening                       a folder with profile.toml and keywords.tsv",
+        "kb profile new gardening                 a folder with profile.toml and keywords.tsv",
         "kb profile new gardening --wiki https://wiki.example.org --subreddit gardening",
-        "kb profile new mine --from minecraft           another profile's values to start from",
+        "kb profile new mine --from minecraft     another profile's values to start from",
     ],
 )
 def new(
@@ -65,93 +59,27 @@ def new(
     you know. Nothing is overwritten. In the end it prints the commands that come next.
     """
     from kb.cli import outcome
-    from kb.core.errors import SettingError
-    from kb.core.profile import load_profile
-    from kb.core.profile.new import KEYWORDS, profile_text
-    from kb.store.atomic import write_text
+    from kb.cli.profile_new import as_given, write_new
 
-    _check_name(name)
-    base = load_profile(source) if source is not None else None
-    folder = out if out is not None else _home() / name
-    files = {
-        folder / "profile.toml": profile_text(name, wiki=wiki, subreddit=subreddit, source=base)
-    }
-    if base is None:
-        files[folder / "keywords.tsv"] = KEYWORDS
-    elif base.pairs is not None:
-        for listed in base.pairs.keyword_files:
-            files[folder / listed] = _list_of(base.beside(listed))
-    for path in files:
-        if path.exists() or path.is_symlink():
-            raise SettingError(
-                f"{path} is there already, and is not overwritten",
-                hint="choose another NAME, or a folder with --out",
-            )
-    for path, text in files.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, text)
-    given = _as_given(name, folder)
+    folder, files = write_new(name, out, source=source, wiki=wiki, subreddit=subreddit)
+    given = as_given(name, folder)
     if options.json:
         outcome.show_summary({"command": "profile new", "path": str(folder)}, True)
         return
-    typer.echo(f"{folder}/ holds {' and '.join(path.name for path in files)}. Next:\n")
+    typer.echo(f"{folder}/ holds {' and '.join(files)}. Next:\n")
     typer.echo(f"  kb profile check {given}")
     typer.echo(f"  kb demo --profile {given} --data data/{name}-demo")
     typer.echo(f"  kb youtube crawl --profile {given} --data data/{name} --plan")
-
-
-def _check_name(name: str) -> None:
-    import re
-
-    from kb.core.errors import SettingError
-
-    if re.fullmatch(r"[a-z0-9][a-z0-9_-]*", name):
-        return
-    plain = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
-    raise SettingError(
-        f"{name!r} is no name of a profile: small letters, digits, - and _ only",
-        hint=f"write {plain}" if plain else "such as rock-gardens",
-    )
-
-
-def _home() -> Path:
-    """Where new profiles go: with the others in the checkout that one stands in, else here."""
-    from kb.core.resources import folder
-
-    profiles, here = folder("profiles"), Path.cwd()
-    checkout = profiles.parent.parent
-    if (checkout / "pyproject.toml").is_file() and here.is_relative_to(checkout):
-        return profiles
-    return Path()
-
-
-def _list_of(path: Path) -> str:
-    from kb.core.errors import ProfileError
-
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ProfileError(f"the keyword list {path} can't be read: {error}") from None
-
-
-def _as_given(name: str, folder: Path) -> str:
-    """How the new profile is named to other commands."""
-    from kb.core.profile import is_shipped
-    from kb.core.resources import folder as part
-
-    if is_shipped(name) and folder.resolve() == (part("profiles") / name).resolve():
-        return name
-    return shlex.quote(str(folder / "profile.toml"))
 
 
 @command(
     app,
     raw=True,
     examples=[
-        "kb profile check                               the profile that other commands would use",
-        "kb profile check gardening                     what is missing or wrong, all of it",
-        "kb profile check gardening --data data/demo    and what each keyword hits in transcripts there",
-        "kb profile check gardening --online            and whether channels, wiki and subreddit are there",
+        "kb profile check                         the profile that other commands would use",
+        "kb profile check gardening               what is missing or wrong, all of it",
+        "kb profile check gardening --data DIR    and what each keyword hits in transcripts there",
+        "kb profile check gardening --online      and whether channels, wiki and subreddit exist",
     ],
 )
 def check(
@@ -169,13 +97,14 @@ def check(
         ),
     ] = False,
 ) -> None:
-    """Check a profile and its keyword lists: everything that is wrong, at once, with how to mend it.
+    """Check a profile and its keyword lists: all that is wrong at once, with how to mend it.
 
     Sends nothing without --online. With --data (or KB_DATA) it shows what each keyword hits in the
     transcripts of clean/youtube. Exit code 2 where there is an error; warnings and notes are 0.
     """
     from kb.cli import outcome
     from kb.cli.profile_check import examine
+    from kb.cli.profile_hits import hits_of, looks_at_data, run_of
     from kb.core.errors import SettingError
     from kb.core.profile import find_profile
     from kb.core.profile.finding import ERROR, LEVELS, NOTE, Finding
@@ -188,9 +117,9 @@ def check(
     findings, hits, answers = list(checked.findings), [], []
     usable = all(one.level != ERROR for one in findings)
     if usable and checked.profile is not None:
-        run = _run(options, checked.profile)
-        if _looks_at_data(options, run):
-            hits, told = _hits(run)
+        run = run_of(options, checked.profile)
+        if looks_at_data(options, run):
+            hits, told = hits_of(run)
             findings += told
         if online:
             from kb.cli.profile_online import ask
@@ -236,51 +165,6 @@ def _usual(options: Options) -> Path:
     if bound is None:
         return find_profile(DEFAULT)
     return belonging.load(root, bound)[0].path
-
-
-def _run(options: Options, profile: Profile) -> Run:
-    """A Run of the checked profile. It only reads, so the data root may be another domain's."""
-    from dataclasses import replace
-
-    from kb.core.errors import SettingError
-
-    run = replace(options, profile=None).make_run(needs="nothing")
-    if options.data is not None and not run.root.is_dir():
-        raise SettingError(
-            f"there is no data root {run.root}",
-            hint="check --data; `kb demo` makes one to try on",
-        )
-    return replace(run, profile=profile)
-
-
-def _looks_at_data(options: Options, run: Run) -> bool:
-    """Whether a data root was named, by option or setting; the default one may be anybody's."""
-    return options.data is not None or (
-        "kb_data" in run.settings.model_fields_set and run.root.is_dir()
-    )
-
-
-def _hits(run: Run) -> tuple[list[dict[str, Any]], list[Finding]]:
-    """What each keyword hits in clean transcripts, most first; and what stands in the way."""
-    from kb.core.errors import FatalError, MissingExtra
-    from kb.core.profile.finding import NOTE, Finding
-    from kb.pairs.show import keyword_lines
-
-    if run.profile.pairs is None:
-        return [], []
-    try:
-        lines = list(keyword_lines(run, _EXAMPLES, rare=True))
-    except (FatalError, MissingExtra) as error:
-        note = Finding(NOTE, "keywords", 0, "", f"were not tried: {error}", error.hint)
-        return [], [note]
-    found = [line._asdict() for line in lines]
-    unused = [line.keyword for line in lines if not line.matches]
-    if not unused:
-        return found, []
-    named = ", ".join(unused[:_UNUSED]) + (" …" if len(unused) > _UNUSED else "")
-    said = f"{len(unused):,} of {len(lines):,} hit nothing in {run.root}: {named}"
-    mend = "people may say them otherwise: add forms"
-    return found, [Finding(NOTE, "keywords", 0, "", said, mend)]
 
 
 def _show_hits(hits: list[dict[str, Any]]) -> None:

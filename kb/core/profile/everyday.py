@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def is_everyday(text: str) -> bool:
-    """Whether it is a single word of the list beside this file, or its plural; case is evened out."""
+    """Whether it is a single word of the list beside this file, or its plural, in any case."""
     word = text.strip().casefold()
     return any(form in _words() for form in (word, word.removesuffix("s"), word.removesuffix("es")))
 

@@ -1,4 +1,4 @@
-"""What a check of a profile finds: how bad it is, where it stands, what it is and how to mend it."""
+"""What a check of a profile finds: how bad it is, where it stands, what it is, how to mend it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ LEVELS = (ERROR, WARNING, NOTE)
 
 
 class Finding(NamedTuple):
-    """`file` is a file's name; `line` counts from 1, 0 for none; `key` as in `youtube.min_views`."""
+    """`file` is a name; `line` counts from 1, 0 for none; `key` as in `youtube.min_views`."""
 
     level: str
     file: str
