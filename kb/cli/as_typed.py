@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from kb.cli.options import Options
 
 _COMMAND = re.compile(r"`kb ([^`]+)`")
-_OWN_PLACE = ("demo", "sandbox")  # their data root is not the one that the message is about
+# Their data root is not the one that the message is about, or they name their profile themselves.
+_OWN_PLACE = ("demo", "sandbox", "profile")
 _given: dict[str, str] = {}
 
 

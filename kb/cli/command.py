@@ -70,6 +70,7 @@ class Nature:
     needs: str = "profile"
     binds: bool = False
     planned: tuple[str, ...] = ()
+    checks: bool = False
 
 
 def group(about: str) -> typer.Typer:
@@ -97,6 +98,7 @@ def command(
     cls: type[Command] = Command,
     binds: bool = True,
     planned: Sequence[str] = (),
+    checks: bool = False,
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Declare a command of `app`.
 
@@ -112,6 +114,8 @@ def command(
     `binds`: it writes, so that a data root which holds data and remembers no profile yet
     remembers the run's.
     `planned`: the options, own ones included, that change what its `--plan` says.
+    `checks`: the profile and its keyword lists are looked through first, and an error there ends
+    the command (exit 2) before anything is sent.
     """
 
     def declare(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -125,6 +129,7 @@ def command(
             needs="profile" if "data" in shared else "nothing",
             binds=binds and not raw and "data" in shared,
             planned=tuple(planned),
+            checks=checks,
         )
         wrapped = _wrap(function, shared, nature, main=main)
         epilog = "\n".join(examples)
@@ -193,7 +198,9 @@ def _call(
         with _signals(nature.resumable):
             logs.configure(quiet=options.quiet, debug=options.debug)
             planned.check(function, options, values, nature.planned)
-            first: Any = options if nature.raw else options.make_run(needs=nature.needs)
+            first: Any = options
+            if not nature.raw:
+                first = options.make_run(needs=nature.needs, checks=nature.checks)
             if nature.needs_data:
                 _existing(first.root)
             if nature.binds:

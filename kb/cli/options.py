@@ -151,12 +151,19 @@ class Options:
     json: bool = False
     debug: bool = False
 
-    def make_run(self, *, dotenv: bool = True, needs: str = "profile", **settings: object) -> Run:
+    def make_run(
+        self,
+        *,
+        dotenv: bool = True,
+        needs: str = "profile",
+        checks: bool = False,
+        **settings: object,
+    ) -> Run:
         """The Run of these options; `settings` (field names) win over the environment.
 
         `needs`: "profile"; "root" for a command that reads the data root without a profile's
         rules, so that it works where the remembered file is gone; "nothing" for one that looks
-        at neither.
+        at neither. `checks`: errors of the profile and its keyword lists are looked for first.
         Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
         from kb.cli import progress
@@ -184,9 +191,14 @@ class Options:
                 f"the data root {root} is not a folder",
                 hint="choose another with --data or KB_DATA",
             )
+        profile = _profile(loaded.kb_profile, root, needs)
+        if checks:
+            from kb.cli.profile_check import refuse
+
+            refuse(profile)
         return Run(
             settings=loaded,
-            profile=_profile(loaded.kb_profile, root, needs),
+            profile=profile,
             root=root,
             workers=self.workers or default_workers(),
             limit=self.limit,

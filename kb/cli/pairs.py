@@ -31,6 +31,7 @@ class Format(StrEnum):
     app,
     main=True,
     uses=(*CLUSTER, "limit", "again", "pipeline"),
+    checks=True,
     examples=[
         (
             "kb pairs                                    match, grow, choose:"

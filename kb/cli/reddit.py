@@ -40,6 +40,7 @@ Until = Annotated[
 @command(
     app,
     uses=("limit", "wait", "again"),
+    checks=True,
     examples=[
         (
             "kb reddit crawl                          every listing of the profile's"
@@ -70,6 +71,7 @@ def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False
     app,
     name="import",
     uses=(*CLUSTER, "limit", "again"),
+    checks=True,
     examples=[
         "kb reddit import RS_2024-01.zst RC_2024-01.zst       monthly dumps, all subreddits mixed",
         "kb reddit import Minecraft_submissions.zst           a file of one subreddit",
@@ -107,6 +109,7 @@ def import_(
     app,
     name="filter",
     uses=(*CLUSTER, "limit", "pipeline"),
+    checks=True,
     examples=["kb reddit filter", "kb reddit filter --profile mine.toml"],
 )
 def filter_(run: Run) -> Summary:

@@ -29,6 +29,7 @@ class Format(StrEnum):
     app,
     uses=("workers", "limit", "wait", "again", "pipeline"),
     planned=("titles", "workers"),
+    checks=True,
     examples=[
         "kb wiki crawl --plan                     what is left and what it takes",
         "kb wiki crawl --limit 100                100 pages, then exit code 3",
@@ -71,6 +72,7 @@ def crawl(
     app,
     name="filter",
     uses=(*CLUSTER, "limit", "pipeline"),
+    checks=True,
     examples=["kb wiki filter", "kb wiki filter --profile mine.toml"],
 )
 def filter_(run: Run) -> Summary:

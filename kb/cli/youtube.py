@@ -39,6 +39,7 @@ class Format(StrEnum):
 @command(
     app,
     uses=("workers", "limit", "wait", "again", "pipeline"),
+    checks=True,
     binds=False,
     planned=("ids", "part"),
     examples=[
@@ -94,6 +95,7 @@ def crawl(
     app,
     name="filter",
     uses=(*CLUSTER, "limit", "pipeline"),
+    checks=True,
     examples=["kb youtube filter", "kb youtube filter --profile mine.toml"],
 )
 def filter_(run: Run) -> Summary:

@@ -67,6 +67,15 @@ WORDS: dict[str, Word] = {
         "Files that are cut off; what is whole in them was read.", "{n} files cut off"
     ),
     "lines": Word("Lines of the dumps that were looked through.", "{n} lines looked through"),
+    # What `kb profile check` finds.
+    "profile": Word("The profile's name."),
+    "errors": Word(
+        "What has to be mended before the profile can be used.", "{n} errors", always=True
+    ),
+    "warnings": Word("What can hardly be meant.", "{n} warnings"),
+    "notes": Word("What is good to know.", "{n} notes"),
+    "findings": Word("Each of them: level, file, line, key, what and how to mend it."),
+    "hits": Word("Each keyword with its kind, rule, matches and examples."),
     # Nouns.
     "channels": Word("Channels found so far.", "{n} channels"),
     "videos": Word("Videos.", "{n} videos"),

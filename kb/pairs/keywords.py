@@ -15,34 +15,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kb.core.errors import ProfileError
 from kb.core.profile import Profile
 from kb.pairs.fold import phrase
 from kb.pairs.forms import forms
+from kb.pairs.listed import COLUMNS, LONGEST, NEVER, Keyword, read
 
 if TYPE_CHECKING:
     import numpy as np
 
 
-COLUMNS = ("keyword", "kind", "rule", "forms")
-NEVER = -1
+__all__ = ["COLUMNS", "EXCLUDED", "NEVER", "Keyword", "Keywords", "load", "make", "read"]
+
 EXCLUDED = -1
-_LONGEST = 64  # characters of a phrase, so that it always fits in a text
-
-
-@dataclass(frozen=True)
-class Keyword:
-    """`reach`: words around it in which it needs an unmistakable keyword; None:
-    it needs none; NEVER: it makes no pair.
-    """
-
-    name: str
-    kind: str
-    reach: int | None = None
-    more: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -99,7 +86,7 @@ def make(
     every: dict[str, Keyword] = {}
     for keyword in listed:
         folded = phrase(keyword.name)
-        if not folded or len(folded) > _LONGEST:
+        if not folded or len(folded) > LONGEST:
             raise ProfileError(
                 f"{where}: the keyword {keyword.name!r} has"
                 f" {'no word' if not folded else 'too many letters'}"
@@ -123,46 +110,3 @@ def make(
     return Keywords(
         tuple(every[name] for name in names), tuple(ordered), tuple(owner[form] for form in ordered)
     )
-
-
-def read(path: Path, near_words: int) -> list[Keyword]:
-    """One keyword file. Raises ProfileError."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ProfileError(f"the keyword list {path} can't be read: {error}") from None
-    found, header = [], False
-    for number, line in enumerate(lines, start=1):
-        if not line.strip() or line.startswith("#"):
-            continue
-        cells = [cell.strip() for cell in line.split("\t")]
-        if not header:
-            if tuple(cells) != COLUMNS:
-                raise ProfileError(
-                    f"{path}:{number}: the first line must read {', '.join(COLUMNS)},"
-                    " separated by tabs"
-                )
-            header = True
-            continue
-        if not 2 <= len(cells) <= 4 or not cells[0] or not cells[1]:
-            raise ProfileError(
-                f"{path}:{number}: a line has a keyword, a kind,"
-                " perhaps a rule and forms, separated by tabs"
-            )
-        cells += [""] * (4 - len(cells))
-        more = tuple(form.strip() for form in cells[3].split(",") if form.strip())
-        found.append(
-            Keyword(cells[0], cells[1], _rule(cells[2], near_words, f"{path}:{number}"), more)
-        )
-    return found
-
-
-def _rule(text: str, near_words: int, where: str) -> int | None:
-    name, _, number = text.partition(":")
-    if not text:
-        return None
-    if name == "near" and (not number or (number.isdigit() and int(number) > 0)):
-        return int(number) if number else near_words
-    if text == "never":
-        return NEVER
-    raise ProfileError(f"{where}: the rule is {text!r}; known: near, near:WORDS, never, or nothing")

@@ -66,6 +66,8 @@ class Service:
             )
         request.environ |= {"sandbox.units": 1, "sandbox.bucket": "requests"}
         parts = path.split("/")
+        if parts[0] == "r" and len(parts) == 3 and parts[2] == "about":
+            return self._about(parts[1], room)
         if parts[0] == "r" and len(parts) == 3:
             return self._listing(request, parts[1], parts[2], room)
         if parts[0] == "comments":
@@ -95,6 +97,22 @@ class Service:
                 "x-ratelimit-remaining": f"{left}.0",
                 "x-ratelimit-reset": str(int(WINDOW_S - (monotonic() - self._window))),
             }
+
+    def _about(self, name: str, room: dict[str, str]) -> Response:
+        """The subreddit's own page; of one that is not there Reddit leads to its search."""
+        if name.lower() != self.subreddit.name.lower():
+            return _json(b"", 302, {**room, "Location": f"/subreddits/search?q={name}"})
+        about = {
+            "id": "2r05i",
+            "display_name": self.subreddit.name,
+            "display_name_prefixed": f"r/{self.subreddit.name}",
+            "title": self.subreddit.name,
+            "subreddit_type": "public",
+            "subscribers": 8_000,
+            "over18": False,
+            "lang": "en",
+        }
+        return _json({"kind": "t5", "data": about}, 200, room)
 
     def _listing(self, request: Request, name: str, listing: str, room: dict[str, str]) -> Response:
         if name.lower() != self.subreddit.name.lower():

@@ -130,7 +130,11 @@ APPLIES = {
     "refresh reddit": {*CLUSTER, "limit", "wait", "again"},
     "demo": CLUSTER,
 }
-WITHOUT = {"models fetch": {"data", "profile"}, "sandbox": {"json"}}
+WITHOUT = {
+    "models fetch": {"data", "profile"},
+    "profile new": {"data", "profile"},
+    "sandbox": {"json"},
+}
 VALUES = {"workers": "2", "limit": "3", "engine": "local", "scheduler": "tcp://127.0.0.1:1"} | {
     "pipeline": "mine.py",
     "data": "here",

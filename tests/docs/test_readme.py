@@ -8,6 +8,7 @@ import os
 import re
 import shlex
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -80,6 +81,46 @@ def test_commands_that_are_only_shown_exist() -> None:
             assert {word for word in words if word.startswith("--") and word != "--"} <= known, line
             checked += 1
     assert checked >= 8
+
+
+EDITOR = """\
+import pathlib, sys
+FILLED = {
+    'youtube.category_ids = ["FILL-IN"]': "youtube.category_ids = [26]",
+    'wiki.url = "FILL-IN"': 'wiki.url = "https://gardening.wiki"',
+    'reddit.subreddit = "FILL-IN"': 'reddit.subreddit = "gardening"',
+    "FILL-IN\\tkind": "Secateurs\\ttool",
+}
+for path in map(pathlib.Path, sys.argv[1:]):
+    text = path.read_text()
+    for old, new in FILLED.items():
+        text = text.replace(old, new)
+    path.write_text(text)
+"""
+
+
+def test_another_domain_is_set_up_as_it_is_written_there(tmp_path: Path, installed: Path) -> None:
+    """Word for word, with an editor that fills in four lines."""
+    (tmp_path / "editor.py").write_text(EDITOR)
+    part = TEXT[TEXT.index("## Another domain") :]
+    block = part[part.index("```bash") + len("```bash") : part.index("\n```\n")]
+    done = subprocess.run(
+        ["bash", "-e", "-c", block],
+        cwd=tmp_path,
+        env={
+            **clean_environment(),
+            "PATH": f"{installed}:{os.environ['PATH']}",
+            "EDITOR": f"{sys.executable} editor.py",
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+        stdin=subprocess.DEVNULL,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "profile check: 0 errors" in done.stdout
+    assert "youtube crawl" in done.stdout
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["editor.py", "gardening"]
 
 
 def test_the_table_of_commands_is_whole() -> None:

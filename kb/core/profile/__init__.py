@@ -6,6 +6,7 @@ load_profile("mine.toml")       by path, from anywhere
 
 from __future__ import annotations
 
+import shlex
 import tomllib
 from pathlib import Path
 from typing import Literal, overload
@@ -83,37 +84,41 @@ def load_profile(name: str | Path) -> Profile:
 
     Raises ProfileError naming the key, the value and what is allowed.
     """
-    path = _find(str(name))
+    path = find_profile(str(name))
+    check = f"`kb profile check {shlex.quote(str(name))}` lists all that is wrong, with its line"
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ProfileError(f"profile {path} can't be read: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ProfileError(f"profile {path} is not valid TOML: {error}") from None
+        raise ProfileError(f"profile {path} is not valid TOML: {error}", hint=check) from None
     if "path" in data:
         raise ProfileError(f"profile {path}: unknown key 'path'")
     try:
         return Profile(**data, path=path.resolve())
     except ValidationError as error:
-        raise ProfileError(f"profile {path}: {explain(error, Profile)}") from None
+        raise ProfileError(f"profile {path}: {explain(error, Profile)}", hint=check) from None
 
 
 def is_shipped(name: str) -> bool:
     """Whether a profile of that name comes with the package."""
-    return name in _shipped()
+    return name in shipped_names()
 
 
-def _shipped() -> list[str]:
+def shipped_names() -> list[str]:
+    """The names of the profiles that come with the package, sorted."""
     return sorted(path.parent.name for path in folder("profiles").glob("*/profile.toml"))
 
 
-def _find(name: str) -> Path:
+def find_profile(name: str) -> Path:
+    """The file of a profile by name, or the path that was given. Raises ProfileError."""
     if name.endswith(".toml") or "/" in name:
-        return Path(name)
-    known = _shipped()
+        path = Path(name)
+        return path / "profile.toml" if path.is_dir() else path
+    known = shipped_names()
     if name in known:
         return folder("profiles") / name / "profile.toml"
-    raise ProfileError(
-        f"there is no profile {name!r}",
-        hint=f"known: {', '.join(known)}; or give a path to a .toml file",
-    )
+    hint = f"known: {', '.join(known)}; or give a path to a .toml file"
+    if (Path(name) / "profile.toml").is_file():
+        hint = f"give the one in this folder by its path: {name}/profile.toml"
+    raise ProfileError(f"there is no profile {name!r}", hint=hint)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import difflib
 import types
 import typing
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
 from kb.core import wording
+
+# What `kb profile new` writes where only the user knows the value.
+FILL_IN = "FILL-IN"
 
 
 class Section(BaseModel):
@@ -21,37 +24,59 @@ class Section(BaseModel):
     )
 
 
+class Problem(NamedTuple):
+    """One wrong key: its full name, what is wrong with it and how it is mended."""
+
+    key: str
+    what: str
+    mend: str = ""
+    joint: str = ": "
+
+    def line(self) -> str:
+        """In one sentence."""
+        return f"{self.what}{self.joint}{self.mend}" if self.mend else self.what
+
+
 def explain(error: ValidationError, model: type[BaseModel]) -> str:
     """All problems of a profile in one line: key, what was found, what is allowed, a guess."""
-    return "; ".join(_problem(problem, model) for problem in error.errors(include_url=False))
+    return "; ".join(problem.line() for problem in problems(error, model))
 
 
-def _problem(problem: Any, model: type[BaseModel]) -> str:
+def problems(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
+    """The same one by one. A list whose entries are wrong is not also too short."""
+    every = error.errors(include_url=False)
+    entries = {one["loc"][:-1] for one in every if one["loc"] and isinstance(one["loc"][-1], int)}
+    found = [_problem(one, model) for one in every if one["loc"] not in entries]
+    return list(dict.fromkeys(found))
+
+
+def _problem(problem: Any, model: type[BaseModel]) -> Problem:
     *parents, last = problem["loc"] or ("profile",)
     key = _key(problem["loc"])
     kind = problem["type"]
     if kind == "extra_forbidden":
         names = list(_fields(model, parents))
         close = difflib.get_close_matches(str(last), names, n=1, cutoff=0.5)
-        return f"unknown key '{key}'" + (
-            f", did you mean '{close[0]}'?"
-            if close
-            else f"; known keys: {', '.join(sorted(names))}"
-        )
+        if close:
+            return Problem(key, f"unknown key '{key}'", f"did you mean '{close[0]}'?", ", ")
+        return Problem(key, f"unknown key '{key}'", f"known keys: {', '.join(sorted(names))}", "; ")
     if kind == "missing":
-        return f"'{key}' is missing"
+        return Problem(key, f"'{key}' is missing")
     allowed = problem.get("ctx", {}).get("expected", "")
     found = problem.get("input")
-    field = _field(model, problem["loc"])
+    if found == FILL_IN:
+        key = key.partition("[")[0]
+        return Problem(key, f"'{key}' is still to be filled in")
+    field = field_of(model, problem["loc"])
     # A table is not shown whole: what is wrong in it is said.
     given = "" if isinstance(found, (dict, BaseModel)) else f" is {wording.shown(found)}"
-    line = f"'{key}'{given}: {wording.wrong(problem, field)}"
+    mend = wording.wrong(problem, field)
     if kind == "literal_error" and isinstance(found, str):
         close = difflib.get_close_matches(
             found, [part.strip("' ") for part in allowed.replace(" or ", ",").split(",")], n=1
         )
-        line += f" (did you mean {close[0]!r}?)" if close else ""
-    return line
+        mend += f" (did you mean {close[0]!r}?)" if close else ""
+    return Problem(key, f"'{key}'{given}", mend)
 
 
 def _key(parts: Any) -> str:
@@ -65,7 +90,7 @@ def _key(parts: Any) -> str:
     return key
 
 
-def _field(model: type[BaseModel], parts: Any) -> FieldInfo | None:
+def field_of(model: type[BaseModel], parts: Any) -> FieldInfo | None:
     """The field of a key, where it is one."""
     field: FieldInfo | None = None
     inner: type[BaseModel] | None = model
@@ -73,7 +98,7 @@ def _field(model: type[BaseModel], parts: Any) -> FieldInfo | None:
         if isinstance(part, int):
             continue
         field = inner.model_fields.get(str(part)) if inner is not None else None
-        inner = _model_in(field.annotation) if field is not None else None
+        inner = model_in(field.annotation) if field is not None else None
     return field
 
 
@@ -85,19 +110,20 @@ def _fields(model: type[BaseModel], parents: list[Any]) -> dict[str, Any]:
         field = model.model_fields.get(str(part))
         if field is None:
             return {}
-        inner = _model_in(field.annotation)
+        inner = model_in(field.annotation)
         if inner is None:
             return {}
         model = inner
     return {name: field for name, field in model.model_fields.items() if name != "path"}
 
 
-def _model_in(annotation: Any) -> type[BaseModel] | None:
+def model_in(annotation: Any) -> type[BaseModel] | None:
+    """The section inside a type, alone or in a list, a table or an alternative."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     if typing.get_origin(annotation) in (typing.Union, types.UnionType, tuple, list, dict):
         for inner in typing.get_args(annotation):
-            found = _model_in(inner)
+            found = model_in(inner)
             if found is not None:
                 return found
     return None

@@ -30,25 +30,25 @@ class Pairs(Section):
         description="words around an everyday word in which an unmistakable keyword must stand",
     )
     min_tokens: int = Field(
-        16, ge=3, le=77, description="CLIP tokens of a text, start and end tokens counted"
+        16, ge=3, le=77, description="fewest CLIP tokens of a text, start and end tokens counted"
     )
     max_tokens: int = Field(
-        77, ge=3, le=77, description="CLIP tokens of a text, start and end tokens counted"
+        77, ge=3, le=77, description="most CLIP tokens of a text, start and end tokens counted"
     )
     center: Literal["segment", "grown"] = Field(
         "segment",
         description="the clip's centre is drawn inside the cues that hold the phrase,"
         " or inside the grown text (VideoCLIP)",
     )
-    min_clip_s: float = Field(8, gt=0, le=3600, description="seconds")
-    max_clip_s: float = Field(16, gt=0, le=3600, description="seconds")
+    min_clip_s: float = Field(8, gt=0, le=3600, description="shortest clip, in seconds")
+    max_clip_s: float = Field(16, gt=0, le=3600, description="longest clip, in seconds")
     min_gap_s: float = Field(
         0,
         ge=-3600,
         le=3600,
         description="seconds between two clips of a video; negative: they may overlap by that much",
     )
-    max_pairs_per_video: int = Field(0, ge=0, description="pairs of one video, 0 for all")
+    max_pairs_per_video: int = Field(0, ge=0, description="most pairs of one video, 0 for all")
 
     @field_validator("include", "exclude")
     @classmethod

@@ -6,6 +6,8 @@ from pydantic import Field, field_validator
 
 from kb.core.profile.base import Section
 
+_SPANS = ("all", "year", "month", "week", "day", "hour")
+
 
 class Links(Section):
     """How the address of a link post tells what it shows. Endings decide first, then hosts.
@@ -45,10 +47,10 @@ class Reddit(Section):
         ("new", "top", "controversial", "hot", "rising"), description="listings that are read"
     )
     spans: tuple[str, ...] = Field(
-        ("all", "year", "month", "week", "day", "hour"),
+        _SPANS,
         description="time spans of top and controversial",
     )
-    min_score: int = Field(5, description="points of a post")
+    min_score: int = Field(5, description="fewest points of a post that is kept")
     links: Links = Links()
     max_age_days: int = Field(
         30, ge=1, description="live figures older than this are read again by `kb refresh reddit`"
@@ -66,4 +68,11 @@ class Reddit(Section):
         allowed = {"new", "top", "controversial", "hot", "rising"}
         if set(value) - allowed:
             raise ValueError(f"allowed: {', '.join(sorted(allowed))}")
+        return value
+
+    @field_validator("spans")
+    @classmethod
+    def _known_spans(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if set(value) - set(_SPANS):
+            raise ValueError(f"allowed: {', '.join(_SPANS)}")
         return value

@@ -43,7 +43,9 @@ class Release(Section):
         examples=["https://example.org/dataset"],
     )
     contact: str | None = Field(
-        None, description="where removal requests and questions go; default: the project's page"
+        None,
+        description="where removal requests and questions go; default: the project's page",
+        examples=["me@example.org"],
     )
     keywords: tuple[str, ...] = Field(
         (), description="search words of the deposit, besides the domain's name"

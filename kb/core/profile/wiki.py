@@ -61,24 +61,35 @@ class Wiki(Section):
     namespaces: tuple[int, ...] = Field(
         (), description="namespaces to read; default: those that the wiki calls content"
     )
-    min_words: int = Field(20, ge=0, description="words of visible text, cells included")
-    viewport_width: int = Field(1280, ge=320, le=4096, description="CSS px")
-    viewport_height: int = Field(1024, ge=320, le=4096, description="CSS px")
+    min_words: int = Field(
+        20, ge=0, description="fewest words of visible text of a page, cells included"
+    )
+    viewport_width: int = Field(
+        1280, ge=320, le=4096, description="width of the browser's window, in CSS px"
+    )
+    viewport_height: int = Field(1024, ge=320, le=4096, description="its height, in CSS px")
     settle_seconds: float = Field(
-        10, gt=0, le=120, description="a page that still moves is measured as it is after this long"
+        10,
+        gt=0,
+        le=120,
+        description="a page that still moves is measured as it is after so many seconds",
     )
     page_seconds: float = Field(
-        60, ge=5, le=600, description="a page that takes longer counts as hung"
+        60, ge=5, le=600, description="a page that takes more seconds counts as hung"
     )
-    max_page_height: int = Field(100_000, ge=1000, description="CSS px; taller pages are rejected")
+    max_page_height: int = Field(
+        100_000, ge=1000, description="tallest page, in CSS px; taller ones are rejected"
+    )
     max_elements: int = Field(
         100_000, ge=1000, description="elements of a page; pages with more are rejected"
     )
     max_pixels: int = Field(
-        64_000_000, ge=1, description="pictures with more are stored as they are and never decoded"
+        64_000_000,
+        ge=1,
+        description="pictures of more pixels are stored as they are and never decoded",
     )
     max_file_bytes: int = Field(
-        200_000_000, ge=1, description="larger picture files are not fetched"
+        200_000_000, ge=1, description="picture files of more bytes are not fetched"
     )
     max_tries: int = Field(
         3, ge=1, le=10, description="tries of one page before it counts as not captured"
@@ -86,8 +97,8 @@ class Wiki(Section):
     seconds_between: float = Field(
         1.0,
         ge=0,
-        description="politeness towards a public wiki: pause between requests without a"
-        " crawl-delay",
+        description="politeness towards a public wiki without a crawl-delay:"
+        " seconds between requests",
     )
     markup: Markup = Markup()
 

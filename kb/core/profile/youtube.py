@@ -15,11 +15,10 @@ class YouTube(Section):
     keywords: tuple[str, ...] = Field(min_length=1, description="searches that find channels")
     topic_keywords: tuple[str, ...] = Field(
         (),
-        description="whole words that show the topic when the game label is unknown; default:"
-        " keywords",
+        description="whole words that show the topic where no label does; default: keywords",
     )
     game_ids: tuple[str, ...] = Field(
-        (), description="browse ids of the game's label on watch pages"
+        (), description="browse ids of the topic's label on watch pages, where YouTube has one"
     )
     category_ids: tuple[int, ...] = Field(
         min_length=1, description="YouTube categories of the topic (20 is Gaming)"
@@ -33,9 +32,9 @@ class YouTube(Section):
     uploads: Literal["all", "no_shorts"] = Field(
         "all", description="list every upload, or skip Shorts"
     )
-    min_views: int = Field(100, ge=0, description="views")
-    min_aspect_ratio: float = Field(1.0, ge=0, description="width / height")
-    min_duration_s: float = Field(60, ge=0, description="seconds")
+    min_views: int = Field(100, ge=0, description="fewest views of a video that is kept")
+    min_aspect_ratio: float = Field(1.0, ge=0, description="smallest width / height of a video")
+    min_duration_s: float = Field(60, ge=0, description="shortest video, in seconds")
     transcripts: Literal["required", "optional"] = Field(
         "required", description="whether a video without transcript is kept"
     )
@@ -54,8 +53,8 @@ class YouTube(Section):
     max_tries: int = Field(
         5, ge=1, le=20, description="tries of one request before its item counts as failed"
     )
-    units_per_day: int = Field(10_000, ge=1, description="quota of the general bucket")
-    searches_per_day: int = Field(100, ge=1, description="quota of the search bucket")
+    units_per_day: int = Field(10_000, ge=1, description="quota of the general bucket, in units")
+    searches_per_day: int = Field(100, ge=1, description="quota of the search bucket, in searches")
 
     @field_validator("keywords", "topic_keywords")
     @classmethod

@@ -1,0 +1,42 @@
+"""What is known about a profile and its keyword lists without asking anybody.
+
+examine(path)          every finding, for `kb profile check`
+refuse(profile)        before a crawl, a filter or pairs: an error ends the command, nothing is sent
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from kb.core.profile import Profile
+    from kb.core.profile.check import Checked
+
+
+def examine(path: Path) -> Checked:
+    """The profile's file and its keyword lists, worst findings first. Raises nothing of its own."""
+    from kb.core.profile.check import check_file
+    from kb.core.profile.finding import worst_first
+    from kb.pairs.list_check import check_lists
+
+    checked = check_file(path)
+    section = checked.profile.pairs if checked.profile else None
+    listed = check_lists(path.parent, checked.lists, section)
+    return checked._replace(findings=worst_first([*checked.findings, *listed]))
+
+
+def refuse(profile: Profile) -> None:
+    """Raises ProfileError where the profile or a list of its own has errors; warnings pass."""
+    from kb.core.errors import ProfileError
+    from kb.core.profile.finding import ERROR
+
+    errors = [one for one in examine(profile.path).findings if one.level == ERROR]
+    if not errors:
+        return
+    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+    name = profile.path.parent.name if profile.is_shipped else str(profile.path)
+    raise ProfileError(
+        f"profile {profile.path.parent}/{errors[0].sentence()}{more}",
+        hint=f"mend it; `kb profile check {name}` lists everything",
+    )

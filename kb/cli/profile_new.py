@@ -1,0 +1,100 @@
+"""`kb profile new`: where its files go, and what is refused before one is written."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tempfile
+from pathlib import Path
+
+from kb.core.errors import ProfileError, SettingError
+from kb.core.profile import is_shipped, load_profile
+from kb.core.profile.check import check_file
+from kb.core.profile.finding import ERROR
+from kb.core.profile.new import KEYWORDS, profile_text
+from kb.core.profile.sense import subreddit_meant
+from kb.core.resources import folder as shared
+from kb.store.atomic import write_text
+
+
+def write_new(
+    name: str,
+    out: Path | None,
+    *,
+    source: str | None = None,
+    wiki: str | None = None,
+    subreddit: str | None = None,
+) -> tuple[Path, list[str]]:
+    """The folder that was written and the names of its files; nothing is overwritten.
+
+    Raises SettingError for a wrong name or address and for a file that is there, ProfileError for
+    a `source` that can't be read.
+    """
+    _check_name(name)
+    base = load_profile(source) if source is not None else None
+    text = profile_text(name, wiki=wiki, subreddit=subreddit, source=base)
+    _check_given(text, wiki=wiki, subreddit=subreddit)
+    files = {"profile.toml": text}
+    if base is None:
+        files["keywords.tsv"] = KEYWORDS
+    elif base.pairs is not None:
+        files |= {listed: _list_of(base.beside(listed)) for listed in base.pairs.keyword_files}
+    folder = out if out is not None else _home() / name
+    for file in files:
+        if (folder / file).exists() or (folder / file).is_symlink():
+            raise SettingError(
+                f"{folder / file} is there already, and is not overwritten",
+                hint="choose another NAME, or a folder with --out",
+            )
+    for file, content in files.items():
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        write_text(folder / file, content)
+    return folder, list(files)
+
+
+def as_given(name: str, folder: Path) -> str:
+    """How the new profile is named to other commands."""
+    if is_shipped(name) and folder.resolve() == (shared("profiles") / name).resolve():
+        return name
+    return shlex.quote(str(folder / "profile.toml"))
+
+
+def _check_name(name: str) -> None:
+    if re.fullmatch(r"[a-z0-9][a-z0-9_-]*", name):
+        return
+    plain = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
+    raise SettingError(
+        f"{name!r} is no name of a profile: small letters, digits, - and _ only",
+        hint=f"write {plain}" if plain else "such as rock-gardens",
+    )
+
+
+def _check_given(text: str, *, wiki: str | None, subreddit: str | None) -> None:
+    """What the profile would be refused for later is refused now."""
+    given = {"wiki.url": ("--wiki", wiki), "reddit.subreddit": ("--subreddit", subreddit)}
+    with tempfile.TemporaryDirectory() as place:
+        path = Path(place) / "profile.toml"
+        path.write_text(text, encoding="utf-8")
+        wrong = {one.key: one for one in check_file(path).findings if one.level == ERROR}
+    for key, (option, value) in given.items():
+        if value is not None and key in wrong:
+            mend = wrong[key].mend
+            if key == "reddit.subreddit":
+                mend = subreddit_meant(value) or mend
+            raise SettingError(f"{option} is {value!r}", hint=mend)
+
+
+def _home() -> Path:
+    """Where new profiles go: with the others in the checkout that one stands in, else here."""
+    profiles, here = shared("profiles"), Path.cwd()
+    checkout = profiles.parent.parent
+    if (checkout / "pyproject.toml").is_file() and here.is_relative_to(checkout):
+        return profiles
+    return Path()
+
+
+def _list_of(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ProfileError(f"the keyword list {path} can't be read: {error}") from None

@@ -1,0 +1,163 @@
+"""Everything about a profile's file that can be known without asking anybody, all of it at once.
+
+check_file(path)    TOML, unknown keys, wrong values, and what is allowed but can't be meant
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import ValidationError
+
+from kb.core.profile import Profile, sense
+from kb.core.profile.base import Problem, field_of, problems
+from kb.core.profile.finding import ERROR, Finding
+from kb.core.profile.lines import key_lines, line_of
+
+_AT = re.compile(r" \((?:at line (\d+), column (\d+)|at end of document)\)$")
+_IN_WORDS = (  # what tomllib says, in a user's words
+    ("Invalid value", "the value can't be read", 'text stands in quotes: key = "text"'),
+    ("Expected '=' after", "a key and its value are expected", 'write it as key = "text"'),
+    ("Cannot overwrite", "the key stands here a second time", "take one of the two lines out"),
+    ("Cannot declare", "the section stands here a second time", "put its keys together"),
+    ("Cannot mutate", "the section was closed before", "put its keys together"),
+    ("Unclosed array", "a list is not closed", "end it with ]"),
+    ("Illegal character", "a text is not closed, or holds a character that may not be there",
+     "close the quotes on the same line"),
+    ("Expected newline", "something stands behind the value", "one key a line; # begins a comment"),
+    ("Unterminated string", "a text is not closed", "close the quotes"),
+    ("Expected ']'", "a section's name is not closed", "write it as [youtube]"),
+)  # fmt: skip
+# What stands in for a wrong or missing key that a section can't be without, so that the rest of
+# the section is looked at as well; none of them is worth a finding.
+_STAND_INS: dict[str, Any] = {
+    "name": "unnamed",
+    "title": "unnamed",
+    "youtube.keywords": ["unnamed"],
+    "youtube.category_ids": [20],
+    "wiki.url": "http://localhost",
+    "reddit.subreddit": "unnamed",
+}
+
+
+class Checked(NamedTuple):
+    """`profile` is what could be understood, wrong keys left out; None where nothing could.
+
+    `lists` are the names of its keyword files, `whole` says whether nothing was left out.
+    """
+
+    path: Path
+    profile: Profile | None
+    lists: tuple[str, ...]
+    whole: bool
+    findings: list[Finding]
+
+
+def check_file(path: Path) -> Checked:
+    """Raises nothing: a file that can't be read is a finding as well."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        return _unread(path, "can't be read", f"{error.strerror}")
+    except UnicodeDecodeError as error:
+        return _unread(path, f"is not UTF-8 text (byte {error.start + 1})", "save it as UTF-8")
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        named = tuple(re.findall(r'"([^"\n/]+\.tsv)"', text))
+        return Checked(path, None, named, False, [_syntax(path, text, str(error))])
+    lines = key_lines(text)
+
+    def at(level: str, key: str, what: str, mend: str) -> Finding:
+        return Finding(level, path.name, line_of(lines, key), key, what, mend)
+
+    profile, wrong = _understand(data, path)
+    findings = [at(ERROR, one.key, *_told(one, data)) for one in wrong]
+    if profile is not None:
+        told = {one.key for one in wrong}
+        findings += [at(*one) for one in sense.look(profile, data) if one[1] not in told]
+    return Checked(path, profile, _lists(data), not wrong, findings)
+
+
+def _understand(data: dict[str, Any], path: Path) -> tuple[Profile | None, list[Problem]]:
+    """The profile without its wrong keys, and what is wrong with them.
+
+    Wrong keys hide others (a range is looked at when both ends are numbers), so it is read again
+    without them until nothing is left to say.
+    """
+    data = copy.deepcopy(data)
+    wrong: list[Problem] = []
+    if data.pop("path", None) is not None:
+        wrong.append(Problem("path", "unknown key 'path'", "take the line out"))
+    for _ in range(20):
+        try:
+            return Profile(**data, path=path.resolve()), wrong
+        except ValidationError as error:
+            wrong += [one for one in problems(error, Profile) if one not in wrong]
+            for one in error.errors(include_url=False):
+                _leave_out(data, [part for part in one["loc"] if isinstance(part, str)])
+    return None, wrong
+
+
+def _leave_out(data: dict[str, Any], keys: list[str]) -> None:
+    """Take out the key of a problem, or put in what stands for it; else the section around it."""
+    while keys:
+        *parents, last = keys
+        table: Any = data
+        for key in parents:
+            table = table.get(key) if isinstance(table, dict) else None
+        if isinstance(table, dict):
+            held = table.pop(last, None)
+            stand_in = _STAND_INS.get(".".join(keys))
+            if stand_in is not None:
+                table[last] = stand_in
+            if held is not None or stand_in is not None:
+                return
+        keys = parents
+
+
+def _told(problem: Problem, data: dict[str, Any]) -> tuple[str, str]:
+    """What is wrong and how to mend it; of a whole section what is said is what is wrong."""
+    if problem.what == f"'{problem.key}'":
+        return problem.line(), ""
+    return problem.what, _mend(problem, data)
+
+
+def _mend(problem: Problem, data: dict[str, Any]) -> str:
+    field = field_of(Profile, re.sub(r"\[\d+\]", "", problem.key).split("."))
+    about = field.description if field is not None else None
+    if problem.what.endswith("is missing"):
+        return f"add a line {problem.key} = …" + (f" ({about})" if about else "")
+    if problem.what.endswith("to be filled in"):
+        return about or ""
+    given = data.get("reddit")
+    if problem.key == "reddit.subreddit" and isinstance(given, dict):
+        return sense.subreddit_meant(given.get("subreddit")) or problem.mend
+    return problem.mend
+
+
+def _lists(data: dict[str, Any]) -> tuple[str, ...]:
+    section = data.get("pairs")
+    names = section.get("keyword_files") if isinstance(section, dict) else None
+    if not isinstance(names, list):
+        return ()
+    return tuple(one for one in names if isinstance(one, str) and sense.is_beside(one))
+
+
+def _unread(path: Path, what: str, mend: str) -> Checked:
+    finding = Finding(ERROR, path.name, 0, "", f"the profile {path} {what}", mend)
+    return Checked(path, None, (), False, [finding])
+
+
+def _syntax(path: Path, text: str, said: str) -> Finding:
+    place = _AT.search(said)
+    line = int(place[1]) if place and place[1] else len(text.splitlines())
+    plain = _AT.sub("", said)
+    for begin, what, mend in _IN_WORDS:
+        if plain.startswith(begin):
+            return Finding(ERROR, path.name, line, "", f"not valid TOML: {what}", mend)
+    return Finding(ERROR, path.name, line, "", f"not valid TOML: {plain}", "see https://toml.io")

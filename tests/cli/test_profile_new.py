@@ -1,0 +1,230 @@
+"""`kb profile new`: a profile that is ready but for what only its user knows."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.core.profile import Profile, load_profile
+from kb.core.profile.check import check_file
+from kb.core.profile.finding import ERROR
+from kb.core.profile.new import KEYWORDS, profile_text
+from kb.core.resources import folder
+from kb.pairs.keywords import NEVER, Keyword, read
+from kb.sandbox.server import Sandbox
+from tests.cli.conftest import Kb, clean_environment
+
+ROOT = Path(__file__).resolve().parents[2]
+FILLED = {  # the four lines that only the user knows
+    'youtube.category_ids = ["FILL-IN"]': "youtube.category_ids = [26]",
+    'wiki.url = "FILL-IN"': 'wiki.url = "https://gardens.wiki"',
+    'reddit.subreddit = "FILL-IN"': 'reddit.subreddit = "rockgarden"',
+    "FILL-IN\tkind": "Saxifrage\tplant",
+}
+
+
+def filled(text: str) -> str:
+    for old, new in FILLED.items():
+        text = text.replace(old, new)
+    return text
+
+
+def leaves(data: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in data.items():
+        if isinstance(value, dict):
+            found |= leaves(value, f"{prefix}{name}.")
+        else:
+            found[f"{prefix}{name}"] = value
+    return found
+
+
+def saved(place: Path, text: str) -> Path:
+    path = place / "profile.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_new_then_four_lines_then_a_clean_check_then_a_plan(tmp_path: Path, kb: Kb) -> None:
+    made = kb("profile", "new", "rock-gardens")
+    assert made.returncode == 0, made.stderr
+    commands = re.findall(r"^  kb (.*)$", made.stdout, re.MULTILINE)
+    assert [words.split()[0] for words in commands] == ["profile", "demo", "youtube"]
+    here = tmp_path / "rock-gardens"
+    assert sorted(path.name for path in here.iterdir()) == ["keywords.tsv", "profile.toml"]
+
+    open_ = kb(*commands[0].split(), "--json")
+    assert open_.returncode == 2
+    findings = json.loads(open_.stdout)["findings"]
+    errors = [one for one in findings if one["level"] == "error"]
+    assert {one["key"] for one in errors} == {
+        "youtube.category_ids",
+        "wiki.url",
+        "reddit.subreddit",
+        "",
+    }
+    assert all("still to be filled in" in one["what"] for one in errors)
+    assert not [one for one in findings if one["level"] == "warning"]
+    for one in errors:  # and they are where the check says
+        lines = (here / one["file"]).read_text().splitlines()
+        assert "FILL-IN" in lines[one["line"] - 1]
+
+    for path in here.iterdir():
+        path.write_text(filled(path.read_text()))
+    clean = kb(*commands[0].split())
+    assert clean.returncode == 0, clean.stdout
+    assert "0 errors" in clean.stdout
+    assert "warning" not in clean.stdout
+    plan = kb(*commands[2].split())
+    assert plan.returncode == 0, plan.stderr
+    assert not (tmp_path / "data").exists()
+
+
+def test_what_only_the_user_knows_stands_first() -> None:
+    text = profile_text("rock-gardens")
+    lines = text.splitlines()
+    marked = [at for at, line in enumerate(lines) if '"FILL-IN"' in line]
+    first_default = next(at for at, line in enumerate(lines) if line.startswith("#seed"))
+    assert len(marked) == 3
+    assert max(marked) < first_default < 40
+    assert all(len(line) <= 100 for line in lines if line.startswith("# "))
+
+
+def test_what_new_writes_loads_to_the_defaults(tmp_path: Path) -> None:
+    made = load_profile(saved(tmp_path, filled(profile_text("rock-gardens"))))
+    plain = Profile(
+        name="rock-gardens",
+        title="Rock Gardens",
+        youtube={"keywords": ["Rock Gardens"], "category_ids": [26]},  # type: ignore[arg-type]
+        wiki={"url": "https://gardens.wiki"},  # type: ignore[arg-type]
+        reddit={"subreddit": "rockgarden"},  # type: ignore[arg-type]
+        pairs={"keyword_files": ["keywords.tsv"]},  # type: ignore[arg-type]
+    )
+    assert made.model_dump() == plain.model_dump()
+
+
+def test_every_key_stands_in_it_with_its_default(tmp_path: Path) -> None:
+    """Each # taken away: what is read is still the default, of every key that has one."""
+    text = filled(profile_text("rock-gardens"))
+    bare = re.sub(r"^#(?=[a-z\[\]\" ])(?! )", "", text, flags=re.MULTILINE)
+    made = leaves(load_profile(saved(tmp_path, bare)).model_dump())
+    defaults = leaves(load_profile(saved(tmp_path, text)).model_dump())
+    unset = {key for key, value in defaults.items() if value is None}
+    assert {key for key, value in defaults.items() if made[key] != value} == unset
+    assert all(re.search(rf"^#?{re.escape(key)}( =|\.)", text, re.MULTILINE) for key in defaults)
+
+
+@pytest.mark.parametrize(
+    "name", sorted(path.name for path in folder("profiles").iterdir() if path.is_dir())
+)
+def test_from_another_profile_its_values_are_taken(name: str, tmp_path: Path, kb: Kb) -> None:
+    made = kb("profile", "new", "mine", "--from", name)
+    assert made.returncode == 0, made.stderr
+    mine, theirs = load_profile(tmp_path / "mine" / "profile.toml"), load_profile(name)
+    assert mine.name == "mine"
+    assert mine.model_dump(exclude={"name"}) == theirs.model_dump(exclude={"name"})
+    for listed in theirs.pairs.keyword_files:
+        assert (tmp_path / "mine" / listed).read_bytes() == theirs.beside(listed).read_bytes()
+    found = check_file(mine.path).findings
+    assert not [one for one in found if one.level == ERROR]
+
+
+def test_from_a_profile_without_a_source(tmp_path: Path, kb: Kb) -> None:
+    (tmp_path / "small.toml").write_text(
+        'name = "small"\ntitle = "Small"\n[reddit]\nsubreddit = "small"\n'
+    )
+    made = kb("profile", "new", "mine", "--from", "small.toml", "--wiki", "https://small.wiki/")
+    assert made.returncode == 0, made.stderr
+    mine = load_profile(tmp_path / "mine" / "profile.toml")
+    assert (mine.youtube, mine.pairs) == (None, None)
+    assert (mine.wiki.url, mine.reddit.subreddit) == ("https://small.wiki", "small")
+    assert not (tmp_path / "mine" / "keywords.tsv").exists()
+
+
+def test_an_address_and_a_subreddit_are_filled_in(tmp_path: Path, kb: Kb) -> None:
+    made = kb(
+        "profile", "new", "g", "--wiki", "https://g.wiki", "--subreddit", "gg", "--out", "x/y"
+    )
+    assert made.returncode == 0, made.stderr
+    text = (tmp_path / "x" / "y" / "profile.toml").read_text()
+    assert 'wiki.url = "https://g.wiki"' in text
+    assert 'reddit.subreddit = "gg"' in text
+    assert "kb profile check x/y/profile.toml" in made.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("Rock Gardens",), "'Rock Gardens' is no name of a profile: small letters, digits, - and _ only; write rock-gardens"),
+        (("g", "--wiki", "g.wiki"), "--wiki is 'g.wiki'; must be an address like"),
+        (("g", "--subreddit", "r/gg"), "--subreddit is 'r/gg'; write it without r/: \"gg\""),
+        (("g", "--from", "minecarft"), "there is no profile 'minecarft'"),
+        (("g", "--out", "there"), "there/keywords.tsv is there already, and is not overwritten"),
+    ],
+)  # fmt: skip
+def test_what_is_refused_leaves_nothing(
+    words: tuple[str, ...], said: str, tmp_path: Path, kb: Kb
+) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "keywords.tsv").write_text("mine")
+    done = kb("profile", "new", *words)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert [path.name for path in tmp_path.rglob("*")] == ["there", "keywords.tsv"]
+    assert (tmp_path / "there" / "keywords.tsv").read_text() == "mine"
+
+
+def test_in_a_checkout_it_goes_beside_the_shipped_ones(tmp_path: Path) -> None:
+    """A copy of the checkout's files that are looked at; nothing is written into this one."""
+    for part in ("kb", "schemas", "pipelines", "data/profiles"):
+        shutil.copytree(ROOT / part, tmp_path / part, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+
+    def kb(*words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "kb", *words],
+            cwd=tmp_path,
+            env=clean_environment() | {"PYTHONPATH": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    made = kb("profile", "new", "rock-gardens")
+    assert made.returncode == 0, made.stderr
+    assert (tmp_path / "data" / "profiles" / "rock-gardens" / "profile.toml").is_file()
+    assert "kb profile check rock-gardens\n" in made.stdout
+    assert kb("profile", "check", "rock-gardens").returncode == 2
+    assert kb("profile", "new", "rock-gardens").returncode == 2
+    with Sandbox(services=["youtube"]):
+        refused = kb("youtube", "crawl", "--profile", "rock-gardens")
+    assert refused.returncode == 2
+    assert "still to be filled in" in refused.stderr
+
+
+def test_the_list_says_what_its_reader_does(tmp_path: Path) -> None:
+    """The examples in its comments are rows that mean what they say."""
+    examples = re.findall(r"^#   (\w+)  +(\w+)  +(near)?  +(\w.*)$", KEYWORDS, re.MULTILINE)
+    assert len(examples) == 2
+    rows = "".join("\t".join(cells) + "\n" for cells in examples)
+    path = tmp_path / "keywords.tsv"
+    text = KEYWORDS.replace("FILL-IN\tkind\n", rows + "Soil\tthing\tnever\nPeat\tthing\tnear:30\n")
+    path.write_text(text, encoding="utf-8-sig")  # as an editor of Windows saves it
+    assert read(path, 20) == [
+        Keyword("Secateurs", "tool", None, ("pruning shears", "pruners")),
+        Keyword("Bed", "place", 20, ("flower bed",)),
+        Keyword("Soil", "thing", NEVER),
+        Keyword("Peat", "thing", 30),
+    ]
+
+
+def test_no_word_of_another_domain_stands_in_it() -> None:
+    both = profile_text("rock-gardens") + KEYWORDS
+    assert not re.search(r"minecraft|\bgames?\b|\bmobs?\b|\bplayers?\b", both, re.IGNORECASE)
