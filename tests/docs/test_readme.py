@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import os
 import re
 import shlex
@@ -54,6 +55,19 @@ def test_what_is_shown_is_what_comes(number: int, demo: Path, installed: Path) -
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.rstrip() == wanted.rstrip()
+
+
+def test_the_python_block_is_a_session_that_was_run(
+    demo: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(demo)
+    (block,) = blocks("python")
+    test = doctest.DocTestParser().get_doctest(block, {}, "README.md", "README.md", 0)
+    assert len(test.examples) >= 6
+    said: list[str] = []
+    doctest.DocTestRunner().run(test, out=said.append)
+    assert not said, "".join(said)
+    assert (demo / "saltstone.png").is_file()
 
 
 def test_commands_that_are_only_shown_exist() -> None:
