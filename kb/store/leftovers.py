@@ -19,7 +19,11 @@ _PLACES = {
     "pairs": ("pairs", "state/pairs"),
     "report": ("report",),
     "deposits": (),
-    "release-youtube": ("release/youtube", "export/minedojo/youtube_full.json"),
+    "release-youtube": (
+        "release/youtube",
+        "export/minedojo/youtube_full.json",
+        "export/minedojo/youtube_tutorial.json",
+    ),
     "release-wiki": ("release/wiki", "export/minedojo/wiki_full"),
     "release-reddit": (
         "release/reddit",
