@@ -45,9 +45,10 @@ def test_every_cell_runs_and_shows_something(
     assert "data:image/jpeg" in shown[6]
     assert "points" in shown[10]
     assert "Creeper" in names["data"].clips("creeper").to_pandas()["keyword"].tolist()
-    assert len(names["whole"].thread(names["post_id"])) == shown[12].count("\n") - (
-        1 if "not here" in shown[12] else 0
-    )
+    assert "not here (deleted, or left out by a filter)" in shown[10]
+    comments = [line for line in shown[12].splitlines() if line.startswith("  ")]
+    assert len(comments) == len(names["data"].thread(names["post_id"])) > 3
+    assert all(line.partition(") ")[2] for line in comments), "no texts"
     assert "creeper" in shown[13].lower()
 
 
