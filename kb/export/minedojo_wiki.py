@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote, urlsplit
+from urllib.parse import quote, unquote, urlsplit
 
 from kb.core.context import Run
 from kb.core.errors import FatalError
@@ -110,10 +110,15 @@ def folder_name(url: str, title: str) -> str:
     leads elsewhere and each leads back to its address.
     """
     parts = urlsplit(url)
+    steps = [step for step in parts.path.split("/") if step]
     named = [step for step in title.split("/") if step]
-    steps = [step for step in parts.path.split("/") if step][-max(1, len(named)) :]
     if parts.query:  # index.php?title=…: the path is the same for all
         steps = [quote(step.replace(" ", "_"), safe="") for step in named]
+    # What stands before the title ("/wiki/") is the site's own.
+    words = title.replace("_", " ")
+    tails = (steps[-count:] for count in range(1, len(steps) + 1))
+    exact = (tail for tail in tails if unquote("/".join(tail)).replace("_", " ") == words)
+    steps = next(exact, steps[-max(1, len(named)) :])
     return os.sep.join(_short(_plain(step)) for step in steps) or "_"
 
 

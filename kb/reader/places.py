@@ -69,9 +69,12 @@ def _of(path: Path) -> list[Placed]:
         return [
             Placed(one, one.files[0].parent if one.schema == "release" else path) for one in views
         ]
+    demo = path / "demo"
     raise UsageError(
         f"{path} holds no tables: it is neither a release nor a data root",
-        hint="give a folder with *-00000-of-0000N.parquet in it, one that holds such folders,"
+        hint=f'the demo\'s are there: kb.load("{demo}")'
+        if any(found(demo))
+        else "give a folder with *-00000-of-0000N.parquet in it, one that holds such folders,"
         " or a data root",
     )
 

@@ -121,6 +121,10 @@ def test_a_folder_of_no_tables_and_no_folder(tmp_path: Path, folder: Path) -> No
     (tmp_path / "empty").mkdir()
     with pytest.raises(UsageError, match="neither a release nor a data root"):
         kb.load(tmp_path / "empty")
+    shutil.copytree(folder, tmp_path / "empty" / "demo" / "release" / "reddit")
+    with pytest.raises(UsageError, match="neither a release nor a data root") as caught:
+        kb.load(tmp_path / "empty")
+    assert str(tmp_path / "empty" / "demo") in caught.value.hint
     with pytest.raises(UsageError, match="there is no "):
         kb.load(tmp_path / "nowhere")
     with pytest.raises(UsageError, match="is a file"):
