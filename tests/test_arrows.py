@@ -29,6 +29,7 @@ ALLOWED: dict[str, set[str]] = {
     "crawl": GROUND | {"core"},
     **{room: GROUND | {"core"} | ({"crawl"} if room in SOURCES else set()) for room in ROOMS},
     "query": {"store", "schema", "core"},
+    "reader": {"query", "store", "schema", "core"},
     "sandbox": ROOMS | GROUND | {"core"},
     "cli": ROOMS | ASKING | GROUND | {"core", "sandbox"},
     "pipelines": ROOMS | ASKING | GROUND | {"core", "sandbox"},

@@ -10,7 +10,8 @@
 
 ConvoKit walks a conversation only when every utterance's parent is there. For a comment that was
 filtered out or deleted an empty utterance stands in, with `meta.placeholder` true, a direct reply
-to the post.
+to the post. Who wrote it is not known, nor whether two are of one author: each has a speaker of its
+own, `unknown-<id>`, and so has what a deleted account wrote.
 
 Holds titles and bodies: it stays under export/ on the user's own disk and is never released.
 """
@@ -32,7 +33,7 @@ from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 from kb.store.reading import reading, scan
 
-_GONE = "unknown"  # ConvoKit needs a speaker for every utterance
+_GONE = "unknown-"  # and the id: ConvoKit needs a speaker for every utterance
 _TEXT, _NUMBER, _FLAG = ["<class 'str'>"], ["<class 'int'>"], ["<class 'bool'>"]
 _INDEX = {
     "utterances-index": {"score": _NUMBER, "depth": _NUMBER, "type": _TEXT, "placeholder": _FLAG},
@@ -134,7 +135,7 @@ def _post(row: dict[str, Any]) -> dict[str, Any]:
         "id": row["post_id"],
         "conversation_id": row["post_id"],
         "text": "\n\n".join(part for part in (row["title"], row["body"]) if part),
-        "speaker": row["author_hash"] or _GONE,
+        "speaker": row["author_hash"] or f"{_GONE}{row['post_id']}",
         "reply-to": None,
         "timestamp": row["made"],
         "meta": {"score": row["score"], "depth": None, "type": row["type"], "placeholder": False},
@@ -147,7 +148,7 @@ def _comment(row: dict[str, Any]) -> dict[str, Any]:
         "id": row["comment_id"],
         "conversation_id": row["post_id"],
         "text": row["body"],
-        "speaker": row["author_hash"] or _GONE,
+        "speaker": row["author_hash"] or f"{_GONE}{row['comment_id']}",
         "reply-to": row["parent"],
         "timestamp": row["made"],
         "meta": {

@@ -1,14 +1,17 @@
 """`--format minedojo`: YouTube in the layout of the published MineDojo data, a drop-in replacement.
 
 `export/minedojo/youtube_full.json` is a JSON list of `id, title, link, view_count, like_count,
-duration` (seconds) `, fps`. Source: "MineDojo: Building Open-Ended Embodied Agents with
-Internet-Scale Knowledge" (NeurIPS 2022), data appendix. The other sources' layouts are in files
-beside this one.
+duration` (seconds) `, fps`; `youtube_tutorial.json`, which its loader reads for `full=False`, has
+of these the videos whose title says that it teaches. Both are ASCII, as published. Source:
+"MineDojo: Building Open-Ended Embodied Agents with Internet-Scale Knowledge" (NeurIPS 2022), data
+appendix. The other sources' layouts are in files beside this one.
 """
 
 from __future__ import annotations
 
-import orjson
+import contextlib
+import json
+import re
 
 from kb.core.context import Run
 from kb.core.errors import FatalError
@@ -29,8 +32,16 @@ YOUTUBE = {
 }
 
 
+# MineDojo chose its tutorials by playlists; a title is what there is of every video.
+_TEACHES = re.compile(
+    r"\b(tutorials?|guides?|walk-?throughs?|how to|beginners?|basics|step by step|lessons?|"
+    r"explained|tips)\b",
+    re.IGNORECASE,
+)
+
+
 def youtube(run: Run) -> Summary:
-    """Writes youtube_full.json from clean/youtube/videos, one video a line, sorted by id.
+    """Writes both files from clean/youtube/videos, one video a line, sorted by id.
 
     Memory is bounded by the rows read ahead. Raises FatalError without clean rows, and DiskFull.
     """
@@ -41,18 +52,32 @@ def youtube(run: Run) -> Summary:
             hint="run `kb youtube filter` first",
         )
     path = Layout(run.root).export("minedojo", "youtube_full.json")
-    count = 0
+    count, teaching = 0, 0
     merge = Merge(parts, ["video_id"], list(YOUTUBE.values()))
-    try:
-        with writing(path) as temporary, temporary.open("wb") as file:
-            file.write(b"[")
-            for rows in merge:
-                for row in rows.rename_columns(list(YOUTUBE)).to_pylist():
-                    file.write((b",\n" if count else b"\n") + orjson.dumps(row))
-                    count += 1
-            file.write(b"\n]\n")
-    finally:
-        merge.close()
+    with (
+        contextlib.closing(merge),
+        writing(path) as whole,
+        writing(path.with_name("youtube_tutorial.json")) as some,
+        whole.open("w", encoding="ascii") as every,
+        some.open("w", encoding="ascii") as tutorials,
+    ):
+        every.write("[")
+        tutorials.write("[")
+        for rows in merge:
+            for row in rows.rename_columns(list(YOUTUBE)).to_pylist():
+                line = json.dumps(row)
+                every.write((",\n" if count else "\n") + line)
+                count += 1
+                if teaches(row["title"]):
+                    tutorials.write((",\n" if teaching else "\n") + line)
+                    teaching += 1
+        every.write("\n]\n")
+        tutorials.write("\n]\n")
     return Summary(
         command="youtube export", source="youtube", format="minedojo", videos=count, path=str(path)
     )
+
+
+def teaches(title: str) -> bool:
+    """Whether a title says that the video is a tutorial."""
+    return bool(_TEACHES.search(title))

@@ -1,6 +1,9 @@
 """Reddit in MineDojo's published layout: `reddit.json`, a list of objects with `id` and `type`.
 
-Content is not in it: the published loader, and `kb reddit reconstruct`, bring it back by id.
+Content is not in it: the published loader, and `kb reddit reconstruct`, bring it back by id. The
+loader knows text, image, video and link and takes a post's content by its type; so a poll is a text
+(as in the paper: its content is the post's own text), and a gallery an image (its content is the
+gallery's address).
 """
 
 from __future__ import annotations
@@ -16,6 +19,9 @@ from kb.core.verdict import Summary
 from kb.store.atomic import writing
 from kb.store.layout import Layout
 from kb.store.reading import reading
+
+# Types that MineDojo's loader does not know, and what they are there.
+TYPES = {"poll": "text", "gallery": "image"}
 
 
 def export(run: Run) -> Summary:
@@ -39,6 +45,10 @@ def export(run: Run) -> Summary:
     with writing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write("[")
         for number, (key, kind) in enumerate(sorted(found)):
-            file.write((",\n" if number else "\n") + json.dumps({"id": key, "type": kind}))
+            file.write((",\n" if number else "\n") + _line(key, kind))
         file.write("\n]\n")
     return Summary(command="reddit export", source="reddit", posts=len(found), path=str(path))
+
+
+def _line(key: str, kind: str) -> str:
+    return json.dumps({"id": key, "type": TYPES.get(kind, kind)})

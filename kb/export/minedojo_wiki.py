@@ -1,13 +1,15 @@
-"""`--format minedojo`: the wiki in the layout of the published MineDojo data, a drop-in
-replacement.
+"""`--format minedojo`: the wiki in the layout of the published MineDojo data.
 
-    export/minedojo/wiki_full/<path of the page's address>/data.json, screenshot.png, images/
+    export/minedojo/wiki_full/<title as in the page's address>/data.json, screenshot.png, images/
     {"metadata": {url, title, time},
      "tables": [{bbox, headers {text, bboxes}, cells {text, bboxes}}],
      "images": [{src, path, alt_text, caption, bbox}],
      "sprites": [{text, bbox}], "texts": [{text, bbox}]}
 
-bbox is [x, y, w, h] in whole pixels of the screenshot. Source: "MineDojo: Building Open-Ended
+bbox is [x, y, w, h] in pixels of the screenshot, x and y floats, w and h whole. Texts: none inside
+of a table, and none that another one holds (a list and its items: the list). Null where a caption
+or a sprite's text is not there. Files are ASCII. Pillow refuses screenshots above 178.9 megapixels
+(`Image.MAX_IMAGE_PIXELS`), so the published loader does too. Source: "MineDojo: Building Open-Ended
 Embodied Agents with Internet-Scale Knowledge" (NeurIPS 2022), data appendix. Only what the
 screenshot shows is in it, as there. SVG files, which its loader can't open, are given as the
 screenshot shows them.
@@ -16,15 +18,14 @@ screenshot shows them.
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 import shutil
 from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote, urlsplit
-
-import orjson
+from urllib.parse import quote, unquote, urlsplit
 
 from kb.core.context import Run
 from kb.core.errors import FatalError
@@ -39,9 +40,8 @@ Row = dict[str, Any]
 
 
 def wiki(run: Run) -> Summary:
-    """Writes wiki_full from clean/wiki, one page at a time.
-
-    Raises FatalError without clean rows, and DiskFull.
+    """Writes wiki_full from clean/wiki, one page at a time. Raises FatalError without clean rows,
+    and DiskFull.
     """
     if not Layout(run.root).rows("wiki/pages"):
         raise FatalError(
@@ -58,7 +58,7 @@ def wiki(run: Run) -> Summary:
     elements = _Grouped(
         run.root,
         "wiki/elements",
-        ["page_id", "element_id", "kind", "text", *_BOX, "visible", "reading_order"],
+        ["page_id", "element_id", "parent_id", "kind", "text", *_BOX, "visible", "reading_order"],
         ["page_id", "reading_order"],
     )
     cells = _Grouped(
@@ -85,7 +85,7 @@ def wiki(run: Run) -> Summary:
     )
     with replacing_folder(target) as fresh:
         for page in pages:
-            name = folder_name(page["url"])
+            name = folder_name(page["url"], page["title"])
             if (
                 name.casefold() in taken
             ):  # addresses that differ by case only, on file systems that don't
@@ -96,26 +96,37 @@ def wiki(run: Run) -> Summary:
             shutil.copyfile(inside(run.root, page["screenshot_path"]), folder / "screenshot.png")
             key = page["page_id"]
             data = _data(run.root, folder, page, elements.of(key), cells.of(key), images.of(key))
-            (folder / "data.json").write_bytes(orjson.dumps(data, option=orjson.OPT_INDENT_2))
+            (folder / "data.json").write_text(json.dumps(data, indent=2), encoding="ascii")
             count += 1
     return Summary(
         command="wiki export", source="wiki", format="minedojo", pages=count, path=str(target)
     )
 
 
-def folder_name(url: str) -> str:
-    """The page's folder: the path of its address,
-    each step a plain name that can't lead elsewhere.
+def folder_name(url: str, title: str) -> str:
+    """The page's folder: its title as the address has it, percent-encoded ("Caf%C3%A9").
+
+    A subpage is a folder below its page's. What the address leaves as it is and a file system or
+    the published loader can't have (a colon, a leading dot) is percent-encoded too, so that no step
+    leads elsewhere and each leads back to its address.
     """
-    steps = [
-        re.sub(r'[\x00-\x1f<>:"\\|?*]', "_", unquote(step).replace("/", "_"))
-        for step in urlsplit(url).path.split("/")
-        if step
-    ]
-    # The published loader skips names that start with a dot; no file system takes more than 255
-    # bytes.
-    names = [_short(re.sub(r"^\.+", "_", step)) for step in steps]
-    return str(Path(*names)) if names else "_"
+    parts = urlsplit(url)
+    steps = [step for step in parts.path.split("/") if step]
+    named = [step for step in title.split("/") if step]
+    if parts.query:  # index.php?title=…: the path is the same for all
+        steps = [quote(step.replace(" ", "_"), safe="") for step in named]
+    # What stands before the title ("/wiki/") is the site's own.
+    words = title.replace("_", " ")
+    tails = (steps[-count:] for count in range(1, len(steps) + 1))
+    exact = (tail for tail in tails if unquote("/".join(tail)).replace("_", " ") == words)
+    steps = next(exact, steps[-max(1, len(named)) :])
+    return str(Path(*(_short(_plain(step)) for step in steps or "_")))
+
+
+def _plain(step: str) -> str:
+    """A step that is a plain name: no file system's own characters, no dot at its start."""
+    held = quote(step, safe="%!$&'()+,;=@~")
+    return re.sub(r"^\.", "%2E", held)
 
 
 def _short(step: str) -> str:
@@ -146,11 +157,11 @@ class _Grouped:
         return found
 
 
-def box(row: Row) -> list[int]:
-    """[x, y, w, h] in whole pixels."""
+def box(row: Row) -> list[float | int]:
+    """[x, y, w, h] in pixels: x and y floats, w and h whole and at least 1."""
     return [
-        round(row["x"]),
-        round(row["y"]),
+        float(row["x"]),
+        float(row["y"]),
         max(1, round(row["width"])),
         max(1, round(row["height"])),
     ]
@@ -185,16 +196,44 @@ def _data(
             held for row in shown if (held := _image(root, folder, row, seen[row["element_id"]]))
         ],
         "sprites": [
-            {"text": row["text"] or "", "bbox": box(row)}
+            {"text": row["text"] or None, "bbox": box(row)}
             for row in seen.values()
             if row["kind"] == "sprite"
         ],
-        "texts": [
-            {"text": row["text"], "bbox": box(row)}
-            for row in seen.values()
-            if row["kind"] == "text" and row["text"]
-        ],
+        "texts": [{"text": row["text"], "bbox": box(row)} for row in own_texts(elements)],
     }
+
+
+def own_texts(elements: list[Row]) -> list[Row]:
+    """Shown text elements that are in no table, and whose words no text around them holds."""
+    every = {row["element_id"]: row for row in elements}
+    words = {
+        key: _words(row["text"])
+        for key, row in every.items()
+        if row["kind"] == "text" and row["visible"] and row["text"]
+    }
+    return [
+        every[key]
+        for key, text in words.items()
+        if not any(
+            above["kind"] in ("table", "cell") or text in words.get(above["element_id"], "")
+            for above in _around(every[key], every)
+        )
+    ]
+
+
+def _around(row: Row, every: dict[int, Row]) -> Iterator[Row]:
+    """The elements around one, the nearest first."""
+    passed = {row["element_id"]}
+    while (parent := row["parent_id"]) in every and parent not in passed:
+        passed.add(parent)
+        row = every[parent]
+        yield row
+
+
+def _words(text: str) -> str:
+    """The text without its spaces, which differ by how lines break."""
+    return "".join(text.split())
 
 
 def _table(row: Row, cells: list[Row]) -> Row:
@@ -224,12 +263,12 @@ def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
         "src": row["src"],
         "path": f"images/{name}",
         "alt_text": row["alt_text"] or "",
-        "caption": row["caption"] or "",
+        "caption": row["caption"] or None,
         "bbox": box(element),
     }
 
 
-def _crop(screenshot: Path, where: list[int], target: Path) -> None:
+def _crop(screenshot: Path, where: list[float | int], target: Path) -> None:
     from PIL import Image
 
     limit, Image.MAX_IMAGE_PIXELS = (
@@ -238,7 +277,7 @@ def _crop(screenshot: Path, where: list[int], target: Path) -> None:
     )  # our own picture, whose size the crawl has checked
     try:
         with Image.open(screenshot) as image:
-            x, y, width, height = where
+            x, y, width, height = map(round, where)
             image.crop((x, y, x + width, y + height)).save(target, "PNG")
     finally:
         Image.MAX_IMAGE_PIXELS = limit

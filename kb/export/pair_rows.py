@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import groupby
-from operator import itemgetter
 from typing import Any
 
 from kb.core.context import Run
@@ -32,9 +30,3 @@ def pair_rows(run: Run, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
             yield from rows.to_pylist()
     finally:
         merge.close()
-
-
-def by_video(run: Run, columns: Sequence[str]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """The rows of each video."""
-    for video, rows in groupby(pair_rows(run, ["video_id", *columns]), key=itemgetter("video_id")):
-        yield video, list(rows)

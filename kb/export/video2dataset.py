@@ -1,41 +1,43 @@
-r"""`kb pairs --format video2dataset`: the list of clips that video2dataset downloads and cuts.
+"""`kb pairs --format video2dataset`: the list of clips that video2dataset downloads and cuts.
 
-`export/video2dataset/pairs.parquet`, one row a video, sorted by its id: `url`, `caption` (the texts
-of the clips, one a line), `clips` ([[start, end], …] in seconds); `captions`, `keywords` and
-`pair_ids` have an entry a clip and go along with `save_additional_columns`.
+`export/video2dataset/pairs.parquet`, one row a clip, sorted by video and start: `url`, `caption`
+(the clip's own text), `clips` ([[start, end]] in seconds); `video_id`, `pair_id` and `keyword` go
+along
+with `save_additional_columns`. A video with several clips has several rows: video2dataset copies
+the
+caption of a row to every clip that it cuts out of it.
 
-    video2dataset --url_list pairs.parquet --input_format parquet \
-        --url_col url --caption_col caption --clip_col clips
+    video2dataset --url_list pairs.parquet --input_format parquet --url_col url --caption_col
+    caption --clip_col clips
 """
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.core.context import Run
-from kb.export.pair_rows import by_video
+from kb.export.pair_rows import pair_rows
 from kb.store.atomic import writing
 from kb.store.layout import Layout
 
-_COLUMNS = ["pair_id", "keyword", "text", "clip_start_s", "clip_end_s"]
-_ROWS = 4096  # videos written at a time
+_COLUMNS = ["video_id", "pair_id", "keyword", "text", "clip_start_s", "clip_end_s"]
+_ROWS = 16_384  # clips written at a time
 
 
 def schema() -> pa.Schema:
     """Columns of the file."""
-    texts = pa.list_(pa.string())
     return pa.schema(
         {
             "url": pa.string(),
             "caption": pa.string(),
             "clips": pa.list_(pa.list_(pa.float64())),
             "video_id": pa.string(),
-            "pair_ids": texts,
-            "keywords": texts,
-            "captions": texts,
+            "pair_id": pa.string(),
+            "keyword": pa.string(),
         }
     )
 
@@ -47,22 +49,22 @@ def write(run: Run) -> Path:
         writing(path) as temporary,
         pq.ParquetWriter(temporary, schema(), compression="zstd") as file,
     ):
-        waiting: list[dict[str, object]] = []
-        for video, rows in by_video(run, _COLUMNS):
-            texts = [row["text"] for row in rows]
-            waiting.append(
-                {
-                    "url": f"https://www.youtube.com/watch?v={video}",
-                    "caption": "\n".join(text for text in texts if text),
-                    "clips": [[row["clip_start_s"], row["clip_end_s"]] for row in rows],
-                    "video_id": video,
-                    "pair_ids": [row["pair_id"] for row in rows],
-                    "keywords": [row["keyword"] for row in rows],
-                    "captions": texts,
-                }
-            )
+        waiting: list[dict[str, Any]] = []
+        for row in pair_rows(run, _COLUMNS):
+            waiting.append(_clip(row))
             if len(waiting) == _ROWS:
                 file.write_table(pa.Table.from_pylist(waiting, schema()))
                 waiting = []
         file.write_table(pa.Table.from_pylist(waiting, schema()))
     return path
+
+
+def _clip(row: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "url": f"https://www.youtube.com/watch?v={row['video_id']}",
+        "caption": row["text"] or "",
+        "clips": [[row["clip_start_s"], row["clip_end_s"]]],
+        "video_id": row["video_id"],
+        "pair_id": row["pair_id"],
+        "keyword": row["keyword"],
+    }

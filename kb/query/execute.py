@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,22 +12,29 @@ import pyarrow as pa
 
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.query import nearest, statements
-from kb.query.views import found
+from kb.query.views import View, found
 from kb.store.reading import broken
 
 _BATCH = 10_000  # rows
 
 
 def select(
-    con: duckdb.DuckDBPyConnection, sql: str, *, root: Path | None = None, text: bool = False
+    con: duckdb.DuckDBPyConnection,
+    sql: str,
+    *,
+    root: Path | None = None,
+    views: Sequence[View] | None = None,
+    text: bool = False,
 ) -> pa.RecordBatchReader:
     """Run one query and stream its rows; columns of one name become a, a_1, a_2.
 
     What Arrow can't hold (intervals, bits) comes as text, with `text` bytes too. Raises UsageError
     in one line for what is wrong with it (with the nearest names there are), and for anything that
-    is no query; DamagedData for a file of `root` that can't be read. Both may come while rows are
-    read.
+    is no query; DamagedData for a file of `root` (or of `views`, as given to `connect`) that can't
+    be read. Both may come while rows are read.
     """
+    if views is None:
+        views = list(found(root.absolute())) if root else []
     try:
         statements.check(con, sql)
         relation = con.sql(sql)
@@ -37,29 +44,29 @@ def select(
     except (duckdb.CatalogException, duckdb.BinderException) as error:
         if said := nearest.unknown(con, sql, error, root):
             raise said from None
-        raise _problem(error, root) from None
+        raise _problem(error, views) from None
     except duckdb.Error as error:
-        raise _problem(error, root) from None
+        raise _problem(error, views) from None
     names = statements.distinct(reader.schema.names)
     fields = [field.with_name(name) for field, name in zip(reader.schema, names, strict=True)]
-    return pa.RecordBatchReader.from_batches(pa.schema(fields), _batches(reader, names, root))
+    return pa.RecordBatchReader.from_batches(pa.schema(fields), _batches(reader, names, views))
 
 
 def _batches(
-    reader: pa.RecordBatchReader, names: list[str], root: Path | None
+    reader: pa.RecordBatchReader, names: list[str], views: Sequence[View]
 ) -> Iterator[pa.RecordBatch]:
     try:
         for batch in reader:
             yield batch.rename_columns(names)
     except (pa.ArrowException, OSError) as error:
         # What DuckDB raises becomes an OSError without a number on its way.
-        raise _problem(error, root) from None
+        raise _problem(error, views) from None
 
 
-def _problem(error: Exception, root: Path | None) -> KbError:
+def _problem(error: Exception, views: Sequence[View]) -> KbError:
     """What to say of a query that DuckDB gave up: a file is damaged, or the query is wrong."""
     line = nearest.one_line(error)
-    files = [path for view in found(root.absolute()) for path in view.files] if root else []
+    files = [path for view in views for path in view.files]
     named = [path for path in files if str(path) in str(error)]
     # A wrong query has a kind ("Binder Error: …"); what a reader of Parquet stumbles over has none.
     about_files = line.startswith(("IO Error: ", "Invalid Error: ")) or not re.match(

@@ -8,7 +8,7 @@ links'. Only files of these tables can be read: nothing is written, attached, lo
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -120,13 +120,15 @@ def bare(views: Iterable[View]) -> dict[str, View]:
     return {view.name: view for view in ranked}
 
 
-def connect(root: Path) -> duckdb.DuckDBPyConnection:
+def connect(root: Path | None, views: Sequence[View] | None = None) -> duckdb.DuckDBPyConnection:
     """An in-memory DuckDB with the data root's views, which can reach nothing else.
 
-    Raises DamagedData for a file that is no Parquet.
+    `views`: these instead of what is found at `root`, with absolute paths; without a `root`
+    nothing is written beside them. Raises DamagedData for a file that is no Parquet.
     """
     con = database.connect(root)
-    views = list(found(root.absolute()))
+    if views is None:
+        views = list(found(root.absolute())) if root else []
     _make(con, views)
     folders = {f"{view.files[0].parent}/" for view in views}
     # The pattern is checked, then the file.
@@ -138,7 +140,7 @@ def connect(root: Path) -> duckdb.DuckDBPyConnection:
     return con
 
 
-def _make(con: duckdb.DuckDBPyConnection, views: list[View]) -> None:
+def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View]) -> None:
     """The views, and bare names in the default schema, so that SHOW TABLES has each once."""
     for schema in SCHEMAS:
         con.execute(f"CREATE SCHEMA {schema}")

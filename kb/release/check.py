@@ -126,7 +126,9 @@ def _layout(folder: Folder) -> list[Problem]:
 
 
 def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
-    """Problems of the Parquet files, and the parts whose shards can be read as declared."""
+    """Problems of the Parquet files and samples, and the parts whose shards can be read as
+    declared.
+    """
     found: list[Problem] = []
     whole = []
     for part in folder.parts:
@@ -149,6 +151,8 @@ def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
         found += problems
     for declared, path in folder.described():
         found += columns.check(path, declared, folder.source)
+    for declared, path in folder.samples():
+        found += columns.check_sample(path, declared, folder.source)
     return found, whole
 
 

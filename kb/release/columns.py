@@ -1,12 +1,14 @@
-"""What a released Parquet file may hold: declared columns of declared types,
+"""What a released Parquet file or sample may hold: declared columns of declared types,
 and values as `schemas/` says.
 """
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -33,19 +35,62 @@ def check(path: Path, declared: Table, source: str) -> list[Problem]:
         return [damaged(where, error, "export it again")]
 
 
+def check_sample(path: Path, declared: Table, source: str) -> list[Problem]:
+    """The same of a sample, which is a JSON list of rows."""
+    where = f"{source}/{path.name}"
+    try:
+        rows = orjson.loads(path.read_bytes())
+        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+            raise ValueError("it is no list of rows")
+    except (ValueError, OSError) as error:
+        return [damaged(where, error, "run `kb release` again")]
+    expected = declared.arrow(True)
+    known = {column.name: column for column in declared.columns}
+    if rows and (strange := sorted({name for row in rows for name in row} ^ set(expected.names))):
+        return [
+            _strange(name, known.get(name), where, missing=name in expected.names)
+            for name in strange
+        ]
+    found = []
+    for field in expected:
+        column = known[field.name]
+        try:
+            values = _array([row.get(field.name) for row in rows], field.type)
+        except (pa.ArrowException, ValueError, TypeError):
+            what = f"column {field.name} holds something else than {column.type}"
+            found.append(Problem("undescribed", where, what))
+            continue
+        ids_only = source == "reddit" and declared.source == source
+        if problem := _odd(values, column, where, ids_only=ids_only):
+            found.append(problem)
+    return found
+
+
+def _array(values: list[Any], kind: pa.DataType) -> pa.Array:
+    """JSON's values in a column's type; times are texts there."""
+    if pa.types.is_timestamp(kind):
+        times = [None if one is None else datetime.fromisoformat(one) for one in values]
+        return pa.array(times, kind)
+    return pa.array(values, kind)
+
+
+def _strange(name: str, column: Column | None, where: str, *, missing: bool) -> Problem:
+    if missing:
+        return Problem("undescribed", where, f"column {name} is missing")
+    if column is None:
+        return Problem("undescribed", where, f"column {name} is not described in schemas/")
+    word = "content" if column.content else "unreleased"
+    return Problem(word, where, f"column {name} may not be released")
+
+
 def _columns(declared: Table, schema: pa.Schema, where: str) -> list[Problem]:
     known = {column.name: column for column in declared.columns}
     expected = declared.arrow(True)
     found = []
     for field in schema:
         column = known.get(field.name)
-        if column is None:
-            found.append(
-                Problem("undescribed", where, f"column {field.name} is not described in schemas/")
-            )
-        elif not column.released:
-            word = "content" if column.content else "unreleased"
-            found.append(Problem(word, where, f"column {field.name} may not be released"))
+        if column is None or not column.released:
+            found.append(_strange(field.name, column, where, missing=False))
         elif field.type != expected.field(field.name).type:
             found.append(
                 Problem(
@@ -55,7 +100,7 @@ def _columns(declared: Table, schema: pa.Schema, where: str) -> list[Problem]:
                 )
             )
     found += [
-        Problem("undescribed", where, f"column {name} is missing")
+        _strange(name, known[name], where, missing=True)
         for name in expected.names
         if name not in schema.names
     ]

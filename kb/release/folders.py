@@ -64,12 +64,17 @@ class Folder:
         return [path for path in _files(self.path) if path.name != SUMS and not path.is_symlink()]
 
     def described(self) -> list[tuple[Table, Path]]:
-        """Samples and tombstones with the tables that they are of:
-        Parquet files beside the shards.
+        """Parquet files beside the shards with the tables that they are of:
+        tombstones, old samples.
         """
-        named = {_sample(declared): declared for declared in released_tables(self.source)} | {
+        named = {old_sample_name(one): one for one in released_tables(self.source)} | {
             TOMBSTONES: table("shared/tombstones")
         }
+        return [(named[path.name], path) for path in self.files() if path.name in named]
+
+    def samples(self) -> list[tuple[Table, Path]]:
+        """Samples with the tables that they are of: JSON files."""
+        named = {sample_name(one): one for one in released_tables(self.source)}
         return [(named[path.name], path) for path in self.files() if path.name in named]
 
 
@@ -120,7 +125,8 @@ def is_made(name: str, source: str) -> bool:
     return (
         name in MADE
         or name in texts
-        or name in {_sample(declared) for declared in released_tables(source)}
+        or name in {sample_name(declared) for declared in released_tables(source)}
+        or name in {old_sample_name(declared) for declared in released_tables(source)}
     )
 
 
@@ -133,5 +139,11 @@ def _files(path: Path) -> list[Path]:
     ]
 
 
-def _sample(declared: Table) -> str:
+def sample_name(declared: Table) -> str:
+    """The file with some rows of a table."""
+    return f"{declared.short}.sample.json"
+
+
+def old_sample_name(declared: Table) -> str:
+    """What it was before: checked as long as it is there; the next `kb release` removes it."""
     return f"sample-{declared.short}.parquet"

@@ -1,4 +1,7 @@
-"""sample-<table>.parquet: some rows of each table that belong together, for a first look.
+"""<table>.sample.json: some rows of each table that belong together, for a first look.
+
+A JSON list with a row a line, times in ISO 8601. No Parquet: whoever reads `*.parquet` of a folder
+would have these rows twice.
 
 The tables of a folder share a column (a page, a post, a video). Its values are taken in the order
 of their MD5, so the sample is spread over the data and the same each time, until it is large
@@ -8,12 +11,16 @@ enough.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import orjson
+import pyarrow as pa
 from duckdb import DuckDBPyConnection
 
-from kb.release.folders import Folder, Part
+from kb.release.folders import Folder, Part, old_sample_name, sample_name
 from kb.store import database
-from kb.store.shards import write_table
+from kb.store.atomic import writing
+from kb.store.shards import order
 
 _MOST = 5_000  # groups: a sample is for reading
 
@@ -50,9 +57,25 @@ def _part(con: DuckDBPyConnection, folder: Folder, part: Part, shared: str, take
         f" ORDER BY h LIMIT {take})",
         params=[[str(shard) for shard in part.shards]],
     ).to_arrow_table()
-    path = folder.path / f"sample-{part.table.short}.parquet"
-    write_table(path, found, part.table, released=True)
+    found = found.sort_by([(name, "ascending") for name in order(part.table)])
+    path = folder.path / sample_name(part.table)
+    columns = [_values(found[name]) for name in found.column_names]
+    with writing(path) as temporary, temporary.open("wb") as file:
+        file.write(b"[")
+        for number, row in enumerate(zip(*columns, strict=True)):
+            file.write(b",\n" if number else b"\n")
+            line = dict(zip(found.column_names, row, strict=True))
+            file.write(orjson.dumps(line, option=orjson.OPT_UTC_Z))
+        file.write(b"\n]\n")
+    (folder.path / old_sample_name(part.table)).unlink(missing_ok=True)
     return path
+
+
+def _values(column: pa.ChunkedArray) -> list[Any]:
+    """Python's values; of a 32-bit number its own digits (0.12), not those a longer one has of it."""
+    if not pa.types.is_float32(column.type):
+        return column.to_pylist()
+    return [None if text is None else float(text) for text in column.cast(pa.string()).to_pylist()]
 
 
 def _shared(parts: tuple[Part, ...]) -> str:

@@ -162,7 +162,13 @@ def test_an_address_and_a_subreddit_are_filled_in(tmp_path: Path, kb: Kb) -> Non
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("Rock Gardens",), "'Rock Gardens' is no name of a profile: small letters, digits, - and _ only; write rock-gardens"),
+        (
+            ("Rock Gardens",),
+            (
+                "'Rock Gardens' is no name of a profile: small letters, digits, - and _ only;"
+                " write rock-gardens"
+            ),
+        ),
         (("g", "--wiki", "g.wiki"), "--wiki is 'g.wiki'; must be an address like"),
         (("g", "--subreddit", "r/gg"), "--subreddit is 'r/gg'; write it without r/: \"gg\""),
         (("g", "--from", "minecarft"), "there is no profile 'minecarft'"),

@@ -4,6 +4,7 @@ what needs a real service is at least a real command.
 
 from __future__ import annotations
 
+import doctest
 import os
 import re
 import shlex
@@ -61,6 +62,19 @@ def test_what_is_shown_is_what_comes(number: int, demo: Path, installed: Path) -
     assert done.stdout.rstrip() == wanted.rstrip()
 
 
+def test_the_python_block_is_a_session_that_was_run(
+    demo: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(demo)
+    (block,) = blocks("python")
+    test = doctest.DocTestParser().get_doctest(block, {}, "README.md", "README.md", 0)
+    assert len(test.examples) >= 6
+    said: list[str] = []
+    doctest.DocTestRunner().run(test, out=said.append)
+    assert not said, "".join(said)
+    assert (demo / "saltstone.png").is_file()
+
+
 def test_commands_that_are_only_shown_exist() -> None:
     lines = [
         line.split("  #")[0].split(" #")[0].strip()
@@ -108,7 +122,7 @@ def test_another_domain_is_set_up_as_it_is_written_there(tmp_path: Path, install
         ["bash", "-e", "-c", block],
         cwd=tmp_path,
         env={
-            **clean_environment(),
+            **outside(),
             "PATH": f"{installed}:{os.environ['PATH']}",
             "EDITOR": f"{sys.executable} editor.py",
         },

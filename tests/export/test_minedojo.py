@@ -60,3 +60,28 @@ def test_youtube_full_json(tmp_path: Path, make_rows, run_at, fill) -> None:  # 
     minedojo.youtube(run_at(tmp_path))
     assert path.read_bytes() == before
     assert not (tmp_path / "release").exists()
+
+
+def test_tutorials_are_those_whose_title_says_so(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
+    """MineDojo's YouTubeDataset(full=False) reads youtube_tutorial.json, with the keys of the full
+    file.
+    """
+    titles = [
+        "Minecraft Tutorial: a café",
+        "How to tame a fox",
+        "BEGINNER'S guide",
+        "A walk-through",
+        "Misguided",
+        "I lost it all",
+    ]
+    links = [f"https://www.youtube.com/watch?v={row}" for row in range(6)]
+    fill(tmp_path, "youtube/videos", make_rows("youtube/videos", 6, title=titles, link=links), 2)
+    minedojo.youtube(run_at(tmp_path))
+    folder = tmp_path / "export" / "minedojo"
+    full, some = (
+        json.loads((folder / f"youtube_{name}.json").read_text(encoding="ascii"))
+        for name in ("full", "tutorial")
+    )
+    jsonschema.validate(some, PUBLISHED)
+    assert some == [video for video in full if video["title"] in titles[:4]]
+    assert len(some) == 4

@@ -93,6 +93,34 @@ def test_clip4mc(run: Run) -> None:
     ]
 
 
+def test_clip4mc_splits_hold_every_pair_once_and_share_no_video(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Read as its users do: dataset_test.json, and every dataset_train*.json."""
+    monkeypatch.setattr(clip4mc, "_ONE_IN", 5)  # there are thirty videos here
+    folder = _export(run, "clip4mc").parent
+    whole, test = (
+        json.loads((folder / name).read_text(encoding="ascii"))
+        for name in ("dataset.json", "dataset_test.json")
+    )
+    train = [
+        pair
+        for path in sorted(folder.glob("dataset_train*.json"))
+        for pair in json.loads(path.read_text(encoding="ascii"))
+    ]
+    for part in (test, train):
+        jsonschema.validate(part, CLIP4MC)
+        assert part
+    assert sorted(map(str, test + train)) == sorted(map(str, whole))
+    assert not {pair["vid"] for pair in test} & {pair["vid"] for pair in train}
+    assert len({pair["vid"] for pair in test}) < len({pair["vid"] for pair in train})
+
+
+def test_about_one_video_in_twenty_is_for_testing() -> None:
+    share = sum(clip4mc.in_test(f"video{number}") for number in range(20_000)) / 20_000
+    assert 0.04 < share < 0.06
+
+
 def test_clip4mc_needs_texts(run: Run, tmp_path: Path) -> None:
     other = replace(run, root=tmp_path)
     (tmp_path / "pairs").mkdir()
@@ -150,7 +178,7 @@ def test_video2dataset_reads_the_clips(run: Run, tmp_path: Path) -> None:
         "url",
         "caption",
         "clips",
-        ["video_id", "captions"],
+        ["video_id", "pair_id"],
         7,
         set(),
         str(tmp_path),
@@ -158,11 +186,9 @@ def test_video2dataset_reads_the_clips(run: Run, tmp_path: Path) -> None:
     rows = [row for file, _ in reader for row in pa.ipc.open_file(file).read_all().to_pylist()]
     pairs = _pairs(run)
     assert [row["url"] for row in rows] == [
-        f"https://www.youtube.com/watch?v={video}"
-        for video in sorted({row["video_id"] for row in pairs})
+        f"https://www.youtube.com/watch?v={row['video_id']}" for row in pairs
     ]
-    assert [(row["video_id"], *clip) for row in rows for clip in row["clips"]] == [
-        (row["video_id"], row["clip_start_s"], row["clip_end_s"]) for row in pairs
+    # Its downloader gives a row's caption to each clip of the row: so a row has one clip, its own.
+    assert [(row["pair_id"], row["clips"], row["caption"]) for row in rows] == [
+        (row["pair_id"], [[row["clip_start_s"], row["clip_end_s"]]], row["text"]) for row in pairs
     ]
-    assert [text for row in rows for text in row["captions"]] == [row["text"] for row in pairs]
-    assert all(row["caption"] == "\n".join(row["captions"]) for row in rows)

@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import duckdb
+import numpy
+import polars
 import pyarrow.parquet as pq
 import pytest
 import requests
@@ -231,18 +235,51 @@ def test_cffconvert(downloaded: Path, source: str) -> None:
 
 @pytest.mark.parametrize("source", SOURCES)
 def test_a_sample_of_rows_that_belong_together(downloaded: Path, source: str) -> None:
-    samples = sorted((downloaded / source).glob("sample-*.parquet"))
-    assert [path.stem.removeprefix("sample-") for path in samples] == [
+    samples = sorted((downloaded / source).glob("*.sample.json"))
+    assert [path.name.removesuffix(".sample.json") for path in samples] == [
         name.partition("/")[2] for name in TABLES if name.startswith(f"{source}/")
     ]
+    for path in samples:
+        short = path.name.partition(".")[0]
+        rows = polars.read_json(path)
+        whole = polars.read_parquet(downloaded / source / f"{short}-*-of-*.parquet")
+        assert rows.columns == whole.columns
+        assert 0 < rows.height <= whole.height
+        first = json.loads(path.read_text(encoding="utf-8"))[0]
+        key = whole.columns[0]
+        same = whole.filter(polars.col(key) == first[key]).to_dicts()
+        assert any(_as_json(row) == first for row in same)
     if source == "wiki":
         pages, elements = (
-            set(
-                pq.read_table(downloaded / "wiki" / f"sample-{name}.parquet")["page_id"].to_pylist()
-            )
+            set(polars.read_json(downloaded / "wiki" / f"{name}.sample.json")["page_id"])
             for name in ("pages", "elements")
         )
         assert pages == elements
+
+
+def _as_json(row: dict[str, Any]) -> dict[str, Any]:
+    """A row as JSON has it: times in ISO 8601, 32-bit numbers by their own digits."""
+    return {
+        name: value.isoformat().replace("+00:00", "Z")
+        if isinstance(value, datetime)
+        else float(str(numpy.float32(value)))
+        if name.startswith("toxicity") and value is not None
+        else value
+        for name, value in row.items()
+    }
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_every_row_comes_once_for_who_reads_all_parquet_files(
+    downloaded: Path, source: str
+) -> None:
+    """Nothing beside the shards and the tombstones is a `*.parquet`."""
+    others = {
+        path.name
+        for path in (downloaded / source).glob("*.parquet")
+        if not re.fullmatch(r"[a-z]+-\d{5}-of-\d{5}\.parquet", path.name)
+    }
+    assert others == {"tombstones.parquet"}
 
 
 def test_no_text_of_reddit_or_transcripts_leaves(downloaded: Path) -> None:

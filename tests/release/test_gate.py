@@ -279,6 +279,7 @@ def test_some_pages_without_licence(tmp_path: Path) -> None:
         ("reddit", "posts.csv"),
         ("reddit", "posts-1-of-1.parquet"),
         ("reddit", "sample-bodies.parquet"),
+        ("reddit", "bodies.sample.json"),
         ("youtube", "LICENSE-mine.txt"),
         ("youtube", "images-00000-of-00001.tar"),
         ("youtube", "settings.env"),
@@ -306,6 +307,39 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
         f"undeclared file: youtube/{name}: is a link; a release has files of its own"
         for name in ("DATASHEET.md", "README.md", "extra.txt")
     ]
+
+
+def test_sample_in_json_with_content(tmp_path: Path) -> None:
+    build(tmp_path, sources=("reddit",))
+    release(a_run(tmp_path))
+    path = tmp_path / "release" / "reddit" / "posts.sample.json"
+    rows = json.loads(path.read_text())
+    for edit, line in (
+        ({"title": "x"}, "content: {}: column title may not be released"),
+        ({"mood": "x"}, "undescribed: {}: column mood is not described in schemas/"),
+        (
+            {"post_id": "somebody wrote this"},
+            "content: {}: column post_id holds text that is no id",
+        ),
+        ({"type": "poem"}, "content: {}: column type holds something else than "),
+        ({"score": "many"}, "undescribed: {}: column score holds something else than int64"),
+        ({"post_id": None}, "null: {}: column post_id has rows without a value"),
+        ({"created_utc": "soon"}, "undescribed: {}: column created_utc holds something else than "),
+    ):
+        path.write_text(json.dumps([rows[0] | edit, *rows[1:]]))
+        wanted = line.format("reddit/posts.sample.json")
+        assert any(said.startswith(wanted) for said in refused(tmp_path)), line
+    path.write_text(json.dumps(rows))
+    release(a_run(tmp_path))
+
+
+def test_an_old_sample_is_checked_and_then_replaced(tmp_path: Path) -> None:
+    build(tmp_path, sources=("reddit",))
+    folder = tmp_path / "release" / "reddit"
+    shutil.copy(folder / "posts-00000-of-00001.parquet", folder / "sample-posts.parquet")
+    release(a_run(tmp_path))
+    assert not list(folder.glob("sample-*"))
+    assert (folder / "posts.sample.json").is_file()
 
 
 def test_sample_with_content(tmp_path: Path) -> None:
@@ -445,7 +479,7 @@ def test_index_that_is_gone_or_damaged(tmp_path: Path, text: str | None) -> None
     [
         ("youtube", "clean/youtube/videos/part-00000.parquet"),
         ("pairs", "pairs/part-00000.parquet"),
-        ("pairs", "release/pairs/sample-pairs.parquet"),
+        ("pairs", "release/pairs/pairs.sample.json"),
     ],
 )
 def test_damaged_files_are_lines(tmp_path: Path, text: str, file: str) -> None:

@@ -18,7 +18,12 @@ from kb.export import minedojo_wiki, wiki_tar
 from kb.schema import table
 from kb.store.shards import write_table
 
-BOX = {"type": "array", "items": {"type": "integer"}, "minItems": 4, "maxItems": 4}
+BOX = {
+    "type": "array",
+    "items": [*[{"type": "number"}] * 2, *[{"type": "integer", "minimum": 1}] * 2],
+    "minItems": 4,
+    "maxItems": 4,
+}
 CELLS = {
     "type": "object",
     "required": ["text", "bboxes"],
@@ -32,8 +37,9 @@ TEXT = {
     "type": "object",
     "required": ["text", "bbox"],
     "additionalProperties": False,
-    "properties": {"text": {"type": "string"}, "bbox": BOX},
+    "properties": {"text": {"type": "string", "minLength": 1}, "bbox": BOX},
 }
+WORDS = {"type": ["string", "null"], "minLength": 1}
 PUBLISHED = {  # the layout as published, see kb/export/minedojo_wiki.py
     "type": "object",
     "required": ["metadata", "tables", "images", "sprites", "texts"],
@@ -65,12 +71,16 @@ PUBLISHED = {  # the layout as published, see kb/export/minedojo_wiki.py
                 "required": ["src", "path", "alt_text", "caption", "bbox"],
                 "additionalProperties": False,
                 "properties": {
-                    **{name: {"type": "string"} for name in ("src", "path", "alt_text", "caption")},
+                    **{name: {"type": "string"} for name in ("src", "path", "alt_text")},
+                    "caption": WORDS,
                     "bbox": BOX,
                 },
             },
         },
-        "sprites": {"type": "array", "items": TEXT},
+        "sprites": {
+            "type": "array",
+            "items": {**TEXT, "properties": {"text": WORDS, "bbox": BOX}},
+        },
         "texts": {"type": "array", "items": TEXT},
     },
 }
@@ -214,22 +224,61 @@ def test_minedojo_layout(run):
     minedojo_wiki.wiki(run)
     root = run.root / "export/minedojo/wiki_full"
     folders = sorted(path.parent.relative_to(root).as_posix() for path in root.rglob("data.json"))
-    assert folders == ["wiki/One", "wiki/_%2F_%2Fetc/_Two"] or len(folders) == 2
+    assert folders == ["%2ETwo", "One"]
     assert all(not part.startswith(".") for name in folders for part in name.split("/"))
     for path in root.rglob("data.json"):
-        data = json.loads(path.read_text())
+        data = json.loads(path.read_text(encoding="ascii"))
         jsonschema.validate(data, PUBLISHED)
         for image in data["images"]:
             with Image.open(path.parent / image["path"]) as opened:
                 opened.load()
         with Image.open(path.parent / "screenshot.png") as opened:
             opened.load()
-    data = json.loads((root / "wiki/One/data.json").read_text())
+    data = json.loads((root / "One/data.json").read_text())
     assert [text["text"] for text in data["texts"]] == ["Head"]
     assert data["tables"][0]["headers"]["text"] == ["H"]
     assert data["tables"][0]["cells"]["text"] == ["c"]
-    assert [image["caption"] for image in data["images"]] == ["a caption", ""]
-    assert len(data["sprites"]) == 1
+    assert [image["caption"] for image in data["images"]] == ["a caption", None]
+    assert data["sprites"] == [{"text": None, "bbox": [10.4, 10.4, 10, 10]}]
+    assert all(type(value) is float for text in data["texts"] for value in text["bbox"][:2])
+
+
+def test_texts_stand_once_and_in_no_table(run, make_rows):
+    """As in the published data: no text inside of a table, none that another one holds."""
+    shown = [
+        # id, parent, kind, text, visible
+        (0, None, "text", "Uses", True),
+        (1, None, "text", "Fuel for\n  a furnace.  Food, at sea.", True),
+        (2, 1, "text", "Fuel for a furnace.", True),
+        (3, 1, "text", "Food, at sea.", True),
+        (4, 3, "text", "at sea.", True),
+        (5, None, "table", None, True),
+        (6, 5, "cell", "4", True),
+        (7, 6, "text", "4", True),
+        (8, 5, "text", "Pieces a bed", True),
+        (9, None, "text", "a hidden list: one", False),
+        (10, 9, "text", "one", True),
+        (11, None, "text", "Uses", True),
+        (12, None, "text", "own words only", True),
+        (13, 12, "text", "of a child", True),
+        (14, 15, "text", "round", True),
+        (15, 14, "text", "round", True),
+    ]
+    names = ("element_id", "parent_id", "kind", "text", "visible")
+    columns = dict(zip(names, map(list, zip(*shown, strict=True)), strict=True))
+    rows = make_rows(
+        "wiki/elements",
+        len(shown),
+        page_id=[1] * len(shown),
+        reading_order=list(range(len(shown))),
+        heading_level=[None] * len(shown),
+        **columns,
+    )
+    put(run.root, rows, "wiki/elements")
+    minedojo_wiki.wiki(run)
+    data = json.loads((run.root / "export/minedojo/wiki_full/One/data.json").read_text())
+    texts = [text["text"] for text in data["texts"]]
+    assert texts == ["Uses", shown[1][3], "one", "Uses", "own words only", "of a child"]
 
 
 @pytest.mark.parametrize(
@@ -265,23 +314,33 @@ def test_nothing_to_export_and_lost_files(run, run_on, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("url", "expected"),
+    ("title", "url", "expected"),
     [
-        ("https://w.example/wiki/Iron_Ore", "wiki/Iron_Ore"),
-        ("https://w.example/wiki/A%2FB", "wiki/A_B"),
-        ("https://w.example/wiki/..", "wiki/_"),
-        ("https://w.example/wiki/.hidden", "wiki/_hidden"),
-        ("https://w.example/", "_"),
-        ("https://w.example/wiki/%00x", "wiki/_x"),
+        ("Iron Ore", "https://w.example/wiki/Iron_Ore", "Iron_Ore"),
+        ("Creeper", "https://w.example/w/Creeper", "Creeper"),
+        ("Café", "https://w.example/w/Caf%C3%A9", "Caf%C3%A9"),
+        ("Café", "https://w.example/w/Café", "Caf%C3%A9"),
+        ("Jeb's Ore?", "https://w.example/w/Jeb's_Ore%3F", "Jeb's_Ore%3F"),
+        ("Old/Redstone", "https://w.example/w/Old/Redstone", "Old/Redstone"),
+        ("Help:Ore", "https://w.example/w/Help:Ore", "Help%3AOre"),
+        ("A/B", "https://w.example/wiki/A%2FB", "A%2FB"),
+        ("Renamed since", "https://w.example/wiki/Before", "Before"),
+        ("..", "https://w.example/wiki/..", "%2E."),
+        (".hidden", "https://w.example/wiki/.hidden", "%2Ehidden"),
+        ("Main Page", "https://w.example/", "_"),
+        ("x", "https://w.example/wiki/%00x", "%00x"),
+        ("A b/c", "https://w.example/index.php?title=A_b/c", "A_b/c"),
     ],
 )
-def test_folder_name(url, expected):
-    assert minedojo_wiki.folder_name(url) == expected
+def test_folder_name(title, url, expected):
+    assert minedojo_wiki.folder_name(url, title) == expected
+    assert all(step not in ("", ".", "..") for step in expected.split("/"))
 
 
 def test_long_names_stay_apart():
     one, two = (
-        minedojo_wiki.folder_name(f"https://w.example/wiki/{'é' * 300}{end}") for end in "ab"
+        minedojo_wiki.folder_name(f"https://w.example/wiki/{'é' * 300}{end}", f"{'é' * 300}{end}")
+        for end in "ab"
     )
     assert one != two
     assert max(len(part.encode()) for part in one.split("/")) < 255

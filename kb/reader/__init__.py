@@ -1,0 +1,32 @@
+"""What was downloaded or crawled, in Python: `data = kb.load("release/")`, made for a notebook.
+
+    data.tables                         what is there
+    data["youtube_videos"]              a table: .to_pandas(), .to_polars(), .to_table(), .schema
+    data.sql("SELECT …")                an answer, with the same ways out
+    data.page("Creeper")                a wiki page: .screenshot(), .boxes("table").draw()
+    data.thread("abc123")               a post and its comments, nested
+    data.clips("creeper")               clips of a keyword, with their videos and texts
+
+Nothing is written, sent or asked for: no key, no profile, no network. Folders are in `places`,
+tables in `rows`, HTML in `html`; pages in `page` and `picture`, the rest by its own name.
+"""
+
+from kb.reader.data import Data, load
+from kb.reader.page import Box, Boxes, Page
+from kb.reader.rows import Answer, Rows, Table
+from kb.reader.tables import Tables
+from kb.reader.thread import Comment, Thread
+
+__all__ = [
+    "Answer",
+    "Box",
+    "Boxes",
+    "Comment",
+    "Data",
+    "Page",
+    "Rows",
+    "Table",
+    "Tables",
+    "Thread",
+    "load",
+]

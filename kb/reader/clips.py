@@ -1,0 +1,69 @@
+"""`data.clips(keyword)`: pairs with their videos and texts."""
+
+from __future__ import annotations
+
+import difflib
+from typing import TYPE_CHECKING
+
+from kb.core.errors import UsageError
+from kb.query.views import View
+from kb.reader.rows import Answer, Table
+
+if TYPE_CHECKING:
+    from kb.reader.data import Data
+
+_OF_VIDEO = ("title", "view_count", "like_count", "published_at")
+
+
+def find(data: Data, keyword: str) -> Answer:
+    """The clips of a keyword, in any case of its letters, in order of video and start.
+
+    Columns: pair_id, keyword, keyword_kind, video_id, title and figures of the video, the clip's
+    start and end (s), `url` that starts there, `text` (null where it was not restored),
+    token_count, transcript_kind. Raises UsageError where there are no pairs or no such keyword.
+    """
+    ranked = [one.view for one in data.ranked("pairs")]
+    if not ranked:
+        raise UsageError("no pairs here", hint="load the folder of the release that holds them")
+    pairs = ranked[0]
+    clips = Answer(data.rows(_sql(data, pairs, ranked), [keyword]))
+    if len(clips):
+        return clips
+    known = data.rows(f"SELECT DISTINCT keyword FROM {pairs.full}")["keyword"].to_pylist()
+    by_lower = {one.lower(): one for one in known}
+    if keyword.lower() in by_lower:  # all of its clips were removed since
+        return clips
+    near = [by_lower[one] for one in difflib.get_close_matches(keyword.lower(), by_lower, 3)]
+    raise UsageError(
+        f"no clips of {keyword!r}." + (f" Did you mean {' or '.join(near)}?" if near else ""),
+        hint='data.sql("SELECT DISTINCT keyword FROM pairs") lists the keywords',
+    )
+
+
+def _sql(data: Data, pairs: View, ranked: list[View]) -> str:
+    joins, text = [], "NULL::VARCHAR"
+    holding = [view for view in ranked if "text" in Table(view).schema.names]
+    if pairs in holding:
+        text = "p.text"
+    elif holding:
+        joins.append(f"LEFT JOIN {holding[0].full} AS t USING (pair_id)")
+        text = "t.text"
+    videos = data.ranked("youtube_videos")
+    of_video = ", ".join(f"v.{name}" if videos else f"NULL AS {name}" for name in _OF_VIDEO)
+    if videos:
+        joins.append(f"LEFT JOIN {videos[0].view.full} AS v ON v.video_id = p.video_id")
+    gone = [
+        f"SELECT key FROM {one.view.full} WHERE source = '{source}'"
+        for source in ("youtube", "pairs")
+        for one in data.ranked(f"{source}_tombstones")
+    ]
+    left = f"AND p.video_id NOT IN ({' UNION ALL '.join(gone)})" if gone else ""
+    return f"""
+        SELECT p.pair_id, p.keyword, p.keyword_kind, p.video_id, {of_video},
+            p.clip_start_s, p.clip_end_s,
+            'https://www.youtube.com/watch?v=' || p.video_id
+                || '&t=' || floor(p.clip_start_s)::BIGINT || 's' AS url,
+            {text} AS text, p.token_count, p.transcript_kind
+        FROM {pairs.full} AS p {" ".join(joins)}
+        WHERE lower(p.keyword) = lower(?) {left}
+        ORDER BY p.video_id, p.clip_start_s, p.pair_id"""

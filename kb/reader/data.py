@@ -1,0 +1,147 @@
+"""`kb.load`: the tables of what was downloaded or crawled, and what is made out of them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import duckdb
+import pyarrow as pa
+
+from kb import query
+from kb.core.errors import UsageError
+from kb.query.views import SCHEMAS
+from kb.reader import clips, html, page, thread
+from kb.reader.hints import hinted
+from kb.reader.places import Placed, look
+from kb.reader.rows import Answer, Table
+from kb.reader.tables import Tables
+from kb.store.reading import reading
+
+Place = str | os.PathLike[str]
+
+
+@hinted
+def load(*places: Place | Iterable[Place]) -> Data:
+    """Opens a data root, a `release/` folder, one release folder, or several of these together.
+
+        import kb
+        data = kb.load("release/")
+        data = kb.load("lorebase-youtube", "lorebase-pairs")
+
+    Without a place it is the folder `data`. Looks at file names only; what is in the files is read
+    when it is asked for. Nothing is written or sent, and no key or profile is needed. Raises
+    UsageError where there are no tables, DamagedData where a file is missing.
+    """
+    paths: list[Path] = []
+    for one in places or ("data",):
+        paths += [Path(one)] if isinstance(one, str | os.PathLike) else map(Path, one)
+    return Data(look(paths))
+
+
+class Data:
+    """Tables, wiki pages, Reddit threads and clips; made by `kb.load`."""
+
+    def __init__(self, placed: dict[str, Placed]) -> None:
+        self._placed = placed
+        self._views = [one.view for one in placed.values()]
+        self._con: duckdb.DuckDBPyConnection | None = None
+        self.tables = Tables(self._views)
+
+    @hinted
+    def __getitem__(self, name: str) -> Table:
+        """A table by its name. Raises UnknownTable, which is a KeyError too.
+
+        data["youtube_videos"].to_pandas()
+        """
+        return self.tables[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.tables
+
+    @hinted
+    def sql(self, query_: str, /) -> Answer:
+        """The answer to one query over all tables, in DuckDB's SQL; it only reads.
+
+            data.sql("SELECT keyword, count(*) AS clips FROM pairs GROUP BY ALL").to_pandas()
+
+        Raises UsageError in one line for what is wrong with it, DamagedData for a broken file.
+        """
+        try:
+            return Answer(query.select(self._open(), query_, views=self._views).read_all())
+        except UsageError as error:
+            if "kb query --tables" in error.hint:
+                error.hint = "data.tables lists the tables"
+            raise
+
+    @hinted
+    def page(self, id_or_title: int | str, /) -> page.Page:
+        """A wiki page by its id or title. Raises UsageError with the nearest titles.
+
+        data.page("Creeper").screenshot()
+        data.page("Creeper").boxes("table").draw()
+        """
+        return page.find(self, id_or_title)
+
+    @hinted
+    def thread(self, post_id: str, /) -> thread.Thread:
+        """A post of Reddit with its comments, nested: texts where they are here, else scores.
+
+            print(data.thread("abc123"))
+
+        Raises UsageError for an id that is not here.
+        """
+        return thread.find(self, post_id)
+
+    @hinted
+    def clips(self, keyword: str, /) -> Answer:
+        """The clips of a keyword with their videos' titles and figures, and texts where they are.
+
+            data.clips("creeper").to_pandas()[["title", "url", "text"]]
+
+        `text` is null in a release alone. Raises UsageError with the nearest keywords.
+        """
+        return clips.find(self, keyword)
+
+    @hinted
+    def search(self, words: str, /) -> NoReturn:
+        """Ranked answers out of the local index. Raises UsageError: there is none yet.
+
+        data.search("how to tame a fox")
+        """
+        raise UsageError(
+            f"no search index to look for {words!r} in",
+            hint='make one with "kb index"; until then'
+            ' data.sql("… WHERE text ILIKE …") finds words',
+        )
+
+    def ranked(self, short: str) -> list[Placed]:
+        """The tables of one name, the fullest first: clean, release, restored."""
+        full = [f"{schema}.{short}" for schema in SCHEMAS]
+        return [self._placed[name] for name in full if name in self._placed]
+
+    def rows(self, sql: str, parameters: Sequence[Any] = ()) -> pa.Table:
+        """The rows of a query of our own, with values for its question marks."""
+        files = [path for view in self._views if view.name in sql for path in view.files]
+        with reading(files):
+            return self._open().sql(sql, params=list(parameters)).to_arrow_table()
+
+    def _open(self) -> duckdb.DuckDBPyConnection:
+        if self._con is None:
+            self._con = query.connect(None, self._views)
+        return self._con
+
+    def _folders(self) -> list[str]:
+        return sorted({str(one.home) for one in self._placed.values()})
+
+    def _repr_html_(self) -> str:
+        said = "data[name], data.sql(…), data.page(…), data.thread(…), data.clips(…)"
+        caption = f"<b>Lorebase</b> {html.text(', '.join(self._folders()), 400)}"
+        return html.block(
+            self.tables._repr_html_() + f"<small>{html.text(said)}</small>", caption=caption
+        )
+
+    def __repr__(self) -> str:
+        return f"<kb data in {', '.join(self._folders())}: {', '.join(self.tables)}>"

@@ -1,0 +1,142 @@
+"""Pictures out of a release's tars or a data root, and boxes on them. Needs Pillow."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import struct
+import tarfile
+from collections.abc import Iterable
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.core.errors import DamagedData
+from kb.reader.rows import needs
+from kb.store.inside import inside
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+    from kb.reader.page import Box
+
+INDEX = "index.ndjson"
+COLOURS = {
+    "text": "#0072b2",
+    "image": "#d55e00",
+    "sprite": "#cc79a7",
+    "animation": "#e69f00",
+    "table": "#009e73",
+    "cell": "#56b4e9",
+}
+_LINE = 2  # CSS px
+_PNG = b"\x89PNG\r\n\x1a\n"
+_AGAIN = "download it again, into the same folder"
+
+
+def screenshot(home: Path, row: dict[str, Any]) -> Image:
+    """The screenshot of a page's row. Raises MissingExtra and DamagedData.
+
+    However large: Pillow's limit for strange pictures is lifted for one that is as large as the
+    page's row says, and no other.
+    """
+    image = needs("PIL.Image", install="pillow")
+    path = row["screenshot_path"]
+    data, where = _bytes(home, path)
+    scale = row["device_pixel_ratio"]
+    wanted = [round(row["page_width"] * scale), round(row["page_height"] * scale)]
+    size = _size(data)
+    if size is None or any(
+        abs(one - other) > 2 * scale for one, other in zip(size, wanted, strict=True)
+    ):
+        raise DamagedData(f"{where} is no picture of {wanted[0]} × {wanted[1]} px", hint=_AGAIN)
+    limit, image.MAX_IMAGE_PIXELS = image.MAX_IMAGE_PIXELS, None
+    try:
+        opened = image.open(io.BytesIO(data), formats=["PNG"])
+        opened.load()
+    except (OSError, SyntaxError, ValueError) as error:
+        raise DamagedData(f"{where} can't be read: {error}", hint=_AGAIN) from None
+    finally:
+        image.MAX_IMAGE_PIXELS = limit
+    return opened  # type: ignore[no-any-return]
+
+
+def outlined(whole: Image, boxes: Iterable[Box], scale: float) -> Image:
+    """A copy with an outline for each box; what is outside of the picture is cut off."""
+    draw = needs("PIL.ImageDraw", install="pillow")
+    copy = whole.convert("RGB")
+    pen = draw.Draw(copy)
+    width = max(1, round(_LINE * scale))
+    for one in boxes:
+        left, top = round(one.x * scale), round(one.y * scale)
+        right = max(left, round((one.x + one.width) * scale) - 1)
+        bottom = max(top, round((one.y + one.height) * scale) - 1)
+        pen.rectangle((left, top, right, bottom), outline=COLOURS[one.kind], width=width)
+    return copy
+
+
+def _bytes(home: Path, path: str) -> tuple[bytes, str]:
+    """A file's bytes, and where they are: `<tar>/<member>` of a release, or a data root's file."""
+    tar, slash, member = path.partition("/")
+    if slash and tar.endswith(".tar") and "/" not in member:
+        return _member(home / tar, member), f"{home / tar}: {member}"
+    file = inside(home, path)
+    try:
+        return file.read_bytes(), str(file)
+    except OSError as error:
+        raise DamagedData(
+            f"{file} can't be read: {error.strerror}", hint="put it back from a copy"
+        ) from None
+
+
+def _member(tar: Path, member: str) -> bytes:
+    if not tar.is_file():
+        raise DamagedData(f"{tar} is missing", hint="download it into the folder of the tables")
+    entry = _index(tar.parent).get((tar.name, member))
+    if entry is None:
+        return _searched(tar, member)
+    with tar.open("rb") as file:
+        file.seek(int(entry["offset"]))
+        data = file.read(int(entry["size"]))
+    if hashlib.sha256(data).hexdigest() != entry["sha256"]:
+        raise DamagedData(f"{tar} is damaged: {member} is not what {INDEX} says", hint=_AGAIN)
+    return data
+
+
+def _searched(tar: Path, member: str) -> bytes:
+    """A member without an index: the tar is read from its start."""
+    try:
+        with tarfile.open(tar) as opened:
+            file = opened.extractfile(member)
+            if file is not None:
+                return file.read()
+    except (tarfile.TarError, KeyError, OSError) as error:
+        raise DamagedData(f"{tar} has no {member}: {error}", hint=_AGAIN) from None
+    raise DamagedData(f"{tar} has no {member}", hint=_AGAIN)
+
+
+def _index(folder: Path) -> dict[tuple[str, str], dict[str, Any]]:
+    path = folder / INDEX
+    return _read(path, path.stat().st_mtime_ns) if path.is_file() else {}
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, changed: int) -> dict[tuple[str, str], dict[str, Any]]:
+    found = {}
+    with path.open(encoding="utf-8") as lines:
+        for number, line in enumerate(lines, start=1):
+            try:
+                entry = json.loads(line)
+                found[entry["tar"], entry["member"]] = entry
+                int(entry["offset"]), int(entry["size"]), entry["sha256"]
+            except (ValueError, KeyError, TypeError):
+                raise DamagedData(f"{path}, line {number} can't be read", hint=_AGAIN) from None
+    return found
+
+
+def _size(data: bytes) -> tuple[int, int] | None:
+    """Width and height of a PNG by its header."""
+    if len(data) < 24 or not data.startswith(_PNG):
+        return None
+    return struct.unpack(">II", data[16:24])  # type: ignore[return-value]

@@ -1,0 +1,237 @@
+"""`data.thread(post_id)`: a post and its comments, nested, with those whose parent is not here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+from kb.core import terminal
+from kb.core.errors import UsageError
+from kb.reader import html
+
+if TYPE_CHECKING:
+    from kb.reader.data import Data
+
+_TEXT = 400  # characters of a body in a notebook
+_SHOWN = 100  # comments in a notebook
+_POST = ("title", "body", "author_hash", "source_url")
+_COMMENT = ("body", "author_hash")
+
+
+@dataclass(eq=False, repr=False)
+class Comment:
+    """A comment and the answers to it, oldest first.
+
+    `depth` is the true one: 0 answers the post, None where that is unknown. `body` is None where
+    the text is not here; `missing` is then why it could not be restored, where that is known.
+    """
+
+    comment_id: str
+    parent_id: str
+    depth: int | None
+    score: int | None
+    created_utc: datetime
+    body: str | None = None
+    author_hash: str | None = None
+    missing: str | None = None
+    replies: list[Comment] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        return f"<comment {self.comment_id}: {self.score} points, {len(self.replies)} replies>"
+
+
+@dataclass(eq=False, repr=False)
+class Thread:
+    """A post, the answers to it, and comments whose parent is not here (deleted or left out).
+
+    thread = data.thread("abc123")
+    thread.title, thread.body           # None where texts are not here
+    thread.replies[0].replies           # nested
+    thread.orphans                      # each with its own replies
+    for level, comment in thread.walk(): ...
+    """
+
+    post: dict[str, Any]
+    replies: list[Comment]
+    orphans: list[Comment]
+    missing: str | None = None
+
+    @property
+    def post_id(self) -> str:
+        """The bare id of the post."""
+        return str(self.post["post_id"])
+
+    @property
+    def title(self) -> str | None:
+        """The post's title, where it is here."""
+        return self.post.get("title")
+
+    @property
+    def body(self) -> str | None:
+        """The post's own text, where there is one and it is here."""
+        return self.post.get("body")
+
+    def walk(self) -> Iterator[tuple[int, Comment]]:
+        """(level, comment) from the top; orphans come last and start at level 0 again."""
+        waiting = [(0, one) for one in reversed([*self.replies, *self.orphans])]
+        while waiting:
+            level, comment = waiting.pop()
+            yield level, comment
+            waiting += [(level + 1, one) for one in reversed(comment.replies)]
+
+    def __len__(self) -> int:
+        """How many comments are here."""
+        return sum(1 for _ in self.walk())
+
+    def __bool__(self) -> bool:
+        return True  # a post without comments is a thread too
+
+    def __str__(self) -> str:
+        lines = [f"{self.post_id} ({self.post['score']}) {_line(self.title, self.missing)}"]
+        first = self.orphans[0] if self.orphans else None
+        for level, one in self.walk():
+            if one is first:
+                lines.append(f"-- {_told(len(self.orphans))}")
+            said = _line(one.body, one.missing)
+            lines.append(f"{'  ' * (level + 1)}{one.comment_id} ({one.score}) {said}")
+        return "\n".join(line.rstrip() for line in lines)
+
+    def __repr__(self) -> str:
+        orphans = f", {len(self.orphans)} of them orphans" if self.orphans else ""
+        return f"<thread {self.post_id}: {len(self)} comments{orphans}>"
+
+    def _repr_html_(self) -> str:
+        parts = [
+            (
+                f"<b>{html.text(self.title or self.post_id, _TEXT)}</b> "
+                f"<small>{html.text(self.post['score'])} points,"
+                f" {html.count(len(self), 'comment')}"
+                f"</small><div>{html.text(self.body, _TEXT)}</div>"
+            )
+        ]
+        first = self.orphans[0] if self.orphans else None
+        for number, (level, one) in enumerate(self.walk()):
+            if number == _SHOWN:
+                parts.append(f"<div><i>and {len(self) - _SHOWN:,} more</i></div>")
+                break
+            if one is first:
+                parts.append(f"<div><i>{html.text(_told(len(self.orphans)))}</i></div>")
+            said = html.text(one.body if one.body is not None else one.missing, _TEXT)
+            parts.append(
+                f'<div style="margin-left:{min(level, 20) * 1.5:.1f}em">'
+                f"<small>{html.text(one.comment_id)}, {html.text(one.score)} points</small> "
+                f"{said}</div>"
+            )
+        return html.block("".join(parts))
+
+
+def find(data: Data, post_id: str) -> Thread:
+    """The thread of a post, by its bare id or full name. Raises UsageError where it is not here."""
+    key = post_id.removeprefix("t3_")
+    gone = _gone(data)
+    for spine in data.ranked("reddit_posts"):
+        rows = data.rows(f"FROM {spine.view.full} WHERE post_id = ?", [key]).to_pylist()
+        if not rows:
+            continue
+        if f"t3_{key}" in gone:
+            raise UsageError(f"the post {key} was removed: {gone[f't3_{key}']}")
+        missing = _missing(data)
+        post = _filled(data, rows, "reddit_posts", "post_id", _POST, key)[0]
+        held = f"{spine.view.schema}.reddit_comments"
+        comments = [
+            row
+            for row in (_comments(data, held, key) if held in data else [])
+            if f"t1_{row['comment_id']}" not in gone
+        ]
+        filled = _filled(data, comments, "reddit_comments", "comment_id", _COMMENT, key)
+        return _nested(post, filled, missing)
+    if not data.ranked("reddit_posts"):
+        raise UsageError("no posts here", hint="load a Reddit release, or a data root with one")
+    raise UsageError(
+        f"no post {key!r} here",
+        hint='data["reddit_posts"] has the ids; what a filter rejected is not in it',
+    )
+
+
+def _comments(data: Data, view: str, key: str) -> list[dict[str, Any]]:
+    sql = f"FROM {view} WHERE post_id = ? ORDER BY created_utc, comment_id"
+    return data.rows(sql, [key]).to_pylist()
+
+
+def _filled(
+    data: Data,
+    rows: list[dict[str, Any]],
+    short: str,
+    key: str,
+    names: tuple[str, ...],
+    post_id: str,
+) -> list[dict[str, Any]]:
+    """Rows with their texts, out of the restored table where their own has none."""
+    if not rows or names[-1] in rows[0] or f"restored.{short}" not in data:
+        return rows
+    chosen = ", ".join([key, *names])
+    found = data.rows(f"SELECT {chosen} FROM restored.{short} WHERE post_id = ?", [post_id])
+    texts = {row[key]: row for row in found.to_pylist()}
+    return [row | texts.get(row[key], {}) for row in rows]
+
+
+def _gone(data: Data) -> dict[str, str]:
+    """Removed keys with the reason: what a later release removed stays out of an older copy."""
+    found: dict[str, str] = {}
+    for one in data.ranked("reddit_tombstones"):
+        for row in data.rows(f"SELECT key, reason FROM {one.view.full}").to_pylist():
+            found[row["key"]] = row["reason"]
+    return found
+
+
+def _missing(data: Data) -> dict[str, str]:
+    """Why texts could not be restored, by full name."""
+    found: dict[str, str] = {}
+    for one in data.ranked("reddit_missing"):
+        for row in data.rows(f"SELECT key, reason FROM {one.view.full}").to_pylist():
+            found[row["key"]] = row["reason"]
+    return found
+
+
+def _nested(post: dict[str, Any], rows: list[dict[str, Any]], missing: dict[str, str]) -> Thread:
+    every: dict[str, Comment] = {}
+    for row in rows:
+        every[row["comment_id"]] = Comment(
+            row["comment_id"],
+            row["parent_id"],
+            row["depth"],
+            row["score"],
+            row["created_utc"],
+            row.get("body"),
+            row.get("author_hash"),
+            missing.get(f"t1_{row['comment_id']}"),
+        )
+    name = f"t3_{post['post_id']}"
+    thread = Thread(post, [], [], missing.get(name))
+    for one in every.values():
+        parent = every.get(one.parent_id.removeprefix("t1_"))
+        if one.parent_id == name:
+            thread.replies.append(one)
+        elif one.parent_id.startswith("t1_") and parent is not None and parent is not one:
+            parent.replies.append(one)
+        else:
+            thread.orphans.append(one)
+    reached = {id(one) for _, one in thread.walk()}
+    for one in every.values():  # parents that lead round in a circle
+        if id(one) not in reached:
+            one.replies.clear()
+            thread.orphans.append(one)
+    return thread
+
+
+def _line(text: str | None, missing: str | None) -> str:
+    if text is None:
+        return f"[{missing}]" if missing else ""
+    return terminal.one_line(" ".join(text.split()))
+
+
+def _told(number: int) -> str:
+    are = "1 comment whose parent is" if number == 1 else f"{number:,} comments whose parents are"
+    return f"{are} not here (deleted, or left out by a filter)"
