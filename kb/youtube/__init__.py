@@ -195,7 +195,7 @@ class YouTube(Plain):
         if self._fetch is not None:
             self._fetch.close()
 
-    # -- what is told --------------------------------------------------------------------------------
+    # -- what is told ------------------------------------------------------------------------------
 
     def _count(self, **numbers: int) -> None:
         with self._lock:

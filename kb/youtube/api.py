@@ -1,4 +1,4 @@
-"""The Data API through Google's client: one call, its unit in the ledger first, its errors sorted."""
+"""The Data API through Google's client: one call, its unit in the ledger, its errors sorted."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Api:
         settings = run.settings
         endpoint = settings.kb_youtube_endpoint or GOOGLE
         session = Session(settings, hosts={host_of(endpoint)})
-        # build() must not see a secret in an exception of its own; it only reads a file of the package.
+        # build() only reads a file of the package, so that no error of its own shows the key.
         self._service = build(
             "youtube",
             "v3",
@@ -91,7 +91,7 @@ class Api:
     def _once(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
         row = quota.spend(self._frontier, self._profile, bucket, endpoint)
         try:
-            # num_retries=0: the client would also retry the 429 of a bucket that is spent for the day.
+            # num_retries=0: the client would retry the 429 of a bucket that is spent for the day.
             answer = request.execute(num_retries=0)
         except HttpError as error:
             # Never the client's own text: it holds the URL, and so the key.

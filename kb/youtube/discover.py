@@ -1,4 +1,4 @@
-"""What a crawl begins with: keywords, channels of another part's share, what gets another chance."""
+"""What a crawl begins with: keywords, another part's channels, what gets another chance."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _log = logging.getLogger("kb.youtube")
 
 
 def reopen(frontier: Frontier, profile: YouTube) -> None:
-    """What failed, and what was taken as final without being a fact, or under fewer search_pages."""
+    """What failed, was taken as final without being a fact, or lay beyond fewer search_pages."""
     for kind in (SEARCHES, UPLOADS, VIDEOS, TRANSCRIPTS):
         frontier.reopen(kind, "error")
     most = profile.search_pages

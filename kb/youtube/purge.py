@@ -29,7 +29,7 @@ ROWS = (
 
 
 def collect(run: Run, named: Collection[str]) -> dict[str, str]:
-    """What is to go: videos that the API no longer returns ("vanished"), and named ones ("named")."""
+    """What is to go and why: "vanished" are those that the API no longer returns, or "named"."""
     return dict.fromkeys(vanished(run.root), "vanished") | dict.fromkeys(named, "named")
 
 

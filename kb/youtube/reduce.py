@@ -80,7 +80,7 @@ def channel_of(playlist: str) -> str:
 
 
 class Reducer:
-    """Takes envelopes into the frontier. `mine` tells a part's channels and videos; `gone` are purged."""
+    """Takes envelopes into the frontier. `mine` tells a part's channels, `gone` are purged."""
 
     def __init__(
         self, profile: YouTube, wanted: Wanted, mine: Callable[[str], bool], gone: Collection[str]

@@ -1,7 +1,8 @@
-"""Read again what is older than the profile allows: API data that is not refreshed should go (YouTube's terms).
+"""Read again what is older than the profile allows: data that is not refreshed should go, say
+the terms of YouTube's API.
 
-Newer answers win when filtering; a video that is no longer returned becomes `missing`, and `kb purge youtube`
-removes it.
+Newer answers win when filtering; a video that is no longer returned becomes `missing`, and
+`kb purge youtube` removes it.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
 
 
 def _old(run: Run, profile: Profile, purged: Collection[str], older_than: int | None) -> list[str]:
-    """Ids of videos whose newest answer is older than `older_than` days, or than `profile` allows."""
+    """Ids of videos whose newest answer is older than so many days, or than `profile` allows."""
     days = profile.max_age_days if older_than is None else older_than
     oldest = clock.now() - timedelta(days=days)
     return [
