@@ -130,7 +130,7 @@ def look_up(
         return
     scratch = Layout(root).rebuilt(source)
     shutil.rmtree(scratch, ignore_errors=True)
-    rebuilt = Frontier(scratch / "state.sqlite")
+    rebuilt = Frontier(scratch / "state.sqlite", payloads=frontier.payloads)
     try:
         with rebuilt.transaction():
             for kind in rawlog.kinds(root, source):

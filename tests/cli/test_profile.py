@@ -1,4 +1,6 @@
-"""`kb profile new` and `check`, and the check that crawls, filters and pairs run before anything."""
+"""`kb profile new` and `check`, and the check that crawls, filters and pairs run before
+anything.
+"""
 
 from __future__ import annotations
 

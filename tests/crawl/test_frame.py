@@ -7,7 +7,9 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +25,7 @@ from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import Session, open_session
 from kb.store import rawlog
-from tests.crawl.feed import Feed
+from tests.crawl.feed import NOTES, PAGES, Feed
 from tests.crawl.service import Service, serving
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -124,6 +126,31 @@ def test_wait_sleeps_through_a_block(
     service.fault = lambda path: (403, {}) if path == "/notes/n001" else None
     assert crawl(replace(run, wait=True), service)["notes"] == 10
     assert len(slept) == 1
+
+
+def test_a_lane_waits_for_one_that_sleeps(
+    run: Run, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its work comes from there: with --wait nothing is left behind when the block is over."""
+    blocked = "/notes?page=2"
+    service.fault = lambda path: (403, {}) if path == blocked else None
+
+    def wake_up(moment: object) -> None:
+        wait_until(lambda: "notes" not in "".join(each.name for each in threading.enumerate()))
+        service.fault = lambda path: None
+
+    monkeypatch.setattr(clock, "sleep_until", wake_up)
+    feed = Feed(run.settings, service.root)
+    feed.phases = (PAGES, replace(NOTES, lane="notes"))
+    done = work(replace(run, wait=True), feed, summary)
+    assert done == {"notes": 10, "failed": 0, "left": 0}
+
+
+def wait_until(what: Callable[[], bool], seconds: float = 1.0) -> None:
+    """Until it is so; no longer than some time, as it need not come true."""
+    end = time.monotonic() + seconds
+    while not what() and time.monotonic() < end:
+        time.sleep(0.01)
 
 
 def test_one_writer_and_one_feed_a_root(run: Run, service: Service) -> None:
