@@ -17,8 +17,6 @@ from typing import Any
 
 import typer
 
-from kb.cli import misplaced
-
 # typer carries its own copy of click; its usage errors are reached through a public name.
 UsageProblem: Any = typer.BadParameter.__mro__[1]
 
@@ -41,6 +39,8 @@ def guarded(run: Callable[[], Any]) -> int:
         text = text.rstrip(".")
         if text == "Missing command" and context:
             text += f": one of {', '.join(context.command.list_commands(context))}"
+        from kb.cli import misplaced
+
         complain(misplaced.elsewhere(error) or text, hint=f"see `{where} --help`")
         return 2
     except typer.Abort:
