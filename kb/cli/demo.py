@@ -39,9 +39,9 @@ _FINISHED = "demo-finished"
     ],
 )
 def demo(options: Options) -> Summary:
-    """Crawl invented services with the real clients, filter, export, pair, release and report, then
-    query the shards.
+    """Crawl invented services with the real clients, and go all the way to a report and queries.
 
+    It filters, exports, pairs, releases and reports, then queries the shards.
     Everything goes to DIR/demo. `.env` and credentials are ignored; nothing leaves this machine.
     """
     from kb.core.pipeline import load, locate

@@ -48,9 +48,7 @@ def _purge(run: Run, source: str, ids: Path | None, plan: bool) -> Summary:
     examples=["kb purge youtube", "kb purge youtube --ids gone.txt", "kb purge youtube --plan"],
 )
 def youtube(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
-    """Remove videos that vanished from YouTube, or are named,
-    from every folder, and remember them.
-    """
+    """Remove videos that vanished from YouTube, or are named, everywhere, and remember them."""
     return _purge(run, "youtube", ids, plan)
 
 
