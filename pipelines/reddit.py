@@ -21,7 +21,7 @@ from kb.filters.chain import Chain, Clean
 from kb.filters.judgement import Predicate
 from kb.filters.predicates import AtLeast, AtMost, In, NotIn, NotTrue, Present, Waits
 from kb.reddit import parse
-from kb.reddit.assemble import HELPERS, assemble
+from kb.reddit.assemble import HELPERS, assemble, with_posts
 from kb.reddit.state import gave_up, incomplete
 from kb.reddit.threads import counted
 
@@ -85,6 +85,7 @@ def clean(p: Profile) -> Clean:
                 prefix="t1_",
                 scores=COMMENT,
                 helpers=HELPERS,
+                relate=with_posts,
             ),
         ),
         scorer=toxicity,

@@ -11,7 +11,7 @@ is only used when asked for; a score within its reach of the threshold is comput
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -121,10 +121,6 @@ class Scorer:
         if categories:
             columns |= {f"{prefix}_{name}": found[name] for name in CATEGORIES}
         return columns
-
-    def in_workers(self) -> Scorer:
-        """The same for `lookup` in a worker process: without what can't be pickled."""
-        return replace(self, run=None)  # type: ignore[arg-type]
 
     def annotate(self, batches: Iterable[Any], total: int | None = None) -> Counts:
         """Score what has no score yet, of batches of texts (Arrow columns or lists; null and "" are

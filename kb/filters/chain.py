@@ -42,7 +42,8 @@ class Chain:
     `prefix` comes before the key in rejected, failed and pending ("t3_"). `scores` maps a text
     column to the column of its largest toxicity category; `scored` names the stage before which
     scores are joined. `helpers` are columns that stages use and no table has. A tombstone names the
-    key, or what is in one of the columns `also` (a page's title).
+    key, or what is in one of the columns `also` (a page's title). `relate` gets the rows and the
+    tables that were kept before, and adds what hangs on these (comments need to know their posts).
     """
 
     table: str
@@ -53,6 +54,7 @@ class Chain:
     scored: str = "toxicity"
     helpers: tuple[str, ...] = ()
     also: tuple[str, ...] = ()
+    relate: Callable[[pa.Table, Mapping[str, pa.Table]], pa.Table] | None = None
 
 
 @dataclass(frozen=True)
@@ -82,17 +84,15 @@ class Beside(NamedTuple):
 class Clean:
     """Raw answers → clean tables of one source.
 
-    `assemble` gets the newest rows of each kind (of one bucket) and returns rows by table name. It
-    may return a function of the tables that were kept before it instead (comments need to know
-    their posts). `unanswered` gives keys that have no row, with the reason: they count as failed;
-    so does such a key that is pending for one of the reasons `ended_by_failure`. `complete` adds
-    columns that hang on what else of a bucket was kept (how many comments a post has); `about` adds
-    to the summary.
+    `assemble` gets the newest rows of each kind (of one bucket) and returns rows by table name.
+    `unanswered` gives keys that have no row, with the reason: they count as failed; so does
+    such a key that is pending for one of the reasons `ended_by_failure`. `complete` adds columns that hang
+    on what else of a bucket was kept (how many comments a post has); `about` adds to the summary.
     """
 
     source: str
     kinds: Mapping[str, Kind]
-    assemble: Callable[[dict[str, pa.Table]], dict[str, Any]]
+    assemble: Callable[[dict[str, pa.Table]], dict[str, pa.Table]]
     chains: tuple[Chain, ...]
     follow: tuple[Follow, ...] = ()
     scorer: Scorer | None = None

@@ -62,7 +62,7 @@ def run_clean(run: Run, source: str) -> Summary:
                 _suspect(run, source, error)
                 raise
             if key and spec.scorer is not None:
-                spec.scorer.annotate(run, source, _texts(run, job, executor))
+                spec.scorer.annotate(run, source, _texts(run, job, executor, keep=True))
             with replacing_folder(Layout(run.root).clean(source)) as fresh:
                 job = job._replace(out=str(fresh))
                 counts = _sort(run, job, executor)
@@ -86,7 +86,7 @@ def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
             except DamagedData as error:
                 _suspect(run, source, error)
                 raise
-            yield from _texts(run, job, executor)
+            yield from _texts(run, job, executor, keep=False)
 
 
 def _job(run: Run, source: str) -> Job:
@@ -182,9 +182,9 @@ def _suspect(run: Run, source: str, error: DamagedData) -> None:
         frontier.close()
 
 
-def _texts(run: Run, job: Job, executor: Any) -> Iterator[pa.Array[Any]]:
+def _texts(run: Run, job: Job, executor: Any, *, keep: bool) -> Iterator[pa.Array[Any]]:
 
-    tasks = ((job, number) for number in range(job.buckets))
+    tasks = ((job, number, keep) for number in range(job.buckets))
     for path in map_in_order(executor, texts_of, tasks, window=2 * run.workers):
         with pa.ipc.open_file(path) as file:
             for number in range(file.num_record_batches):

@@ -8,6 +8,8 @@ path. Nothing here holds more than a bucket.
 from __future__ import annotations
 
 import json
+import shutil
+import uuid
 from collections import Counter
 from functools import cache, partial
 from pathlib import Path
@@ -67,13 +69,19 @@ def parse_segment(job: Job, kind: str, segment: str, number: int) -> dict[str, A
         )
 
 
-def texts_of(job: Job, number: int) -> str:
-    """Write the texts of a bucket that reach their toxicity stage to a file; its path."""
+def texts_of(job: Job, number: int, keep: bool) -> str:
+    """Write the texts of a bucket that reach their toxicity stage to a file; its path.
+
+    `keep`: the bucket is sorted afterwards, so what was assembled stays for that.
+    """
     spec = spec_of(job)
     path = str(Path(job.work, f"texts-{number:06d}.arrow"))
     schema = pa.schema([("text", pa.string())])
     with full_disk_is_resumable(Path(job.work)), pa.ipc.new_file(path, schema) as file:
-        for chain, done in _walk(job, spec, number, lambda chain, rows: rows, dry=True)[0]:
+        rows, counts = _assembled(job, spec, number, whole=keep)
+        if keep:
+            _keep(job, spec, number, rows, counts)
+        for chain, done in _walk(job, spec, rows, lambda chain, rows: rows, dry=True)[0]:
             for column in chain.scores or ():
                 for chunk in done.kept.column(column).chunks:
                     file.write_batch(pa.record_batch([chunk.cast(pa.string())], schema=schema))
@@ -87,7 +95,8 @@ def sort_bucket(job: Job, number: int) -> dict[str, int]:
     def join(chain: Chain, rows: pa.Table) -> pa.Table:
         return _join(job, spec, chain, rows)
 
-    done, follows, counts = _walk(job, spec, number, join)
+    rows, counts = _assembled(job, spec, number, whole=True)
+    done, follows = _walk(job, spec, rows, join)
     whole = {chain.table: found.kept for chain, found in done}
     if spec.complete is not None:
         whole = spec.complete(whole)
@@ -96,46 +105,94 @@ def sort_bucket(job: Job, number: int) -> dict[str, int]:
         counts["kept"] += found.kept.num_rows
         counts[f"kept {chain.table}"] += found.kept.num_rows
         _write(job, chain.table, number, declared_columns(whole[chain.table], chain))
-    for name, rows in follows.items():
-        counts[f"kept {name}"] += rows.num_rows
-        _write(job, name, number, rows)
+    for name, followed in follows.items():
+        counts[f"kept {name}"] += followed.num_rows
+        _write(job, name, number, followed)
     for verdict in VERDICTS if done else ():  # a bucket may be empty
-        rows = pa.concat_tables([getattr(found, verdict) for _, found in done])
-        counts[verdict] += rows.num_rows
+        out = pa.concat_tables([getattr(found, verdict) for _, found in done])
+        counts[verdict] += out.num_rows
         for entry in (
-            rows.group_by(["stage"]).aggregate([([], "count_all")]).to_pylist()
+            out.group_by(["stage"]).aggregate([([], "count_all")]).to_pylist()
             if verdict == "rejected"
             else ()
         ):
             counts[f"stage {entry['stage']}"] += entry["count_all"]
-        _write(job, f"shared/{verdict}", number, rows)
+        _write(job, f"shared/{verdict}", number, out)
     return dict(counts)
 
 
-def _walk(
-    job: Job, spec: Clean, number: int, join: Any, dry: bool = False
-) -> tuple[list[tuple[Chain, Sorted]], dict[str, pa.Table], Counter[str]]:
-    """Assemble a bucket and run its chains; `dry` stops each that has scores before its scored
-    stage.
+def _assembled(
+    job: Job, spec: Clean, number: int, *, whole: bool
+) -> tuple[dict[str, pa.Table], Counter[str]]:
+    """The rows of a bucket by table, and its counts; those that were kept, if any were.
+
+    Without `whole` the tables that follow others may be empty.
     """
+    kept = _place(job, number)
+    if kept.is_dir():
+        return _read_kept(kept)
     newest, counts = _newest(job, spec, number)
     if not newest:
-        return [], {}, counts
+        return {}, counts
     rows = spec.assemble(newest)
     gone = removed_keys(job.root, job.source, job.tombstones)
     for chain in spec.chains:
-        if chain.table in rows and not callable(rows[chain.table]):
+        if chain.table in rows:
             rows[chain.table] = _without(rows[chain.table], chain, gone)
     if spec.beside is not None:
-        rows = spec.beside.read(Path(job.root), rows, not dry)
+        rows = spec.beside.read(Path(job.root), rows, whole)
+    return rows, counts
+
+
+def _place(job: Job, number: int) -> Path:
+    return Path(job.work, "assembled", str(number))
+
+
+def _keep(
+    job: Job, spec: Clean, number: int, rows: dict[str, pa.Table], counts: Counter[str]
+) -> None:
+    """Keep what was assembled, in place of the rows that it was assembled of.
+
+    The folder appears whole, so a task that is done again by another worker finds one or the other.
+    """
+    place = _place(job, number)
+    if place.is_dir():
+        return
+    fresh = place.with_name(f".{number}.{uuid.uuid4().hex[:8]}")
+    fresh.mkdir(parents=True)
+    options = pa.ipc.IpcWriteOptions(compression="lz4")
+    for name, part in rows.items():
+        path = fresh / f"{name.replace('/', '.')}.arrow"
+        with pa.ipc.new_file(str(path), part.schema, options=options) as file:
+            file.write_table(part)
+    (fresh / "counts.json").write_text(json.dumps([list(rows), counts]))
+    fresh.rename(place)
+    for kind, about in spec.kinds.items():
+        if about.bucket:  # all buckets read the others
+            shutil.rmtree(Path(job.work, kind, str(number)), ignore_errors=True)
+
+
+def _read_kept(place: Path) -> tuple[dict[str, pa.Table], Counter[str]]:
+    names, counts = json.loads((place / "counts.json").read_text())
+    rows = {}
+    for name in names:
+        with pa.ipc.open_file(str(place / f"{name.replace('/', '.')}.arrow")) as file:
+            rows[name] = file.read_all()
+    return rows, Counter(counts)
+
+
+def _walk(
+    job: Job, spec: Clean, rows: dict[str, pa.Table], join: Any, dry: bool = False
+) -> tuple[list[tuple[Chain, Sorted]], dict[str, pa.Table]]:
+    """Run the chains of a bucket; `dry` stops each that has scores before its scored stage."""
     kept: dict[str, pa.Table] = {}
     done = []
     for chain in spec.chains:
         if chain.table not in rows:
             continue
         mine = rows[chain.table]
-        if callable(mine):
-            mine = _without(mine(kept), chain, gone)
+        if chain.relate is not None:
+            mine = chain.relate(mine, kept)
         until = chain.scored if dry and chain.scores else ""
         found = sort_rows(mine, chain, partial(join, chain), until=until)
         kept[chain.table] = found.kept
@@ -148,7 +205,7 @@ def _walk(
                 mine.column(follow.on), kept[follow.of].column(follow.on).combine_chunks()
             )
             follows[follow.table] = mine.filter(there)
-    return done, follows, counts
+    return done, follows
 
 
 def _newest(job: Job, spec: Clean, number: int) -> tuple[dict[str, pa.Table], Counter[str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -21,6 +21,7 @@ HELPERS = (
     "gone",
     "gone_value",
     "over_18",
+    "orphan",
     "post",
     "title",
     "type",
@@ -34,23 +35,26 @@ HELPERS = (
 )
 
 
-def assemble(newest: dict[str, pa.Table]) -> dict[str, Any]:
-    """Posts, and a function from the kept posts to comments, of one bucket.
+def assemble(newest: dict[str, pa.Table]) -> dict[str, pa.Table]:
+    """Posts and comments of one bucket.
 
     Of several kinds of answers the newest about a thing counts; a stub only where nothing else is
-    known. A comment's `post` is null when its post is kept, else why it is not.
+    known. A comment is an `orphan` when nothing is known of its post.
     """
 
     found = newest_of(newest)
     is_post = pc.starts_with(found["fullname"], "t3_")
     posts, comments = found.filter(is_post), found.filter(pc.invert(is_post))
     posts = threads.with_unread(posts, comments, _marks(newest))
-    posts, comments = _named(posts), _named(comments)
+    posts = _named(posts)
+    return {"reddit/posts": posts, "reddit/comments": _comments(_named(comments), posts)}
 
-    def with_posts(kept: dict[str, pa.Table]) -> pa.Table:
-        return _comments(comments, posts, kept.get("reddit/posts"))
 
-    return {"reddit/posts": posts, "reddit/comments": with_posts}
+def with_posts(comments: pa.Table, kept: Mapping[str, pa.Table]) -> pa.Table:
+    """Comments with `post`: null when their post is kept, else why it is not."""
+    good = pc.is_in(comments["post_id"], value_set=_ids(kept.get("reddit/posts")))
+    why = pc.if_else(comments["orphan"], "absent", "not_kept")
+    return comments.append_column("post", pc.if_else(good, pa.scalar(None, pa.string()), why))
 
 
 def newest_of(answers: dict[str, pa.Table]) -> pa.Table:
@@ -95,7 +99,7 @@ def _named(rows: pa.Table) -> pa.Table:
     return rows.rename_columns(["body" if name == "text" else name for name in rows.column_names])
 
 
-def _comments(rows: pa.Table, posts: pa.Table, kept: pa.Table | None) -> pa.Table:
+def _comments(rows: pa.Table, posts: pa.Table) -> pa.Table:
 
     rows = rows.append_column("comment_id", pc.utf8_slice_codeunits(rows["fullname"], 3))
     known = depths(zip(rows["comment_id"].to_pylist(), rows["parent_id"].to_pylist(), strict=True))
@@ -103,11 +107,7 @@ def _comments(rows: pa.Table, posts: pa.Table, kept: pa.Table | None) -> pa.Tabl
         "depth", pa.array([known.get(key) for key in rows["comment_id"].to_pylist()], pa.int64())
     )
     there = pc.is_in(rows["post_id"], value_set=_ids(posts))
-    good = pc.is_in(rows["post_id"], value_set=_ids(kept))
-    return rows.append_column(
-        "post",
-        pc.if_else(good, pa.scalar(None, pa.string()), pc.if_else(there, "not_kept", "absent")),
-    )
+    return rows.append_column("orphan", pc.invert(there))
 
 
 def _ids(posts: pa.Table | None) -> pa.Array:

@@ -113,7 +113,7 @@ def _answered(spread: Path, number: int, answers: Answers) -> dict[str, str]:
     posts = made["reddit/posts"]
     for name, rows in (
         ("posts", posts),
-        ("comments", made["reddit/comments"]({"reddit/posts": posts})),
+        ("comments", made["reddit/comments"]),
     ):
         kept = _sort(rows, table(f"reddit/{name}"), "t3_" if name == "posts" else "t1_", gone)
         if name == "posts":

@@ -371,6 +371,38 @@ def test_a_pipeline_of_one_s_own_with_scores(root: Path, tmp_path: Path) -> None
     assert "d" in asked
 
 
+ONCE = """
+
+made = clean
+
+
+def clean(p):
+    spec = made(p)
+
+    def assemble(newest):
+        ids = newest["videos"]["video_id"].to_pylist() if "videos" in newest else []
+        with open(Path(__file__).with_name("assembled.txt"), "a") as file:
+            file.writelines(f"{key}\\n" for key in ids)
+        return spec.assemble(newest)
+
+    return replace(spec, assemble=assemble)
+"""
+
+
+@pytest.mark.parametrize("size", [8 << 20, 64], ids=["one bucket", "many buckets"])
+def test_a_bucket_is_assembled_once_for_texts_and_for_sorting(
+    root: Path, tmp_path: Path, size: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(buckets, "RAW_BYTES", size)
+    mine = tmp_path / "mine.py"
+    mine.write_text(MINE + ONCE)
+    run_clean(run_at(root, workers=1, pipeline=mine), "youtube")
+    assembled = (tmp_path / "assembled.txt").read_text().split()
+    assert "kept" in assembled
+    assert len(assembled) == len(set(assembled))
+    assert not list((root / "clean").glob(".*"))  # nor is anything left of what was kept for it
+
+
 def test_a_pipeline_that_is_not_there_or_wrong(root: Path, tmp_path: Path) -> None:
     with pytest.raises(SettingError, match="no pipeline file"):
         run_clean(run_at(root, pipeline=tmp_path / "nothing.py"), "youtube")
