@@ -5,9 +5,9 @@
     corpus.json          what the corpus is              index.json           types of the meta fields
 
 ConvoKit walks a conversation only when every utterance's parent is there. For a comment that was filtered out or
-deleted an empty utterance stands in, with `meta.placeholder` true, a direct reply to the post. Who wrote
-it is not known, nor whether two are of one author: each has a speaker of its own, `unknown-<id>`, and so
-has what a deleted account wrote.
+deleted an empty utterance stands in, with `meta.placeholder` true, a direct reply to the post.
+Who wrote it is not known, nor whether two are of one author: each has a speaker of its own,
+`unknown-<id>`, and so has what a deleted account wrote.
 
 Holds titles and bodies: it stays under export/ on the user's own disk and is never released.
 """

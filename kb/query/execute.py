@@ -29,8 +29,8 @@ def select(
 
     What Arrow can't hold (intervals, bits) comes as text, with `text` bytes too. Raises UsageError
     in one line for what is wrong with it (with the nearest names there are), and for anything that
-    is no query; DamagedData for a file of `root` (or of `views`, as given to `connect`) that can't be
-    read. Both may come while rows are read.
+    is no query; DamagedData for a file of `root` (or of `views`, as given to `connect`) that can't
+    be read. Both may come while rows are read.
     """
     if views is None:
         views = list(found(root.absolute())) if root else []

@@ -1,4 +1,4 @@
-"""What a released Parquet file or sample may hold: declared columns of declared types, and values as `schemas/` says."""
+"""What a released table or sample may hold: declared columns of declared types, values as they say."""
 
 from __future__ import annotations
 
