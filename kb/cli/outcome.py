@@ -41,7 +41,6 @@ def guarded(run: Callable[[], Any]) -> int:
         text = text.rstrip(".")
         if text == "Missing command" and context:
             text += f": one of {', '.join(context.command.list_commands(context))}"
-        from kb.cli import misplaced
 
         complain(misplaced.elsewhere(error) or text, hint=f"see `{where} --help`")
         return 2

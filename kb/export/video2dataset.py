@@ -2,13 +2,11 @@
 
 `export/video2dataset/pairs.parquet`, one row a clip, sorted by video and start: `url`, `caption`
 (the clip's own text), `clips` ([[start, end]] in seconds); `video_id`, `pair_id` and `keyword` go
-along
-with `save_additional_columns`. A video with several clips has several rows: video2dataset copies
-the
-caption of a row to every clip that it cuts out of it.
+along with `save_additional_columns`. A video with several clips has several rows: video2dataset
+copies the caption of a row to every clip that it cuts out of it.
 
-    video2dataset --url_list pairs.parquet --input_format parquet --url_col url --caption_col
-    caption --clip_col clips
+    video2dataset --url_list pairs.parquet --input_format parquet --url_col url \\
+        --caption_col caption --clip_col clips
 """
 
 from __future__ import annotations

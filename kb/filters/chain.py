@@ -86,8 +86,9 @@ class Clean:
 
     `assemble` gets the newest rows of each kind (of one bucket) and returns rows by table name.
     `unanswered` gives keys that have no row, with the reason: they count as failed; so does
-    such a key that is pending for one of the reasons `ended_by_failure`. `complete` adds columns that hang
-    on what else of a bucket was kept (how many comments a post has); `about` adds to the summary.
+    such a key that is pending for one of the reasons `ended_by_failure`. `complete` adds columns
+    that hang on what else of a bucket was kept (how many comments a post has); `about` adds to the
+    summary.
     """
 
     source: str

@@ -113,8 +113,7 @@ class Data:
         """
         raise UsageError(
             f"no search index to look for {words!r} in",
-            hint='make one with "kb index"; until then'
-            ' data.sql("… WHERE text ILIKE …") finds words',
+            hint='make one with "kb index"; until then data.sql("… ILIKE …") finds words',
         )
 
     def ranked(self, short: str) -> list[Placed]:

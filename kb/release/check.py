@@ -126,9 +126,7 @@ def _layout(folder: Folder) -> list[Problem]:
 
 
 def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
-    """Problems of the Parquet files and samples, and the parts whose shards can be read as
-    declared.
-    """
+    """Problems of Parquet files and samples, and the parts whose shards read as declared."""
     found: list[Problem] = []
     whole = []
     for part in folder.parts:

@@ -64,9 +64,7 @@ class Folder:
         return [path for path in _files(self.path) if path.name != SUMS and not path.is_symlink()]
 
     def described(self) -> list[tuple[Table, Path]]:
-        """Parquet files beside the shards with the tables that they are of:
-        tombstones, old samples.
-        """
+        """Parquet files beside the shards and what they are of: tombstones, old samples."""
         named = {old_sample_name(one): one for one in released_tables(self.source)} | {
             TOMBSTONES: table("shared/tombstones")
         }

@@ -72,7 +72,7 @@ def _part(con: DuckDBPyConnection, folder: Folder, part: Part, shared: str, take
 
 
 def _values(column: pa.ChunkedArray) -> list[Any]:
-    """Python's values; of a 32-bit number its own digits (0.12), not those a longer one has of it."""
+    """Python's values; of a 32-bit number its own digits: 0.12, not 0.11999999731779099."""
     if not pa.types.is_float32(column.type):
         return column.to_pylist()
     return [None if text is None else float(text) for text in column.cast(pa.string()).to_pylist()]

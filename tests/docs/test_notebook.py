@@ -1,6 +1,4 @@
-"""docs/first-look.ipynb: its cells run in order on the demo's release, and show what they
-should.
-"""
+"""docs/first-look.ipynb: its cells run in order on the demo's release and show something."""
 
 from __future__ import annotations
 
