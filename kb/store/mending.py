@@ -19,6 +19,7 @@ import msgspec
 
 from kb.core.errors import DamagedData
 from kb.store import rawlog
+from kb.store.atomic import full_disk_is_resumable
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 
@@ -161,15 +162,17 @@ def asked_again(frontier: Frontier, *, imported: bool = False) -> None:
 def check(root: Path, source: str) -> None:
     """Raises DamagedData when raw answers are lost that were not asked for again. Reads only.
 
-    That is what a crawl or purge took out, and segments that are shorter than the state knows.
+    Raises DiskFull where there is no room for SQLite to read. Lost is what a crawl or purge took
+    out, and segments that are shorter than the state knows.
     """
     path = root / "state" / f"{source}.sqlite"
     if not path.is_file():
         return
     frontier = Frontier(path, readonly=True)
     try:
-        found = [lost for lost in _load(frontier) if _open(frontier, lost)]
-        known = frontier.offsets()
+        with full_disk_is_resumable(path):  # reading beside a log needs a file of its own
+            found = [lost for lost in _load(frontier) if _open(frontier, lost)]
+            known = frontier.offsets()
     finally:
         frontier.close()
     for kind in rawlog.kinds(root, source):
