@@ -324,7 +324,7 @@ class Frontier:
     def cursor(self, name: str, default: Any = None) -> Any:
         """A value that a source keeps (a page token, a round, a date)."""
         with self._lock:
-            row = self._db.execute("SELECT value FROM cursors WHERE name = ?", (name,)).fetchone()
+            row = self._execute("SELECT value FROM cursors WHERE name = ?", (name,)).fetchone()
         return default if row is None else msgspec.json.decode(row[0])
 
     def set_cursor(self, name: str, value: Any) -> None:

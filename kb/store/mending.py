@@ -186,7 +186,8 @@ def asked_again(frontier: Frontier, *, imported: bool = False) -> None:
 def check(root: Path, source: str) -> None:
     """Raises DamagedData when raw answers are lost that were not asked for again. Reads only.
 
-    That is what a crawl or purge took out, and segments that are shorter than the state knows.
+    Raises DiskFull where there is no room for SQLite to read. Lost is what a crawl or purge took
+    out, and segments that are shorter than the state knows.
     """
     path = Layout(root).state(source)
     if not path.is_file():
