@@ -25,7 +25,14 @@ from kb.store.rawlog import Envelope
 
 MORE = Phase(kind="more", unit="further comments", feeds=("more", "thread"), batch=IDS, shown=False)
 THREAD = Phase(kind="thread", unit="deep threads", feeds=("more", "thread"), shown=False)
-TREE = Phase(kind="tree", unit="posts", name="reddit", feeds=("more", "thread"), limited=True)
+TREE = Phase(
+    kind="tree",
+    unit="posts",
+    name="reddit",
+    feeds=("more", "thread"),
+    limited=True,
+    seeks=True,  # of a span of time most posts may be left out
+)
 LISTING = Phase(kind="listing", unit="listings", feeds=("tree", "listing"), shown=False)
 # What is known by name: of a refresh, and of a reconstruction.
 INFO = Phase(kind="info", unit="posts and comments", batch=IDS, limited=True)
