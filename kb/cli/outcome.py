@@ -17,8 +17,6 @@ from typing import Any
 
 import typer
 
-from kb.cli import misplaced
-
 # typer carries its own copy of click; its usage errors are reached through a public name.
 UsageProblem: type[Exception] = typer.BadParameter.__mro__[1]  # type: ignore[assignment]
 
@@ -30,6 +28,8 @@ def guarded(run: Callable[[], Any]) -> int:
     try:
         code = run()
     except UsageProblem as error:
+        from kb.cli import misplaced
+
         text = error.format_message().replace("?.", "?").replace("Value error, ", "")  # type: ignore[attr-defined]
         if error.__class__.__name__ == "NoArgsIsHelpError":
             print(text)
@@ -130,7 +130,10 @@ def show_summary(summary: dict[str, Any], as_json: bool) -> None:
         from kb.core import terminal
         from kb.core.verdict import Summary
 
-        print(terminal.one_line(Summary(summary).line()), flush=True)
+        shown = Summary(summary)
+        # A plan is a table of the program's own words and numbers; a line is one line.
+        clean = terminal.lines if "phases" in shown else terminal.one_line
+        print(clean(shown.line()), flush=True)
 
 
 def _redact(text: str) -> str:

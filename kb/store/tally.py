@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-import duckdb
 import pyarrow.parquet as pq
 
+from kb.store.database import connect
 from kb.store.reading import reading, scan
 
 # The sorted tables of each source, and what their keys begin with in rejected, failed and pending.
@@ -62,6 +62,6 @@ def _keys(folder: Path, tables: Mapping[str, str], where: str = "true") -> dict[
         return {}
     sums = ", ".join("count(*) FILTER (starts_with(key, ?))" for _ in tables)
     sql = f"SELECT {sums} FROM {scan(found)} WHERE {where}"
-    with reading(found), duckdb.connect() as con:
+    with reading(found), connect() as con:
         counts = con.execute(sql, list(tables.values())).fetchone() or ()
     return dict(zip(tables, counts, strict=False))

@@ -32,8 +32,10 @@ def made(crawled: Job, place, workers: str, **env: str) -> dict[str, str]:
     job = Job(crawled.sandbox, place, toxicity=True, **env)
     for name in ("raw", "state"):
         shutil.copytree(crawled.root / name, job.root / name)
-    for words in (("youtube", "filter"), ("youtube", "export"), ("pairs",), ("release",)):
-        job.done(*words, "--workers", workers)
+    job.done("youtube", "filter", "--workers", workers)
+    job.done("youtube", "export")
+    job.done("pairs", "--workers", workers)
+    job.done("release")
     return {f"{top}/{name}": at for top in MADE for name, at in job.digests(top).items()}
 
 

@@ -89,7 +89,7 @@ def test_the_same_words_and_numbers_everywhere(broken: Work) -> None:
         {f"t3_{key}" for key in expected(broken)},
     )
     said = job.kb("status").stdout
-    assert "incomplete posts: 3 (" in said
+    assert "3 incomplete posts: t3_" in said
     assert f"t3_{tree(broken)}" in said
 
 
