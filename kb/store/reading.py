@@ -12,10 +12,11 @@ import json
 import re
 import sqlite3
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -112,13 +113,15 @@ def escaped(path: str) -> str:
 
 
 @contextlib.contextmanager
-def state(path: Path) -> Iterator[Frontier]:
-    """A source's state, read beside a running crawl. Raises DamagedData."""
+def state(
+    path: Path, payloads: Mapping[str, type[msgspec.Struct]] | None = None
+) -> Iterator[Frontier]:
+    """A source's state, read beside a running crawl; `payloads` as there. Raises DamagedData."""
     try:
         # Even to read it SQLite may need room for a file beside it.
         with (
             full_disk_is_resumable(path),
-            contextlib.closing(Frontier(path, readonly=True)) as frontier,
+            contextlib.closing(Frontier(path, readonly=True, payloads=payloads)) as frontier,
         ):
             yield frontier
     except sqlite3.DatabaseError as error:
