@@ -59,6 +59,7 @@ class Loop:
         self._end: BaseException | None = None  # why everything ends
         self._failures: Counter[str] = Counter()  # in a row, by lane
         self._bars: dict[str, Any] = {}
+        self._lanes = {phase.kind: phase.lane for phase in self.phases}
         self._above = {
             phase.kind: upstream(self.phases, phase.kind) & {one.kind for one in self.phases}
             for phase in self.phases
@@ -84,8 +85,9 @@ class Loop:
         finally:
             for thread in threads:
                 thread.join()
+            stopped = self._end is not None or bool(self._stops())
             for bar in self._bars.values():
-                bar.close()
+                bar.close(stopped=stopped)
         if self._end is not None:
             raise self._end
         stop = worst(self._stops())
@@ -116,8 +118,7 @@ class Loop:
                     return
                 self._answer(*turn)
         except BaseException as error:  # noqa: BLE001  raised again by the thread that called run
-            with self._news:
-                self._end = self._end or error
+            self._end_all(error)
         finally:
             with self._news:
                 self._news.notify_all()
@@ -206,9 +207,18 @@ class Loop:
         for phase in self.phases:
             if phase.lane != lane or phase.kind in self._closed:
                 continue
-            if self._in_hand[phase.kind] or any(map(self._busy, self._above[phase.kind])):
+            above = self._above[phase.kind]
+            if self._in_hand[phase.kind] or any(map(self._busy, above)):
+                return True
+            if any(self._sleeps(kind) for kind in above if self._lanes[kind] != lane):
                 return True
         return False
+
+    def _sleeps(self, kind: str) -> bool:
+        """Whether a phase was stopped and its lane waits until it may go on."""
+        stop = self._closed.get(kind)
+        waits = self.session.run.wait and isinstance(stop, (QuotaSpent, Blocked))
+        return waits and back_at([stop]) is not None and bool(self.left(kind))
 
     # -- what became of it ---------------------------------------------------------------------------
 
@@ -216,8 +226,8 @@ class Loop:
         """Fetch and record items; an error by its consequence."""
         keys = [item.key for item in items]
         try:
-            self._fetch(phase, items)
-            self._count(phase, len(items), failed=None)
+            whole = self._fetch(phase, items)
+            self._count(phase, len(items), failed=None, whole=whole)
         except ItemFinal as fact:
             self.frontier.mark(phase.kind, self._unanswered(phase, keys), "skipped", fact.reason)
             self._count(phase, len(items), failed=None)
@@ -232,28 +242,32 @@ class Loop:
                 self._in_hand[phase.kind] -= 1
                 self._news.notify_all()
 
-    def _fetch(self, phase: Phase, items: list[Item]) -> None:
+    def _fetch(self, phase: Phase, items: list[Item]) -> bool:
+        """Record all answers; whether they are whole. Raises what `fetch` raises."""
         failed: str | None = None
+        whole = True
         for answer in self.source.fetch(phase, items):
             self.session.record(answer)
             failed = answer.failed or failed
+            whole = whole and answer.whole
         silent = self._unanswered(phase, [item.key for item in items])
         if silent:
             self.frontier.mark(phase.kind, silent, "error", "unanswered")
         if failed is not None:
             raise Retryable(failed)
+        return whole
 
     def _unanswered(self, phase: Phase, keys: list[str]) -> list[str]:
         states = ((key, self.frontier.get(phase.kind, key)) for key in keys)
         return [key for key, state in states if state is not None and state[0] == "in_progress"]
 
-    def _count(self, phase: Phase, n: int, *, failed: str | None) -> None:
+    def _count(self, phase: Phase, n: int, *, failed: str | None, whole: bool = True) -> None:
         """`n` items were answered or failed. A service that fails again and again is down."""
         with self._news:
             self.answered[phase.kind] += n
             self._failures[phase.lane] = 0 if failed is None else self._failures[phase.lane] + 1
             down = self._failures[phase.lane]
-        if failed is None:
+        if failed is None and whole:
             self.session.let_in(phase.lane)
         self._show(phase, n)
         if failed is not None and down >= phase.down:
@@ -264,12 +278,23 @@ class Loop:
         with self._news:
             if phase.limited:
                 self._limit.take(-given_back)
-            if not isinstance(error, Stopped) or isinstance(error, _EVERYTHING):
-                self._end = self._end or error
-            else:
-                if isinstance(error, Blocked):
-                    self.session.turned_away(phase.lane)
-                self._close(phase, error)
+        if not isinstance(error, Stopped) or isinstance(error, _EVERYTHING):
+            self._end_all(error)
+            return
+        if isinstance(error, Blocked):
+            self.session.turned_away(phase.lane)
+        if isinstance(error, (Blocked, Unreachable)):
+            self.session.ended(phase.lane, error)
+        with self._news:
+            self._close(phase, error)
+            self._news.notify_all()
+
+    def _end_all(self, error: BaseException) -> None:
+        """The run ends: threads finish what they have in hand, or stop waiting for it."""
+        for lane in set(self._lanes.values()):
+            self.session.ended(lane, error)
+        with self._news:
+            self._end = self._end or error
             self._news.notify_all()
 
     def _close(self, phase: Phase, stop: Stopped) -> None:
@@ -280,9 +305,13 @@ class Loop:
         with self._news:
             bar = self._bars.get(phase.kind)
             if bar is None:
-                bar = self.session.run.progress.task(phase.kind, unit=phase.unit)
-                self._bars[phase.kind] = bar
-            bar.advance(n, **self._facts(phase))
+                bar = self._bars[phase.kind] = self.session.run.progress.task(
+                    phase.name or phase.kind,
+                    self.session.run.limit if phase.limited else None,
+                    phase.unit,
+                    waiting=lambda: self.frontier.waiting(phase.kind),
+                )
+        bar.advance(n, **self._facts(phase))
 
     # -- waiting ---------------------------------------------------------------------------------------
 
@@ -299,6 +328,7 @@ class Loop:
         progress = self.session.run.progress
         progress.say(f"{self.source.name}: waiting until {clock.stamp(back)}")
         clock.sleep_until(back)
+        self.session.goes_on(lane)
         with self._news:
             for phase in self.phases:
                 stop = self._closed.get(phase.kind)

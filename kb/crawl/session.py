@@ -7,20 +7,22 @@ same lock, refuses the same foreign roots and has taken in the same raw tail.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from kb.core import clock
 from kb.core.context import Run
+from kb.core.errors import Blocked
 from kb.crawl.source import Answer, Source
-from kb.store import identity, lock, tombstones
+from kb.store import belonging, identity, lock, tombstones
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 from kb.store.recorder import Recorder
 
 _BLOCKED = "blocked:"  # cursor: since when the service turns a lane away
+_STEP_S = 0.5  # how soon a thread that waits hears that its lane has ended
 
 
 @dataclass
@@ -35,10 +37,11 @@ class Session:
     source: Source
     place: Path
     frontier: Frontier
-    recorder: Recorder
     gone: set[str]
+    recorder: Recorder = field(init=False)
     _spent: tuple[int, int] = (0, 0)
     _probing: set[str] = field(default_factory=set)
+    _ended: dict[str, BaseException] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def record(self, answer: Answer) -> Envelope:
@@ -52,12 +55,42 @@ class Session:
         requests, units = self.frontier.requests()
         return requests - self._spent[0], units - self._spent[1]
 
+    # -- what ends a lane --------------------------------------------------------------------------
+
+    def ended(self, lane: str, why: BaseException) -> None:
+        """Nothing more is asked of a lane; threads that wait between two tries hear of it."""
+        with self._lock:
+            self._ended.setdefault(lane, why)
+
+    def goes_on(self, lane: str) -> None:
+        """The wait that a stop asked for is over."""
+        with self._lock:
+            self._ended.pop(lane, None)
+
+    def check(self, lane: str) -> None:
+        """Before a request. Raises Blocked when another thread met it."""
+        why = self._ended.get(lane)
+        if isinstance(why, Blocked):
+            raise why
+
+    def sleep(self, lane: str, seconds: float) -> None:
+        """Between two tries. Raises what has ended the lane meanwhile, and Interrupted."""
+        while seconds > 0:
+            why = self._ended.get(lane)
+            if why is not None:
+                raise why
+            clock.sleep(min(seconds, _STEP_S))
+            seconds -= _STEP_S
+
     # -- after a block -----------------------------------------------------------------------------
 
     def probing(self, lane: str) -> bool:
-        """Whether one request alone is to find out if the service still turns this lane away."""
+        """Whether one request alone is to find out if the service still turns this lane away.
+
+        Never with --wait, which waits as long as the service asks.
+        """
         with self._lock:
-            return lane in self._probing
+            return lane in self._probing and not self.run.wait
 
     def turned_away(self, lane: str) -> None:
         """The service blocks a lane: the next run begins with one request."""
@@ -71,31 +104,55 @@ class Session:
             self._probing.discard(lane)
         self.frontier.set_cursor(_BLOCKED + lane, None)
 
+    def look_up_blocks(self, lanes: set[str]) -> None:
+        """Which lanes the service turned away when they were last asked."""
+        held = {lane for lane in lanes if self.frontier.cursor(_BLOCKED + lane) is not None}
+        with self._lock:
+            self._probing = held
+
 
 @contextmanager
-def open_session(run: Run, source: Source, place: Path | None = None) -> Iterator[Session]:
+def open_session(
+    run: Run,
+    source: Source,
+    place: Path | None = None,
+    *,
+    asks: bool = True,
+    every: bool = False,
+    locks: Sequence[str] = (),
+) -> Iterator[Session]:
     """Open a source's part of a data root for writing.
 
-    Raises UsageError before anything is sent or written, WriterLocked, DamagedData.
+    `place` is a work folder that holds raw answers and state instead of the data root. `asks` is
+    false where nothing is asked of the service, so that no credential is needed and any host will
+    do. `every`: all raw segments are looked into, and the caller says what was found by
+    `mending.tell`. `locks` are held besides the source's own. Raises UsageError before anything is
+    sent or written, WriterLocked, DamagedData.
     """
     root = place or run.root
-    facts = source.identity()
+    facts = source.identity() if asks else {}
     with ExitStack() as stack:
+        if locks:
+            stack.enter_context(lock.taking(root, *locks))
         stack.enter_context(lock.writer(root, source.name))
+        if root == run.root:
+            belonging.note(run.root, run.profile)
         identity.remember(root, source.name, **facts)
         frontier = Frontier(root / "state" / f"{source.name}.sqlite", payloads=source.payloads)
         stack.callback(frontier.close)
-        gone = tombstones.keys(run.root, source.name)
-        recorder = stack.enter_context(Recorder(root, source.name, frontier, source.reduce))
-        stack.callback(source.close)
-        lanes = {phase.lane for phase in source.phases}
-        yield Session(
+        session = Session(
             run=run,
             source=source,
             place=root,
             frontier=frontier,
-            recorder=recorder,
-            gone=gone,
+            gone=tombstones.keys(run.root, source.name),
             _spent=frontier.requests(),
-            _probing={lane for lane in lanes if frontier.cursor(_BLOCKED + lane) is not None},
         )
+        source.begin(session)
+        session.look_up_blocks({phase.lane for phase in source.phases})
+        asked = [phase.kind for phase in source.phases]
+        session.recorder = stack.enter_context(
+            Recorder(root, source.name, frontier, source.reduce, asked=asked, every=every)
+        )
+        stack.callback(source.close)
+        yield session

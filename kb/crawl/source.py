@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import msgspec
 
+from kb.core.context import Run
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
 
@@ -18,6 +19,7 @@ class Phase:
 
     kind      the items' kind in the frontier
     unit      what one item is, in the plural, for people: "videos"
+    name      what its progress is called; its kind when not given
     feeds     the kinds that its answers add items to
     batch     how many items one fetch takes at most
     workers   how many fetches may run at once
@@ -31,6 +33,7 @@ class Phase:
 
     kind: str
     unit: str
+    name: str = ""
     feeds: tuple[str, ...] = ()
     batch: int = 1
     workers: int = 1
@@ -47,7 +50,8 @@ class Answer:
     """One answer of the service, to be recorded under a raw kind.
 
     `failed` is the reason when the answer says that the item could not be had this time: it is
-    recorded, and counts as one more failure in a row.
+    recorded, and counts as one more failure in a row. `whole`: all that belongs to the item was
+    asked for and answered, so that a block is over.
     """
 
     kind: str
@@ -56,13 +60,35 @@ class Answer:
     response: Any
     status: int = 200
     failed: str | None = None
+    whole: bool = True
+
+
+class Opened(Protocol):
+    """What a source may use of its open data root; a session is one. Thread-safe."""
+
+    run: Run
+    frontier: Frontier
+    gone: set[str]
+
+    def probing(self, lane: str) -> bool:
+        """Whether the first refusal is to end the lane, as the service turned it away before."""
+        ...
+
+    def check(self, lane: str) -> None:
+        """Before a request. Raises Blocked when another thread met it."""
+        ...
+
+    def sleep(self, lane: str, seconds: float) -> None:
+        """Between two tries. Raises what has ended the lane meanwhile, and Interrupted."""
+        ...
 
 
 class Source(Protocol):
     """One source. Its state is its own; the frame calls it from the lanes' threads.
 
     name       the folder under raw/, the file under state/
-    phases     in the order of work: what is nearest to a whole item first, unless `whole` says other
+    phases     of a crawl, in the order of work: what is nearest to a whole item first, unless
+               `whole` says other; what damaged raw data held is asked for again by them
     payloads   the type of each kind's payload in the frontier; kinds without payload are left out
     """
 
@@ -75,6 +101,10 @@ class Source(Protocol):
 
         Raises UsageError when a setting that every request needs is missing.
         """
+        ...
+
+    def begin(self, opened: Opened) -> None:
+        """The data root is open; before the raw tail is replayed. Sends nothing."""
         ...
 
     def discover(self, frontier: Frontier) -> None:
@@ -106,6 +136,11 @@ class Plain:
     """What most sources say of themselves, to inherit from."""
 
     payloads: Mapping[str, type[msgspec.Struct]] = {}
+    opened: Opened
+
+    def begin(self, opened: Opened) -> None:
+        """Keep what may be used later."""
+        self.opened = opened
 
     def leave_out(self, phase: Phase, item: Item) -> str | None:
         """Nothing is left out."""

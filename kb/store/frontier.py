@@ -64,9 +64,9 @@ class Frontier:
         readonly: bool = False,
         payloads: Mapping[str, type[msgspec.Struct]] | None = None,
     ) -> None:
-        self.path = path
+        self.path, self.payloads = path, payloads or {}
         self._decoders = {
-            kind: msgspec.json.Decoder(declared) for kind, declared in (payloads or {}).items()
+            kind: msgspec.json.Decoder(declared) for kind, declared in self.payloads.items()
         }
         self._lock = threading.RLock()
         self._depth = 0

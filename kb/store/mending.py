@@ -106,7 +106,7 @@ def look_up(
         return
     scratch = root / "state" / f".{source}.rebuilt"
     shutil.rmtree(scratch, ignore_errors=True)
-    rebuilt = Frontier(scratch / "state.sqlite")
+    rebuilt = Frontier(scratch / "state.sqlite", payloads=frontier.payloads)
     try:
         with rebuilt.transaction():
             for kind in rawlog.kinds(root, source):
