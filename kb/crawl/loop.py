@@ -100,8 +100,15 @@ class Loop:
         return counts.get("todo", 0) + counts.get("in_progress", 0)
 
     def _stops(self) -> list[Stopped]:
-        """Why something is left. A limit that took all there was is no reason."""
-        return [stop for kind, stop in self._closed.items() if self.left(kind)]
+        """Why something is left. A limit that took all there was is no reason.
+
+        Of a service that is down nothing may wait any more: the last items have failed.
+        """
+        return [
+            stop
+            for kind, stop in self._closed.items()
+            if self.left(kind) or isinstance(stop, Unreachable)
+        ]
 
     def _threads(self, lane: str) -> int:
         return max(phase.workers for phase in self.phases if phase.lane == lane)
@@ -164,14 +171,16 @@ class Loop:
         """Items of a phase, without those that the source leaves out."""
         while self.frontier.ready(phase.kind):
             room = self._limit.room(phase.batch) if phase.limited else phase.batch
-            if room <= 0:
-                self._close(phase, self._limit.reached())
-                return None
             if phase.packed and self.frontier.ready(phase.kind, room) < room and self._more(phase):
                 return None
-            items = self._wanted(phase, self.frontier.take(phase.kind, room))
+            # What is left out takes nothing of the limit, so it is looked for beyond it too.
+            items = self._wanted(phase, self.frontier.take(phase.kind, max(room, 1)))
             if not items:
                 continue
+            if room <= 0:
+                self.frontier.release(phase.kind, *(item.key for item in items))
+                self._close(phase, self._limit.reached())
+                return None
             chosen = self.source.pack(phase, items)
             keys = {item.key for item in chosen}
             self.frontier.release(phase.kind, *(item.key for item in items if item.key not in keys))
@@ -302,6 +311,8 @@ class Loop:
             self._closed.setdefault(kind, stop)
 
     def _show(self, phase: Phase, n: int) -> None:
+        if not phase.shown:
+            return
         with self._news:
             bar = self._bars.get(phase.kind)
             if bar is None:
@@ -325,8 +336,12 @@ class Loop:
 
     def _sleep(self, lane: str, back: Any) -> None:
         """Wait until the service answers again, then open what its stop had closed."""
-        progress = self.session.run.progress
-        progress.say(f"{self.source.name}: waiting until {clock.stamp(back)}")
+        kinds = [phase.kind for phase in self.phases if phase.lane == lane]
+        why = next((self._closed[kind] for kind in kinds if kind in self._closed), None)
+        said = f"{self.source.name}: waiting until {clock.stamp(back)}"
+        if isinstance(why, Blocked) and why.after is not None:
+            said = f"waiting {why.after:.0f} s: {why}"
+        self.session.run.progress.say(said)
         clock.sleep_until(back)
         self.session.goes_on(lane)
         with self._news:

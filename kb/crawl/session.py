@@ -14,7 +14,7 @@ from pathlib import Path
 
 from kb.core import clock
 from kb.core.context import Run
-from kb.core.errors import Blocked
+from kb.core.errors import Blocked, Retryable
 from kb.crawl.source import Answer, Source
 from kb.store import belonging, identity, lock, tombstones
 from kb.store.frontier import Frontier
@@ -45,10 +45,14 @@ class Session:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def record(self, answer: Answer) -> Envelope:
-        """Keep an answer and its effect. Raises DiskFull, with nothing half-kept."""
-        return self.recorder.record(
-            answer.kind, answer.endpoint, answer.params, answer.status, answer.response
-        )
+        """Keep an answer and its effect. Raises DiskFull and Retryable, with nothing half-kept."""
+        try:
+            return self.recorder.record(
+                answer.kind, answer.endpoint, answer.params, answer.status, answer.response
+            )
+        except RecursionError:
+            why = f"an answer nested too deep to be kept at {answer.endpoint}"
+            raise Retryable(why) from None
 
     def requests(self) -> tuple[int, int]:
         """(requests, units) of this run."""

@@ -29,6 +29,7 @@ class Phase:
     whole     starts only when all that feeds it is done
     packed    waits for a full batch while more may come from its own lane
     down      so many failures one after the other mean that the service is down
+    shown     has a progress bar
     """
 
     kind: str
@@ -43,6 +44,7 @@ class Phase:
     whole: bool = False
     packed: bool = False
     down: int = 3
+    shown: bool = True
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,9 @@ from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import Session, open_session
+from kb.crawl.source import Phase
 from kb.store import rawlog
+from kb.store.frontier import Item
 from tests.crawl.feed import Feed
 from tests.crawl.service import Service, serving
 
@@ -97,6 +99,23 @@ def test_a_service_that_is_down_stops_the_run_soon(run: Run, service: Service) -
     assert service.asked.total() == 4  # a page and three notes
     service.fault = lambda path: None
     assert crawl(run, service)["notes"] == 10
+
+
+def test_a_service_that_fails_for_the_last_items_is_down_too(run: Run) -> None:
+    with serving(3) as service:
+        service.fault = lambda path: (503, {}) if path.startswith("/notes/") else None
+        with pytest.raises(Unreachable) as stop:
+            crawl(run, service)
+    assert stop.value.summary == {"notes": 3, "failed": 3, "left": 0}
+
+
+def test_what_is_left_out_takes_nothing_of_the_limit(run: Run, service: Service) -> None:
+    class Early(Feed):
+        def leave_out(self, phase: Phase, item: Item) -> str | None:
+            return "late" if item.key >= "n004" else None
+
+    early = Early(run.settings, service.root)
+    assert work(replace(run, limit=4), early, summary) == {"notes": 4, "failed": 0, "left": 0}
 
 
 def test_after_a_block_one_request_finds_out(run: Run, service: Service) -> None:
