@@ -101,7 +101,9 @@ def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:
 
 def _crawled(source: str, frontier: Any) -> int:
     """What the crawls of all runs have read, as their summaries count it."""
-    module = {"youtube": "kb.youtube.effects"}.get(source, f"kb.{source}.state")
+    module = {"youtube": "kb.youtube.effects", "wiki": "kb.wiki.reduce"}.get(
+        source, f"kb.{source}.state"
+    )
     return int(importlib.import_module(module).crawled(frontier))
 
 

@@ -25,6 +25,7 @@ from kb.core import clock
 from kb.core.errors import MissingExtra, Retryable
 from kb.wiki import guard
 from kb.wiki.chromium import INSTALL, Programs
+from kb.wiki.errors import NotShown, PageTimeout
 
 # What Chromium would ask its maker by itself, and what pages may make it fetch ahead.
 FEATURES_OFF = (
@@ -293,13 +294,15 @@ class Browser:
         try:
             return getattr(self._driver, method)(*arguments)
         except TimeoutException:
-            raise Retryable("page_timeout") from None
+            raise PageTimeout from None
         except (WebDriverException, HTTPError, OSError, ValueError) as error:
             if self.overdue:
-                raise Retryable("page_timeout") from None
+                raise PageTimeout from None
             said = (getattr(error, "msg", "") or type(error).__name__).splitlines()[0]
             match = re.search(r"net::(ERR_\w+)", said)
-            raise Retryable(match[1].lower() if match else f"browser: {said[:120]}") from None
+            if match:
+                raise NotShown(match[1].lower()) from None
+            raise Retryable(f"browser: {said[:120]}") from None
 
     def end(self) -> None:
         """End every process of the browser and remove its profile."""

@@ -7,8 +7,9 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
-from kb.core.errors import MissingExtra, Retryable
+from kb.core.errors import ItemFinal, MissingExtra, Retryable
 from kb.wiki.browser import Browser
+from kb.wiki.errors import Served
 from kb.wiki.guard import Guard
 
 Result = TypeVar("Result")
@@ -62,11 +63,8 @@ class Pool:
                 result = work(browser)
             healthy = True
             return result
-        except Retryable as error:
-            healthy = error.reason.startswith(("http_", "resource_failed"))
-            raise
-        except Exception as error:
-            healthy = type(error).__name__ == "ItemFinal"
+        except (ItemFinal, Served):
+            healthy = True
             raise
         finally:
             self._used[id(browser)] += 1

@@ -13,13 +13,16 @@ import msgspec
 
 from kb.core.context import Run
 from kb.core.verdict import Summary
-from kb.store import lock, mending, purge, purge_plan, rawlog, tombstones
+from kb.crawl.session import open_session
+from kb.store import mending, purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.inside import is_inside
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope
-from kb.store.recorder import Recorder
-from kb.wiki import answers, state, tables
+from kb.wiki import answers, tables
+from kb.wiki.payloads import PAYLOADS
+from kb.wiki.reduce import LEFT
+from kb.wiki.source import WikiSource
 from kb.wiki.titles import Titles, read_names
 
 ROWS = (
@@ -48,30 +51,24 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
     Raises SettingError (exit 2) when it can't be read, before anything is written.
     """
     named = read_names(ids, "--ids", ("page_id", "title")) if ids else Titles([], frozenset(), 0)
-    with lock.writer(run.root, "wiki"):
-        frontier = Frontier(run.root / "state" / "wiki.sqlite")
-        try:
-            # Opening the recorder sets damage aside, closes segments and takes in what was not read yet.
-            Recorder(run.root, "wiki", frontier, state.apply, asked=state.ASKED, every=True).close()
-            gone = _gone(frontier)
-            known, unknown, bad = _find(named, frontier, tombstones.keys(run.root, "wiki"))
-            keys = Keys(
-                purge.begin(run.root, "wiki", gone | dict.fromkeys([*known, *unknown], "named"))
-            )
-            keys.said = {"unknown": len(unknown), "bad_lines": bad} if ids else {}
-            if keys:
-                mending.drop_asides(run.root, "wiki", frontier, keys, ("renders",))
-                _remove(run.root, frontier, keys)
-            return keys
-        finally:
-            frontier.close()
+    # Opening sets damage aside, closes segments and takes in what was not read yet.
+    with open_session(run, WikiSource(run), asks=False, every=True) as session:
+        frontier = session.frontier
+        known, unknown, bad = _find(named, frontier, session.gone)
+        found = _gone(frontier) | dict.fromkeys([*known, *unknown], "named")
+        keys = Keys(purge.begin(run.root, "wiki", found))
+        keys.said = {"unknown": len(unknown), "bad_lines": bad} if ids else {}
+        if keys:
+            mending.drop_asides(run.root, "wiki", frontier, keys, ("renders",))
+            _remove(run.root, frontier, keys)
+        return keys
 
 
 def plan(run: Run, ids: Path | None) -> Summary:
     """What `kb purge wiki` would remove, counted. Changes nothing."""
     named = read_names(ids, "--ids", ("page_id", "title")) if ids else Titles([], frozenset(), 0)
     root = run.root
-    with purge_plan.state(root, "wiki") as frontier:
+    with purge_plan.state(root, "wiki", PAYLOADS) as frontier:
         if frontier is None:
             return purge_plan.plan(root, "wiki", {}, lambda kind, envelope, keys: envelope, ())
         known, unknown, bad = _find(named, frontier, tombstones.keys(root, "wiki"))
@@ -85,7 +82,7 @@ def _gone(frontier: Frontier) -> dict[str, str]:
     return {
         key: str(reason)
         for key, _, reason, _ in frontier.items("pages", "skipped")
-        if reason in ("deleted", "moved")
+        if reason in LEFT
     }
 
 
@@ -93,9 +90,9 @@ def _find(
     named: Titles, frontier: Frontier, removed: Collection[str]
 ) -> tuple[set[str], set[str], int]:
     """Keys of named pages that are here or were, names that nothing bears, and how many can be none of a page."""
-    pages = {key: payload for key, _, _, payload in frontier.items("pages")}
-    titles = {title: key for key, payload in pages.items() for title in payload.get("former", [])}
-    titles |= {payload["title"]: key for key, payload in pages.items()}
+    pages = {key: page for key, _, _, page in frontier.items("pages")}
+    titles = {title: key for key, page in pages.items() for title in page.former}
+    titles |= {page.title: key for key, page in pages.items()}
     titles |= {
         title: title
         for key, *_ in frontier.items("info")
@@ -117,7 +114,7 @@ def _find(
 def _strip(root: Path, frontier: Frontier, keys: Collection[str]) -> Strip:
     return Strip(
         keys,
-        {payload["title"] for key, _, _, payload in frontier.items("pages") if key in keys}
+        {page.title for key, _, _, page in frontier.items("pages") if key in keys}
         | {key for key in keys if not key.isdigit()},
         *_own_files(root, keys),
     )
