@@ -1,10 +1,10 @@
 """Discovery by MediaWiki's API (https://www.mediawiki.org/wiki/API:Query, formatversion=2).
 
 Every request says `maxlag=5`: a wiki whose database lags answers with an error and Retry-After,
-and is left alone that long. That, the contact in the User-Agent and one pace for all requests are what
-MediaWiki asks of API clients (https://www.mediawiki.org/wiki/API:Etiquette). robots.txt tells crawlers
-which pages to leave alone, and most wikis bar the folder of their scripts there; so it rules pages and
-pictures, and the API only where it names us (`Web.barred`).
+and is left alone that long. That, the contact in the User-Agent and one pace for all requests are
+what MediaWiki asks of API clients (https://www.mediawiki.org/wiki/API:Etiquette). robots.txt tells
+crawlers which pages to leave alone, and most wikis bar the folder of their scripts there; so it
+rules pages and pictures, and the API only where it names us (`Web.barred`).
 """
 
 from __future__ import annotations
@@ -59,9 +59,10 @@ class Api:
         return Answer("site", self.endpoint, params, answer, status)
 
     def listing(self, number: int, namespace: int, going: dict[str, str | int]) -> Answer:
-        """500 pages of a namespace without redirects; `going` is what the answer before said to go on.
+        """500 pages of a namespace without redirects.
 
-        Raises Unreachable when the list goes in a circle.
+        `going` is what the answer before it gave to go on. Raises Unreachable when the list goes
+        in a circle.
         """
         params = {
             "action": "query",
@@ -153,7 +154,7 @@ class Api:
 
 
 class _Circle:
-    """Finds that a list which is continued step by step goes in a circle: such a list has no end."""
+    """Finds that a list which is continued step by step goes in a circle and has no end."""
 
     def __init__(self) -> None:
         self._seen: set[str] = set()
@@ -213,7 +214,7 @@ class _Links(HTMLParser):
 
 
 def find_endpoint(web: Web, url: str) -> str:
-    """The address of `api.php` by the EditURI link of the wiki's front page. Raises FatalError, Blocked."""
+    """The address of `api.php` by the front page's EditURI link. Raises FatalError, Blocked."""
     web.barred(f"{url}/")
     try:
         page = web.attempt(lambda: web.get(f"{url}/", {}))

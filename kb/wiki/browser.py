@@ -123,7 +123,7 @@ class Browser:
             raise
 
     def _listening(self, driver: str) -> int:
-        """Start the driver; its port. Raises MissingExtra when it doesn't start in several tries."""
+        """Start the driver; its port. Raises MissingExtra when no try succeeds."""
         for _ in range(STARTS):
             self._process = self._start(driver)
             self._watcher.watch(self._process.pid, self.folder)
@@ -188,7 +188,7 @@ class Browser:
             "perfLoggingPrefs", {"enableNetwork": True, "enablePage": False}
         )
         options.add_experimental_option("prefs", PREFERENCES)
-        # A host with a port stands for that port alone: on loopback, another port is another service.
+        # A host with a port stands for that port alone: on loopback another one is another service.
         rules = ", ".join([*(f"MAP {host} {host}" for host in hosts), "MAP * ~NOTFOUND"])
         flags = [
             *FLAGS,
@@ -246,7 +246,7 @@ class Browser:
 
     @contextlib.contextmanager
     def within(self, seconds: float) -> Iterator[None]:
-        """End the whole browser when the block takes longer; whatever then waits for it fails at once."""
+        """End the whole browser when the block takes longer; what waits for it fails at once."""
         timer = threading.Timer(seconds, self._late)
         timer.daemon = True
         timer.start()
@@ -333,9 +333,10 @@ def _port(process: subprocess.Popen[bytes]) -> int | None:
 
 
 def reach(url: str, others: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The hosts and the origins that a browser may ask for the wiki at `url` with these other hosts.
+    """The hosts and origins that a browser may ask for the wiki at `url` with these other hosts.
 
-    A wiki whose root is given with one scheme may name its pages with the other one: both are the same place.
+    A wiki whose root is given with one scheme may name its pages with the other one: both are the
+    same place.
     """
     parts = urlsplit(url)
     host = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname

@@ -1,4 +1,4 @@
-"""One page as a person sees it: loaded, settled, measured, pictured. The order is the file's order."""
+"""One page as a person sees it: loaded, settled, measured, pictured, in this order."""
 
 from __future__ import annotations
 
@@ -22,15 +22,18 @@ _AGAIN = "window.__kb.again(arguments[0]);"
 _FREEZE = "return await window.__kb.freeze(arguments[0]);"
 _MEASURE = (
     "return [Math.max(document.documentElement.scrollWidth, document.documentElement.clientWidth),"
-    " Math.max(document.documentElement.scrollHeight, document.documentElement.clientHeight), document.images.length];"
+    " Math.max(document.documentElement.scrollHeight, document.documentElement.clientHeight),"
+    " document.images.length];"
 )
 _HTML = "return ('<!DOCTYPE html>\\n' + document.documentElement.outerHTML).toWellFormed();"
 # Style sheets and scripts decide where things stand; images are tried again while settling.
 _BROKEN = """
 return performance.getEntriesByType("resource")
-  .filter((e) => ["link", "script", "css"].includes(e.initiatorType) && e.name.startsWith(location.origin)
+  .filter((e) => ["link", "script", "css"].includes(e.initiatorType)
+    && e.name.startsWith(location.origin)
     && (e.responseStatus >= 500 || e.responseStatus === 429
-      || e.responseStatus === 0 && e.transferSize === 0 && e.decodedBodySize === 0 && e.duration > 0))
+      || e.responseStatus === 0 && e.transferSize === 0 && e.decodedBodySize === 0
+        && e.duration > 0))
   .map((e) => e.name);
 """
 _STATUS = """

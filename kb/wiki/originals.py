@@ -1,4 +1,4 @@
-"""One original picture file: by the address that the wiki names, else by those where it was seen."""
+"""One original picture file, by the address that the wiki names, else where it was seen."""
 
 from __future__ import annotations
 

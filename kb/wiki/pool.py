@@ -46,9 +46,10 @@ class Pool:
     def use(
         self, work: Callable[[Browser], Result], first: Callable[[], None] = lambda: None
     ) -> Result:
-        """Run `work` with a browser of its own, at most `seconds` long, after `first` (waiting for one's turn).
+        """Run `work` with a browser of its own, at most `seconds` long.
 
-        Raises what `work` raises; after anything but an answer about the item the browser is replaced.
+        `first` comes before it (waiting for one's turn). Raises what `work` raises; after anything
+        but an answer of the server the browser is replaced.
         """
         with self._lock:
             browser = self._idle.pop() if self._idle else None

@@ -1,4 +1,4 @@
-"""What of the wiki's raw data must go, and how a page leaves it: answers, captured folders, pictures of its own."""
+"""What of the wiki's raw data must go, and how a page leaves it: answers, captures, pictures."""
 
 from __future__ import annotations
 
@@ -38,17 +38,19 @@ ROWS = (
 
 
 class Keys(dict[str, str]):
-    """What a purge removes, key → reason, and what its summary says besides: `unknown` names that nothing here
-    bears (their tombstones keep them away) and `bad_lines` that can be no page."""
+    """What a purge removes, key → reason, and what its summary says besides.
+
+    `unknown` names nothing here bears (their tombstones keep them away); `bad_lines` can be none.
+    """
 
     said: dict[str, int]
 
 
 def purge_raw(run: Run, ids: Path | None) -> Keys:
-    """Tombstones, raw segments, captured files and frontier; the keys that must leave everything else as well.
+    """Tombstones, raw segments, captured files and frontier; the keys that must leave the rest too.
 
-    `ids` names pages by id, title or address: lines, Parquet with `page_id` or `title`, or MineDojo's JSON.
-    Raises SettingError (exit 2) when it can't be read, before anything is written.
+    `ids` names pages by id, title or address: lines, Parquet with `page_id` or `title`, or
+    MineDojo's JSON. Raises SettingError (exit 2) when it can't be read, before anything is written.
     """
     named = read_names(ids, "--ids", ("page_id", "title")) if ids else Titles([], frozenset(), 0)
     # Opening sets damage aside, closes segments and takes in what was not read yet.
@@ -89,7 +91,7 @@ def _gone(frontier: Frontier) -> dict[str, str]:
 def _find(
     named: Titles, frontier: Frontier, removed: Collection[str]
 ) -> tuple[set[str], set[str], int]:
-    """Keys of named pages that are here or were, names that nothing bears, and how many can be none of a page."""
+    """Keys of named pages that are or were here, names nothing bears, how many can be no page's."""
     pages = {key: page for key, _, _, page in frontier.items("pages")}
     titles = {title: key for key, page in pages.items() for title in page.former}
     titles |= {page.title: key for key, page in pages.items()}
@@ -154,13 +156,16 @@ def _own_files(root: Path, keys: Collection[str]) -> tuple[set[str], set[str]]:
         answer = envelope.response
         if answer.get("path"):
             paths[answer["key"] in files].add(answer["path"])
-    # What lies elsewhere was not written by a crawl, whatever the data say, and is not ours to remove.
+    # What lies elsewhere was not written by a crawl, whatever the data say: not ours to remove.
     return files, {path for path in paths[True] - paths[False] if is_inside(root, path)}
 
 
 @dataclass
 class Strip:
-    """(kind, envelope, keys) → the envelope without the pages: entries of lists, whole captures, files of their own."""
+    """(kind, envelope, keys) → the envelope without the pages.
+
+    Without entries of lists, whole captures, files of their own.
+    """
 
     keys: Collection[str]
     titles: set[str]

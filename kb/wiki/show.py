@@ -178,7 +178,7 @@ def _store(root: Path, item: Item, found: Captured, picture: Path) -> dict[str, 
 
 
 def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
-    """The original files that a page shows, each once, in order: key (address) and title on the wiki."""
+    """The original files that a page shows, each once, in order: key (address), title, source."""
     found: dict[str, dict[str, Any]] = {}
     page = addresses.original(extraction["page"]["url"])
     for element in extraction["elements"]:

@@ -1,11 +1,11 @@
 """The wiki as the frame sees it: list, ask, compare, show, fetch. One round reads what is new.
 
-site     the wiki's description of itself                raw kind site
-titles   the titles of all content pages                 raw kind titles
-info     revision, address, contributors                 raw kind pages
-gone     vanished and moved pages become tombstones      raw kinds pages, imageinfo
-pages    each new revision in the browser                raw kind renders, raw/wiki/pages/
-files    the original pictures                           raw kinds imageinfo, files, raw/wiki/images/
+site     the wiki's description of itself     raw kind site
+titles   the titles of all content pages      raw kind titles
+info     revision, address, contributors      raw kind pages
+gone     what vanished becomes tombstones     raw kinds pages, imageinfo
+pages    each new revision in the browser     raw kind renders, raw/wiki/pages/
+files    the original pictures                raw kinds imageinfo, files, raw/wiki/images/
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The wiki over plain HTTP: its API, its robots.txt and its picture files, by the project's HTTP policy."""
+"""The wiki over plain HTTP, by the project's policy: its API, robots.txt and picture files."""
 
 from __future__ import annotations
 
@@ -86,7 +86,10 @@ class Web:
         return self._robots is None or self._robots.allows(url)
 
     def barred(self, url: str) -> None:
-        """Raises Blocked when robots.txt has rules for us by name and they bar an address that is no page: the front page, the API."""
+        """Raises Blocked when robots.txt names us and bars an address that is no page.
+
+        That is the front page, or the API.
+        """
         if self._robots is not None and self._robots.named and not self._robots.allows(url):
             raise Blocked(
                 f"the wiki's robots.txt names {PRODUCT} and bars {url}",
@@ -101,7 +104,10 @@ class Web:
         return self._fetch(url, params)
 
     def attempt(self, call: Callable[[], Result]) -> Result:
-        """`call` with tries, growing pauses and the server's own wish. Raises Unreachable or Blocked at the end."""
+        """`call` with tries, growing pauses and the server's own wish.
+
+        Raises Unreachable or Blocked at the end.
+        """
         patience = math.inf if self.run.wait else retry.PATIENCE_S
         return retry.attempt(
             call, tries=TRIES, patience=patience, service="the wiki", sleep=self.sleep
