@@ -153,6 +153,7 @@ class Loop:
             self._in_hand[phase.kind] for phase in self.phases if phase.lane == lane
         ):
             return None
+        self._close_what_is_limited()
         for phase in self.phases:
             if phase.lane != lane or not self._open(phase):
                 continue
@@ -160,6 +161,14 @@ class Loop:
             if turn is not None:
                 return turn
         return None
+
+    def _close_what_is_limited(self) -> None:
+        """As many were answered as the limit allows: nothing more is listed for them either."""
+        for phase in self.phases:
+            if not phase.limited or phase.seeks or self._in_hand[phase.kind]:
+                continue
+            if self._limit.room(1) <= 0:
+                self._close(phase, self._limit.reached())
 
     def _open(self, phase: Phase) -> bool:
         """Whether a phase may be worked on now, as far as the others are concerned."""

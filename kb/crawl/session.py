@@ -21,7 +21,7 @@ from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 from kb.store.recorder import Recorder
 
-_BLOCKED = "blocked:"  # cursor: since when the service turns a lane away
+BLOCKED = "blocked:"  # cursor: since when the service turns a lane away
 _STEP_S = 0.5  # how soon a thread that waits hears that its lane has ended
 
 
@@ -98,7 +98,7 @@ class Session:
 
     def turned_away(self, lane: str) -> None:
         """The service blocks a lane: the next run begins with one request."""
-        self.frontier.set_cursor(_BLOCKED + lane, clock.stamp())
+        self.frontier.set_cursor(BLOCKED + lane, clock.stamp())
 
     def let_in(self, lane: str) -> None:
         """The service answered: nothing needs to be found out any more."""
@@ -106,11 +106,11 @@ class Session:
             if lane not in self._probing:
                 return
             self._probing.discard(lane)
-        self.frontier.set_cursor(_BLOCKED + lane, None)
+        self.frontier.set_cursor(BLOCKED + lane, None)
 
     def look_up_blocks(self, lanes: set[str]) -> None:
         """Which lanes the service turned away when they were last asked."""
-        held = {lane for lane in lanes if self.frontier.cursor(_BLOCKED + lane) is not None}
+        held = {lane for lane in lanes if self.frontier.cursor(BLOCKED + lane) is not None}
         with self._lock:
             self._probing = held
 
@@ -153,10 +153,10 @@ def open_session(
             _spent=frontier.requests(),
         )
         source.begin(session)
+        stack.callback(source.close)
         session.look_up_blocks({phase.lane for phase in source.phases})
         asked = [phase.kind for phase in source.phases]
         session.recorder = stack.enter_context(
             Recorder(root, source.name, frontier, source.reduce, asked=asked, every=every)
         )
-        stack.callback(source.close)
         yield session

@@ -26,6 +26,8 @@ class Phase:
     lane      phases of one lane share its threads; lanes run side by side
     bucket    phases of one bucket stop together when its quota is spent
     limited   `--limit` counts these items
+    seeks     at the limit, what feeds it is asked on until one more is there: it may be left out,
+              and without one the run is whole; else nothing more is asked for
     whole     starts only when all that feeds it is done
     packed    waits for a full batch while more may come from its own lane
     down      so many failures one after the other mean that the service is down
@@ -41,6 +43,7 @@ class Phase:
     lane: str = "main"
     bucket: str = ""
     limited: bool = False
+    seeks: bool = False
     whole: bool = False
     packed: bool = False
     down: int = 3

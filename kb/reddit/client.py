@@ -18,19 +18,19 @@ from prawcore.requestor import Requestor
 from prawcore.sessions import FiniteRetryStrategy
 
 from kb.core import clock
-from kb.core.errors import Blocked, CredentialRefused, FatalError, ItemFinal, KbError, Retryable
+from kb.core.errors import Blocked, Retryable
 from kb.core.settings import Settings
 from kb.net.rate import Pace, is_loopback
 from kb.net.retry import PATIENCE_S, attempt
-from kb.net.session import Ledger, Session, host_of, refusal
+from kb.net.session import Ledger, Session, host_of
 from kb.reddit.answers import problem
+from kb.reddit.errors import consequence, too_deep
 
 ROOT = "https://www.reddit.com"
 OAUTH = "https://oauth.reddit.com"
-INFO = 100  # most ids of one info or morechildren call
+IDS = 100  # most ids of one info or morechildren call
 LISTED = 100  # most things of a listing's page
 
-_FACTS = {403: "forbidden", 404: "not_found", 410: "gone", 451: "legal"}
 _LONGEST_S = 86_400.0  # a window has 600 s
 
 Spend = Callable[[str, int], Callable[[str], None]]
@@ -154,29 +154,10 @@ class Client:
             except wrong.InvalidToken:
                 # Tokens last a day at most; prawcore has dropped this one and gets another.
                 answer = reddit._core.request(method=method, path=path, params=params, data=data)
-        except wrong.OAuthException as error:
-            raise CredentialRefused(
-                f"Reddit refuses the app's credentials ({error.error})",
-                hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET",
-            ) from None
-        except wrong.InvalidToken:
-            raise CredentialRefused(
-                "Reddit refuses the app's token",
-                hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET",
-            ) from None
-        except wrong.RequestException as error:
-            broken = error.original_exception
-            if isinstance(broken, KbError):  # of the ledger, the pace or the door
-                raise broken from None
-            raise Retryable(f"{type(broken).__name__} at {path}", unreachable=True) from None
         except RecursionError:
-            raise Retryable(f"an answer nested too deep to be read at {path}") from None
-        except wrong.BadJSON:
-            raise Retryable(f"an answer at {path} was cut off or is no JSON") from None
-        except wrong.Redirect as error:
-            raise ItemFinal("redirect", error.path) from None
-        except wrong.ResponseException as error:
-            raise _consequence(error.response, path) from None
+            raise too_deep(path) from None
+        except wrong.PrawcoreException as error:
+            raise consequence(error, path) from None
         found = problem(path, answer)
         if found:
             raise Retryable(f"{found} at {path}")
@@ -187,34 +168,6 @@ class Client:
             session = Session(self._settings, hosts=self._hosts, ledger=_ledger(self._spend))
             self._reddit = _praw(self._id, self._secret or None, session, self._root, self._limiter)
         return self._reddit
-
-
-def _consequence(response: Any, path: str) -> KbError:
-    """What follows from an answer that is no 200. Of the token's own requests none is a fact about an item."""
-    status, token = response.status_code, "access_token" in (response.url or "")
-    refused = refusal(response, path)
-    if refused is not None:
-        return refused
-    if status == 403 and b"<html" in response.content[:2_000].lower():
-        # The API answers in JSON; a page comes from what guards it.
-        return Blocked(
-            "Reddit's network protection turns us away (HTTP 403 with a page)",
-            hint="run the same command later, from a network that Reddit accepts",
-        )
-    if token and status in (400, 401, 403):
-        return CredentialRefused(
-            f"Reddit refuses the app's credentials (HTTP {status})",
-            hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET",
-        )
-    if not token and status in _FACTS:
-        return ItemFinal(_FACTS[status], path)
-    if not token and (
-        path.startswith("comments/") or (path.startswith("api/morechildren") and status != 400)
-    ):
-        return Retryable(
-            f"HTTP {status} at {path}"
-        )  # about one post, whatever it means; a 400 to ids that Reddit gave is about us
-    return FatalError(f"Reddit answers HTTP {status} at {path}")
 
 
 def _praw(client_id: str, secret: str | None, session: Session, root: str, limiter: Limiter) -> Any:

@@ -22,21 +22,18 @@ from kb.core.context import Run
 from kb.core.engine import make_executor
 from kb.core.errors import Interrupted, LimitReached, SettingError, Stopped
 from kb.core.verdict import Summary
+from kb.crawl.session import open_session
 from kb.reddit import places
 from kb.reddit.authors import Scrubber, load_key
 from kb.reddit.dumps import Chunk, Seen, chunks
 from kb.reddit.places import KIND, Place
 from kb.reddit.search import Search
 from kb.reddit.segments import Segments
-from kb.reddit.state import ASKED, apply
+from kb.reddit.source import Dumps
 from kb.reddit.strip import without
-from kb.store import belonging, mending, rawlog
+from kb.store import mending, rawlog
 from kb.store.atomic import full_disk_is_resumable
-from kb.store.frontier import Frontier
-from kb.store.identity import remember
-from kb.store.lock import writer
 from kb.store.rawlog import SEGMENT_BYTES
-from kb.store.recorder import Recorder
 from kb.store.tombstones import keys as tombstones
 
 THINGS = 100
@@ -68,28 +65,20 @@ def import_dumps(
     section = run.profile.section("reddit")
     for file in files:
         _readable(file)
-    with writer(run.root, "reddit"):
-        belonging.note(run.root, run.profile)
-        remember(run.root, "reddit", subreddit=section.subreddit.lower())
+    with open_session(run, Dumps(run)) as session:
         load_key(run.root)
-        frontier = Frontier(run.root / "state" / "reddit.sqlite")
+        span = (since.timestamp() if since else 0.0, until.timestamp() if until else math.inf)
+        root = str(run.root.absolute())
+        jobs = [
+            Job(root, str(file.absolute()), section.subreddit, *span, run.limit or 0)
+            for file in _different(run, files, span)
+        ]
         try:
-            places.settle(run.root)
-            Recorder(run.root, "reddit", frontier, apply, asked=ASKED).close()
-            span = (since.timestamp() if since else 0.0, until.timestamp() if until else math.inf)
-            root = str(run.root.absolute())
-            jobs = [
-                Job(root, str(file.absolute()), section.subreddit, *span, run.limit or 0)
-                for file in _different(run, files, span)
-            ]
-            try:
-                found = _import(run, jobs)
-                mending.asked_again(frontier, imported=run.again)
-            finally:
-                for path in rawlog.segments(run.root, "reddit", KIND):
-                    frontier.set_offset(KIND, rawlog.base_name(path), path.stat().st_size)
+            found = _import(run, jobs)
+            mending.asked_again(session.frontier, imported=run.again)
         finally:
-            frontier.close()
+            for path in rawlog.segments(run.root, "reddit", KIND):
+                session.frontier.set_offset(KIND, rawlog.base_name(path), path.stat().st_size)
     return _summary(found)
 
 

@@ -10,10 +10,10 @@ from kb.core.context import Run
 from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
 from kb.net.rate import is_loopback
-from kb.reddit.client import INFO, ROOT
+from kb.reddit.client import IDS, ROOT
 from kb.reddit.known import known
+from kb.reddit.reduce import PAGES
 from kb.reddit.refresh import due_parts, oldest_due
-from kb.reddit.state import PAGES
 from kb.reddit.wanted import Ids, asked_for
 from kb.store import rawlog, reading, tombstones
 from kb.store.lock import writer
@@ -47,7 +47,7 @@ def plan_crawl(run: Run) -> Summary:
         assumed.append(f"{PAGES} pages a listing, {NEW_A_LISTING:.0%} of their posts new")
     posts = waiting("tree") + fresh
     done = kinds.get("tree", {}).get("done", 0)
-    further = sum(kinds.get("more", {}).values()) / INFO + sum(kinds.get("thread", {}).values())
+    further = sum(kinds.get("more", {}).values()) / IDS + sum(kinds.get("thread", {}).values())
     each = 1 + further / done if done else REQUESTS_A_POST
     size = BYTES_A_POST
     if done:
@@ -55,7 +55,7 @@ def plan_crawl(run: Run) -> Summary:
         size = max(1, sum(one.stat().st_size for one in segments) // done)
     elif posts:
         assumed.append(f"{REQUESTS_A_POST:g} requests and {BYTES_A_POST // 1000} kB a post")
-    asked = round(posts * each) + math.ceil(waiting("more") / INFO) + waiting("thread")
+    asked = round(posts * each) + math.ceil(waiting("more") / IDS) + waiting("thread")
     phases = [
         Phase("listings", listings, requests=pages, hours=_hours(run, pages)),
         Phase("posts", posts, requests=asked, hours=_hours(run, asked), gb=posts * size / 1e9),
@@ -93,7 +93,7 @@ def _of_ids(
     assumed = [f"{BYTES_AN_ID} bytes an id"]
     phases = []
     for phase, items in named:
-        calls = math.ceil(items / INFO)
+        calls = math.ceil(items / IDS)
         phases.append(Phase(phase, items, calls, 0, _hours(run, calls), items * BYTES_AN_ID / 1e9))
     if trees:
         calls = round(trees * REQUESTS_A_POST)

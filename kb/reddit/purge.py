@@ -12,27 +12,26 @@ from collections.abc import Collection
 from functools import partial
 from pathlib import Path
 
+import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.core.context import Run
 from kb.core.verdict import Summary
+from kb.crawl.session import open_session
 from kb.reddit import threads, tree
 from kb.reddit.crossposts import drop_parents, repeats
 from kb.reddit.known import known
-from kb.reddit.places import settle
 from kb.reddit.reconstruction import OUT
-from kb.reddit.refresh import KIND as INFO
-from kb.reddit.state import ASKED, apply
+from kb.reddit.source import INFO, Reddit
 from kb.reddit.strip import strip
 from kb.reddit.wanted import read_wanted
 from kb.schema import table
-from kb.store import lock, mending, purge, purge_plan, tombstones
+from kb.store import mending, purge, purge_plan, tombstones
 from kb.store.frontier import Frontier
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope
-from kb.store.recorder import Recorder
 from kb.store.shards import check_columns, write_table
 
 BASES = ("clean/reddit", str(OUT))
@@ -102,29 +101,25 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
     if ids:
         read_wanted(ids)
     _check(run.root)
-    with lock.writer(run.root, "reddit"):
-        frontier = Frontier(run.root / "state" / "reddit.sqlite")
-        try:
-            # What an import that was killed had not noted holds texts too; it reads them again.
-            settle(run.root)
-            # Opening the recorder sets damage aside, closes segments and takes in what was not read yet.
-            Recorder(run.root, "reddit", frontier, apply, asked=ASKED, every=True).close()
-            keys = purge.begin(run.root, "reddit", collect(run, ids))
-            if keys:
-                mending.drop_asides(run.root, "reddit", frontier, keys, ())
-                crossposts: set[str] = set()
-                purge.rewrite_raw(
-                    run.root, "reddit", keys.keys(), partial(_strip, crossposts), frontier
-                )
-                for base in BASES:
-                    drop_parents(run.root / base / "posts", crossposts, keys)
-                _forget(frontier, keys)
-                # Answers of a reconstruction that was cut off; it asks again.
-                for work in (run.root / OUT).glob(".work-*"):
-                    shutil.rmtree(work)
-        finally:
-            frontier.close()
+    # Damage is set aside and told later; what a killed import had not noted holds texts too.
+    with open_session(run, Reddit(run), asks=False, every=True) as session:
+        keys = purge.begin(run.root, "reddit", collect(run, ids))
+        if keys:
+            _take_out(run, session.frontier, keys)
     return keys
+
+
+def _take_out(run: Run, frontier: Frontier, keys: dict[str, str]) -> None:
+    """Keys leave raw answers, the state, and what crossposts show."""
+    mending.drop_asides(run.root, "reddit", frontier, keys, ())
+    crossposts: set[str] = set()
+    purge.rewrite_raw(run.root, "reddit", keys.keys(), partial(_strip, crossposts), frontier)
+    for base in BASES:
+        drop_parents(run.root / base / "posts", crossposts, keys)
+    _forget(frontier, keys)
+    # Answers of a reconstruction that was cut off; it asks again.
+    for work in (run.root / OUT).glob(".work-*"):
+        shutil.rmtree(work)
 
 
 def _check(root: Path) -> None:
@@ -159,7 +154,7 @@ def _strip(
 
 
 def _forget(frontier: Frontier, names: Collection[str]) -> None:
-    for kind, prefix in (("tree", "t3_"), ("more", "t1_"), (INFO, "")):
+    for kind, prefix in (("tree", "t3_"), ("more", "t1_"), (INFO.kind, "")):
         frontier.remove(kind, [key.removeprefix(prefix) for key in names if key.startswith(prefix)])
     threads = [
         key
@@ -169,5 +164,6 @@ def _forget(frontier: Frontier, names: Collection[str]) -> None:
     frontier.remove("thread", threads)
     for key, _, _, payload in frontier.items("listing"):
         # Its next page stood behind a post that goes: read from the first page again.
-        if payload and payload.get("after") in names:
-            frontier.payload("listing", key, {**payload, "after": None, "pages": 0})
+        if payload is not None and payload.after in names:
+            start = msgspec.structs.replace(payload, after=None, pages=0)
+            frontier.payload("listing", key, start)

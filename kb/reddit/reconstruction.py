@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,20 +23,26 @@ import pyarrow.parquet as pq
 
 from kb.core import vocabulary
 from kb.core.context import Run
-from kb.core.errors import FatalError, ItemFinal, KbError, LimitReached, Retryable
+from kb.core.errors import KbError
 from kb.core.profile import DEFAULT, load_profile
-from kb.core.progress import Task
 from kb.core.settings import load_settings
 from kb.core.verdict import Summary
+from kb.crawl import job
+from kb.crawl.loop import Loop
+from kb.crawl.session import Session
+from kb.crawl.source import Answer, Phase
 from kb.net import redact
 from kb.reddit import earlier, tables
-from kb.reddit.client import INFO
-from kb.reddit.crawl import Crawl, Session, session
+from kb.reddit.reduce import PAYLOADS
+from kb.reddit.source import INFO, MORE, THREAD, TREE, Reddit
 from kb.reddit.wanted import Ids, Wanted, asked_for, released
+from kb.store import reading
+from kb.store.frontier import Frontier, Item
 from kb.store.lock import writer
 
 LOCK = ".lock"  # in the folder of the tables: one run at a time adds to them
 OUT = Path("export", "reconstructed")  # below the data root
+_WHY = {"404": "missing", "410": "missing", "purged": "purged"}
 
 
 class Post(NamedTuple):
@@ -133,22 +140,22 @@ def rebuild(run: Run, ids: Ids, out: Path) -> Summary:
             shutil.rmtree(work, ignore_errors=True)
             run.progress.say(f"{out}: every id was answered before; --again reads them anew")
             return Summary(**{**done.answered[digest], **_counts(out, done), "requests": 0})
-        with session(run, work) as at:
-            stale = earlier.begin(work, done)
-            job = Rebuild(at, wanted)
-            summary = job.run()
-            try:
-                answers = tables.Answers(
-                    work, wanted, job.unanswered(), released(sources), stale, at.gone
-                )
-                done.answered.pop(digest, None)
-                done.counts = tables.write(answers, out, run.profile.section("reddit").links)
-                done.writes += 1
-                summary |= _counts(out, done)
-            except KbError as error:
-                error.summary = summary
-                raise
-            earlier.wrote(work, done)
+        stale = earlier.begin(work, done)
+        source = Rebuild(run, wanted)
+        summary = job.work(run, source, source.summary, place=work, facts=source.facts)
+        try:
+            unanswered = _unanswered(work / "state" / "reddit.sqlite")
+            answers = tables.Answers(
+                work, wanted, unanswered, released(sources), stale, source.opened.gone
+            )
+            done.answered.pop(digest, None)
+            done.counts = tables.write(answers, out, run.profile.section("reddit").links)
+            done.writes += 1
+            summary |= _counts(out, done)
+        except KbError as error:
+            error.summary = summary
+            raise
+        earlier.wrote(work, done)
         if not summary["failed"]:
             done.answered[digest] = dict(summary)
         earlier.save(out, done)
@@ -166,87 +173,71 @@ def _counts(out: Path, done: earlier.Done) -> dict[str, int]:
     }
 
 
-class Rebuild(Crawl):
-    """One run over what is wanted; of the crawl it has the reading of trees."""
+class Rebuild(Reddit):
+    """What is wanted: names, and posts whose whole trees are read. `answered` counts names."""
 
-    KINDS = ("info", "tree", "more", "thread")
+    phases = (replace(INFO, name="reddit reconstruct"), MORE, THREAD, TREE)
 
-    def __init__(self, at: Session, wanted: Wanted) -> None:
-        super().__init__(at, None, None)
+    def __init__(self, run: Run, wanted: Wanted) -> None:
+        super().__init__(run)
         self.wanted = wanted
-        self.asked = 0
+        self.answered = 0
 
-    def _seed(self) -> None:
-        if not self.frontier.cursor("seeded"):
-            with self.frontier.transaction():
-                self.frontier.add("info", self.wanted.names)
-                self.frontier.add("tree", self.wanted.trees)
-                self.frontier.mark("info", self.gone, "skipped", "purged")
-                self.frontier.set_cursor("seeded", True)
-        for kind in self.KINDS:
-            self.frontier.reopen(kind, "error")
+    def identity(self) -> dict[str, str]:
+        """The host; ids are of any subreddit."""
+        return {"host": super().identity()["host"]}
 
-    def _show(self) -> Task:
-        return self.at.run.progress.task(
-            "reddit reconstruct",
-            unit="posts and comments",
-            waiting=lambda: self.frontier.waiting("info", "tree"),
-        )
+    def settle(self) -> None:
+        """Answers go into a work folder, which has no dumps."""
 
-    def _step(self) -> bool:
-        limit = self.at.run.limit
-        room = INFO if limit is None else min(INFO, limit - self.asked)
-        if not self.frontier.ready("info"):
-            return super()._step()
-        if room <= 0:
-            raise LimitReached(
-                f"{self.asked} ids were read (--limit {limit})",
-                hint="run the same command to go on",
-            )
-        names = [item.key for item in self.frontier.take("info", room)]
-        try:
-            answer = self._wait(lambda: self.at.client.info(names))
-        except Retryable as error:
-            self._failed("info", names, error)
-            return True
-        except ItemFinal as error:
-            raise FatalError(f"Reddit does not answer info ({error})") from None
-        self.at.record("info", "api/info", {"id": ",".join(names)}, 200, answer)
-        self.asked += len(names)
-        self.bar.advance(len(names), requests=self.frontier.requests()[0] - self.before[0])
-        return True
+    def discover(self, frontier: Frontier) -> None:
+        """What is wanted, once."""
+        if frontier.cursor("seeded"):
+            return
+        with frontier.transaction():
+            frontier.add("info", self.wanted.names)
+            frontier.add("tree", self.wanted.trees)
+            frontier.set_cursor("seeded", True)
 
-    def summary(self) -> Summary:
+    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
+        """As in a crawl."""
+        for answer in super().fetch(phase, items):
+            yield answer
+            self.answered += len(items) if phase.kind == "info" else 0
+
+    def facts(self, phase: Phase) -> dict[str, object]:
+        """What stands beside a progress bar."""
+        return {"requests": self.requests()}
+
+    def summary(self, session: Session, loop: Loop) -> Summary:
         """Figures of this run and what is left."""
-        counts = {kind: self.frontier.counts(kind) for kind in self.KINDS}
+        frontier = session.frontier
+        counts = {phase.kind: frontier.counts(phase.kind) for phase in self.phases}
         left = vocabulary.left_by("reddit", counts)
         return Summary(
             command="reddit reconstruct",
             source="reddit",
             counted="posts and comments",
-            crawled=self.asked + self.posts,
-            failed=sum(counts[kind].get("error", 0) for kind in self.KINDS),
-            pending=self.frontier.waiting("info", "tree"),
-            requests=self.frontier.requests()[0] - self.before[0],
+            crawled=self.answered + loop.answered["tree"],
+            failed=sum(count.get("error", 0) for count in counts.values()),
+            pending=frontier.waiting("info", "tree"),
+            requests=self.requests(),
             left=sum(left.values()),
             left_by=left,
         )
 
-    def unanswered(self) -> dict[str, str]:
-        """What has no answer with content for a reason that is not in the answers: full name → reason."""
-        found = {
-            f"{prefix}{key}": "failed"
-            for kind, prefix in (("info", ""), ("tree", "t3_"), ("more", "t1_"))
-            for key, *_ in self.frontier.items(kind, "error")
-        }
+
+def _unanswered(state: Path) -> dict[str, str]:
+    """What has no answer with content for a reason that is not in the answers: full name → reason."""
+    found: dict[str, str] = {}
+    with reading.state(state, PAYLOADS) as frontier:
+        for kind, prefix in (("info", ""), ("tree", "t3_"), ("more", "t1_")):
+            for key, *_ in frontier.items(kind, "error"):
+                found[f"{prefix}{key}"] = "failed"
         for kind, prefix in (("info", ""), ("tree", "t3_")):
-            for key, _, reason, _ in self.frontier.items(kind, "skipped"):
-                found[f"{prefix}{key}"] = {
-                    "404": "missing",
-                    "410": "missing",
-                    "purged": "purged",
-                }.get(reason or "", "forbidden")
-        return found
+            for key, _, reason, _ in frontier.items(kind, "skipped"):
+                found[f"{prefix}{key}"] = _WHY.get(reason or "", "forbidden")
+    return found
 
 
 def _run(profile: str | None, settings: dict[str, Any]) -> Run:

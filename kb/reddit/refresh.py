@@ -8,8 +8,9 @@ deleted, removed or is no longer there leaves with `kb purge reddit`.
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from contextlib import closing
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -17,24 +18,25 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from kb.core import clock, signals, vocabulary
+from kb.core import clock, vocabulary
 from kb.core.context import Run
-from kb.core.errors import FatalError, ItemFinal, KbError, LimitReached, Retryable, Unreachable
 from kb.core.verdict import Summary
-from kb.reddit.client import INFO
-from kb.reddit.crawl import DOWN, Session, patient, session
+from kb.crawl.job import work
+from kb.crawl.loop import Loop
+from kb.crawl.session import Session
+from kb.crawl.source import Answer, Opened, Phase
+from kb.reddit import tree
 from kb.reddit.known import Known, known
+from kb.reddit.reduce import Named
+from kb.reddit.source import INFO, Reddit
 from kb.store.atomic import full_disk_is_resumable
-from kb.store.frontier import ROUND, going_on
+from kb.store.frontier import ROUND, Frontier, Item, going_on
 from kb.store.merge import Merge
 from kb.store.shards import PAGE
 
-KIND = "info"
 _ORDER = ["place", "fullname"]
-_MANY, _MOST = (
-    100,
-    0.9,
-)  # of at least so many ids nearly all missing: rather a closed subreddit than so many deletions
+# Of at least so many ids nearly all missing: rather a closed subreddit than so many deletions.
+_MANY, _MOST = 100, 0.9
 _log = logging.getLogger("kb.reddit")
 
 
@@ -45,33 +47,99 @@ def refresh(run: Run, older_than: int | None = None) -> Summary:
     read, so the same command goes on where it stopped. Raises MissingCredential (exit 2), LimitReached, Blocked, Unreachable and
     Interrupted (exit 3; the same command goes on) and CredentialRefused, with the summary so far.
     """
-    with session(run) as at:
-        section = run.profile.section("reddit")
-        days = section.max_age_days if older_than is None else older_than
-        if run.again or not going_on(at.frontier, KIND, older_than):
-            _seek(run, at, oldest_due(days, older_than), older_than)
-        return _read(run, at, at.frontier.counts(KIND).get("todo", 0), days)
+    source = Refresh(run, older_than)
+    try:
+        return work(
+            run,
+            source,
+            source.summary,
+            phases=[replace(INFO, name="refresh")],
+            facts=lambda phase: {"missing": source.missing},
+        )
+    finally:
+        source.warn()
+
+
+class Refresh(Reddit):
+    """What is due, read again by name. `answered` ids, and `missing` ones of them."""
+
+    def __init__(self, run: Run, older_than: int | None) -> None:
+        super().__init__(run)
+        self.older_than = older_than
+        self.days = self.section.max_age_days if older_than is None else older_than
+        self.answered = self.missing = 0
+
+    def begin(self, opened: Opened) -> None:
+        """Look whether the same refresh was stopped, before what failed in it is opened again."""
+        super().begin(opened)
+        self._stopped = going_on(opened.frontier, INFO.kind, self.older_than)
+
+    def discover(self, frontier: Frontier) -> None:
+        """What is due now, unless the same refresh was stopped."""
+        goes_on = self._stopped and going_on(frontier, INFO.kind, self.older_than)
+        if self.run.again or not goes_on:
+            self._seek(frontier)
+        if not frontier.ready(INFO.kind):
+            self.run.progress.say(
+                f"reddit: nothing is older than {self.days} days, and nothing is from dumps alone"
+            )
+
+    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
+        """Up to 100 names."""
+        for answer in super().fetch(phase, items):
+            yield answer
+            given = {
+                f"{thing.kind}_{thing.data.get('id')}" for thing in tree.things(answer.response)
+            }
+            self.answered += len(items)
+            self.missing += sum(item.key not in given for item in items)
+
+    def summary(self, session: Session, loop: Loop) -> Summary:
+        """Figures of this run and what is left."""
+        counts = session.frontier.counts(INFO.kind)
+        left = vocabulary.left_by("reddit", {INFO.kind: counts})
+        return Summary(
+            command="refresh reddit",
+            source="reddit",
+            counted="posts and comments",
+            crawled=self.answered,
+            missing=self.missing,
+            failed=counts.get("error", 0),
+            requests=self.requests(),
+            left=sum(left.values()),
+            left_by=left,
+        )
+
+    def warn(self) -> None:
+        """Say when nearly nothing is there any more."""
+        if self.answered < _MANY or self.missing <= _MOST * self.answered:
+            return
+        _log.warning(
+            f"Reddit gave only {self.answered - self.missing} of {self.answered} ids: look there"
+            " whether they are gone before `kb purge reddit` removes them here;"
+            " `kb refresh reddit --again` asks for them once more"
+        )
+
+    def _seek(self, frontier: Frontier) -> None:
+        """Put what is due into the frontier."""
+        oldest = oldest_due(self.days, self.older_than)
+        with known(self.run) as things:
+            parts = due_parts(things, self.opened.gone, oldest, self.run.again)
+            with closing(Merge(parts, _ORDER, _ORDER)) as due, frontier.transaction():
+                frontier.replace(
+                    INFO.kind,
+                    (
+                        (row["fullname"], Named(row["place"][1:]))
+                        for rows in due
+                        for row in rows.to_pylist()
+                    ),
+                )
+                frontier.set_cursor(ROUND, self.older_than)
 
 
 def oldest_due(days: int, older_than: int | None) -> datetime | None:
     """What was read before is due; None means all that is there, also what was read this very second."""
     return None if older_than == 0 else clock.now() - timedelta(days=days)
-
-
-def _seek(run: Run, at: Session, oldest: datetime | None, older_than: int | None) -> None:
-    """Put what is due into the frontier."""
-    with (
-        known(run) as things,
-        closing(Merge(due_parts(things, at.gone, oldest, run.again), _ORDER, _ORDER)) as due,
-    ):
-        items = (
-            (row["fullname"], {"post": row["place"][1:]})
-            for rows in due
-            for row in rows.to_pylist()
-        )
-        with at.frontier.transaction():
-            at.frontier.replace(KIND, items)
-            at.frontier.set_cursor(ROUND, older_than)
 
 
 def due_parts(
@@ -110,85 +178,3 @@ def due_parts(
                 data_page_size=PAGE,
             )
     return parts
-
-
-def _read(run: Run, at: Session, total: int, days: int) -> Summary:
-    summary = Summary(
-        command="refresh reddit",
-        source="reddit",
-        counted="posts and comments",
-        crawled=0,
-        missing=0,
-        failed=0,
-        requests=0,
-        left=total,
-        left_by={},
-    )
-    before, failures = at.frontier.requests()[0], 0
-    if not total:
-        run.progress.say(
-            f"reddit: nothing is older than {days} days, and nothing is from dumps alone"
-        )
-        return summary
-    task = run.progress.task("refresh", total=total, unit="posts and comments")
-
-    def count() -> Summary:
-        counts = at.frontier.counts(KIND)
-        left = vocabulary.left_by("reddit", {KIND: counts})
-        summary.update(
-            requests=at.frontier.requests()[0] - before,
-            failed=counts.get("error", 0),
-            left=sum(left.values()),
-            left_by=left,
-        )
-        return summary
-
-    try:
-        while at.frontier.ready(KIND):
-            signals.stop.check()
-            room = INFO if run.limit is None else min(INFO, run.limit - summary["crawled"])
-            if room <= 0:
-                raise LimitReached(
-                    f"{summary['crawled']} ids were read (--limit {run.limit})",
-                    hint="run the same command to go on",
-                )
-            items = at.frontier.take(KIND, room)
-            names = [item.key for item in items]
-            try:
-                answer = patient(run, lambda names=names: at.client.info(names))
-            except Retryable as error:
-                at.frontier.mark(KIND, names, "error", error.reason)
-                failures += 1
-                if failures >= DOWN:
-                    raise Unreachable(
-                        f"Reddit failed {failures} times in a row ({error.reason})",
-                        hint="run the same command later: it goes on where it stopped",
-                    ) from None
-                continue
-            except ItemFinal as error:
-                raise FatalError(f"Reddit does not answer info ({error})") from None
-            failures = 0
-            at.record(
-                KIND,
-                "api/info",
-                {"id": ",".join(names), "posts": [item.payload["post"] for item in items]},
-                200,
-                answer,
-            )
-            given = {
-                f"{child['kind']}_{child['data'].get('id')}" for child in answer["data"]["children"]
-            }
-            summary["crawled"] += len(names)
-            summary["missing"] += sum(name not in given for name in names)
-            task.advance(len(names), missing=summary["missing"])
-    except KbError as error:
-        error.summary = count()
-        raise
-    finally:
-        task.close(stopped=summary["crawled"] < total)
-        if summary["crawled"] >= _MANY and summary["missing"] > _MOST * summary["crawled"]:
-            _log.warning(
-                f"Reddit gave only {summary['crawled'] - summary['missing']} of {summary['crawled']} ids: look there whether they are gone before "
-                "`kb purge reddit` removes them here; `kb refresh reddit --again` asks for them once more"
-            )
-    return count()

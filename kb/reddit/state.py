@@ -1,123 +1,15 @@
-"""What Reddit's answers mean for the frontier; the same live and in replay.
-
-listing   "new", "top:all", "search:guide" …   payload: next page, pages read, when the last page's oldest post and
-                                                the round's newest were made, up to when the round before had read
-tree      bare post ids                         payload: when the post was made
-more      bare comment ids behind stubs         payload: their post
-thread    "<post>/<comment>" of "continue this thread"
-"""
+"""What the state of a crawl tells: how many posts were read, and which parts were not."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-from kb.reddit import tree
+from kb.reddit.reduce import OUTSIDE, PAYLOADS
 from kb.store import reading
 from kb.store.frontier import Frontier
-from kb.store.rawlog import Envelope
 
-ASKED = ("listing", "tree", "more", "thread")  # what a crawl asks for
-PAGES = 10  # of 100: Reddit ends a listing at about 1,000
-OUTSIDE = (
-    "outside --since/--until"  # not read by this crawl; one with another span, or none, reads it
-)
-AGAIN = "came back as a stub"
 COMMENTS, REPLIES = "comments", "replies"  # parts that failed, behind the name of what they are of
-_BY_TIME = (
-    "new",
-    "search",
-)  # newest first; the other listings have no order that a later round could end by
-
-
-def listing_key(endpoint: str, params: dict[str, Any]) -> str:
-    """The frontier's name of a listing request."""
-    name = endpoint.rpartition("/")[2]
-    extra = params.get("q") if name == "search" else params.get("t")
-    return f"{name}:{extra}" if extra else name
-
-
-def apply(frontier: Frontier, kind: str, envelope: Envelope) -> None:
-    """Take one answer in. Idempotent."""
-    params, response = envelope.request.params, envelope.response
-    if kind == "listings":
-        _listing(frontier, listing_key(envelope.request.endpoint, params), params, response)
-    elif kind == "comments":
-        _page(frontier, params, envelope.status, response)
-    elif kind == "morechildren":
-        _stubs(frontier, tree.bare(params["link_id"]), response)
-        asked = str(params["children"]).split(",")
-        # Some may come back as a stub again: they are asked once more as long as that settles any.
-        again = {
-            key
-            for thing in tree.things(response)
-            if thing.kind == "more"
-            for key in tree.stub_ids(thing.data)
-        }
-        settled = [key for key in asked if key not in again]
-        frontier.done("more", *settled)
-        if settled:
-            frontier.release("more", *again.intersection(asked))
-        else:
-            frontier.mark("more", asked, "error", AGAIN)
-    elif kind == "info":
-        frontier.done("info", *str(params["id"]).split(","))
-
-
-def _listing(frontier: Frontier, key: str, params: dict[str, Any], response: Any) -> None:
-    posts = [
-        thing.data
-        for thing in tree.things(response)
-        if thing.kind == tree.POST and thing.data.get("id")
-    ]
-    frontier.add("tree", [(post["id"], {"created_utc": post.get("created_utc")}) for post in posts])
-    frontier.add("listing", [key])
-    pages = int(params.get("count", 0)) // 100 + 1
-    token = tree.after(response)
-    before = (frontier.get("listing", key) or ("", None, None))[1] or {}
-    made = [
-        float(post["created_utc"])
-        for post in posts
-        if isinstance(post.get("created_utc"), (int, float))
-    ]
-    oldest, upto = min(made, default=None), before.get("upto")
-    newest = max(
-        [*made, *(moment for moment in (before.get("newest"), upto) if moment is not None)],
-        default=None,
-    )
-    frontier.payload(
-        "listing",
-        key,
-        {"after": token, "pages": pages, "oldest": oldest, "newest": newest, "upto": upto},
-    )
-    # In a later round a page that reaches back behind the newest post of the round before means that the rest is known.
-    known = (
-        key.partition(":")[0] in _BY_TIME
-        and upto is not None
-        and oldest is not None
-        and oldest < upto
-    )
-    frontier.mark("listing", [key], "done" if token is None or pages >= PAGES or known else "todo")
-
-
-def _page(frontier: Frontier, params: dict[str, Any], status: int, response: Any) -> None:
-    post, comment = str(params["article"]), params.get("comment")
-    kind, key = ("thread", f"{post}/{comment}") if comment else ("tree", post)
-    frontier.add(kind, [key])
-    if status == 200:
-        _stubs(frontier, post, response)
-        frontier.done(kind, key)
-    else:
-        frontier.skip(kind, key, str(status))
-
-
-def _stubs(frontier: Frontier, post: str, response: Any) -> None:
-    for thing in tree.things(response):
-        if thing.kind == "more":
-            frontier.add("more", [(key, {"post": post}) for key in tree.stub_ids(thing.data)])
-            if tree.is_continuation(thing.data):
-                frontier.add("thread", [f"{post}/{tree.bare(thing.data['parent_id'])}"])
 
 
 def outside(frontier: Frontier) -> int:
@@ -142,7 +34,7 @@ def unread_parts(frontier: Frontier) -> dict[str, str]:
     for key, _, reason, _ in frontier.items("thread", "error"):
         found.setdefault(key.partition("/")[0], reason or "failed")
     for _, _, reason, payload in frontier.items("more", "error"):
-        found.setdefault(payload["post"], reason or "failed")
+        found.setdefault(payload.post, reason or "failed")
     return found
 
 
@@ -151,7 +43,7 @@ def incomplete_posts(root: Path) -> dict[str, str]:
     path = root / "state" / "reddit.sqlite"
     if not path.exists():
         return {}
-    with reading.state(path) as frontier:
+    with reading.state(path, PAYLOADS) as frontier:
         return unread_parts(frontier)
 
 
@@ -169,7 +61,7 @@ def gave_up(root: Path) -> Iterator[tuple[str, str]]:
     path = root / "state" / "reddit.sqlite"
     if not path.exists():
         return
-    with reading.state(path) as frontier:
+    with reading.state(path, PAYLOADS) as frontier:
         for key, _, reason, _ in frontier.items("more", "error"):
             yield f"t1_{key}", reason or "failed"
         for key, _, reason, _ in frontier.items("thread", "error"):

@@ -105,15 +105,18 @@ class Reader:
 
     def _patient(self, line: bytes) -> Answer:
         try:
-            envelope = holdable(json.loads(line))
-            fetched_at, status, response = (
-                envelope["fetched_at"],
-                envelope["status"],
-                envelope["response"],
-            )
-            params = envelope["request"].get("params") or {}
+            envelope = json.loads(line)
+            fetched_at, status = envelope["fetched_at"], envelope["status"]
+            params, response = envelope["request"].get("params") or {}, envelope["response"]
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise DamagedData(f"a raw line is no envelope: {error!r}") from None
+        return self.decoded(fetched_at, params, status, response)
+
+    def decoded(
+        self, fetched_at: str | None, params: dict[str, Any], status: int, response: Any
+    ) -> Answer:
+        """The answer of an envelope that was decoded before."""
+        params, response = holdable(params), holdable(response)
         records: list[Any] = [response]
         if self._listed:
             items = response.get("items") if isinstance(response, dict) else None

@@ -11,10 +11,11 @@ import json
 import re
 import sqlite3
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -106,10 +107,12 @@ def escaped(path: str) -> str:
 
 
 @contextlib.contextmanager
-def state(path: Path) -> Iterator[Frontier]:
-    """A source's state, read beside a running crawl. Raises DamagedData."""
+def state(
+    path: Path, payloads: Mapping[str, type[msgspec.Struct]] | None = None
+) -> Iterator[Frontier]:
+    """A source's state, read beside a running crawl; `payloads` as there. Raises DamagedData."""
     try:
-        with contextlib.closing(Frontier(path, readonly=True)) as frontier:
+        with contextlib.closing(Frontier(path, readonly=True, payloads=payloads)) as frontier:
             yield frontier
     except sqlite3.DatabaseError as error:
         busy = getattr(error, "sqlite_errorname", "").startswith(("SQLITE_BUSY", "SQLITE_LOCKED"))

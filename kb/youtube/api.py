@@ -4,37 +4,34 @@ from __future__ import annotations
 
 import json
 import math
+from functools import partial
 from typing import Any
 
 import requests
 from googleapiclient.discovery import build
 from googleapiclient.errors import HttpError
 
-from kb.core import clock
-from kb.core.errors import Blocked, Retryable, Unreachable
+from kb.core.context import Run
+from kb.core.errors import Retryable
 from kb.core.profile.youtube import YouTube
-from kb.core.settings import Settings
+from kb.crawl.source import Opened
 from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
 from kb.net.session import Session, failure, host_of, user_agent
-from kb.store.frontier import Frontier
 from kb.youtube import quota
 from kb.youtube.errors import meaning
 from kb.youtube.transport import Transport
 
 GOOGLE = "https://youtube.googleapis.com"
-BLOCKED = "api_blocked"  # cursor: since when the API turns us away
-HOPELESS = 3  # so many requests failed one after the other: the service is down, not the item
 
 
 class Api:
-    """The calls that a crawl makes. Not for several threads at once (httplib2 is not thread-safe).
+    """The calls that a crawl makes. Not for several threads at once.
 
-    With `wait` it sleeps however long the service asks for.
+    With `--wait` it sleeps however long the service asks for.
     """
 
-    def __init__(
-        self, settings: Settings, profile: YouTube, frontier: Frontier, *, wait: bool = False
-    ) -> None:
+    def __init__(self, run: Run, profile: YouTube, opened: Opened, *, lane: str) -> None:
+        settings = run.settings
         endpoint = settings.kb_youtube_endpoint or GOOGLE
         session = Session(settings, hosts={host_of(endpoint)})
         # build() must not see a secret in an exception of its own; it only reads a file of the package.
@@ -48,10 +45,9 @@ class Api:
             client_options={"api_endpoint": endpoint},
         )
         self._agent = user_agent(settings.kb_contact)  # Google's client would put its own there
-        self._profile, self._frontier = profile, frontier
-        self._patience = math.inf if wait else PATIENCE_S
-        self._wait, self._blocked = wait, frontier.cursor(BLOCKED) is not None
-        self._bad_luck = 0
+        self._profile, self._opened, self._lane = profile, opened, lane
+        self._frontier = opened.frontier
+        self._patience = math.inf if run.wait else PATIENCE_S
 
     def search(self, **params: Any) -> dict[str, Any]:
         """search.list: the one call of the search bucket."""
@@ -72,37 +68,21 @@ class Api:
         self._service.close()
 
     def _call(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
-        """The answer, after several tries. Raises Unreachable instead of Retryable when nothing goes well any more."""
+        """The answer, after several tries."""
         request.headers["user-agent"] = self._agent
-        try:
-            answer = attempt(
-                lambda: self._probe(bucket, endpoint, request),
-                tries=self._profile.max_tries,
-                patience=self._patience,
-            )
-        except Retryable as error:
-            self._bad_luck += 1
-            if self._bad_luck >= HOPELESS:
-                raise Unreachable(
-                    f"{error.reason}; {HOPELESS} requests failed one after the other",
-                    hint="the service seems to be down; the same command goes on",
-                ) from error
-            raise
-        except Blocked:
-            self._frontier.set_cursor(BLOCKED, clock.stamp())
-            raise
-        self._bad_luck = 0
-        if self._blocked:
-            self._blocked = False
-            self._frontier.set_cursor(BLOCKED, None)
-        return answer
+        return attempt(
+            lambda: self._probe(bucket, endpoint, request),
+            tries=self._profile.max_tries,
+            patience=self._patience,
+            sleep=partial(self._opened.sleep, self._lane),
+        )
 
     def _probe(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
         """One try; after a block the first one decides whether it still stands."""
         try:
             return self._once(bucket, endpoint, request)
         except Retryable as error:
-            if self._blocked and error.throttled and not self._wait:
+            if error.throttled and self._opened.probing(self._lane):
                 raise blocked(
                     f"the YouTube API still turns us away ({error})", error.after
                 ) from None

@@ -17,6 +17,7 @@ import pyarrow.compute as pc
 from kb.schema.coerce import times
 from kb.schema.decode import Answer, Reader, problems
 from kb.schema.tables import table
+from kb.store.rawlog import Envelope
 
 ROWS = 8_192  # about 50 MB while a batch is made
 
@@ -29,16 +30,29 @@ def videos(lines: Iterable[bytes], rows: int = ROWS) -> Iterator[pa.Table]:
     and not returned (all else null). A row without a readable id can't be told from a missing
     one and counts as such.
     """
-
     reader = _reader("youtube/videos", "videos")
-    place = [column.name for column in reader.columns].index("video_id")
     for got, answers in reader.tables(lines, rows):
-        got = got.filter(pc.is_valid(got["video_id"]))
-        got = got.append_column("missing", pa.repeat(pa.scalar(False), got.num_rows))
-        yield got
-        gone = [(key, answer) for answer in answers for key in _not_returned(answer, place)]
-        if gone:
-            yield _missing(gone, got.schema)
+        yield from _with_missing(reader, got, answers)
+
+
+def videos_of(envelope: Envelope) -> Iterator[pa.Table]:
+    """The same of one decoded envelope."""
+    reader = _reader("youtube/videos", "videos")
+    if envelope.status == 200:
+        params, response = envelope.request.params, envelope.response
+        answer = reader.decoded(envelope.fetched_at, params, envelope.status, response)
+        yield from _with_missing(reader, reader.table([answer]), [answer])
+
+
+def _with_missing(reader: Reader, got: pa.Table, answers: list[Answer]) -> Iterator[pa.Table]:
+    """The rows that have an id, and one for each id that was asked for and not returned."""
+    place = [column.name for column in reader.columns].index("video_id")
+    got = got.filter(pc.is_valid(got["video_id"]))
+    got = got.append_column("missing", pa.repeat(pa.scalar(False), got.num_rows))
+    yield got
+    gone = [(key, answer) for answer in answers for key in _not_returned(answer, place)]
+    if gone:
+        yield _missing(gone, got.schema)
 
 
 def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:

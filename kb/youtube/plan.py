@@ -17,20 +17,31 @@ from kb.core.verdict import Summary
 from kb.net.rate import is_loopback
 from kb.store import rawlog
 from kb.store.frontier import Frontier
-from kb.youtube import effects, quota
-from kb.youtube.effects import CHANNELS, SEARCHES, TRANSCRIPTS, UPLOADS, VIDEOS
+from kb.youtube import quota
+from kb.youtube.fetch import PACK
 from kb.youtube.ids import share, some_ids
-from kb.youtube.job import PACK
+from kb.youtube.reduce import (
+    CHANNELS,
+    PAYLOADS,
+    RAW_LIST,
+    RAW_SEARCH,
+    RAW_TRANSCRIPTS,
+    RAW_VIDEOS,
+    SEARCHES,
+    TRANSCRIPTS,
+    UPLOADS,
+    VIDEOS,
+)
 
 # Used only where this data root has nothing to measure.
 CHANNELS_A_PAGE = 25  # results without doubles
 VIDEOS_A_CHANNEL = 200
 WORTH_A_TRANSCRIPT = 0.6  # of videos, pass category, views, aspect ratio, duration, age
 BYTES = {
-    effects.RAW_SEARCH: 6_000,
-    effects.RAW_LIST: 3_000,
-    effects.RAW_VIDEOS: 60_000,
-    effects.RAW_TRANSCRIPTS: 12_000,
+    RAW_SEARCH: 6_000,
+    RAW_LIST: 3_000,
+    RAW_VIDEOS: 60_000,
+    RAW_TRANSCRIPTS: 12_000,
 }  # a call or video
 REQUESTS_A_TRANSCRIPT = 3
 
@@ -54,19 +65,19 @@ def plan(run: Run, ids: Path | None = None, part: tuple[int, int] | None = None)
     )
     sizes = _bytes_each(run, state)
     gb = {
-        effects.RAW_SEARCH: calls["search"],
-        effects.RAW_LIST: calls["playlist_items"],
-        effects.RAW_VIDEOS: calls["videos"],
-        effects.RAW_TRANSCRIPTS: left["transcripts"],
+        RAW_SEARCH: calls["search"],
+        RAW_LIST: calls["playlist_items"],
+        RAW_VIDEOS: calls["videos"],
+        RAW_TRANSCRIPTS: left["transcripts"],
     }
     gb = {kind: n * sizes[kind] / 1e9 for kind, n in gb.items()}
     asked = left["transcripts"] * REQUESTS_A_TRANSCRIPT
     lists, packs = calls["playlist_items"], calls["videos"]
     phases = [
-        Phase("searches", calls["search"], calls["search"], gb=gb[effects.RAW_SEARCH]),
-        Phase("channels", left["channels"], lists, lists, gb=gb[effects.RAW_LIST]),
-        Phase("videos", left["videos"], packs, packs, gb=gb[effects.RAW_VIDEOS]),
-        Phase("transcripts", left["transcripts"], asked, 0, hours, gb[effects.RAW_TRANSCRIPTS]),
+        Phase("searches", calls["search"], calls["search"], gb=gb[RAW_SEARCH]),
+        Phase("channels", left["channels"], lists, lists, gb=gb[RAW_LIST]),
+        Phase("videos", left["videos"], packs, packs, gb=gb[RAW_VIDEOS]),
+        Phase("transcripts", left["transcripts"], asked, 0, hours, gb[RAW_TRANSCRIPTS]),
     ]
     days = max(
         calls["search"] / profile.searches_per_day, general / profile.units_per_day, hours / 24
@@ -101,18 +112,18 @@ def _state(run: Run) -> dict[str, Any]:
     }
     if not path.is_file():
         return empty
-    frontier = Frontier(path, readonly=True)
+    frontier = Frontier(path, readonly=True, payloads=PAYLOADS)
     try:
         day = quota.today()
         return {
             "kinds": frontier.kinds(),
             "spent": {bucket: frontier.spent(bucket, day) for bucket in ("search", "general")},
             "open_searches": [
-                payload["page"]
+                payload.page
                 for *_, payload in frontier.items(SEARCHES, "todo", "in_progress", "error")
                 if payload
             ],
-            "keywords": {payload["q"] for *_, payload in frontier.items(SEARCHES) if payload},
+            "keywords": {payload.q for *_, payload in frontier.items(SEARCHES) if payload},
         }
     finally:
         frontier.close()
@@ -196,10 +207,10 @@ def _left_of_ids(
 def _bytes_each(run: Run, state: dict[str, Any]) -> dict[str, float]:
     """Compressed bytes of one call (one video for transcripts), measured where there is something."""
     answered = {
-        effects.RAW_SEARCH: (SEARCHES, 1),
-        effects.RAW_LIST: (UPLOADS, 1),
-        effects.RAW_VIDEOS: (VIDEOS, PACK),
-        effects.RAW_TRANSCRIPTS: (TRANSCRIPTS, 1),
+        RAW_SEARCH: (SEARCHES, 1),
+        RAW_LIST: (UPLOADS, 1),
+        RAW_VIDEOS: (VIDEOS, PACK),
+        RAW_TRANSCRIPTS: (TRANSCRIPTS, 1),
     }
     sizes = {}
     for kind, (items, pack) in answered.items():

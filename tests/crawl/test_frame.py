@@ -5,7 +5,9 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +25,7 @@ from kb.crawl.session import Session, open_session
 from kb.crawl.source import Phase
 from kb.store import rawlog
 from kb.store.frontier import Item
-from tests.crawl.feed import Feed
+from tests.crawl.feed import NOTES, PAGES, Feed
 from tests.crawl.service import Service, serving
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -111,6 +113,8 @@ def test_a_service_that_fails_for_the_last_items_is_down_too(run: Run) -> None:
 
 def test_what_is_left_out_takes_nothing_of_the_limit(run: Run, service: Service) -> None:
     class Early(Feed):
+        phases = (replace(NOTES, seeks=True), PAGES)
+
         def leave_out(self, phase: Phase, item: Item) -> str | None:
             return "late" if item.key >= "n004" else None
 
@@ -141,6 +145,31 @@ def test_wait_sleeps_through_a_block(
     service.fault = lambda path: (403, {}) if path == "/notes/n001" else None
     assert crawl(replace(run, wait=True), service)["notes"] == 10
     assert len(slept) == 1
+
+
+def test_a_lane_waits_for_one_that_sleeps(
+    run: Run, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its work comes from there: with --wait nothing is left behind when the block is over."""
+    blocked = "/notes?page=2"
+    service.fault = lambda path: (403, {}) if path == blocked else None
+
+    def wake_up(moment: object) -> None:
+        wait_until(lambda: "notes" not in "".join(each.name for each in threading.enumerate()))
+        service.fault = lambda path: None
+
+    monkeypatch.setattr(clock, "sleep_until", wake_up)
+    feed = Feed(run.settings, service.root)
+    feed.phases = (PAGES, replace(NOTES, lane="notes"))
+    done = work(replace(run, wait=True), feed, summary)
+    assert done == {"notes": 10, "failed": 0, "left": 0}
+
+
+def wait_until(what: Callable[[], bool], seconds: float = 1.0) -> None:
+    """Until it is so; no longer than some time, as it need not come true."""
+    end = time.monotonic() + seconds
+    while not what() and time.monotonic() < end:
+        time.sleep(0.01)
 
 
 def test_one_writer_and_one_feed_a_root(run: Run, service: Service) -> None:

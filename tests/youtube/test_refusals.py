@@ -10,7 +10,7 @@ import pytest
 from kb.sandbox import youtube_errors
 from kb.sandbox.youtube_pages import captcha_page
 from kb.store.frontier import Frontier
-from kb.youtube.effects import SEARCHES, UPLOADS, VIDEOS
+from kb.youtube.reduce import SEARCHES, UPLOADS, VIDEOS
 from tests.youtube.job import Job
 from tests.youtube.test_faults import CRAWL, finish, no_patience
 
@@ -73,6 +73,21 @@ def test_what_an_earlier_version_dropped_is_asked_for(job: Job) -> None:
     frontier.close()
 
 
+def test_a_state_of_before_the_frame_goes_on(job: Job) -> None:
+    """Payloads without their newer fields, and a block under the name that it had."""
+    no_patience(job).stopped(*CRAWL, "--only", "channels", "--limit", "1", code=3)
+    with sqlite3.connect(job.root / "state" / "youtube.sqlite") as state:
+        fields = "'$.channels', '$.pages', '$.mark'"
+        state.execute(f"UPDATE items SET payload = json_remove(payload, {fields})")
+        state.execute("""INSERT INTO cursors VALUES ('api_blocked', '"2026-11-20T11:00:00Z"')""")
+    job.sandbox.faults.add("/v3/", times=None, **BURST)
+    before = len(job.sandbox.ledger)
+    job.stopped(*CRAWL, code=3)
+    assert len(job.sandbox.ledger) == before + 1
+    job.sandbox.faults.clear()
+    finish(job)
+
+
 @pytest.mark.parametrize(
     "what", [BURST, {"status": 403, "body": youtube_errors.burst()[1]}], ids=["429", "403"]
 )
@@ -132,7 +147,7 @@ def test_after_a_block_one_video_finds_out_whether_it_stands(
     finish(job)
     with sqlite3.connect(job.root / "state" / "youtube.sqlite") as state:
         assert state.execute(
-            "SELECT count(*) FROM cursors WHERE name LIKE '%blocked'"
+            "SELECT count(*) FROM cursors WHERE name LIKE '%blocked%'"
         ).fetchone() == (0,)
 
 

@@ -1,0 +1,219 @@
+"""What an answer means for the frontier: the same live and when the raw log is replayed, so
+idempotent.
+
+searches      key "<keyword>#<page token>", payload Search → channels, and the next page
+channels      key channel id: found, never asked for by itself
+uploads       key channel id, payload Uploads: pages of the uploads list → videos
+videos        key video id: metadata → transcripts, for those that pass the cheap filters
+transcripts   key video id
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Collection, Iterable
+from typing import Any
+
+import msgspec
+
+from kb.core.profile.youtube import YouTube
+from kb.store.frontier import Frontier
+from kb.store.rawlog import Envelope
+from kb.youtube import parse
+
+SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH = (
+    "searches",
+    "channels",
+    "uploads",
+    "videos",
+    "transcripts",
+    "refresh",
+)
+# raw kinds
+RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS = (
+    "search",
+    "playlist_items",
+    "videos",
+    "transcripts",
+)
+FINAL = {"ok", "none", "disabled", "unavailable", "age_restricted"}
+BEYOND = "beyond search_pages"  # why a page of a search is skipped
+
+_log = logging.getLogger("kb.youtube")
+
+Wanted = Callable[[Any], Iterable[str]]
+"""Picks from parsed videos the ids of those whose transcript is worth asking for."""
+
+
+class Search(msgspec.Struct):
+    """A page of a search. `channels` is how many it found, None while nobody knows."""
+
+    q: str
+    token: str | None = None
+    page: int = 1
+    channels: int | None = None
+
+
+class Uploads(msgspec.Struct):
+    """A place in a channel's uploads list: the next page's token, and how many were read.
+
+    `mark` is an earlier token, to find out that the list goes round.
+    """
+
+    playlist: str
+    token: str | None = None
+    pages: int = 0
+    mark: str | None = None
+
+
+PAYLOADS: dict[str, type[msgspec.Struct]] = {SEARCHES: Search, UPLOADS: Uploads}
+
+
+def uploads_list(channel_id: str, profile: YouTube) -> str:
+    """The id of a channel's uploads list: UU…, or UULF… which leaves Shorts out."""
+    return ("UULF" if profile.uploads == "no_shorts" else "UU") + channel_id[2:]
+
+
+def channel_of(playlist: str) -> str:
+    """The channel of an uploads list."""
+    return "UC" + (playlist[4:] if playlist.startswith("UULF") else playlist[2:])
+
+
+class Reducer:
+    """Takes envelopes into the frontier. `mine` tells a part's channels and videos; `gone` are purged."""
+
+    def __init__(
+        self, profile: YouTube, wanted: Wanted, mine: Callable[[str], bool], gone: Collection[str]
+    ) -> None:
+        self._profile, self._wanted, self._mine, self._gone = profile, wanted, mine, gone
+        self._ways = {
+            RAW_SEARCH: self._search,
+            RAW_LIST: self._list,
+            RAW_VIDEOS: self._videos,
+            RAW_TRANSCRIPTS: self._transcript,
+        }
+
+    def __call__(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
+        """The effect of one envelope; other raw kinds have none."""
+        way = self._ways.get(kind)
+        if way is not None:
+            way(frontier, envelope)
+
+    def _search(self, frontier: Frontier, envelope: Envelope) -> None:
+        params = envelope.request.params
+        keyword, token = str(params.get("q", "")), params.get("pageToken")
+        key = search_key(keyword, token)
+        known = frontier.get(SEARCHES, key)
+        page = known[1].page if known and known[1] else 1
+        hits = [key for key in parse.channel_hits(envelope.response) if key.startswith("UC")]
+        frontier.add(CHANNELS, hits)
+        frontier.done(CHANNELS, *hits)
+        mine = [channel for channel in hits if self._mine(channel)]
+        frontier.add(UPLOADS, [(key, self._from_the_top(key)) for key in mine])
+        following = parse.next_page(envelope.response)
+        if following and hits:
+            after = Search(keyword, following, page + 1)
+            frontier.add(SEARCHES, [(search_key(keyword, following), after)])
+        frontier.add(SEARCHES, [(key, None)])
+        frontier.payload(SEARCHES, key, Search(keyword, token, page, len(hits)))
+        frontier.done(SEARCHES, key)
+
+    def _from_the_top(self, channel: str) -> Uploads:
+        return Uploads(uploads_list(channel, self._profile))
+
+    def _list(self, frontier: Frontier, envelope: Envelope) -> None:
+        params = envelope.request.params
+        playlist, token = str(params.get("playlistId", "")), params.get("pageToken")
+        channel = channel_of(playlist)
+        known = frontier.get(UPLOADS, channel)
+        if known is None:
+            at = Uploads(playlist, token)
+            frontier.add(UPLOADS, [(channel, at)])
+        else:
+            at = known[1]
+            if (at.playlist, at.token) != (playlist, token) or known[0] == "done":
+                # An answer of another machine, or a page that was read before: its videos count,
+                # the place in the list stays.
+                self._add_videos(frontier, envelope.response)
+                return
+        if envelope.status == 404:
+            self._no_list(frontier, channel, playlist)
+            return
+        new = self._add_videos(frontier, envelope.response)
+        following = self._next_of(at, parse.next_page(envelope.response), new)
+        later_round = frontier.cursor("round", 1) > 1
+        if following is None or (later_round and new == 0):
+            # Lists are newest first: in a later round a page of known videos ends it.
+            frontier.payload(UPLOADS, channel, self._from_the_top(channel))
+            frontier.done(UPLOADS, channel)
+            return
+        pages = at.pages + 1
+        # The token after every 1st, 2nd, 4th, 8th … page is remembered: where pages go round it
+        # comes again.
+        mark = following if pages & (pages - 1) == 0 else at.mark
+        frontier.payload(UPLOADS, channel, Uploads(playlist, following, pages, mark))
+        frontier.release(UPLOADS, channel)
+
+    def _no_list(self, frontier: Frontier, channel: str, playlist: str) -> None:
+        """Not every channel has a list without Shorts; one without any list has no uploads."""
+        if not playlist.startswith("UULF"):
+            frontier.skip(UPLOADS, channel, "not_found")
+            return
+        frontier.payload(UPLOADS, channel, Uploads("UU" + playlist[4:]))
+        frontier.release(UPLOADS, channel)
+
+    def _next_of(self, at: Uploads, following: str | None, new: int) -> str | None:
+        """The token of the next page; None at the end, also of a list that goes round."""
+        if following is None or new or following not in (at.mark, at.token):
+            return following
+        _log.warning(
+            "the list %s goes round: page %s leads back to one that was read; taken as its end",
+            at.playlist,
+            at.pages + 1,
+        )
+        return None
+
+    def _add_videos(self, frontier: Frontier, response: Any) -> int:
+        keys = [key for key in parse.listed(response) if key not in self._gone]
+        return frontier.add(VIDEOS, keys)
+
+    def _videos(self, frontier: Frontier, envelope: Envelope) -> None:
+        asked = parse.requested(envelope.request.params)
+        frontier.add(VIDEOS, asked)
+        frontier.done(VIDEOS, *asked)
+        frontier.done(REFRESH, *asked)
+        for rows in parse.videos_of(envelope):
+            keys = [key for key in self._wanted(rows) if key not in self._gone]
+            frontier.add(TRANSCRIPTS, keys)
+
+    def _transcript(self, frontier: Frontier, envelope: Envelope) -> None:
+        answer = envelope.response if isinstance(envelope.response, dict) else {}
+        key = str(answer.get("video_id", ""))
+        frontier.add(TRANSCRIPTS, [key])
+        if answer.get("outcome") in FINAL:
+            frontier.done(TRANSCRIPTS, key)
+        else:
+            frontier.error(TRANSCRIPTS, key, str(answer.get("reason") or "failed"))
+
+
+def without_channels(frontier: Frontier, keywords: Iterable[str]) -> list[str]:
+    """The keywords whose search was answered and found no channel."""
+    barren = []
+    # A state of before the count was kept tells only where no search found any.
+    uncounted = None if frontier.counts(CHANNELS) else 0
+    for word in dict.fromkeys(keywords):
+        status, page, _ = frontier.get(SEARCHES, search_key(word, None)) or ("", None, None)
+        channels = uncounted if page is None or page.channels is None else page.channels
+        if status == "done" and channels == 0:
+            barren.append(word)
+    return barren
+
+
+def crawled(frontier: Frontier) -> int:
+    """Videos that the API answered for in all runs, missing ones among them."""
+    return frontier.counts(VIDEOS).get("done", 0)
+
+
+def search_key(keyword: str, token: str | None) -> str:
+    """The frontier's key of a page of a search."""
+    return f"{keyword}#{token or ''}"
