@@ -13,8 +13,9 @@ import msgspec
 
 from kb.core.context import Run
 from kb.core.verdict import Summary
-from kb.crawl.session import open_session
-from kb.store import mending, purge, purge_plan, rawlog, tombstones
+from kb.crawl import purge as frame
+from kb.crawl.session import Session
+from kb.store import purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.inside import is_inside
 from kb.store.purge import Place
@@ -37,33 +38,25 @@ ROWS = (
 )
 
 
-class Keys(dict[str, str]):
-    """What a purge removes, key → reason, and what its summary says besides.
-
-    `unknown` names nothing here bears (their tombstones keep them away); `bad_lines` can be none.
-    """
-
-    said: dict[str, int]
-
-
-def purge_raw(run: Run, ids: Path | None) -> Keys:
+def purge_raw(run: Run, ids: Path | None) -> frame.Keys:
     """Tombstones, raw segments, captured files and frontier; the keys that must leave the rest too.
 
     `ids` names pages by id, title or address: lines, Parquet with `page_id` or `title`, or
-    MineDojo's JSON. Raises SettingError (exit 2) when it can't be read, before anything is written.
+    MineDojo's JSON. `unknown` of what is said are names that nothing here bears (their tombstones
+    keep them away), `bad_lines` can be no page. Raises SettingError (exit 2) when the file can't be
+    read, before anything is written.
     """
     named = read_names(ids, "--ids", ("page_id", "title")) if ids else Titles([], frozenset(), 0)
-    # Opening sets damage aside, closes segments and takes in what was not read yet.
-    with open_session(run, WikiSource(run), asks=False, every=True) as session:
-        frontier = session.frontier
-        known, unknown, bad = _find(named, frontier, session.gone)
-        found = _gone(frontier) | dict.fromkeys([*known, *unknown], "named")
-        keys = Keys(purge.begin(run.root, "wiki", found))
-        keys.said = {"unknown": len(unknown), "bad_lines": bad} if ids else {}
-        if keys:
-            mending.drop_asides(run.root, "wiki", frontier, keys, ("renders",))
-            _remove(run.root, frontier, keys)
-        return keys
+
+    def collect(session: Session) -> frame.Keys:
+        known, unknown, bad = _find(named, session.frontier, session.gone)
+        found = _gone(session.frontier) | dict.fromkeys([*known, *unknown], "named")
+        return frame.Keys(found, {"unknown": len(unknown), "bad_lines": bad} if ids else {})
+
+    def remove(session: Session, keys: frame.Keys) -> None:
+        _remove(run.root, session.frontier, keys)
+
+    return frame.purge_raw(run, WikiSource(run), collect, exact=("renders",), remove=remove)
 
 
 def plan(run: Run, ids: Path | None) -> Summary:
