@@ -29,7 +29,7 @@ from kb.wiki.assemble import HELPERS, assemble
 
 def crawl(run: Run, titles: Path | None = None) -> Summary:
     """Pages through the API and the browser; `titles` names them and skips the list."""
-    from kb.wiki.crawl import crawl
+    from kb.wiki.source import crawl
 
     return crawl(run, titles)
 

@@ -106,7 +106,7 @@ def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:
 
 def _crawled(source: str, frontier: Any) -> int:
     """What the crawls of all runs have read, as their summaries count it."""
-    module = {"youtube": "kb.youtube.reduce"}.get(source, f"kb.{source}.state")
+    module = {"reddit": "kb.reddit.state"}.get(source, f"kb.{source}.reduce")
     return int(importlib.import_module(module).crawled(frontier))
 
 

@@ -191,7 +191,10 @@ PHASES: dict[str, dict[str, tuple[str, str]]] = {
         "refresh": ("videos to refresh", "videos that are read again"),
     },
     "wiki": {
+        "site": ("site descriptions", "what the wiki says of itself, once a round"),
+        "titles": ("title lists", "lists of titles, one a namespace and round"),
         "info": ("titles", "titles whose revision is asked for, a round each"),
+        "gone": ("comparisons", "rounds that are compared with the pages known before"),
         "pages": ("pages", "pages that the browser shows"),
         "files": ("image files", "original files of images"),
     },

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -30,7 +30,9 @@ class Line(msgspec.Struct):
 
 
 @contextmanager
-def state(root: Path, source: str) -> Iterator[Frontier | None]:
+def state(
+    root: Path, source: str, payloads: Mapping[str, type[msgspec.Struct]] | None = None
+) -> Iterator[Frontier | None]:
     """A copy of the source's state to read, as opening it in place would leave files;
     None without one.
     """
@@ -42,7 +44,7 @@ def state(root: Path, source: str) -> Iterator[Frontier | None]:
     with tempfile.TemporaryDirectory(prefix="lorebase-plan-") as scratch:
         for file in files:
             shutil.copyfile(file, Path(scratch, file.name))
-        frontier = Frontier(Path(scratch, files[0].name), readonly=True)
+        frontier = Frontier(Path(scratch, files[0].name), readonly=True, payloads=payloads)
         try:
             yield frontier
         finally:

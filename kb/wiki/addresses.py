@@ -78,7 +78,7 @@ def licence(url: str | None, text: str | None = None) -> str | None:
 
 
 def file_licence(page: dict) -> str | None:
-    """The licence that a file's page gives: its metadata, else the first licence that it links to."""
+    """The licence that a file's page gives: its metadata, else the first one that it links to."""
     info = (page.get("imageinfo") or [{}])[0]
     held = info.get("extmetadata") or {}
     for key in ("LicenseUrl", "LicenseShortName", "License"):

@@ -1,8 +1,8 @@
-"""What the API's answers must be like before anything is made of them, and what they say of what was asked.
+"""What the API's answers must be like before anything is made of them, and what they say.
 
-An answer with status 200 may still be none: a front end's "busy", an error of another shape, half an
-answer. It says nothing about any page. So the shape is looked at first (`problem`), and what was asked
-for and is not in the answer is "unanswered", never "missing".
+With status 200 there may still be no answer: a front end's "busy", an error of another shape, half
+an answer. That says nothing about any page. So the shape is looked at first (`problem`), and what
+was asked for and is not in the answer is "unanswered", never "missing".
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ def quoted(text: str) -> str:
 
 
 def _about_pages(query: dict[str, Any]) -> str | None:
-    # Without a single page there must be another answer: titles of other wikis, revisions that are not there.
+    # Without a single page there must be another answer: titles of other wikis, or revisions that
+    # are not there.
     if "pages" not in query and not query.get("interwiki") and not query.get("badrevids"):
         return f"the API's answer has no pages but {quoted(repr(query))}"
     pages = query.get("pages", [])
@@ -81,7 +82,10 @@ def _entries(values: Any, *names: str) -> bool:
 
 
 def state(page: dict[str, Any]) -> str:
-    """What an answer says of a page: "there", "invalid", "redirect", "missing", "special", or "unanswered" when it says none of it."""
+    """What an answer says of a page: "there", "invalid", "redirect", "missing" or "special".
+
+    "unanswered" when it says none of it.
+    """
     said = next(
         (name for name in ("invalid", "redirect", "missing", "special") if page.get(name)), None
     )

@@ -1,15 +1,15 @@
 """Discovery by MediaWiki's API (https://www.mediawiki.org/wiki/API:Query, formatversion=2).
 
 Every request says `maxlag=5`: a wiki whose database lags answers with an error and Retry-After,
-and is left alone that long. That, the contact in the User-Agent and one pace for all requests are what
-MediaWiki asks of API clients (https://www.mediawiki.org/wiki/API:Etiquette). robots.txt tells crawlers
-which pages to leave alone, and most wikis bar the folder of their scripts there; so it rules pages and
-pictures, and the API only where it names us (`Web.barred`).
+and is left alone that long. That, the contact in the User-Agent and one pace for all requests are
+what MediaWiki asks of API clients (https://www.mediawiki.org/wiki/API:Etiquette). robots.txt tells
+crawlers which pages to leave alone, and most wikis bar the folder of their scripts there; so it
+rules pages and pictures, and the API only where it names us (`Web.barred`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Mapping, Sequence
 from html.parser import HTMLParser
 from typing import Any
 from urllib.parse import urljoin, urlsplit, urlunsplit
@@ -17,7 +17,9 @@ from urllib.parse import urljoin, urlsplit, urlunsplit
 import msgspec
 
 from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable, Unreachable
+from kb.crawl.source import Answer
 from kb.wiki import answers
+from kb.wiki.errors import Refused
 from kb.wiki.web import Web
 
 BATCH = 50
@@ -34,19 +36,19 @@ _FILES = {
     "ellimit": "500",
 }
 
-Record = Callable[[str, str, dict[str, Any], int, Any], Any]
-
 
 class Api:
-    """`record(kind, endpoint, params, status, answer)` keeps an answer before it is used.
+    """Each question gives the answer to be recorded.
 
-    What is no answer to the question (kb.wiki.answers) is tried again and never kept.
+    What is no answer to the question (kb.wiki.answers) is tried again and never kept. All raise
+    Unreachable or Blocked after all tries, FatalError for a request that the API refuses.
     """
 
-    def __init__(self, endpoint: str, web: Web, record: Record) -> None:
-        self.endpoint, self._web, self._record = endpoint, web, record
+    def __init__(self, endpoint: str, web: Web) -> None:
+        self.endpoint, self._web = endpoint, web
+        self._circles: dict[tuple[int, int], _Circle] = {}
 
-    def site(self) -> dict[str, Any]:
+    def site(self) -> Answer:
         """Addresses, namespaces and licence of the site."""
         params = {
             "action": "query",
@@ -54,13 +56,13 @@ class Api:
             "siprop": "general|namespaces|rightsinfo|statistics",
         }
         status, answer = self.ask(params)
-        self._record("site", self.endpoint, params, status, answer)
-        return answer["query"]
+        return Answer("site", self.endpoint, params, answer, status)
 
-    def listing(self, number: int, namespace: int, start: dict[str, str]) -> Iterator[int]:
-        """All pages of a namespace without redirects, 500 a call, from `start` on; how many each call gave.
+    def listing(self, number: int, namespace: int, going: dict[str, str | int]) -> Answer:
+        """500 pages of a namespace without redirects.
 
-        Raises Unreachable when the list goes in a circle.
+        `going` is what the answer before it gave to go on. Raises Unreachable when the list goes
+        in a circle.
         """
         params = {
             "action": "query",
@@ -69,24 +71,19 @@ class Api:
             "apfilterredir": "nonredirects",
             "aplimit": "500",
         }
-        circle = _Circle(start)
-        going: dict[str, str] | None = start
-        while going is not None:
-            status, answer = self.ask({**params, **going})
-            self._record(
-                "titles", self.endpoint, {**params, **going, "round": number}, status, answer
-            )
-            yield len(answer["query"]["allpages"])
-            going = answer.get("continue") or None
-            circle.check(going, answer["query"]["allpages"])
+        circle = self._circles.setdefault((number, namespace), _Circle())
+        circle.check(going)
+        status, answer = self.ask({**params, **going})
+        circle.note(going, answer["query"]["allpages"])
+        return Answer("titles", self.endpoint, {**params, **going, "round": number}, answer, status)
 
-    def details(self, tag: str, *, titles: list[str] = (), ids: list[str] = ()) -> None:  # type: ignore[assignment]
+    def details(self, tag: str, *, titles: Sequence[str] = (), ids: Sequence[str] = ()) -> Answer:
         """Revision, address and contributors of up to 50 pages."""
         by = {"titles": "|".join(titles)} if titles else {"pageids": "|".join(ids)}
         status, answer = self.whole({"action": "query", **by, **_DETAILS})
-        self._record("pages", self.endpoint, {**by, "round": tag}, status, answer)
+        return Answer("pages", self.endpoint, {**by, "round": tag}, answer, status)
 
-    def revision(self, revision: int) -> None:
+    def revision(self, revision: int) -> Answer:
         """The same for one revision, when the wiki showed another than it had named."""
         params = {
             "action": "query",
@@ -96,37 +93,29 @@ class Api:
             "rvprop": "ids|timestamp|user|sha1|size",
         }
         status, answer = self.ask(params)
-        self._record(
-            "pages", self.endpoint, {"revids": str(revision), "round": "r"}, status, answer
-        )
+        by = {"revids": str(revision), "round": "r"}
+        return Answer("pages", self.endpoint, by, answer, status)
 
-    def files(self, titles: list[str]) -> dict[str, dict[str, Any]]:
-        """What the wiki knows about up to 50 files, by the title that was asked for."""
+    def files(self, titles: list[str]) -> Answer:
+        """What the wiki knows about up to 50 files; `answers.files` has it by title."""
         params = {"action": "query", "titles": "|".join(titles), **_FILES}
         status, answer = self.whole(params)
-        self._record("imageinfo", self.endpoint, {"titles": titles}, status, answer)
-        query = answer.get("query", {})
-        names = {change["from"]: change["to"] for change in query.get("normalized", [])}
-        pages = {page.get("title"): page for page in query.get("pages", [])}
-        return {
-            title: pages[names.get(title, title)]
-            for title in titles
-            if names.get(title, title) in pages
-        }
+        return Answer("imageinfo", self.endpoint, {"titles": titles}, answer, status)
 
     def whole(self, params: dict[str, str]) -> tuple[int, dict[str, Any]]:
         """An answer with all its continuations joined."""
         status, first = self.ask(params)
-        answer, circle = first, _Circle({})
+        answer, circle = first, _Circle()
         while going := answer.get("continue"):
             circle.check(going)
             status, answer = self.ask({**params, **going})
+            circle.note(going)
             _join(first, answer)
         first.pop("continue", None)
         return status, first
 
     def ask(self, params: dict[str, str]) -> tuple[int, dict[str, Any]]:
-        """One request. Raises Unreachable or Blocked after all tries, FatalError for a request the API refuses."""
+        """One question: status and answer."""
         return self._web.attempt(lambda: self._once(params))
 
     def _once(self, params: dict[str, str]) -> tuple[int, dict[str, Any]]:
@@ -134,12 +123,12 @@ class Api:
             answer = self._web.get(
                 self.endpoint, {**params, "format": "json", "formatversion": "2", "maxlag": "5"}
             )
+        except Refused as error:
+            raise Blocked(
+                f"the wiki's API refuses us ({error.reason})",
+                hint="wait and run the same command again",
+            ) from None
         except ItemFinal as error:
-            if error.reason in ("http_401", "http_403"):
-                raise Blocked(
-                    f"the wiki's API refuses us ({error.reason})",
-                    hint="wait and run the same command again",
-                ) from None
             raise FatalError(
                 f"the wiki's API at {self.endpoint} does not answer: {error}",
                 hint="look at the address in a browser",
@@ -165,25 +154,33 @@ class Api:
 
 
 class _Circle:
-    """Finds that a list which is continued step by step goes in a circle. `start` is the first step."""
+    """Finds that a list which is continued step by step goes in a circle and has no end."""
 
-    def __init__(self, start: dict[str, str]) -> None:
-        self._seen, self._last = {_step(start)}, None
+    def __init__(self) -> None:
+        self._seen: set[str] = set()
+        self._last: list[Any] | None = None
 
-    def check(self, going: dict[str, str] | None, entries: list[Any] | None = None) -> None:
-        """Take the next step and what the last one gave. Raises Unreachable: such a list has no end."""
-        if going is not None and (
-            _step(going) in self._seen or (entries and entries == self._last)
-        ):
-            raise Unreachable(
-                f"the wiki's API goes in a circle: it says again to continue at {answers.quoted(_step(going))}",
-                hint="nothing that was read is lost; run the same command later, or name pages with --titles",
-            )
-        self._seen |= {_step(going)} if going else set()
-        self._last = entries
+    def check(self, going: Mapping[str, str | int]) -> None:
+        """Before a step is asked for. Raises Unreachable when it was answered before."""
+        if _step(going) in self._seen:
+            raise _endless(_step(going))
+
+    def note(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
+        """A step was answered. Raises Unreachable when the one before gave the same entries."""
+        if entries and entries == self._last:
+            raise _endless(_step(going))
+        self._seen.add(_step(going))
+        self._last = list(entries)
 
 
-def _step(going: dict[str, str]) -> str:
+def _endless(step: str) -> Unreachable:
+    return Unreachable(
+        f"the wiki's API goes in a circle: it says again to continue at {answers.quoted(step)}",
+        hint="nothing that was read is lost; run the same command later, or use --titles",
+    )
+
+
+def _step(going: Mapping[str, str | int]) -> str:
     return msgspec.json.encode(going, order="sorted").decode()
 
 
@@ -217,15 +214,15 @@ class _Links(HTMLParser):
 
 
 def find_endpoint(web: Web, url: str) -> str:
-    """The address of `api.php` by the EditURI link of the wiki's front page. Raises FatalError, Blocked."""
+    """The address of `api.php` by the front page's EditURI link. Raises FatalError, Blocked."""
     web.barred(f"{url}/")
     try:
         page = web.attempt(lambda: web.get(f"{url}/", {}))
+    except Refused as error:
+        raise Blocked(
+            f"the wiki refuses us ({error.reason})", hint="wait and run the same command again"
+        ) from None
     except ItemFinal as error:
-        if error.reason in ("http_401", "http_403"):
-            raise Blocked(
-                f"the wiki refuses us ({error.reason})", hint="wait and run the same command again"
-            ) from None
         raise FatalError(f"{url} does not answer as a wiki: {error}") from None
     links = _Links()
     links.feed(page.body.decode("utf-8", "replace"))

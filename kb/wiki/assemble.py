@@ -1,4 +1,4 @@
-"""Newest answers → the pages that the stages judge: what the wiki says of each, and whether it was captured."""
+"""Newest answers → the pages that the stages judge: what the wiki says of each, and its capture."""
 
 from __future__ import annotations
 
@@ -27,11 +27,12 @@ HELPERS = (
 def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
     """Pages and titles of one bucket as rows of wiki/pages, and the picture files that they name.
 
-    A page is captured when its newest revision was shown under its newest title. Adds `key` (the id
-    as text, or a title that has no page), `state` (what the wiki says of it), `of_page` (the id of a page
-    that is none but bears the title), `missing`, `robots` and `render` (reasons) and `said` (what goes
-    with the reason). Pages that are gone by the newest answer are left out: the crawl writes
-    their tombstones. `url` is the wiki's root, for raw data without an answer about the site.
+    A page is captured when its newest revision was shown under its newest title. Adds `key` (the
+    id as text, or a title that has no page), `state` (what the wiki says of it), `of_page` (the id
+    of a page that is none but bears the title), `missing`, `robots` and `render` (reasons) and
+    `said` (what goes with the reason). Pages that are gone by the newest answer are left out: the
+    crawl writes their tombstones. `url` is the wiki's root, for raw data without an answer about the
+    site.
     """
 
     rows = newest.get("pages", parse.schema("pages").empty_table())
@@ -65,7 +66,10 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
 
 
 def _shown(rows: pa.Table, renders: pa.Table) -> tuple[pa.Table, pa.Table]:
-    """For each row the capture of its revision under its title, and what was said where capturing failed; nulls for none."""
+    """For each row the capture of its revision under its title, and what was said of a failed one.
+
+    Nulls where there is none.
+    """
 
     captures, failures = (
         renders.filter(renders["captured"]),
@@ -89,7 +93,7 @@ def _joined(rows: pa.Table, other: pa.Table, on: tuple[str, ...]) -> pa.Table:
 
 
 def _of_site(titles: pa.ChunkedArray, site: pa.Table | None, url: str) -> dict[str, pa.Array]:
-    """What every page has of the site's own description: its licence, and the address of its history."""
+    """What every page has of the site's description: its licence, its history's address."""
 
     said = site.to_pylist()[0] if site is not None else dict.fromkeys(parse.schema("site").names)
     script = (said["server"] or url) + (said["script"] or "/index.php")

@@ -25,6 +25,7 @@ from kb.core import clock
 from kb.core.errors import MissingExtra, Retryable
 from kb.wiki import guard
 from kb.wiki.chromium import INSTALL, Programs
+from kb.wiki.errors import NotShown, PageTimeout
 
 # What Chromium would ask its maker by itself, and what pages may make it fetch ahead.
 FEATURES_OFF = (
@@ -122,7 +123,7 @@ class Browser:
             raise
 
     def _listening(self, driver: str) -> int:
-        """Start the driver; its port. Raises MissingExtra when it doesn't start in several tries."""
+        """Start the driver; its port. Raises MissingExtra when no try succeeds."""
         for _ in range(STARTS):
             self._process = self._start(driver)
             self._watcher.watch(self._process.pid, self.folder)
@@ -187,7 +188,7 @@ class Browser:
             "perfLoggingPrefs", {"enableNetwork": True, "enablePage": False}
         )
         options.add_experimental_option("prefs", PREFERENCES)
-        # A host with a port stands for that port alone: on loopback, another port is another service.
+        # A host with a port stands for that port alone: on loopback another one is another service.
         rules = ", ".join([*(f"MAP {host} {host}" for host in hosts), "MAP * ~NOTFOUND"])
         flags = [
             *FLAGS,
@@ -245,7 +246,7 @@ class Browser:
 
     @contextlib.contextmanager
     def within(self, seconds: float) -> Iterator[None]:
-        """End the whole browser when the block takes longer; whatever then waits for it fails at once."""
+        """End the whole browser when the block takes longer; what waits for it fails at once."""
         timer = threading.Timer(seconds, self._late)
         timer.daemon = True
         timer.start()
@@ -293,13 +294,15 @@ class Browser:
         try:
             return getattr(self._driver, method)(*arguments)
         except TimeoutException:
-            raise Retryable("page_timeout") from None
+            raise PageTimeout from None
         except (WebDriverException, HTTPError, OSError, ValueError) as error:
             if self.overdue:
-                raise Retryable("page_timeout") from None
+                raise PageTimeout from None
             said = (getattr(error, "msg", "") or type(error).__name__).splitlines()[0]
             match = re.search(r"net::(ERR_\w+)", said)
-            raise Retryable(match[1].lower() if match else f"browser: {said[:120]}") from None
+            if match:
+                raise NotShown(match[1].lower()) from None
+            raise Retryable(f"browser: {said[:120]}") from None
 
     def end(self) -> None:
         """End every process of the browser and remove its profile."""
@@ -330,9 +333,10 @@ def _port(process: subprocess.Popen[bytes]) -> int | None:
 
 
 def reach(url: str, others: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The hosts and the origins that a browser may ask for the wiki at `url` with these other hosts.
+    """The hosts and origins that a browser may ask for the wiki at `url` with these other hosts.
 
-    A wiki whose root is given with one scheme may name its pages with the other one: both are the same place.
+    A wiki whose root is given with one scheme may name its pages with the other one: both are the
+    same place.
     """
     parts = urlsplit(url)
     host = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname

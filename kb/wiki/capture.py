@@ -1,4 +1,4 @@
-"""One page as a person sees it: loaded, settled, measured, pictured. The order is the file's order."""
+"""One page as a person sees it: loaded, settled, measured, pictured, in this order."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from kb.core import clock
 from kb.core.errors import ItemFinal, Retryable
 from kb.wiki import screenshot
 from kb.wiki.browser import Browser
+from kb.wiki.errors import NotShown, PageTimeout, Served, of_status
 from kb.wiki.network import Network
 
 _SETTLE = "return await window.__kb.settle(arguments[0]);"
@@ -21,15 +22,18 @@ _AGAIN = "window.__kb.again(arguments[0]);"
 _FREEZE = "return await window.__kb.freeze(arguments[0]);"
 _MEASURE = (
     "return [Math.max(document.documentElement.scrollWidth, document.documentElement.clientWidth),"
-    " Math.max(document.documentElement.scrollHeight, document.documentElement.clientHeight), document.images.length];"
+    " Math.max(document.documentElement.scrollHeight, document.documentElement.clientHeight),"
+    " document.images.length];"
 )
 _HTML = "return ('<!DOCTYPE html>\\n' + document.documentElement.outerHTML).toWellFormed();"
 # Style sheets and scripts decide where things stand; images are tried again while settling.
 _BROKEN = """
 return performance.getEntriesByType("resource")
-  .filter((e) => ["link", "script", "css"].includes(e.initiatorType) && e.name.startsWith(location.origin)
+  .filter((e) => ["link", "script", "css"].includes(e.initiatorType)
+    && e.name.startsWith(location.origin)
     && (e.responseStatus >= 500 || e.responseStatus === 429
-      || e.responseStatus === 0 && e.transferSize === 0 && e.decodedBodySize === 0 && e.duration > 0))
+      || e.responseStatus === 0 && e.transferSize === 0 && e.decodedBodySize === 0
+        && e.duration > 0))
   .map((e) => e.name);
 """
 _STATUS = """
@@ -101,7 +105,7 @@ def capture(
         network.read()
         _check_document(browser, network, url)
         if strict and (broken := browser.script(_BROKEN)):
-            raise Retryable("resource_failed", after=_longest(network, broken))
+            raise Served("resource_failed", after=_longest(network, broken))
         watch.lap("load")
         settled = _settle(browser, network, rules, turn)
         browser.promise(_FREEZE, rules)
@@ -111,8 +115,10 @@ def capture(
     except Retryable as error:
         if error.after is None and not browser.overdue:
             error.after = _wished(network, url)
-        # A page that left for another site ends in the browser's error page, with any of several errors.
-        raise (None if error.reason == "page_timeout" else _left(browser, url)) or error from None
+        if isinstance(error, PageTimeout):
+            raise
+        # A page that left for another site ends in the browser's error page, with any of several.
+        raise _left(browser, url) or error from None
     page = extraction["page"]
     if not _same_site(page["url"], url):
         raise _left(browser, url) or ItemFinal("redirected_away", page["url"])
@@ -189,14 +195,14 @@ def _check_document(browser: Browser, network: Network, url: str) -> None:
     """The page's own status: the browser shows error pages without a word."""
     where, status = browser.script(_STATUS)
     if not where.startswith(("http:", "https:")):
-        raise _left(browser, url) or Retryable("not_loaded")
+        raise _left(browser, url) or NotShown("not_loaded")
     if not _same_site(where, url):
         raise ItemFinal("redirected_away", where)
     if status == 429 or status >= 500:
         served = network.of(where)
-        raise Retryable(f"http_{status}", after=served and served.after, unreachable=True)
+        raise Served(f"http_{status}", after=served and served.after, unreachable=True)
     if status >= 400:
-        raise ItemFinal(f"http_{status}")
+        raise of_status(status)
 
 
 def _left(browser: Browser, url: str) -> ItemFinal | None:

@@ -65,7 +65,7 @@ def _find(path: str, cache_path: str) -> Programs:
 
 
 def _fetched(cache_path: str, name: str) -> str | None:
-    """What Selenium Manager fetched earlier (`make setup` asks it to); nothing is downloaded here."""
+    """What Selenium Manager fetched earlier, as `make setup` asks it to; nothing is downloaded."""
     base = Path(cache_path or Path.home() / ".cache" / "selenium") / name
     found = (
         [file for file in base.glob(f"*/*/{name}") if os.access(file, os.X_OK)]

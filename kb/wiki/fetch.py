@@ -1,133 +1,140 @@
-"""Phase 5: the original pictures, each once, named by what is in them."""
+"""What is asked for each kind of items, as answers to be recorded."""
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Executor
+from itertools import takewhile
+from pathlib import Path
 from typing import Any
 
 from kb.core import signals
-from kb.core.errors import ItemFinal, Unreachable
+from kb.core.profile.wiki import Wiki
+from kb.crawl.source import Answer
 from kb.store import rawlog
-from kb.store.frontier import Item
-from kb.wiki import addresses, pictures
+from kb.store.frontier import Frontier, Item
+from kb.wiki import answers, discover
 from kb.wiki.api import BATCH, Api
-from kb.wiki.job import Job
+from kb.wiki.originals import fetch_original
+from kb.wiki.pool import Pool
+from kb.wiki.show import show_page
+from kb.wiki.web import Web
+
+LONGEST = 5000  # bytes of titles in one address; servers refuse longer ones
 
 
-def fetch_files(job: Job, api: Api) -> None:
-    """Fetch every picture that is to do. Raises Stopped."""
-    frontier = job.frontier
-    with (
-        job.run.progress.task(
-            "images", unit="files", waiting=lambda: frontier.waiting("files")
-        ) as task,
-        ThreadPoolExecutor(max(2, job.run.workers), thread_name_prefix="wiki-files") as threads,
-    ):
-        while items := frontier.take("files", BATCH):
-            try:
-                known = _ask(api, items)
-                asked = [
-                    (
-                        item,
-                        threads.submit(
-                            _one, job, item, known.get(item.payload.get("title") or "", {})
-                        ),
-                    )
-                    for item in items
-                ]
-                failed: BaseException | None = None
-                for item, answer in asked:
-                    try:
-                        job.recorder.record("files", item.key, {}, 200, answer.result())
-                        task.advance(1)
-                    except BaseException as error:  # noqa: BLE001  the files in flight are kept first
-                        failed = failed or error
-                if failed is not None:
-                    raise failed
-            finally:
-                left = [
-                    item.key
-                    for item in items
-                    if (frontier.get("files", item.key) or ("",))[0] == "in_progress"
-                ]
-                frontier.release("files", *left)
-            signals.stop.check()
+def listing(api: Api, item: Item) -> Iterator[Answer]:
+    """The next piece of a namespace's list."""
+    asked = item.payload
+    yield api.listing(asked.round, asked.namespace, asked.going)
 
 
-def reopen_changed(job: Job, api: Api) -> int:
-    """Ask for the files that were replaced on the wiki since they were fetched, 50 a call; how many are to fetch again."""
+def titles(api: Api, items: list[Item]) -> Iterator[Answer]:
+    """The pages of up to 50 titles of one round."""
+    yield api.details(_tag(items[0]), titles=[item.payload.title for item in items])
+
+
+def together(items: list[Item]) -> list[Item]:
+    """Those of the titles that are of one round and short enough for one address."""
+    mine = list(takewhile(lambda item: _tag(item) == _tag(items[0]), items))
+    return mine[: len(next(_parts([item.payload.title for item in mine])))]
+
+
+def _tag(item: Item) -> str:
+    return item.key.partition(":")[0]
+
+
+def _parts(names: Iterable[str]) -> Iterator[list[str]]:
+    """Titles cut in order, so that no part is too long for an address."""
+    part: list[str] = []
+    size = 0
+    for name in names:
+        more = len(name.encode()) * 2
+        if part and size + more > LONGEST:
+            yield part
+            part, size = [], 0
+        part.append(name)
+        size += more
+    if part:
+        yield part
+
+
+def compare(api: Api, frontier: Frontier, root: Path, tag: str) -> Iterator[Answer]:
+    """The end of a round: what has gone since the last one, and what files were replaced."""
+    if tag.isdigit():
+        ids = discover.unlisted(frontier, int(tag))
+    else:
+        ids = discover.unnamed(frontier, tag)
+    for start in range(0, len(ids), BATCH):
+        signals.stop.check()
+        yield api.details(tag, ids=ids[start : start + BATCH])
+    if tag.isdigit() and int(tag) > 1:
+        yield from _replaced(api, frontier, root)
+    discover.end(frontier, root, tag)
+
+
+def _replaced(api: Api, frontier: Frontier, root: Path) -> Iterator[Answer]:
+    """Ask after all files that were fetched; those that are others now are fetched again."""
     held: dict[str, dict[str, Any]] = {}
-    for envelope in rawlog.read(job.run.root, "wiki", "files"):
-        answer = envelope.response
-        if answer["outcome"] == "stored" and answer.get("sha1") and answer.get("title"):
-            held[answer["key"]] = answer
+    for envelope in rawlog.read(root, "wiki", "files"):
+        stored = envelope.response
+        if stored["outcome"] == "stored" and stored.get("sha1") and stored.get("title"):
+            held[stored["key"]] = stored
     changed = []
     keys = sorted(held)
     for start in range(0, len(keys), BATCH):
-        part = [held[key] for key in keys[start : start + BATCH]]
-        pages = api.files(list(dict.fromkeys(answer["title"] for answer in part)))
-        for answer in part:
-            info = (pages.get(answer["title"], {}).get("imageinfo") or [{}])[0]
-            if info.get("sha1") not in (None, answer["sha1"]):
-                changed.append(answer["key"])
         signals.stop.check()
-    job.frontier.mark("files", changed, "todo")
-    return len(changed)
+        part = [held[key] for key in keys[start : start + BATCH]]
+        answer = api.files(list(dict.fromkeys(stored["title"] for stored in part)))
+        yield answer
+        pages = _by_title(answer)
+        for stored in part:
+            info = (pages.get(stored["title"], {}).get("imageinfo") or [{}])[0]
+            if info.get("sha1") not in (None, stored["sha1"]):
+                changed.append(stored["key"])
+    frontier.mark("files", changed, "todo")
 
 
-def _ask(api: Api, items: list[Item]) -> dict[str, dict[str, Any]]:
-    """What the wiki knows about the files, by title; nothing for those that it does not hold."""
-    titles = list(dict.fromkeys(title for item in items if (title := item.payload.get("title"))))
-    found: dict[str, dict[str, Any]] = {}
-    part: list[str] = []
-    for title in [*titles, ""]:
-        if part and (not title or sum(len(t.encode()) * 2 for t in [*part, title]) > 5000):
-            found |= api.files(part)
-            part = []
-        part.append(title)
-    return found
+def page(api: Api, web: Web, section: Wiki, pool: Pool, item: Item) -> Iterator[Answer]:
+    """One page in the browser, with the facts of a revision that the wiki had not named yet."""
+    shown = show_page(web, section, pool, item)
+    revision = shown.get("revision_id")
+    if revision and revision != item.payload.revision_id:
+        yield api.revision(revision)
+    status = 200 if shown["outcome"] == "captured" else 0
+    yield Answer("renders", shown["url"], {"page_id": item.key}, shown, status)
 
 
-def _one(job: Job, item: Item, page: dict[str, Any]) -> dict[str, Any]:
-    """One file: the answer to be recorded. Raises Stopped when the wiki can't be reached at all."""
-    section, web = job.section, job.web
-    info = (page.get("imageinfo") or [{}])[0]
-    answer: dict[str, Any] = {
-        "key": item.key,
-        "title": item.payload.get("title") if info else None,
-        "license": addresses.file_licence(page),
-        "description": info.get("descriptionurl"),
-    }
-    folder = job.run.root / "raw" / "wiki" / "images"
-    inspect = partial(pictures.inspect, max_pixels=section.max_pixels)
-    reason, value = "", None
-    known = filter(None, (info.get("url"), item.key, item.payload.get("src")))
-    for url in dict.fromkeys(map(web.today, known)):
-        if not web.allowed(url):
-            reason, value = "robots", url
-            continue
+def files(
+    api: Api, web: Web, section: Wiki, threads: Executor, items: list[Item]
+) -> Iterator[Answer]:
+    """The original pictures, with what the wiki says of them."""
+    known: dict[str, dict[str, Any]] = {}
+    names = dict.fromkeys(item.payload.title for item in items if item.payload.title)
+    for part in _parts(names):
+        answer = api.files(part)
+        yield answer
+        known |= _by_title(answer)
+    asked = [
+        threads.submit(fetch_original, web, section, item, known.get(item.payload.title or "", {}))
+        for item in items
+    ]
+    failed: BaseException | None = None
+    for item, future in zip(items, asked, strict=True):
         try:
-            sha256, found, size = web.attempt(
-                partial(web.download, url, folder, section.max_file_bytes, inspect)
-            )
-        except ItemFinal as error:
-            reason, value = reason or error.reason, value or error.value
-            continue
-        except Unreachable as error:
-            # One picture that the server can't give is no reason to stop: the next run asks again.
-            return {**answer, "outcome": "failed", "reason": str(error)}
-        return {
-            **answer,
-            "outcome": "stored",
-            "sha1": info.get("sha1"),
-            "url": url,
-            "sha256": sha256,
-            "bytes": size,
-            "media_type": found.media_type,
-            "path": f"raw/wiki/images/{sha256}.{found.extension}",
-            "width": found.width,
-            "height": found.height,
-            "frames": list(found.frames),
-        }
-    return {**answer, "outcome": "final", "reason": reason, "value": value}
+            found = future.result()
+        except BaseException as error:  # noqa: BLE001  the files in hand are kept first
+            failed = failed or error
+        else:
+            yield Answer("files", item.key, {}, found)
+    if failed is not None:
+        raise failed
+
+
+def _by_title(answer: Answer) -> dict[str, dict[str, Any]]:
+    """What the wiki says of its files, by the titles that were asked for."""
+    query = answer.response.get("query", {})
+    names = answers.renamed(query)
+    pages = {page.get("title"): page for page in query.get("pages", [])}
+    asked = ((title, names.get(title, title)) for title in answer.params["titles"])
+    return {title: pages[name] for title, name in asked if name in pages}

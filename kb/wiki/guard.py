@@ -18,9 +18,10 @@ import threading
 
 
 def family(leader: int, folder: str = "") -> list[int]:
-    """All processes of the session of `leader`, its descendants in other sessions, and those that name its folder.
+    """All processes of the session of `leader`, its descendants, and those that name its folder.
 
-    Chromium's crash handler leaves session and parents at once; the folder in its arguments gives it away.
+    Chromium's crash handler leaves session and parents at once; the folder in its arguments gives
+    it away.
     """
     parents: dict[int, int] = {}
     found = {leader}

@@ -1,24 +1,28 @@
-"""Raw answers of the wiki → rows: what it says of pages, what became of showing them, pictures, the site.
+"""Raw answers of the wiki → rows: what it says of pages, what became of showing them, pictures.
 
 A bad value of the wiki's own answers never raises: it is null and named in `problems`.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from typing import Any
 from urllib.parse import urljoin
 
 import pyarrow as pa
 
-from kb.schema.coerce import shown, times
+from kb.schema import raw
+from kb.schema.coerce import Bad, coerce, times
 from kb.schema.decode import problems
+from kb.schema.tables import Column, table
 from kb.store import rawlog
 from kb.store.rawlog import Envelope
 from kb.wiki import answers
 
 ROWS = 8_192
-TIMES = ("fetched_at", "revision_timestamp")
+FILE_COLUMNS = ("path", "sha256", "media_type", "width", "height", "license")  # of wiki/images
 
 Row = dict[str, Any]
 
@@ -26,43 +30,69 @@ Row = dict[str, Any]
 def pages(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     """Answers about pages → a row a page id that they name and a row a title that was asked for.
 
-    Columns: `of` ("page", "title"), `name` (the id as text, or the title), `state` ("there", "missing",
-    "invalid", "redirect", "special", "interwiki", "unanswered"), `answered` (false for the last), `echo`
-    (true for the title of a page that is there: it says no more than the page's own row), `of_page`
-    (the id as text of the page that bears a title), and of a page that is there `page_id`, `title`,
-    `url`, `revision_id`, `revision_timestamp`, `problems`. Raises DamagedData.
+    Columns: `of` ("page", "title"), `name` (the id as text, or the title), `state` ("there",
+    "missing", "invalid", "redirect", "special", "interwiki", "unanswered"), `answered` (false for
+    the last), `echo` (true for the title of a page that is there: it says no more than the page's
+    own row), `of_page` (the id as text of the page that bears a title), and of a page that is
+    there the columns that wiki/pages takes from the answer, and `problems`. Raises DamagedData.
     """
     return _rows(lines, _pages, "pages")
 
 
 def renders(lines: Iterable[bytes]) -> Iterator[pa.Table]:
-    """What became of showing pages: `page_id`, `captured`, `revision_id`, and for a captured one `title`, `folder`
-    and `files` (addresses of its pictures), else `outcome`, `reason`, `value`, `url`. Raises DamagedData."""
+    """What became of showing pages: `page_id`, `captured`, `revision_id`.
+
+    For a captured one also `title`, `folder` and `files` (addresses of its pictures), else
+    `outcome`, `reason`, `value`, `url`. Raises DamagedData.
+    """
     return _rows(lines, _render, "renders")
 
 
 def files(lines: Iterable[bytes]) -> Iterator[pa.Table]:
-    """Picture files by `key` (address): where and what they are, all null when not stored. Raises DamagedData."""
+    """Picture files by `key` (address): where and what they are, all null when not stored.
+
+    Raises DamagedData.
+    """
     return _rows(lines, _file, "files")
 
 
 def site(lines: Iterable[bytes]) -> Iterator[pa.Table]:
-    """The wiki's description of itself: `server`, `script`, `license_url`, `license_text`. Raises DamagedData."""
+    """The wiki's own description: `server`, `script`, `license_url`, `license_text`.
+
+    Raises DamagedData.
+    """
     return _rows(lines, _site, "site")
 
 
 def nothing(lines: Iterable[bytes]) -> Iterator[pa.Table]:
-    """No rows of answers that only the crawl needs: they are looked through for unknown keys and cut-off files."""
+    """No rows of answers that only the crawl needs.
+
+    They are looked through for unknown keys and cut-off files.
+    """
     for _ in lines:
         pass
     return iter(())
 
 
-def schema(kind: str) -> pa.Schema:
-    """Columns of a kind's rows."""
+@cache
+def _declared() -> dict[str, tuple[Column, list[str | int], dict[str, Any]]]:
+    """Columns of wiki/pages that come from the wiki's answer: each with its path there, and what
+    schemas/raw says of the value."""
+    found = {}
+    for column in table("wiki/pages").columns:
+        if column.source.kind == "pages":
+            path = column.source.path
+            steps = re.findall(r"[^.\[\]]+", path.removeprefix("query.pages[]."))
+            places = [int(step) if step.isdigit() else step for step in steps]
+            found[column.name] = (column, places, raw.at("wiki/pages", path) or {})
+    return found
 
-    text, number, flag, texts = pa.string(), pa.int64(), pa.bool_(), pa.list_(pa.string())
-    columns = {
+
+def schema(kind: str) -> pa.Schema:
+    """Columns of a kind's rows: those of the tables as declared, and what only stages read."""
+    text, flag = pa.string(), pa.bool_()
+    problem = pa.struct([("column", text), ("reason", text), ("value", text)])
+    columns: dict[str, dict[str, pa.DataType]] = {
         "pages": {
             "of": text,
             "name": text,
@@ -70,39 +100,31 @@ def schema(kind: str) -> pa.Schema:
             "answered": flag,
             "echo": flag,
             "of_page": text,
-            "page_id": number,
-            "title": text,
-            "url": text,
-            "revision_id": number,
-            "revision_timestamp": pa.timestamp("us", "UTC"),
-            "problems": pa.list_(pa.struct([("column", text), ("reason", text), ("value", text)])),
+            **_types("wiki/pages", *_declared()),
+            "problems": pa.list_(problem),
         },
         "renders": {
-            "page_id": number,
+            **_types("wiki/pages", "page_id", "revision_id", "title", "url"),
             "captured": flag,
-            "revision_id": number,
-            "title": text,
             "folder": text,
-            "files": texts,
+            "files": pa.list_(text),
             "outcome": text,
             "reason": text,
             "value": text,
-            "url": text,
         },
         "files": {
+            **_types("wiki/images", *FILE_COLUMNS),
             "key": text,
             "url": text,
-            "path": text,
-            "sha256": text,
-            "media_type": text,
-            "width": number,
-            "height": number,
-            "license": text,
-            "frames": pa.list_(number),
+            "frames": pa.list_(pa.int64()),
         },
         "site": {"server": text, "script": text, "license_url": text, "license_text": text},
     }
-    return pa.schema([*columns[kind].items(), ("fetched_at", pa.timestamp("us", "UTC"))])
+    return pa.schema([*columns[kind].items(), *_types("wiki/pages", "fetched_at").items()])
+
+
+def _types(name: str, *columns: str) -> dict[str, pa.DataType]:
+    return {column: table(name).column(column).parsed.arrow() for column in columns}
 
 
 def _rows(
@@ -120,22 +142,25 @@ def _rows(
 
 
 def _table(rows: list[Row], kind: str) -> pa.Table:
-
-    found = {number: list(row.get("found", ())) for number, row in enumerate(rows)}
-    columns = {}
-    for field in schema(kind):
+    made = schema(kind)
+    found: dict[int, list[tuple[str, str, str | None]]] = {}
+    declared = _declared() if kind == "pages" else {}
+    columns: dict[str, pa.Array] = {}
+    for field in made:
         values = [row.get(field.name) for row in rows]
-        if field.name in TIMES:
+        bad: Bad = []
+        if field.name in declared:
+            column, _, said = declared[field.name]
+            columns[field.name], bad = coerce(values, column.parsed, said)
+        elif field.name == "fetched_at":
             columns[field.name], bad = times(values)
-            for number, value in bad:
-                found[number].append((field.name, "malformed", value))
-        elif field.name == "problems":
-            columns[field.name] = problems(
-                {number: odd for number, odd in found.items() if odd}, len(rows)
-            ).cast(field.type)
-        else:
+        elif field.name != "problems":
             columns[field.name] = pa.array(values, field.type)
-    return pa.table(columns, schema=schema(kind))
+        for number, value in bad:
+            found.setdefault(number, []).append((field.name, "malformed", value))
+    if "problems" in made.names:
+        columns["problems"] = problems(found, len(rows)).cast(made.field("problems").type)
+    return pa.table(columns, schema=made)
 
 
 def _pages(envelope: Envelope) -> Iterator[Row]:
@@ -154,16 +179,9 @@ def _pages(envelope: Envelope) -> Iterator[Row]:
                 "of_page": str(key) if key else None,
             }
         if key:
-            row |= {"of": "page", "name": str(key), "echo": False, "found": []}
+            row |= {"of": "page", "name": str(key), "echo": False}
             if state == "there":
-                revision = page["revisions"][0]
-                row |= {
-                    "page_id": _number(row, "page_id", key),
-                    "title": _text(row, "title", title),
-                    "url": _text(row, "url", page.get("fullurl")),
-                    "revision_id": _number(row, "revision_id", revision.get("revid")),
-                    "revision_timestamp": revision.get("timestamp"),
-                }
+                row |= {name: _at(page, path) for name, (_, path, _) in _declared().items()}
             yield row
     names, elsewhere = answers.renamed(query), answers.elsewhere(query)
     for name in answers.asked(params):
@@ -206,7 +224,7 @@ def _render(envelope: Envelope) -> Iterator[Row]:
 
 def _file(envelope: Envelope) -> Iterator[Row]:
     answer = envelope.response
-    names = ("url", "path", "sha256", "media_type", "width", "height", "license", "frames")
+    names = ("url", "frames", *FILE_COLUMNS)
     stored = answer["outcome"] == "stored"
     yield {"key": answer["key"], **({name: answer.get(name) for name in names} if stored else {})}
 
@@ -224,15 +242,11 @@ def _site(envelope: Envelope) -> Iterator[Row]:
     }
 
 
-def _text(row: Row, name: str, value: Any) -> str | None:
-    if value is None or isinstance(value, str):
-        return value
-    row["found"].append((name, "malformed", shown(value)))
-    return None
-
-
-def _number(row: Row, name: str, value: Any) -> int | None:
-    if value is None or (isinstance(value, int) and not isinstance(value, bool)):
-        return value
-    row["found"].append((name, "malformed", shown(value)))
-    return None
+def _at(value: Any, path: list[str | int]) -> Any:
+    """What stands at a path, None where nothing does."""
+    for step in path:
+        if isinstance(step, int):
+            value = value[step] if isinstance(value, list) and step < len(value) else None
+        else:
+            value = value.get(step) if isinstance(value, dict) else None
+    return value

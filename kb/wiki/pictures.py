@@ -75,7 +75,8 @@ def inspect(data: bytes, max_pixels: int) -> Picture | None:
     from PIL import Image, UnidentifiedImageError
 
     with warnings.catch_warnings():
-        # Pillow warns of large sizes; here the size is what is asked for, and nothing is decoded above the limit.
+        # Pillow warns of large sizes; here the size is what is asked for, and nothing is decoded
+        # above the limit.
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         try:
             with Image.open(io.BytesIO(data)) as image:

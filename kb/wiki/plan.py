@@ -21,7 +21,7 @@ SECONDS_A_PAGE = 3  # that a browser takes
 
 
 def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
-    """Titles, pages and image files that are left, by what this data root shows or by assumption."""
+    """Titles, pages and image files that are left, by what this data root shows or assumed."""
     section = run.profile.section("wiki")
     kinds: dict[str, dict[str, int]] = {}
     listed = False

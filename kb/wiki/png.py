@@ -32,7 +32,7 @@ class PngWriter:
         return self
 
     def add(self, tile: Any) -> None:
-        """Append a Pillow RGB image, each row as its difference to the row above (filter type Up)."""
+        """Append a Pillow RGB image, each row as its difference to the one above (filter Up)."""
         from PIL import Image, ImageChops
 
         width, height = tile.size

@@ -7,8 +7,9 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
-from kb.core.errors import MissingExtra, Retryable
+from kb.core.errors import ItemFinal, MissingExtra, Retryable
 from kb.wiki.browser import Browser
+from kb.wiki.errors import Served
 from kb.wiki.guard import Guard
 
 Result = TypeVar("Result")
@@ -45,9 +46,10 @@ class Pool:
     def use(
         self, work: Callable[[Browser], Result], first: Callable[[], None] = lambda: None
     ) -> Result:
-        """Run `work` with a browser of its own, at most `seconds` long, after `first` (waiting for one's turn).
+        """Run `work` with a browser of its own, at most `seconds` long.
 
-        Raises what `work` raises; after anything but an answer about the item the browser is replaced.
+        `first` comes before it (waiting for one's turn). Raises what `work` raises; after anything
+        but an answer of the server the browser is replaced.
         """
         with self._lock:
             browser = self._idle.pop() if self._idle else None
@@ -62,11 +64,8 @@ class Pool:
                 result = work(browser)
             healthy = True
             return result
-        except Retryable as error:
-            healthy = error.reason.startswith(("http_", "resource_failed"))
-            raise
-        except Exception as error:
-            healthy = type(error).__name__ == "ItemFinal"
+        except (ItemFinal, Served):
+            healthy = True
             raise
         finally:
             self._used[id(browser)] += 1

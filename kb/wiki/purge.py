@@ -1,4 +1,4 @@
-"""What of the wiki's raw data must go, and how a page leaves it: answers, captured folders, pictures of its own."""
+"""What of the wiki's raw data must go, and how a page leaves it: answers, captures, pictures."""
 
 from __future__ import annotations
 
@@ -13,13 +13,17 @@ import msgspec
 
 from kb.core.context import Run
 from kb.core.verdict import Summary
-from kb.store import lock, mending, purge, purge_plan, rawlog, tombstones
+from kb.crawl import purge as frame
+from kb.crawl.session import Session
+from kb.store import purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.inside import is_inside
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope
-from kb.store.recorder import Recorder
-from kb.wiki import answers, state, tables
+from kb.wiki import answers, tables
+from kb.wiki.payloads import PAYLOADS
+from kb.wiki.reduce import LEFT
+from kb.wiki.source import WikiSource
 from kb.wiki.titles import Titles, read_names
 
 ROWS = (
@@ -34,44 +38,32 @@ ROWS = (
 )
 
 
-class Keys(dict[str, str]):
-    """What a purge removes, key → reason, and what its summary says besides: `unknown` names that nothing here
-    bears (their tombstones keep them away) and `bad_lines` that can be no page."""
+def purge_raw(run: Run, ids: Path | None) -> frame.Keys:
+    """Tombstones, raw segments, captured files and frontier; the keys that must leave the rest too.
 
-    said: dict[str, int]
-
-
-def purge_raw(run: Run, ids: Path | None) -> Keys:
-    """Tombstones, raw segments, captured files and frontier; the keys that must leave everything else as well.
-
-    `ids` names pages by id, title or address: lines, Parquet with `page_id` or `title`, or MineDojo's JSON.
-    Raises SettingError (exit 2) when it can't be read, before anything is written.
+    `ids` names pages by id, title or address: lines, Parquet with `page_id` or `title`, or
+    MineDojo's JSON. `unknown` of what is said are names that nothing here bears (their tombstones
+    keep them away), `bad_lines` can be no page. Raises SettingError (exit 2) when the file can't be
+    read, before anything is written.
     """
     named = read_names(ids, "--ids", ("page_id", "title")) if ids else Titles([], frozenset(), 0)
-    with lock.writer(run.root, "wiki"):
-        frontier = Frontier(run.root / "state" / "wiki.sqlite")
-        try:
-            # Opening the recorder sets damage aside, closes segments and takes in what was not read yet.
-            Recorder(run.root, "wiki", frontier, state.apply, asked=state.ASKED, every=True).close()
-            gone = _gone(frontier)
-            known, unknown, bad = _find(named, frontier, tombstones.keys(run.root, "wiki"))
-            keys = Keys(
-                purge.begin(run.root, "wiki", gone | dict.fromkeys([*known, *unknown], "named"))
-            )
-            keys.said = {"unknown": len(unknown), "bad_lines": bad} if ids else {}
-            if keys:
-                mending.drop_asides(run.root, "wiki", frontier, keys, ("renders",))
-                _remove(run.root, frontier, keys)
-            return keys
-        finally:
-            frontier.close()
+
+    def collect(session: Session) -> frame.Keys:
+        known, unknown, bad = _find(named, session.frontier, session.gone)
+        found = _gone(session.frontier) | dict.fromkeys([*known, *unknown], "named")
+        return frame.Keys(found, {"unknown": len(unknown), "bad_lines": bad} if ids else {})
+
+    def remove(session: Session, keys: frame.Keys) -> None:
+        _remove(run.root, session.frontier, keys)
+
+    return frame.purge_raw(run, WikiSource(run), collect, exact=("renders",), remove=remove)
 
 
 def plan(run: Run, ids: Path | None) -> Summary:
     """What `kb purge wiki` would remove, counted. Changes nothing."""
     named = read_names(ids, "--ids", ("page_id", "title")) if ids else Titles([], frozenset(), 0)
     root = run.root
-    with purge_plan.state(root, "wiki") as frontier:
+    with purge_plan.state(root, "wiki", PAYLOADS) as frontier:
         if frontier is None:
             return purge_plan.plan(root, "wiki", {}, lambda kind, envelope, keys: envelope, ())
         known, unknown, bad = _find(named, frontier, tombstones.keys(root, "wiki"))
@@ -85,17 +77,17 @@ def _gone(frontier: Frontier) -> dict[str, str]:
     return {
         key: str(reason)
         for key, _, reason, _ in frontier.items("pages", "skipped")
-        if reason in ("deleted", "moved")
+        if reason in LEFT
     }
 
 
 def _find(
     named: Titles, frontier: Frontier, removed: Collection[str]
 ) -> tuple[set[str], set[str], int]:
-    """Keys of named pages that are here or were, names that nothing bears, and how many can be none of a page."""
-    pages = {key: payload for key, _, _, payload in frontier.items("pages")}
-    titles = {title: key for key, payload in pages.items() for title in payload.get("former", [])}
-    titles |= {payload["title"]: key for key, payload in pages.items()}
+    """Keys of named pages that are or were here, names nothing bears, how many can be no page's."""
+    pages = {key: page for key, _, _, page in frontier.items("pages")}
+    titles = {title: key for key, page in pages.items() for title in page.former}
+    titles |= {page.title: key for key, page in pages.items()}
     titles |= {
         title: title
         for key, *_ in frontier.items("info")
@@ -117,7 +109,7 @@ def _find(
 def _strip(root: Path, frontier: Frontier, keys: Collection[str]) -> Strip:
     return Strip(
         keys,
-        {payload["title"] for key, _, _, payload in frontier.items("pages") if key in keys}
+        {page.title for key, _, _, page in frontier.items("pages") if key in keys}
         | {key for key in keys if not key.isdigit()},
         *_own_files(root, keys),
     )
@@ -157,13 +149,16 @@ def _own_files(root: Path, keys: Collection[str]) -> tuple[set[str], set[str]]:
         answer = envelope.response
         if answer.get("path"):
             paths[answer["key"] in files].add(answer["path"])
-    # What lies elsewhere was not written by a crawl, whatever the data say, and is not ours to remove.
+    # What lies elsewhere was not written by a crawl, whatever the data say: not ours to remove.
     return files, {path for path in paths[True] - paths[False] if is_inside(root, path)}
 
 
 @dataclass
 class Strip:
-    """(kind, envelope, keys) → the envelope without the pages: entries of lists, whole captures, files of their own."""
+    """(kind, envelope, keys) → the envelope without the pages.
+
+    Without entries of lists, whole captures, files of their own.
+    """
 
     keys: Collection[str]
     titles: set[str]

@@ -107,7 +107,7 @@ def _capture(browser: Browser, top: int, width: int, rows: int) -> Any:
 
 
 def _compare(browser: Browser, tile: Any, top: int, width: int, rows: int) -> None:
-    """The tile's last rows against the same rows taken alone: what repeats or blanks is found there."""
+    """The tile's last rows against the same ones taken alone: what repeats or blanks shows."""
     from PIL import ImageChops
 
     strip = min(STRIP, rows)

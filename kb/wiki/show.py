@@ -1,147 +1,114 @@
-"""Phase 4: pages in the browser, several at once, each at most three times."""
+"""One page in the browser, tried at most `max_tries` times, and its files on disk."""
 
 from __future__ import annotations
 
 import hashlib
 import shutil
 import tempfile
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import zstandard
 
-from kb.core import clock, signals
+from kb.core import clock
 from kb.core.errors import Blocked, ItemFinal, Retryable
-from kb.store import tombstones
+from kb.core.profile.wiki import Wiki
 from kb.store.atomic import full_disk_is_resumable, replacing_folder, write_bytes
 from kb.store.frontier import Item
 from kb.wiki import addresses
-from kb.wiki.api import Api
 from kb.wiki.capture import Captured, capture
-from kb.wiki.job import Job
+from kb.wiki.errors import NotNow, NotShown, Refused
 from kb.wiki.pool import Pool
 from kb.wiki.screenshot import snapped
+from kb.wiki.web import Web
 
 SCRATCH = ".shot-"
-# Answers about one request rather than about the page: asked again by the next run.
-_OURS = ("http_401", "http_403", "http_408", "http_425")
 _ENCODER = msgspec.json.Encoder()
 
 
-def show_pages(job: Job, pool: Pool, api: Api) -> int:
-    """Show every page that is to do, at most --limit of them; how many are left. Raises Stopped."""
-    frontier, run = job.frontier, job.run
-    barred = tombstones.keys(run.root, "wiki")
-    for left in _pages_folder(job).glob(f"{SCRATCH}*"):  # of a run that was killed
-        shutil.rmtree(left, ignore_errors=True)
-    started = 0
-    stop: BaseException | None = None
-    with (
-        run.progress.task(
-            "pages", run.limit, "pages", waiting=lambda: frontier.waiting("pages")
-        ) as task,
-        ThreadPoolExecutor(run.workers, thread_name_prefix="wiki") as threads,
-    ):
-        flying: dict[Future[dict[str, Any]], Item] = {}
-        while True:
-            while (
-                stop is None
-                and len(flying) < run.workers
-                and (run.limit is None or started < run.limit)
-                and not signals.stop.requested()
-                and (items := frontier.take("pages", 1))
-            ):
-                item = items[0]
-                if item.key in barred or item.payload["title"] in barred:
-                    frontier.skip("pages", item.key, "removed")
-                    continue
-                started += 1
-                flying[threads.submit(_page, job, pool, item)] = item
-            if not flying:
-                break
-            for future in wait(flying, return_when=FIRST_COMPLETED).done:
-                item = flying.pop(future)
-                try:
-                    answer = future.result()
-                    _keep(job, api, item, answer)
-                    job.answered += answer["outcome"] != "failed"
-                    task.advance(1)
-                except BaseException as error:  # noqa: BLE001  the pages in flight are kept first
-                    frontier.release("pages", item.key)
-                    stop = stop or error
-        if stop is not None:
-            raise stop
-        signals.stop.check()
-    return frontier.counts("pages").get("todo", 0)
-
-
-def _page(job: Job, pool: Pool, item: Item) -> dict[str, Any]:
+def show_page(web: Web, section: Wiki, pool: Pool, item: Item) -> dict[str, Any]:
     """All tries of one page: the answer to be recorded. Raises Stopped, MissingExtra."""
-    section, url = job.section, job.web.today(item.payload["url"])
+    url = web.today(item.payload.url)
     answer: dict[str, Any] = {
         "page_id": int(item.key),
-        "title": item.payload["title"],
+        "title": item.payload.title,
         "url": url,
-        "wanted_revision": item.payload["revision_id"],
+        "wanted_revision": item.payload.revision_id,
     }
-    if not job.web.allowed(url):
+    if not web.allowed(url):
         return {**answer, "outcome": "robots", "reason": "disallowed", "value": None}
-    reason, value, final = "", None, False
+    root = web.run.root
     with (
-        full_disk_is_resumable(job.run.root),
-        tempfile.TemporaryDirectory(prefix=SCRATCH, dir=_pages_folder(job)) as scratch,
+        full_disk_is_resumable(root),
+        tempfile.TemporaryDirectory(prefix=SCRATCH, dir=pages_folder(root)) as scratch,
     ):
         picture = Path(scratch) / "screenshot.png"
         for number in range(1, section.max_tries + 1):
+            last = number == section.max_tries
             try:
-                found = pool.use(
-                    lambda browser, last=number == section.max_tries: capture(
-                        browser,
-                        url,
-                        picture,
-                        section.rules,
-                        max_height=section.max_page_height,
-                        strict=not last,
-                        turn=job.web.turn,
-                    ),
-                    first=job.web.pace.wait,
-                )
-                shown = found.extraction["page"]["page_id"]
-                if shown and shown != int(item.key):
-                    raise ItemFinal("other_page", str(shown))
-                return {**answer, "tries": number, **_store(job, item, found, picture)}
+                found = _capture(web, section, pool, item, url, picture, strict=not last)
+                stored = _store(root, item, found, picture)
+                return {**answer, "tries": number, **stored}
             except ItemFinal as error:
-                reason, value, final = error.reason, error.value, True
-                break
+                return {**answer, **_final(web, error), "tries": number}
             except Retryable as error:
-                reason, _, said = error.reason.partition(": ")
-                value = said or None
-                job.web.rest(error.after)
-                if error.unreachable or reason.startswith(("err_", "not_loaded")):
-                    if said_plainly := _ask_plainly(job, url, error):
-                        reason, value, final = said_plainly.reason, said_plainly.value, True
-                        break
-                elif number < section.max_tries:
+                reason, _, value = error.reason.partition(": ")
+                web.rest(error.after)
+                if error.unreachable or isinstance(error, NotShown):
+                    said = _ask_plainly(web, url, error)
+                    if said is not None:
+                        return {**answer, **_final(web, said), "tries": number}
+                elif not last:
                     clock.sleep(0.1 * number)
-    if reason in ("http_401", "http_403"):
-        _blocked(job)
-    outcome = "final" if final and reason not in _OURS else "failed"
-    return {**answer, "outcome": outcome, "reason": reason, "value": value, "tries": number}
+    failed = {"outcome": "failed", "reason": reason, "value": value or None}
+    return {**answer, **failed, "tries": section.max_tries}
 
 
-def _blocked(job: Job) -> None:
+def _capture(
+    web: Web, section: Wiki, pool: Pool, item: Item, url: str, picture: Path, *, strict: bool
+) -> Captured:
+    """One try. Raises ItemFinal, Retryable."""
+    found = pool.use(
+        lambda browser: capture(
+            browser,
+            url,
+            picture,
+            section.rules,
+            max_height=section.max_page_height,
+            strict=strict,
+            turn=web.turn,
+        ),
+        first=web.pace.wait,
+    )
+    shown = found.extraction["page"]["page_id"]
+    if shown and shown != int(item.key):
+        raise ItemFinal("other_page", str(shown))
+    return found
+
+
+def _final(web: Web, error: ItemFinal) -> dict[str, Any]:
+    """What an answer that makes further tries useless means for the page. Raises Blocked.
+
+    Answers about one request rather than about the page are asked for again by the next run.
+    """
+    if isinstance(error, Refused):
+        _look_at_front_page(web)
+    outcome = "failed" if isinstance(error, (Refused, NotNow)) else "final"
+    return {"outcome": outcome, "reason": error.reason, "value": error.value}
+
+
+def _look_at_front_page(web: Web) -> None:
     """A refused page may be that page's own matter; a refused front page is not. Raises Blocked."""
     try:
-        job.web.attempt(lambda: job.web.get(f"{job.url}/", {}))
+        web.attempt(lambda: web.get(f"{web.root}/", {}))
     except ItemFinal as error:
         raise Blocked(
             f"the wiki refuses us ({error.reason})", hint="wait and run the same command again"
         ) from None
 
 
-def _ask_plainly(job: Job, url: str, error: Retryable) -> ItemFinal | None:
+def _ask_plainly(web: Web, url: str, error: Retryable) -> ItemFinal | None:
     """A plain request tells what the browser hides: 4xx without a body, no wiki at all.
 
     When the browser was told a time to come back, nothing is asked before. The answer that makes
@@ -152,31 +119,38 @@ def _ask_plainly(job: Job, url: str, error: Retryable) -> ItemFinal | None:
     def ask() -> None:
         if told:
             raise told.pop()
-        job.web.get(url, {})
+        web.get(url, {})
 
     try:
-        job.web.attempt(ask)
+        web.attempt(ask)
     except ItemFinal as final:
         return final
     return None
 
 
-def _pages_folder(job: Job) -> Path:
-    folder = job.run.root / "raw" / "wiki" / "pages"
+def pages_folder(root: Path) -> Path:
+    """Where captured pages are; it is made when it is not there."""
+    folder = root / "raw" / "wiki" / "pages"
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
-def _store(job: Job, item: Item, found: Captured, picture: Path) -> dict[str, Any]:
+def sweep(root: Path) -> None:
+    """Remove what a run that was killed left half-shown."""
+    for left in pages_folder(root).glob(f"{SCRATCH}*"):
+        shutil.rmtree(left, ignore_errors=True)
+
+
+def _store(root: Path, item: Item, found: Captured, picture: Path) -> dict[str, Any]:
     """Write the page's files in one step; what the envelope says about them."""
     watch = clock.monotonic()
     page = found.extraction["page"]
-    revision = int(page["revision_id"] or item.payload["revision_id"])
-    folder = _pages_folder(job) / str(int(item.key)) / str(revision)
-    images = job.run.root / "raw" / "wiki" / "images"
+    revision = int(page["revision_id"] or item.payload.revision_id)
+    folder = pages_folder(root) / str(int(item.key)) / str(revision)
+    images = root / "raw" / "wiki" / "images"
     sprites = {}
     for element, data in sorted(found.sprites.items()):
-        name = _sha256(data)
+        name = hashlib.sha256(data).hexdigest()
         sprites[str(element)] = name
         left, top, right, bottom = snapped(found.extraction["elements"][element]["box"])
         found.extraction["elements"][element]["crop"] = [right - left, bottom - top]
@@ -195,7 +169,7 @@ def _store(job: Job, item: Item, found: Captured, picture: Path) -> dict[str, An
     return {
         "outcome": "captured",
         "revision_id": revision,
-        "folder": str(folder.relative_to(job.run.root)),
+        "folder": str(folder.relative_to(root)),
         "settled": found.settled,
         "elements": len(found.extraction["elements"]),
         "files": files,
@@ -203,13 +177,8 @@ def _store(job: Job, item: Item, found: Captured, picture: Path) -> dict[str, An
     }
 
 
-def _sha256(data: bytes) -> str:
-
-    return hashlib.sha256(data).hexdigest()
-
-
 def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
-    """The original files that a page shows, each once, in order: key (address) and title on the wiki."""
+    """The original files that a page shows, each once, in order: key (address), title, source."""
     found: dict[str, dict[str, Any]] = {}
     page = addresses.original(extraction["page"]["url"])
     for element in extraction["elements"]:
@@ -225,17 +194,3 @@ def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
                         "src": src,
                     }
     return list(found.values())
-
-
-def _keep(job: Job, api: Api, item: Item, answer: dict[str, Any]) -> None:
-    """Record the answer; ask for the revision's facts when the wiki showed another than it had named."""
-    revision = answer.get("revision_id")
-    if revision and revision != item.payload["revision_id"]:
-        api.revision(revision)
-    job.recorder.record(
-        "renders",
-        answer["url"],
-        {"page_id": item.key},
-        200 if answer["outcome"] == "captured" else 0,
-        answer,
-    )

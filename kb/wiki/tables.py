@@ -1,8 +1,10 @@
-"""Captured pages → the contract's tables: what the extractions beside the raw log say, nothing is asked."""
+"""Captured pages → the contract's tables, from the extractions beside the raw log."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache, partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import pyarrow as pa
 import zstandard
 
 from kb.core.errors import DamagedData
-from kb.schema.tables import table
+from kb.schema.tables import Column, table
 from kb.store.inside import inside
 from kb.wiki import addresses
 
@@ -19,12 +21,6 @@ Row = dict[str, Any]
 Files = Mapping[str, Row]
 
 PARTS = ("wiki/elements", "wiki/cells", "wiki/images")
-MEASURED = {
-    "page_width": lambda page: int(page["width"]),
-    "page_height": lambda page: int(page["height"]),
-    "viewport_width": lambda page: int(page["viewport_width"]),
-    "device_pixel_ratio": lambda page: float(page["device_pixel_ratio"]),
-}
 LEAST_BYTES = (
     32 << 10
 )  # what a small extraction counts at least: at most 256 pages to a bucket of 8 MB
@@ -39,10 +35,10 @@ def size(root: Path) -> int:
 
 
 def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
-    """Pages with their sizes, `text` and `word_count`, and with `whole` their elements, cells and images.
+    """Pages with sizes, `text` and `word_count`; with `whole` also elements, cells and images.
 
-    `rows` is what kb.wiki.assemble gave; a page that was not captured gets nulls. Of the extractions
-    one at a time is held. Raises DamagedData.
+    `rows` is what kb.wiki.assemble gave; a page that was not captured gets nulls. Of the
+    extractions one at a time is held. Raises DamagedData.
     """
 
     pages = rows["wiki/pages"]
@@ -52,8 +48,9 @@ def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
         else {}
     )
     parts: dict[str, list[pa.Table]] = {name: [table(name).arrow().empty_table()] for name in PARTS}
+    measured = _measured()
     columns: dict[str, list[Any]] = {
-        name: [] for name in ("screenshot_path", *MEASURED, "word_count", "text")
+        name: [] for name in ("screenshot_path", *measured, "word_count", "text")
     }
     for page_id, folder in zip(
         pages["page_id"].to_pylist(), pages["folder"].to_pylist(), strict=True
@@ -62,7 +59,7 @@ def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
         if folder is not None:
             extraction = read_extraction(inside(root, folder))
             text = page_text(extraction["elements"])
-            found = {name: measure(extraction["page"]) for name, measure in MEASURED.items()}
+            found = {name: take(extraction["page"]) for name, take in measured.items()}
             found |= {
                 "screenshot_path": f"{folder}/screenshot.png",
                 "word_count": len(text.split()),
@@ -99,7 +96,7 @@ def read_extraction(folder: Path) -> Row:
 
 
 def tops(elements: list[Row]) -> Iterator[Row]:
-    """Visible texts and cells that no other text or cell of the same table holds: every word once."""
+    """Visible texts and cells that no other one of the same table holds: every word once."""
     by_id = {element["id"]: element for element in elements}
     for element in elements:
         if element["kind"] not in ("text", "cell") or not element["visible"]:
@@ -120,40 +117,55 @@ def page_text(elements: list[Row]) -> str:
 def elements(page_id: int, found: list[Row]) -> pa.Table:
     """Rows of wiki/elements, in reading order."""
     held = ("text", "cell", "sprite")
-    makers: dict[str, Callable[[Row], Any]] = {
-        "element_id": lambda element: element["id"],
-        "parent_id": lambda element: element["parent"],
-        "heading_level": lambda element: element["level"],
-        "text": lambda element: element["text"] if element["kind"] in held else None,
-        **{
-            name: lambda element, name=name: element[name]
-            for name in ("kind", "tag", "region", "visible")
-        },
-        **_box(),
+    makers = _declared("wiki/elements", "elements") | {
+        "text": lambda element: element["text"] if element["kind"] in held else None
     }
     return _made("wiki/elements", page_id, found, makers, reading_order=range(len(found)))
 
 
 def cells(page_id: int, found: list[Row]) -> pa.Table:
     """Rows of wiki/cells, grid places from 0."""
-    fields = {
-        "table_id": "table",
-        "row_index": "row",
-        "column_index": "column",
-        "row_span": "rowspan",
-        "column_span": "colspan",
-        "is_header": "header",
-        "text": "text",
+    makers = _declared("wiki/cells", "cells") | {
+        "row_index": itemgetter("row"),
+        "column_index": itemgetter("column"),
     }
-    makers = {name: lambda cell, field=field: cell[field] for name, field in fields.items()}
-    return _made("wiki/cells", page_id, found, {**makers, **_box()})
+    return _made("wiki/cells", page_id, found, makers)
 
 
-def _box() -> dict[str, Callable[[Row], float]]:
-    return {
-        name: lambda row, place=place: row["box"][place]
-        for place, name in enumerate(("x", "y", "width", "height"))
-    }
+@cache
+def _measured() -> dict[str, Callable[[Row], Any]]:
+    """How columns of wiki/pages are read from what the extraction says of the page."""
+    makers = {}
+    for column in table("wiki/pages").columns:
+        if column.source.kind == "extraction":
+            makers[column.name] = _number(column.source.path.removeprefix("page."), column)
+    return makers
+
+
+def _number(field: str, column: Column) -> Callable[[Row], int | float]:
+    # Sizes may come as 1280.0, which Arrow takes for no whole number.
+    kind = float if column.type.startswith("float") else int
+    return lambda page: kind(page[field])
+
+
+@cache
+def _declared(name: str, entries: str) -> dict[str, Callable[[Row], Any]]:
+    """How a table's columns are read from an entry of the extraction's list, by their `from`."""
+    sides = ("x", "y", "width", "height")
+    makers: dict[str, Callable[[Row], Any]] = {}
+    for column in table(name).columns:
+        if column.source.kind != "extraction":
+            continue
+        field = column.source.path.removeprefix(f"{entries}[].")
+        take = itemgetter(field)
+        if field == "box":
+            take = partial(_side, sides.index(column.name))
+        makers[column.name] = take
+    return makers
+
+
+def _side(place: int, entry: Row) -> float:
+    return entry["box"][place]
 
 
 def _made(
@@ -208,7 +220,7 @@ def image_rows(page_id: int, extraction: Row, files: Files) -> list[Row]:
             continue
         pixels = sprites.get(str(element["id"]))
         if pixels:
-            # An icon of a sheet: the cut-out pixels, not the sheet that it shares with all the others.
+            # An icon of a sheet: the cut-out pixels, not the sheet that it shares with the others.
             width, height = map(round, element["crop"]) if element.get("crop") else (None, None)
             row |= {
                 "path": f"raw/wiki/images/{pixels}.png",

@@ -14,13 +14,16 @@ import pyarrow.parquet as pq
 from kb.core.errors import SettingError
 
 LONGEST = 1024  # bytes; MediaWiki's own titles end at 255, and a namespace before them
-# One call asks for several titles with "|" between them, so it can stand in none. What else no title may
-# hold ("[", "#" …) the wiki says itself: such a title is asked for, and rejected as invalid.
+# One call asks for several titles with "|" between them, so it can stand in none. What else no
+# title may hold ("[", "#" …) the wiki says itself: such a title is asked for, and is invalid.
 _NO_TITLE = re.compile(r"[|\x00-\x1f\x7f]")
 
 
 class Titles(NamedTuple):
-    """`names` each once, in order; `ids` those among them that the file says are page ids; `bad_lines` can be no name."""
+    """`names` each once, in order; `ids` those that the file says are page ids.
+
+    `bad_lines` can be no name.
+    """
 
     names: list[str]
     ids: frozenset[str]
@@ -37,9 +40,10 @@ def read_titles(path: Path) -> Titles:
 
 
 def read_names(path: Path, option: str, columns: tuple[str, ...]) -> Titles:
-    """Titles and addresses of pages by lines, Parquet (the first of `columns` that it has) or JSON, ids where `columns` has them.
+    """Titles and addresses of pages by lines, Parquet or JSON, ids where `columns` has them.
 
-    A folder is that of a release: its pages. Underscores are spaces, as the wiki writes titles. Raises SettingError (exit 2).
+    Of Parquet the first of `columns` that it has. A folder is that of a release: its pages.
+    Underscores are spaces, as the wiki writes titles. Raises SettingError (exit 2).
     """
     try:
         found = [entry for file in _files(path, option) for entry in _file(file, columns)]
@@ -90,7 +94,7 @@ def _parquet(path: Path, columns: tuple[str, ...]) -> list[object]:
 
 
 def _text(path: Path) -> Iterable[object]:
-    """Lines, or JSON when the file is called so or begins like it: no title begins with a bracket."""
+    """Lines, or JSON when the file is called so or begins with a bracket, as no title does."""
     text = path.read_text(encoding="utf-8-sig")
     if path.suffix == ".json" or text.lstrip()[:1] in ("[", "{"):
         data = json.loads(text)

@@ -1,4 +1,4 @@
-"""The wiki over plain HTTP: its API, its robots.txt and its picture files, by the project's HTTP policy."""
+"""The wiki over plain HTTP, by the project's policy: its API, robots.txt and picture files."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from urllib.parse import urlsplit, urlunsplit
 
 import requests
 
+from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.net import retry
@@ -20,6 +21,7 @@ from kb.net.rate import Pace, is_loopback
 from kb.net.robots import Robots, robots_url
 from kb.net.session import PRODUCT, PerThread, Session, failure, host_of, send, user_agent
 from kb.store.atomic import writing
+from kb.wiki.errors import of_status
 
 Result = TypeVar("Result")
 TRIES = 6
@@ -27,7 +29,7 @@ FILE_PAUSE = 0.1
 
 
 @dataclass(frozen=True)
-class Answer:
+class Reply:
     """A whole answer. `after` is the Retry-After in seconds, when the server gave one."""
 
     status: int
@@ -37,11 +39,11 @@ class Answer:
 
 
 class Web:
-    """One wiki's hosts. Thread-safe. `hosts` are the only ones that are ever asked."""
+    """One wiki's hosts. Thread-safe. `root` and `hosts` are the only ones that are ever asked."""
 
     def __init__(self, run: Run, root: str, hosts: tuple[str, ...], pause: float) -> None:
         self.agent = user_agent(run.settings.kb_contact)
-        self._run, self._root = run, root
+        self.run, self.root = run, root
         schemes = {"https", urlsplit(root).scheme}
         self._hosts = {host_of(root)} | {
             f"{scheme}://{host}".lower() for host in hosts for scheme in schemes
@@ -53,6 +55,7 @@ class Web:
         self._files = Pace(0.0 if is_loopback(root) else min(pause, FILE_PAUSE))
         self._counting = threading.Lock()
         self.requests = 0
+        self.sleep: Callable[[float], None] = clock.sleep  # between two tries
 
     def today(self, url: str) -> str:
         """An address of ours that was kept, as it is reached now.
@@ -61,16 +64,16 @@ class Web:
         takes the place of the one that was noted. Other addresses stay as they are.
         """
         parts = urlsplit(url)
-        if host_of(url) in self._hosts or not (is_loopback(self._root) and is_loopback(url)):
+        if host_of(url) in self._hosts or not (is_loopback(self.root) and is_loopback(url)):
             return url
-        return urlunsplit(parts._replace(netloc=urlsplit(self._root).netloc))
+        return urlunsplit(parts._replace(netloc=urlsplit(self.root).netloc))
 
     # -- robots ----------------------------------------------------------------------------------
 
     def read_robots(self) -> None:
         """Fetch robots.txt once; its crawl-delay becomes the pace. Raises Unreachable."""
         try:
-            answer = self.attempt(lambda: self._fetch(robots_url(self._root), {}))
+            answer = self.attempt(lambda: self._fetch(robots_url(self.root), {}))
             self._robots = Robots.of_answer(
                 answer.status, answer.body.decode("utf-8", "replace"), self.agent
             )
@@ -83,7 +86,10 @@ class Web:
         return self._robots is None or self._robots.allows(url)
 
     def barred(self, url: str) -> None:
-        """Raises Blocked when robots.txt has rules for us by name and they bar an address that is no page: the front page, the API."""
+        """Raises Blocked when robots.txt names us and bars an address that is no page.
+
+        That is the front page, or the API.
+        """
         if self._robots is not None and self._robots.named and not self._robots.allows(url):
             raise Blocked(
                 f"the wiki's robots.txt names {PRODUCT} and bars {url}",
@@ -92,22 +98,27 @@ class Web:
 
     # -- requests --------------------------------------------------------------------------------
 
-    def get(self, url: str, params: dict[str, str]) -> Answer:
+    def get(self, url: str, params: dict[str, str]) -> Reply:
         """One paced request. Raises Retryable or ItemFinal."""
         self.pace.wait()
         return self._fetch(url, params)
 
     def attempt(self, call: Callable[[], Result]) -> Result:
-        """`call` with tries, growing pauses and the server's own wish. Raises Unreachable or Blocked at the end."""
-        patience = math.inf if self._run.wait else retry.PATIENCE_S
-        return retry.attempt(call, tries=TRIES, patience=patience, service="the wiki")
+        """`call` with tries, growing pauses and the server's own wish.
+
+        Raises Unreachable or Blocked at the end.
+        """
+        patience = math.inf if self.run.wait else retry.PATIENCE_S
+        return retry.attempt(
+            call, tries=TRIES, patience=patience, service="the wiki", sleep=self.sleep
+        )
 
     def rest(self, after: float | None) -> None:
         """What the wiki wished for (Retry-After, seconds) counts for all threads.
 
         A wish that is too long for any of them ends the run (`attempt`).
         """
-        if after is not None and (self._run.wait or after <= retry.PATIENCE_S):
+        if after is not None and (self.run.wait or after <= retry.PATIENCE_S):
             self.pace.rest(after)
 
     def turn(self, after: float | None, within: float) -> bool:
@@ -115,9 +126,13 @@ class Web:
         self.rest(after)
         return (after or 0.0) <= within and self.pace.wait_within(within)
 
+    def close(self) -> None:
+        """Close the connections."""
+        self._sessions.close()
+
     def _session(self) -> Session:
         return Session(
-            self._run.settings,
+            self.run.settings,
             hosts=self._hosts,
             ledger=self._count,
             stray=lambda url: ItemFinal("redirected_away", url),
@@ -127,9 +142,9 @@ class Web:
         with self._counting:
             self.requests += 1
 
-    def _fetch(self, url: str, params: dict[str, str]) -> Answer:
+    def _fetch(self, url: str, params: dict[str, str]) -> Reply:
         with self._open(url, params, stream=False) as response:
-            return Answer(
+            return Reply(
                 response.status_code,
                 response.content,
                 response.url,
@@ -146,7 +161,7 @@ class Web:
             raise
         if response.status_code >= 400:
             response.close()
-            raise ItemFinal(f"http_{response.status_code}")
+            raise of_status(response.status_code)
         return response
 
     def download(

@@ -31,7 +31,7 @@ from kb.sandbox.world import World
 from kb.store import rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.wiki import chromium
-from kb.wiki.crawl import crawl
+from kb.wiki.source import crawl
 
 NOW = "2026-11-20T12:00:00Z"
 
@@ -240,8 +240,8 @@ def test_services_on_other_ports_are_the_same_wiki(whole, run_on, programs, tmp_
     with Sandbox(World(), services=["wiki"]) as second:
         run = at(second)
         summary = crawl(run)
-        assert (summary["crawled"], summary["rejected"], summary["failed"]) == (12, 0, 0)
-        assert summary["pictures_failed"] == 0
+        assert (summary["crawled_in_all"], summary["rejected"], summary["failed"]) == (12, 0, 0)
+        assert summary["images_failed"] == 0
 
     def without_ports(found):
         return re.sub(r"127\.0\.0\.1:\d+", "wiki", repr(found))

@@ -18,8 +18,8 @@ from kb.filters.clean import run_clean
 from kb.store import rawlog, tombstones
 from kb.wiki import capture
 from kb.wiki.browser import Browser, reach
-from kb.wiki.crawl import crawl
 from kb.wiki.pool import Pool
+from kb.wiki.source import crawl
 
 pytestmark = pytest.mark.mediawiki
 

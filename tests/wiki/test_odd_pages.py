@@ -12,7 +12,7 @@ from kb.core.errors import SettingError, Unreachable
 from kb.core.pipeline import load, locate
 from kb.filters.clean import run_clean
 from kb.store import rawlog, tombstones
-from kb.wiki.crawl import crawl
+from kb.wiki.source import crawl
 from tests.wiki.small import WORDS, SmallWiki
 
 TALL = f"<p>{WORDS}</p><div style='height:120000px'></div>"

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 from werkzeug.wrappers import Response
 
-from kb.wiki.crawl import crawl
+from kb.wiki.source import crawl
 
 TEXT = "<!DOCTYPE html><div id=content><p>A page that has something to say.</p>"
 SOON = 0.05  # s, what a clock here and a clock there may differ by

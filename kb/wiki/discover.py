@@ -1,0 +1,134 @@
+"""What a crawl begins with, and what ends a round: pages that the wiki no longer has.
+
+A round reads the whole list, or named titles; `--again` starts a new one when the last is done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import msgspec
+
+from kb.core.profile.wiki import Wiki
+from kb.store import tombstones
+from kb.store.frontier import Frontier
+from kb.wiki import reduce
+from kb.wiki.payloads import Site, Title
+
+
+class Round(msgspec.Struct):
+    """The cursor of a kind of rounds: "round" of the whole list, "named" of named titles."""
+
+    number: int = 1
+    done: bool = False
+
+
+def begin(
+    frontier: Frontier, names: list[str] | None, namespaces: Iterable[int], *, again: bool
+) -> None:
+    """Go on with a round, or start one: of the titles `names`, or of the whole list.
+
+    A round of named titles says nothing about what the wiki lists.
+    """
+    cursor = "round" if names is None else "named"
+    held = _round(frontier, cursor)
+    if again and held.done:
+        held = Round(held.number + 1)
+    with frontier.transaction():
+        frontier.set_cursor(cursor, held)
+        tag = str(held.number) if names is None else f"t{held.number}"
+        if not held.done and frontier.cursor(reduce.SITE + tag) is None:
+            frontier.add("site", [(tag, Site(names is None, tuple(namespaces)))])
+        if names is None:
+            if not held.done:
+                reduce.add_lists(frontier, held.number)
+            return
+        frontier.add("info", [(f"{tag}:{title}", Title(title)) for title in names])
+        waiting = frontier.items("info", "todo")
+        if not held.done or any(key.startswith(f"{tag}:") for key, *_ in waiting):
+            frontier.add("gone", [tag])
+
+
+def end(frontier: Frontier, root: Path, tag: str) -> None:
+    """All that a round asked for was answered."""
+    bury(frontier, root)
+    cursor = "round" if tag.isdigit() else "named"
+    number = int(tag.removeprefix("t"))
+    with frontier.transaction():
+        if number == _round(frontier, cursor).number:
+            frontier.set_cursor(cursor, Round(number, done=True))
+        frontier.remove("gone", [tag])
+
+
+def _round(frontier: Frontier, cursor: str) -> Round:
+    return msgspec.convert(frontier.cursor(cursor, {}), Round)
+
+
+def unlisted(frontier: Frontier, number: int) -> list[str]:
+    """Pages that the list of a round has not: deleted, moved away, or made a redirect."""
+    return [
+        key
+        for key, status, reason, page in frontier.items("pages")
+        if page.round < number and not (status == "skipped" and reason in reduce.LEFT)
+    ]
+
+
+def unnamed(frontier: Frontier, tag: str) -> list[str]:
+    """Known pages whose titles, named again, have no page any more: deleted or moved away."""
+    titles = {
+        item.title
+        for key, _, _, item in frontier.items("info", "skipped")
+        if key.startswith(f"{tag}:")
+    }
+    titles |= {title[:1].upper() + title[1:] for title in titles}  # as most wikis write them
+    known = frontier.items("pages", "done", "todo", "error")
+    return [key for key, _, _, page in known if page.title in titles]
+
+
+def bury(frontier: Frontier, root: Path) -> None:
+    """Tombstones for what vanished: a page by its id, a title that a page left by that title.
+
+    A page that this crawl saw go is taken back when the wiki shows it again. One that was purged
+    meanwhile is not: the frontier has forgotten it, so to the crawl it is a new page with a
+    tombstone.
+    """
+    rows: list[tuple[str, str]] = []
+    back: set[str] = set()
+    titles: set[str] = set()
+    for key, status, reason, page in frontier.items("pages"):
+        if status == "skipped" and reason in reduce.LEFT:
+            rows.append((key, str(reason)))
+        else:
+            titles.add(page.title)
+            if page.gone:
+                back.add(key)
+        rows += [(title, "moved") for title in page.former]
+    tombstones.lift(root, "wiki", back | titles, reduce.LEFT)
+    rows = [row for row in rows if row[0] not in titles]
+    if rows:
+        tombstones.add(root, "wiki", rows)
+
+
+def reopen_larger(frontier: Frontier, section: Wiki) -> None:
+    """Pages that were too large and may be captured as the profile is now become todo again."""
+    for key, _, reason, page in list(frontier.items("pages", "skipped")):
+        if page.final is None or reason not in reduce.TOO_LARGE:
+            continue
+        # Of a page's height we know how much it is, of its elements only that they were too many.
+        least = int(page.final[3] or 0) + (reason == "too_many_elements")
+        if least <= getattr(section, reduce.TOO_LARGE[reason]):
+            with frontier.transaction():
+                frontier.payload("pages", key, msgspec.structs.replace(page, final=None))
+                frontier.mark("pages", [key], "todo")
+
+
+def reopen_moved(frontier: Frontier, today: Callable[[str], str]) -> None:
+    """What was refused for its host and is reached at another address by now becomes todo again."""
+    for kind in ("pages", "files"):
+        moved = []
+        for key, _, reason, payload in frontier.items(kind, "skipped"):
+            address = payload.url if kind == "pages" else key
+            if reason == "other_host" and today(address) != address:
+                moved.append(key)
+        frontier.mark(kind, moved, "todo")

@@ -1,0 +1,55 @@
+"""What an address or the browser answered instead of a page, told by class.
+
+ItemFinal
+└── HttpStatus          an address answers with 4xx
+    ├── NotNow              408, 425: about this one request
+    └── Refused             401, 403: us it refuses, or this page alone
+Retryable
+├── Served              the server answered, though not with a whole page; the browser did well
+├── NotShown            the browser shows nothing of a page and hides why
+└── PageTimeout         the page takes too long; its browser is ended
+"""
+
+from __future__ import annotations
+
+from kb.core.errors import ItemFinal, Retryable
+
+
+class HttpStatus(ItemFinal):
+    """An address answers with a status of 400 or more. Its reason is "http_404"."""
+
+    def __init__(self, status: int) -> None:
+        super().__init__(f"http_{status}")
+        self.status = status
+
+
+class NotNow(HttpStatus):
+    """An answer about one request, which says nothing about the page."""
+
+
+class Refused(HttpStatus):
+    """The address is not for us; whether that is so for the whole wiki, its front page says."""
+
+
+class Served(Retryable):
+    """The server answered with an error, or with a page that lacks what it needs."""
+
+
+class NotShown(Retryable):
+    """The browser shows a page of its own instead; a plain request finds out why."""
+
+
+class PageTimeout(Retryable):
+    """A page takes longer than it may."""
+
+    def __init__(self) -> None:
+        super().__init__("page_timeout")
+
+
+def of_status(status: int) -> HttpStatus:
+    """The error for an answer with a status of 400 or more."""
+    if status in (401, 403):
+        return Refused(status)
+    if status in (408, 425):
+        return NotNow(status)
+    return HttpStatus(status)

@@ -1,0 +1,58 @@
+"""One original picture file, by the address that the wiki names, else where it was seen."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from kb.core.errors import ItemFinal, Unreachable
+from kb.core.profile.wiki import Wiki
+from kb.store.frontier import Item
+from kb.wiki import addresses, pictures
+from kb.wiki.web import Web
+
+
+def fetch_original(web: Web, section: Wiki, item: Item, page: dict[str, Any]) -> dict[str, Any]:
+    """The answer to be recorded; `page` is what the wiki says of the file, empty where nothing.
+
+    The file goes into raw/wiki/images, named by what is in it. Raises Blocked.
+    """
+    info = (page.get("imageinfo") or [{}])[0]
+    answer: dict[str, Any] = {
+        "key": item.key,
+        "title": item.payload.title if info else None,
+        "license": addresses.file_licence(page),
+        "description": info.get("descriptionurl"),
+    }
+    folder = web.run.root / "raw" / "wiki" / "images"
+    inspect = partial(pictures.inspect, max_pixels=section.max_pixels)
+    reason, value = "", None
+    known = filter(None, (info.get("url"), item.key, item.payload.src))
+    for url in dict.fromkeys(map(web.today, known)):
+        if not web.allowed(url):
+            reason, value = "robots", url
+            continue
+        try:
+            sha256, found, size = web.attempt(
+                partial(web.download, url, folder, section.max_file_bytes, inspect)
+            )
+        except ItemFinal as error:
+            reason, value = reason or error.reason, value or error.value
+            continue
+        except Unreachable as error:
+            # One picture that the server can't give is no reason to stop: the next run asks again.
+            return {**answer, "outcome": "failed", "reason": str(error)}
+        return {
+            **answer,
+            "outcome": "stored",
+            "sha1": info.get("sha1"),
+            "url": url,
+            "sha256": sha256,
+            "bytes": size,
+            "media_type": found.media_type,
+            "path": f"raw/wiki/images/{sha256}.{found.extension}",
+            "width": found.width,
+            "height": found.height,
+            "frames": list(found.frames),
+        }
+    return {**answer, "outcome": "final", "reason": reason, "value": value}

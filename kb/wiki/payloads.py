@@ -1,0 +1,72 @@
+"""What the frontier knows of each kind of items.
+
+kind      key              an item is
+site      round            the wiki's description of itself, once a round; removed when answered
+titles    round:namespace  the list of a namespace's pages
+info      round:title      a title whose page is asked for
+gone      round            a round that is compared with the pages known; removed when it was
+pages     page id          a page, shown when its revision is not the one that was
+files     address          an original picture file
+
+A round of the whole list is "1", "2" …; one of named titles is "t1", "t2" … .
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+
+class Site(msgspec.Struct):
+    """`listed`: the namespaces are to be listed, these or those that the wiki calls content."""
+
+    listed: bool
+    namespaces: tuple[int, ...] = ()
+
+
+class List(msgspec.Struct):
+    """`going` is what the wiki wants to hear to go on."""
+
+    round: int
+    namespace: int
+    going: dict[str, str | int] = {}
+
+
+class Title(msgspec.Struct):
+    """A title as it was listed or named."""
+
+    title: str
+
+
+class Page(msgspec.Struct):
+    """A page by its newest answer.
+
+    `round` is the newest one that listed it, 0 when none did. `rendered` is what was captured:
+    (revision, title). `former` are titles that it has left. `final` says why what is too large
+    can't be captured: (revision, title, reason, value). `gone`: it had left the wiki once.
+    """
+
+    title: str
+    url: str
+    revision_id: int
+    round: int = 0
+    rendered: tuple[int, str] | None = None
+    former: list[str] = []
+    final: tuple[int, str, str, str | None] | None = None
+    gone: bool = False
+
+
+class File(msgspec.Struct):
+    """A picture: its address, its title on the wiki where it has one, and where it was seen."""
+
+    key: str
+    title: str | None = None
+    src: str | None = None
+
+
+PAYLOADS: dict[str, type[msgspec.Struct]] = {
+    "site": Site,
+    "titles": List,
+    "info": Title,
+    "pages": Page,
+    "files": File,
+}

@@ -1,0 +1,253 @@
+"""The wiki as the frame sees it: list, ask, compare, show, fetch. One round reads what is new.
+
+site     the wiki's description of itself     raw kind site
+titles   the titles of all content pages      raw kind titles
+info     revision, address, contributors      raw kind pages
+gone     what vanished becomes tombstones     raw kinds pages, imageinfo
+pages    each new revision in the browser     raw kind renders, raw/wiki/pages/
+files    the original pictures                raw kinds imageinfo, files, raw/wiki/images/
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+
+from kb.core import vocabulary
+from kb.core.context import Run
+from kb.core.verdict import Summary
+from kb.crawl.job import work
+from kb.crawl.loop import Loop
+from kb.crawl.session import Session
+from kb.crawl.source import Answer, Opened, Phase, Plain
+from kb.store import tombstones
+from kb.store.frontier import Frontier, Item
+from kb.store.rawlog import Envelope
+from kb.wiki import browser, capture, chromium, discover, fetch, reduce, show
+from kb.wiki.api import BATCH, Api, find_endpoint
+from kb.wiki.guard import Guard
+from kb.wiki.payloads import PAYLOADS
+from kb.wiki.pool import Pool
+from kb.wiki.titles import Titles, read_titles
+from kb.wiki.web import Web
+
+SITE = Phase(kind="site", unit="sites", feeds=("titles",), shown=False)
+TITLES = Phase(kind="titles", unit="parts of the list", feeds=("info", "gone"), whole=True)
+INFO = Phase(
+    kind="info", unit="titles", name="revisions", feeds=("gone", "pages"), batch=BATCH, whole=True
+)
+GONE = Phase(kind="gone", unit="rounds", feeds=("pages", "files"), whole=True, shown=False)
+LAST_SECONDS = 15  # a browser may take longer than its page, to be asked and to answer
+
+
+def crawl(run: Run, titles: Path | None = None) -> Summary:
+    """Crawl the wiki of the profile; `titles` names pages and skips the list.
+
+    Raises UsageError before anything is sent, Stopped when it can go on later.
+    """
+    source = WikiSource(run, read_titles(titles) if titles else None)
+    return work(run, source, source.summary, phases=source.wanted, facts=source.facts)
+
+
+class WikiSource(Plain):
+    """The wiki of a profile, or the one that the settings name."""
+
+    name = "wiki"
+    payloads = PAYLOADS
+
+    def __init__(self, run: Run, titles: Titles | None = None) -> None:
+        section = run.profile.section("wiki")
+        self.url = run.settings.kb_wiki_url or section.url
+        self.section, self._run, self._titles = section, run, titles
+        pages = Phase(
+            kind="pages",
+            unit="pages",
+            feeds=("files",),
+            workers=run.workers,
+            limited=True,
+            whole=True,
+        )
+        files = Phase(kind="files", unit="files", name="images", batch=BATCH, whole=True)
+        self.phases: Sequence[Phase] = (SITE, TITLES, INFO, GONE, pages, files)
+        self._web = Web(run, self.url, section.hosts, section.seconds_between)
+        self._threads = ThreadPoolExecutor(max(2, run.workers), "wiki-files")
+        self._lock = threading.Lock()
+        self._api: Future[Api] | None = None
+        self._pool: Pool | None = None
+        self._shown = 0  # pages that were answered for in this run
+        self._missing_before = 0
+        self._removed: set[str] = set()
+
+    @property
+    def wanted(self) -> Sequence[Phase]:
+        """The phases of this run: titles that are named need no list."""
+        return [phase for phase in self.phases if phase is not TITLES or self._titles is None]
+
+    def identity(self) -> dict[str, str]:
+        """The wiki's address. Raises MissingCredential, MissingExtra."""
+        self._run.settings.need("kb_contact")
+        self._programs = chromium.find()
+        return {"wiki": self.url}
+
+    def begin(self, opened: Opened) -> None:
+        """Whoever waits between two tries hears when the run ends."""
+        super().begin(opened)
+        self._web.sleep = partial(opened.sleep, SITE.lane)
+
+    def discover(self, frontier: Frontier) -> None:
+        """A round, and what may go well by now."""
+        self._missing_before = reduce.missing(frontier)
+        names = self._titles.names if self._titles else None
+        discover.begin(frontier, names, self.section.namespaces, again=self._run.again)
+        discover.reopen_larger(frontier, self.section)
+        discover.reopen_moved(frontier, self._web.today)
+        self._removed = self.opened.gone
+        if not frontier.waiting(*(phase.kind for phase in self.wanted)):
+            said = "the wiki crawl is finished; --again looks for what changed"
+            self._run.progress.say(said)
+
+    def leave_out(self, phase: Phase, item: Item) -> str | None:
+        """Pages that were purged."""
+        if phase.kind == "pages" and not self._removed.isdisjoint((item.key, item.payload.title)):
+            return "removed"
+        return None
+
+    def pack(self, phase: Phase, items: list[Item]) -> list[Item]:
+        """Titles of one round, as many as an address may hold."""
+        return fetch.together(items) if phase is INFO else items
+
+    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
+        """Ask for the items, after robots.txt and the API's address."""
+        api = self._start()
+        if phase is SITE:
+            yield api.site()
+        elif phase is TITLES:
+            yield from fetch.listing(api, items[0])
+        elif phase is INFO:
+            yield from fetch.titles(api, items)
+        elif phase is GONE:
+            frontier, root = self.opened.frontier, self._run.root
+            yield from fetch.compare(api, frontier, root, items[0].key)
+            self._removed = tombstones.keys(root, "wiki")
+        elif phase.kind == "pages":
+            pool = self._browsers()
+            for answer in fetch.page(api, self._web, self.section, pool, items[0]):
+                yield answer
+                if answer.kind == "renders" and answer.response["outcome"] != "failed":
+                    with self._lock:
+                        self._shown += 1
+        else:
+            yield from fetch.files(api, self._web, self.section, self._threads, items)
+
+    def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
+        """Take an answer into the frontier."""
+        reduce.reduce(frontier, kind, envelope)
+
+    def close(self) -> None:
+        """End the browsers, close the connections, note how many requests were sent."""
+        if self._pool is not None:
+            self._pool.close()
+        self._threads.shutdown()
+        self._web.close()
+        if self._web.requests:
+            frontier = self.opened.frontier
+            asked = frontier.cursor("requests", 0) + self._web.requests
+            frontier.set_cursor("requests", asked)
+
+    # -- what is needed before anything is asked -------------------------------------------------
+
+    def _start(self) -> Api:
+        """robots.txt and the API, found by the first thread for all; once again if it could not."""
+        with self._lock:
+            mine = self._api is None
+            if self._api is None:
+                self._api = Future()
+            api = self._api
+        if mine:
+            try:
+                self._web.read_robots()
+                api.set_result(Api(self._endpoint(), self._web))
+            except BaseException as error:  # noqa: BLE001  raised again in every thread that waits
+                with self._lock:
+                    self._api = None
+                api.set_exception(error)
+        return api.result()
+
+    def _endpoint(self) -> str:
+        """The API's address, looked for once a data root and with --again."""
+        frontier = self.opened.frontier
+        known = frontier.cursor("endpoint")
+        if known and known[0] == self.url and not self._run.again:
+            found = str(known[1])
+        else:
+            found = find_endpoint(self._web, self.url)
+            frontier.set_cursor("endpoint", [self.url, found])
+        self._web.barred(found)
+        return found
+
+    def _browsers(self) -> Pool:
+        """The browsers, started when the first page is to be shown."""
+        with self._lock:
+            if self._pool is None:
+                show.sweep(self._run.root)
+                self._pool = Pool(self._browser, self.section.page_seconds + LAST_SECONDS)
+            return self._pool
+
+    def _browser(self, watcher: Guard) -> browser.Browser:
+        section = self.section
+        hosts, origins = browser.reach(self.url, section.hosts)
+        return browser.Browser(
+            self._programs,
+            watcher,
+            hosts=hosts,
+            origins=origins,
+            user_agent=self._web.agent,
+            viewport=(section.viewport_width, section.viewport_height),
+            page_seconds=section.page_seconds,
+            before=capture.page_script("settle.js"),
+        )
+
+    # -- what was done ---------------------------------------------------------------------------
+
+    def facts(self, phase: Phase) -> dict[str, object]:
+        """Beside the parts of the list that were read: how many titles they had."""
+        return {"titles": self.opened.frontier.waiting("info")} if phase is TITLES else {}
+
+    def summary(self, session: Session, loop: Loop) -> Summary:
+        """What this run crawled and asked, and how the whole data root stands.
+
+        `crawled` are this run's answers, as the filter counts them: pages that were captured, are
+        barred or can't be shown (`rejected`: too large, an error page), and titles without a page
+        (`missing`). `failed` pages and titles are tried again by the next run; `gone` ones left.
+        """
+        frontier = session.frontier
+        kinds = frontier.kinds()
+        pages, files, info = (kinds.get(kind, {}) for kind in ("pages", "files", "info"))
+        skipped = Counter(reason for _, _, reason, _ in frontier.items("pages", "skipped"))
+        robots = skipped.pop("disallowed", 0)
+        gone = sum(skipped.pop(reason, 0) for reason in (*reduce.LEFT, "removed"))
+        missing = reduce.missing(frontier)
+        left = vocabulary.left_by("wiki", kinds)
+        return Summary(
+            command="wiki crawl",
+            source="wiki",
+            counted="pages",
+            crawled=self._shown + max(0, missing - self._missing_before),
+            crawled_in_all=reduce.crawled(frontier),
+            missing=missing,
+            rejected=skipped.total(),
+            robots=robots,
+            failed=pages.get("error", 0) + info.get("error", 0),
+            pending=frontier.waiting("pages"),
+            gone=gone,
+            **({"bad_lines": self._titles.bad_lines} if self._titles else {}),
+            images=files.get("done", 0),
+            images_failed=files.get("error", 0) + files.get("skipped", 0),
+            requests=self._web.requests,
+            left=sum(left.values()),
+            left_by=left,
+        )
