@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from kb.cli.options import Options
+    from kb.cli.profile_online import Answer
     from kb.core.profile.finding import Finding
 
 app = group("Profiles of domains: a new one, and what is wrong with one.")
@@ -114,7 +115,9 @@ def check(
         raise SettingError(f"two profiles are named, {name} and {options.profile}")
     path = find_profile(name) if name is not None else _usual(options)
     checked = examine(path)
-    findings, hits, answers = list(checked.findings), [], []
+    findings = list(checked.findings)
+    hits: list[dict[str, Any]] = []
+    answers: list[Answer] = []
     usable = all(one.level != ERROR for one in findings)
     if usable and checked.profile is not None:
         run = run_of(options, checked.profile)
@@ -186,9 +189,10 @@ def _table(findings: Iterable[Finding]) -> str:
     """Level, where, what and how to mend it, in columns."""
     from kb.core import terminal
 
+    one = terminal.one_line
     rows = [("level", "where", "finding", "how to mend it")]
-    rows += [(one.level, one.where, one.what, one.mend) for one in findings]
-    rows = [tuple(terminal.one_line(cell) for cell in row) for row in rows]
+    rows += [(found.level, found.where, found.what, found.mend) for found in findings]
+    rows = [(one(level), one(where), one(what), one(mend)) for level, where, what, mend in rows]
     widths = [max(len(row[column]) for row in rows) for column in range(2)]
     lines = []
     for level, where, what, mend in rows:

@@ -8,11 +8,22 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from kb.core import wording
-from kb.core.errors import ItemFinal, KbError, MissingCredential, Retryable, SettingError, Stopped
+from kb.core import clock, wording
+from kb.core.errors import (
+    CredentialRefused,
+    Interrupted,
+    ItemFinal,
+    KbError,
+    MissingCredential,
+    Retryable,
+    SettingError,
+    Stopped,
+)
 from kb.core.profile.finding import ERROR, NOTE, WARNING, Finding
 from kb.net import retry
 from kb.reddit.client import Client
@@ -58,7 +69,7 @@ def ask(run: Run) -> Iterator[Answer]:
         if getattr(run.profile, source) is None:
             continue
         cost = Cost()
-        level, key, what, mend, code = _tried(lambda q=question, c=cost: q(run, c), source)
+        level, key, what, mend, code = _tried(partial(question, run, cost), source)
         finding = Finding(level, f"online: {source}", 0, key, f"{what} ({cost.said()})", mend)
         yield Answer(source, finding, cost.requests, cost.units, code)
 
@@ -73,12 +84,12 @@ def _tried(question: Callable[[], Said], source: str) -> Said:
     except (MissingCredential, SettingError) as error:
         return WARNING, "", f"not asked: {error}", error.hint, 0
     except (Retryable, Stopped) as error:
-        if type(error).__name__ == "Interrupted":
+        if isinstance(error, Interrupted):
             raise
         hint = error.hint or "run the same command later"
         return WARNING, "", f"no answer: {error}", hint, UNREACHABLE
     except KbError as error:
-        code = REFUSED if type(error).__name__ == "CredentialRefused" else WRONG
+        code = REFUSED if isinstance(error, CredentialRefused) else WRONG
         return ERROR, "", str(error), error.hint, code
 
 
@@ -90,7 +101,7 @@ def _youtube(run: Run, cost: Cost) -> Said:
         ledger = Frontier(Path(place) / "ledger.sqlite")
         try:
             once = section.model_copy(update={"max_tries": 1})
-            api = YouTubeApi(run.settings, once, ledger)
+            api = YouTubeApi(run, once, _Alone(run, ledger), lane="api")
             cost.requests = cost.units = 1
             found = api.search(q=words, type="channel", part="snippet", maxResults=5)
             api.close()
@@ -103,6 +114,26 @@ def _youtube(run: Run, cost: Cost) -> Said:
         return ERROR, "youtube.keywords", f"{searched} finds no channel", mend, WRONG
     shown = ", ".join(titles[:3])
     return NOTE, "youtube.keywords", f"{searched} finds channels such as {shown}", "", 0
+
+
+@dataclass
+class _Alone:
+    """What the Data API's client needs of an open data root, without one."""
+
+    run: Run
+    frontier: Frontier
+    gone: set[str] = field(default_factory=set)
+
+    def probing(self, lane: str) -> bool:
+        """Nobody was turned away before."""
+        return False
+
+    def check(self, lane: str) -> None:
+        """No other thread asks."""
+
+    def sleep(self, lane: str, seconds: float) -> None:
+        """Between two tries."""
+        clock.sleep(seconds)
 
 
 def _title(item: dict[str, Any]) -> str:
@@ -125,7 +156,7 @@ def _wiki(run: Run, cost: Cost) -> Said:
     web = _Once(run, url, section.hosts, section.seconds_between)
     try:
         web.read_robots()
-        site = WikiApi(find_endpoint(web, url), web, lambda *_: None).site()
+        site = WikiApi(find_endpoint(web, url), web).site().response["query"]
     finally:
         cost.requests = web.requests
     general, rights = site.get("general", {}), site.get("rightsinfo", {})

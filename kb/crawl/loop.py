@@ -237,8 +237,9 @@ class Loop:
     def _sleeps(self, kind: str) -> bool:
         """Whether a phase was stopped and its lane waits until it may go on."""
         stop = self._closed.get(kind)
-        waits = self.session.run.wait and isinstance(stop, (QuotaSpent, Blocked))
-        return waits and back_at([stop]) is not None and bool(self.left(kind))
+        if not self.session.run.wait or not isinstance(stop, (QuotaSpent, Blocked)):
+            return False
+        return back_at([stop]) is not None and bool(self.left(kind))
 
     # -- what became of it -------------------------------------------------------------------------
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from kb.core.errors import UsageError
 from kb.query.views import View
@@ -29,7 +29,8 @@ def find(data: Data, keyword: str) -> Answer:
     clips = Answer(data.rows(_sql(data, pairs, ranked), [keyword]))
     if len(clips):
         return clips
-    known = data.rows(f"SELECT DISTINCT keyword FROM {pairs.full}")["keyword"].to_pylist()
+    listed = data.rows(f"SELECT DISTINCT keyword FROM {pairs.full}")["keyword"].to_pylist()
+    known = cast("list[str]", listed)
     by_lower = {one.lower(): one for one in known}
     if keyword.lower() in by_lower:  # all of its clips were removed since
         return clips

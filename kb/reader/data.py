@@ -125,7 +125,8 @@ class Data:
         """The rows of a query of our own, with values for its question marks."""
         files = [path for view in self._views if view.name in sql for path in view.files]
         with reading(files):
-            return self._open().sql(sql, params=list(parameters)).to_arrow_table()
+            table: pa.Table = self._open().sql(sql, params=list(parameters)).to_arrow_table()
+            return table
 
     def _open(self) -> duckdb.DuckDBPyConnection:
         if self._con is None:

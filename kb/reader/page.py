@@ -6,7 +6,7 @@ import base64
 import difflib
 import io
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from kb.core.errors import KbError, UsageError
 from kb.reader import html, picture
@@ -163,7 +163,8 @@ def find(data: Data, wanted: int | str) -> Page:
             sql = f"FROM {name} WHERE {condition} ORDER BY page_id LIMIT 1"
             if rows := data.rows(sql, [value]).to_pylist():
                 return Page(data, placed, rows[0])
-    titles = data.rows(f"SELECT title FROM {ranked[0].view.full}")["title"].to_pylist()
+    listed = data.rows(f"SELECT title FROM {ranked[0].view.full}")["title"].to_pylist()
+    titles = cast("list[str]", listed)
     near = difflib.get_close_matches(str(wanted), titles, 3)
     raise UsageError(
         f"no page {wanted!r} here." + (f" Did you mean {' or '.join(near)}?" if near else ""),

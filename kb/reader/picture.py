@@ -139,4 +139,4 @@ def _size(data: bytes) -> tuple[int, int] | None:
     """Width and height of a PNG by its header."""
     if len(data) < 24 or not data.startswith(_PNG):
         return None
-    return struct.unpack(">II", data[16:24])  # type: ignore[return-value]
+    return struct.unpack(">II", data[16:24])

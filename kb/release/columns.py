@@ -66,12 +66,13 @@ def check_sample(path: Path, declared: Table, source: str) -> list[Problem]:
     return found
 
 
-def _array(values: list[Any], kind: pa.DataType) -> pa.Array:
+def _array(values: list[Any], kind: pa.DataType) -> pa.Array[Any]:
     """JSON's values in a column's type; times are texts there."""
     if pa.types.is_timestamp(kind):
         times = [None if one is None else datetime.fromisoformat(one) for one in values]
-        return pa.array(times, kind)
-    return pa.array(values, kind)
+        values = times
+    made: pa.Array[Any] = pa.array(values, kind)
+    return made
 
 
 def _strange(name: str, column: Column | None, where: str, *, missing: bool) -> Problem:

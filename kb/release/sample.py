@@ -71,7 +71,7 @@ def _part(con: DuckDBPyConnection, folder: Folder, part: Part, shared: str, take
     return path
 
 
-def _values(column: pa.ChunkedArray) -> list[Any]:
+def _values(column: pa.ChunkedArray[Any]) -> list[Any]:
     """Python's values; of a 32-bit number its own digits: 0.12, not 0.11999999731779099."""
     if not pa.types.is_float32(column.type):
         return column.to_pylist()
