@@ -97,9 +97,14 @@ class Source(Protocol):
     payloads   the type of each kind's payload in the frontier; kinds without payload are left out
     """
 
-    name: str
-    phases: Sequence[Phase]
-    payloads: Mapping[str, type[msgspec.Struct]]
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def phases(self) -> Sequence[Phase]: ...
+
+    @property
+    def payloads(self) -> Mapping[str, type[msgspec.Struct]]: ...
 
     def identity(self) -> dict[str, str]:
         """Hosts, subreddit or wiki that the data root is bound to.

@@ -1,19 +1,25 @@
 """Whether an answer of status 200 is what was asked for.
 
-Reddit, and what stands before it, also send messages with status 200 (`{"message": "we are busy"}`). Taken
-for an answer, one would say that everything that was asked for is gone; so the form is looked at first.
+Reddit, and what stands before it, also send messages with status 200 (`{"message": "we are
+busy"}`). Taken for an answer, one would say that everything that was asked for is gone; so the form
+is looked at
+first.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-DEEPEST = 955  # lists and objects within each other: Python reads a thousand, its own calls included; a page of Reddit's has 60
+# Lists and objects within each other: Python reads a thousand, its own calls included; a page of
+# Reddit's has 60.
+DEEPEST = 955
 _LISTINGS = frozenset({"new", "top", "controversial", "hot", "rising", "search"})
 
 
 def problem(path: str, answer: Any) -> str:
-    """What is wrong with the answer to a request of `path`; empty when it holds what was asked for."""
+    """What is wrong with the answer to a request of `path`; empty when it holds what was
+    asked for.
+    """
     if not isinstance(answer, (dict, list)) or not answer:
         return "an empty answer"
     if isinstance(answer, dict):

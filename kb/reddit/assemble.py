@@ -41,7 +41,6 @@ def assemble(newest: dict[str, pa.Table]) -> dict[str, pa.Table]:
     Of several kinds of answers the newest about a thing counts; a stub only where nothing else is
     known. A comment is an `orphan` when nothing is known of its post.
     """
-
     found = newest_of(newest)
     is_post = pc.starts_with(found["fullname"], "t3_")
     posts, comments = found.filter(is_post), found.filter(pc.invert(is_post))
@@ -59,7 +58,6 @@ def with_posts(comments: pa.Table, kept: Mapping[str, pa.Table]) -> pa.Table:
 
 def newest_of(answers: dict[str, pa.Table]) -> pa.Table:
     """One row a thing over all kinds of answers, sorted by full name; marks are no things."""
-
     tables = [
         answers[kind]
         .select(schema().names)
@@ -76,7 +74,6 @@ def newest_of(answers: dict[str, pa.Table]) -> pa.Table:
 
 def _marks(newest: dict[str, pa.Table]) -> pa.Table:
     """Which parts of trees are known, of all kinds of answers."""
-
     rows = pa.concat_tables(
         [found.select(["fullname", "post_id", "state"]) for found in newest.values()]
     )
@@ -85,7 +82,6 @@ def _marks(newest: dict[str, pa.Table]) -> pa.Table:
 
 def _named(rows: pa.Table) -> pa.Table:
     """The columns that both tables share: `missing`, `score_source`, and the text as `body`."""
-
     state = rows["state"]
     rows = rows.append_column("missing", pc.equal(state, "missing"))
     # What has no id has no state either: why is in its problems.

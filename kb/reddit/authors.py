@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-import os
 import re
 import secrets
 from functools import lru_cache
@@ -18,7 +17,8 @@ from typing import Any
 from kb.core.errors import DamagedData
 from kb.store.atomic import write_bytes
 
-# Besides everything that starts with "author": who wrote, moderated, reported, and what moderators note of them.
+# Besides everything that starts with "author": who wrote, moderated, reported, and what moderators
+# note of them.
 _NAMES = frozenset(
     {
         "link_author",
@@ -43,10 +43,12 @@ _LISTS = frozenset(
 )
 _WHO = _NAMES | {"author"}
 _KEPT = frozenset({"", "[deleted]", "[removed]"})
-# A person's profile is a subreddit whose name is theirs: u_NAME, shown as u/NAME; its own title is theirs too.
+# A person's profile is a subreddit whose name is theirs: u_NAME, shown as u/NAME; its own title is
+# theirs too.
 _SUBREDDITS = frozenset({"subreddit", "subreddit_name_prefixed", "display_name"})
 _PROFILE = re.compile(r"(?i)u[_/](?=.)")
-# Addresses on Reddit, of which those of a profile begin with the name: /user/NAME/comments/…, /r/u_NAME/….
+# Addresses on Reddit, of which those of a profile begin with the name: /user/NAME/comments/…,
+# /r/u_NAME/….
 _ADDRESSES = frozenset({"url", "url_overridden_by_dest", "permalink", "link_permalink", "link_url"})
 _PERSON = re.compile(r"(?i)((?:https?://(?:[\w-]+\.)*reddit\.com)?/(?:user/|u/|r/u_))([^/?#]+)")
 
@@ -56,7 +58,7 @@ def load_key(root: Path) -> bytes:
     path = root / "state" / "reddit.key"
     if not path.exists():
         write_bytes(path, secrets.token_hex(32).encode(), mode=0o600)
-    os.chmod(path, 0o600)
+    path.chmod(0o600)
     key = path.read_bytes().strip()
     if len(key) != 64:
         raise DamagedData(
@@ -82,7 +84,9 @@ class Scrubber:
         )
 
     def scrub(self, value: Any) -> Any:
-        """The answer with every author field hashed, in place where it can be; safe to repeat only on fresh answers."""
+        """The answer with every author field hashed, in place where it can be; safe to repeat only
+        on fresh answers.
+        """
         if isinstance(value, list):
             for inner in value:
                 if isinstance(inner, (dict, list)):

@@ -42,10 +42,11 @@ def _silent(text: str) -> None:
 
 
 class Limiter:
-    """Reddit's window as its headers announce it; stands in for prawcore's, whose sleep no signal ends.
+    """Reddit's window as its headers announce it; stands in for prawcore's, whose sleep no signal
+    ends.
 
-    At the pace of a profile the window is never used up much before its end, which is waited for. A long
-    wait means that somebody else uses the key as well: the run stops, or with --wait sleeps.
+    At the pace of a profile the window is never used up much before its end, which is waited for. A
+    long wait means that somebody else uses the key as well: the run stops, or with --wait sleeps.
     """
 
     def __init__(self, pace: Pace, say: Callable[[str], None] = _silent) -> None:
@@ -70,7 +71,9 @@ class Limiter:
         return response
 
     def wait(self) -> None:
-        """Wait for the pace, and for the window's end when it is used up. Raises Interrupted, and Blocked for a long wait."""
+        """Wait for the pace, and for the window's end when it is used up. Raises Interrupted, and
+        Blocked for a long wait.
+        """
         self._pace.wait()
         left = self._until - clock.monotonic()
         if left > PATIENCE_S:
@@ -85,7 +88,9 @@ class Limiter:
         clock.sleep(left)
 
     def heed(self, headers: Any) -> None:
-        """Take in `x-ratelimit-*`; an answer without them, or with unreadable ones, changes nothing."""
+        """Take in `x-ratelimit-*`; an answer without them, or with unreadable ones, changes
+        nothing.
+        """
         try:
             remaining, reset = (
                 float(headers["x-ratelimit-remaining"]),
@@ -96,14 +101,17 @@ class Limiter:
         if not (math.isfinite(remaining) and math.isfinite(reset)):
             return
         self.remaining = remaining
-        # Below one there is no room for a whole request (the header is a decimal). The seconds are rounded down.
+        # Below one there is no room for a whole request (the header is a decimal). The seconds are
+        # rounded down.
         self._until = (
             clock.monotonic() + min(max(reset, 0.0), _LONGEST_S) + 1 if remaining < 1 else 0.0
         )
 
 
 class Client:
-    """One connection to Reddit. Not for several threads: one request at a time keeps to the limit anyway."""
+    """One connection to Reddit. Not for several threads: one request at a time keeps to the limit
+    anyway.
+    """
 
     def __init__(
         self,
@@ -136,17 +144,19 @@ class Client:
         return attempt(lambda: self._ask("POST", path, None, data), tries=self._tries)
 
     def info(self, fullnames: list[str]) -> Any:
-        """The Listing of up to 100 full names, posts and comments together; unknown ones are left out."""
+        """The Listing of up to 100 full names, posts and comments together; unknown ones are left
+        out.
+        """
         return self.get("api/info/", {"id": ",".join(fullnames), "raw_json": 1})
 
     def _ask(
         self, method: str, path: str, params: dict[str, Any] | None, data: dict[str, Any] | None
     ) -> Any:
-        """One try. Raises CredentialRefused, ItemFinal ("not_found", "forbidden" …), FatalError, Retryable, Blocked.
+        """One try. Raises CredentialRefused, ItemFinal ("not_found", "forbidden" …), FatalError,
+        Retryable, Blocked.
 
         Through PRAW's core: its `request` turns an HTTP 400 into an exception without status.
         """
-
         reddit = self._connected()
         try:
             try:
@@ -213,7 +223,9 @@ def _ledger(spend: Spend) -> Ledger:
 
 
 def _in_reddits_form(response: requests.Response, *_: Any, **__: Any) -> None:
-    """prawcore decides by these headers, and fails on answers that don't have them in Reddit's own form."""
+    """prawcore decides by these headers, and fails on answers that don't have them in Reddit's own
+    form.
+    """
     token = "access_token" in (response.url or "")
     if token and response.status_code == 200:
         _check_token(response)
@@ -226,7 +238,9 @@ def _in_reddits_form(response: requests.Response, *_: Any, **__: Any) -> None:
 
 
 def _check_token(response: requests.Response) -> None:
-    """prawcore reads on whatever it got. An error that is a number is a status, also in an answer of status 200. Raises Retryable."""
+    """prawcore reads on whatever it got. An error that is a number is a status, also in an answer
+    of status 200. Raises Retryable.
+    """
     try:
         answer = response.json()
         error = answer.get("error")

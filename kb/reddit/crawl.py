@@ -19,8 +19,8 @@ def crawl(run: Run, since: datetime | None = None, until: datetime | None = None
     """Read what is left. `since` and `until` bound when posts were made (UTC, since included).
 
     What lies outside is left out, and read by a later crawl with another span or none.
-    Raises LimitReached, Blocked, Unreachable, Interrupted (exit 3), CredentialRefused and FatalError
-    (exit 1); the summary so far is on the error.
+    Raises LimitReached, Blocked, Unreachable, Interrupted (exit 3), CredentialRefused and
+    FatalError (exit 1); the summary so far is on the error.
     """
     source = Reddit(run, since, until)
 

@@ -1,6 +1,7 @@
 """Crossposts whose parent was purged: their own title stays, what they show of the parent goes.
 
-What is left is what the filter makes of a post whose content is gone: a text post without an address.
+What is left is what the filter makes of a post whose content is gone: a text post without an
+address.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ import pyarrow.parquet as pq
 
 from kb.store.shards import ShardWriter
 
-# Copied by Reddit from the parent. Addresses hold the title of a text post, and the id of a gallery.
+# Copied by Reddit from the parent. Addresses hold the title of a text post, and the id of a
+# gallery.
 COPIED = frozenset(
     (
         "url",
@@ -48,7 +50,9 @@ def repeats(post: dict[str, Any], keys: Collection[str]) -> bool:
 
 
 def without_parent(post: dict[str, Any], keys: Collection[str]) -> dict[str, Any]:
-    """The record of a crosspost of one of `keys` without what it shows; the same object when that is gone already."""
+    """The record of a crosspost of one of `keys` without what it shows; the same object when that
+    is gone already.
+    """
     listed = post.get("crosspost_parent_list")
     if not listed and not COPIED & post.keys():
         return post
@@ -61,12 +65,12 @@ def without_parent(post: dict[str, Any], keys: Collection[str]) -> dict[str, Any
 
 
 def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str]) -> int:
-    """Take the parents `keys` out of a folder of reddit/posts; how many rows changed. Raises DiskFull.
+    """Take the parents `keys` out of a folder of reddit/posts; how many rows changed. Raises
+    DiskFull.
 
-    `crossposts` are bare ids of those that are known to repeat a key; others are told by their address.
-    Files without such rows are not touched.
+    `crossposts` are bare ids of those that are known to repeat a key; others are told by their
+    address. Files without such rows are not touched.
     """
-
     known = pa.array(sorted(crossposts), pa.string())
     purged = pa.array(
         sorted(key.removeprefix("t3_") for key in keys if key.startswith("t3_")), pa.string()

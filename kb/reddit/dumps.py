@@ -1,6 +1,8 @@
-"""Archive dumps: NDJSON in zstd with a 2^31 window, one line a post or comment, all subreddits mixed or one.
+"""Archive dumps: NDJSON in zstd with a 2^31 window, one line a post or comment, all subreddits
+mixed or one.
 
-A file comes as chunks of whole lines (kb.reddit.search looks into them). What is cut off or damaged is counted, never fatal.
+A file comes as chunks of whole lines (kb.reddit.search looks into them). What is cut off or damaged
+is counted, never fatal.
 """
 
 from __future__ import annotations
@@ -12,7 +14,8 @@ from typing import Any, NamedTuple
 
 import zstandard
 
-# Several passes go over what one read swells to, so it should fit the processor's cache (measured in the bench).
+# Several passes go over what one read swells to, so it should fit the processor's cache (measured
+# in the bench).
 CHUNK = 512 << 10  # decompressed bytes that zstd makes room for
 _BLOCK = 32 << 10  # compressed bytes of one read; they swell to 10 to 30 times as much
 
@@ -63,7 +66,9 @@ def pieces(path: Path, seen: Seen) -> Iterator[bytes]:
 
 
 class Chunk(NamedTuple):
-    """Whole lines: data[begin:end], of which the first byte is at `offset` in the decompressed file. A part of a line may follow."""
+    """Whole lines: data[begin:end], of which the first byte is at `offset` in the decompressed
+    file. A part of a line may follow.
+    """
 
     offset: int
     data: bytes
@@ -74,11 +79,12 @@ class Chunk(NamedTuple):
 def chunks(
     path: Path, seen: Seen, skip: int = 0, goes_on: Callable[[], bool] = lambda: True
 ) -> Iterator[Chunk]:
-    """Whole lines from decompressed offset `skip` on; a piece is never copied, the line across two pieces comes by itself.
+    """Whole lines from decompressed offset `skip` on; a piece is never copied, the line across two
+    pieces comes by itself.
 
     A last line without line break is given when the file is whole; in a cut file it is a part of
-    a line and counts as damaged. `goes_on` is asked at every piece, also while skipping; when it says
-    no, `seen.stopped` is set and nothing more comes.
+    a line and counts as damaged. `goes_on` is asked at every piece, also while skipping; when it
+    says no, `seen.stopped` is set and nothing more comes.
     """
     parts: list[bytes] = []  # a line that goes on in the next piece
     held = 0  # their bytes

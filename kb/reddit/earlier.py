@@ -32,7 +32,9 @@ _ROWS = 65_536
 
 
 class Done(msgspec.Struct):
-    """`answered`: the summary of each list of ids, by its digest. `writes` counts changes of the tables."""
+    """`answered`: the summary of each list of ids, by its digest. `writes` counts changes of the
+    tables.
+    """
 
     answered: dict[str, dict[str, Any]] = {}
     counts: dict[str, int] = {}
@@ -46,7 +48,9 @@ def settle(out: Path) -> None:
 
 
 def load(out: Path) -> Done:
-    """What is done in `out`; where tables are not whole, or a version before wrote this, nothing is."""
+    """What is done in `out`; where tables are not whole, or a version before wrote this, nothing
+    is.
+    """
     try:
         done = msgspec.json.decode((out / DONE).read_bytes(), type=Done)
     except (OSError, msgspec.DecodeError):
@@ -60,7 +64,9 @@ def save(out: Path, done: Done) -> None:
 
 
 def begin(work: Path, done: Done) -> bool:
-    """Note in a fresh work folder when it began; whether other runs have written since in one that goes on."""
+    """Note in a fresh work folder when it began; whether other runs have written since in one that
+    goes on.
+    """
     path = work / _SINCE
     if not path.exists():
         write_bytes(path, str(done.writes).encode())
@@ -75,7 +81,6 @@ def wrote(work: Path, done: Done) -> None:
 
 def size(out: Path) -> int:
     """Rows of the tables in `out`. Raises DamagedData."""
-
     paths = [path for name in NAMES for path in _parts(out / name)]
     with reading(paths):
         return sum(pq.read_metadata(path).num_rows for path in paths)
@@ -83,7 +88,6 @@ def size(out: Path) -> int:
 
 def missing(out: Path) -> dict[str, str]:
     """Key → reason of what earlier runs did not get. Raises DamagedData."""
-
     path = out / MISSING
     if not path.exists():
         return {}
@@ -93,8 +97,9 @@ def missing(out: Path) -> dict[str, str]:
 
 
 def spread(out: Path, folder: Path, buckets: int) -> None:
-    """Rows of the tables → `folder/<bucket>/old-<name>.arrow`, by post. Raises DamagedData, DiskFull."""
-
+    """Rows of the tables → `folder/<bucket>/old-<name>.arrow`, by post. Raises DamagedData,
+    DiskFull.
+    """
     for name in NAMES:
         schema = table(f"reddit/{name}").arrow()
         parts = _parts(out / name)
@@ -108,11 +113,11 @@ def spread(out: Path, folder: Path, buckets: int) -> None:
 def merged(
     name: str, number: int, folder: Path, fresh: pa.Table, gone: Collection[str]
 ) -> pa.Table:
-    """The rows of a bucket: `fresh` ones and what `spread` put there, by id the one that was read last.
+    """The rows of a bucket: `fresh` ones and what `spread` put there, by id the one that was read
+    last.
 
     Full names in `gone` are in no table any more.
     """
-
     path, key = folder / str(number) / f"old-{name}.arrow", table(f"reddit/{name}").key[0]
     parts = [_declared(fresh, fresh.schema)]
     if path.exists():
@@ -126,7 +131,6 @@ def merged(
 
 def deep(comments: pa.Table) -> pa.Table:
     """Depths that no run knew by itself, from the comments of all of them."""
-
     keys = comments["comment_id"].to_pylist()
     known = depths(zip(keys, comments["parent_id"].to_pylist(), strict=True))
     found = pa.array([known.get(key) for key in keys], pa.int64())
@@ -139,7 +143,8 @@ def reasons(
 ) -> tuple[dict[str, str], set[str]]:
     """Why things are missing after both, and which of them leave the tables.
 
-    `stale`: other runs have written since the new answers were read, so no removal is undone by them.
+    `stale`: other runs have written since the new answers were read, so no removal is undone by
+    them.
     """
     why = {**old, **new}
     for key, reason in old.items():
@@ -153,7 +158,6 @@ def reasons(
 
 def _declared(rows: pa.Table, schema: pa.Schema) -> pa.Table:
     """With the columns of this version: what the tables lack is null."""
-
     columns = [
         rows[field.name].cast(field.type)
         if field.name in rows.column_names
@@ -165,7 +169,6 @@ def _declared(rows: pa.Table, schema: pa.Schema) -> pa.Table:
 
 def _are_whole(out: Path, counts: Mapping[str, int]) -> bool:
     """Whether the tables below `out` are all there, with so many rows."""
-
     try:
         for name in NAMES:
             parts = _parts(out / name)

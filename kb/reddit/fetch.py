@@ -1,4 +1,6 @@
-"""What is asked of Reddit for each kind of item. Names and what was purged leave an answer first."""
+"""What is asked of Reddit for each kind of item. Names and what was purged leave an answer
+first.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ class Fetch:
         self._base, self._span = f"r/{subreddit}", span
 
     def ask(self, kind: str, items: list[Item]) -> Answer:
-        """The answer for items of one kind, as many as one request takes. Raises as kb.reddit.errors says."""
+        """The answer for items of one kind, as many as one request takes. Raises as
+        kb.reddit.errors says.
+        """
         ways: dict[str, Callable[[list[Item]], Answer]] = {
             "listing": self._listing,
             "tree": self._page,
@@ -37,7 +41,9 @@ class Fetch:
         return ways[kind](items)
 
     def _listing(self, items: list[Item]) -> Answer:
-        """The next page of a listing; the span goes into the record, as it says what is left out."""
+        """The next page of a listing; the span goes into the record, as it says what is
+        left out.
+        """
         (item,) = items
         state: Listing = item.payload or Listing()
         name, _, extra = item.key.partition(":")
@@ -59,7 +65,9 @@ class Fetch:
         return self._answer("listings", endpoint, {**params, **bounds}, answer)
 
     def _page(self, items: list[Item]) -> Answer:
-        """A post with its comments, or a comment's thread; that it is gone or shut is an answer too."""
+        """A post with its comments, or a comment's thread; that it is gone or shut is an answer
+        too.
+        """
         (item,) = items
         post, _, comment = item.key.partition("/")
         about = {"article": post, "comment": comment} if comment else {"article": post}

@@ -1,4 +1,5 @@
-"""Fields of a thing as Reddit and the archives of any year write them → values; what can't be read is null and named.
+"""Fields of a thing as Reddit and the archives of any year write them → values; what can't be read
+is null and named.
 
 Each reader takes the row that is being made, whose list `found` gets (column, reason, value).
 """
@@ -28,7 +29,9 @@ def integer(row: dict[str, Any], data: dict[str, Any], name: str) -> int | None:
 
 
 def flag(row: dict[str, Any], data: dict[str, Any], name: str) -> bool | None:
-    """Yes or no, also as 1 and 0 or as words. Dumps of every year say whether a post is for adults: absent is not no."""
+    """Yes or no, also as 1 and 0 or as words. Dumps of every year say whether a post is for adults:
+    absent is not no.
+    """
     value = data.get(name)
     if value is None or isinstance(value, bool):
         return value

@@ -1,4 +1,5 @@
-"""`kb reddit import`: archive dumps → raw envelopes, a task a file, with progress that survives SIGKILL.
+"""`kb reddit import`: archive dumps → raw envelopes, a task a file, with progress that survives
+SIGKILL.
 
 Envelopes have the form of a Listing with 100 things, so that the parse of live answers reads them.
 A file's place is noted whenever one of its segments is whole, and when the run is asked to end.
@@ -7,7 +8,6 @@ A file's place is noted whenever one of its segments is whole, and when the run 
 from __future__ import annotations
 
 import math
-import os
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future
@@ -40,7 +40,9 @@ THINGS = 100
 
 
 class Job(msgspec.Struct):
-    """What a worker needs; plain values. Without a lease nobody can stop it before the file's end."""
+    """What a worker needs; plain values. Without a lease nobody can stop it before the
+    file's end.
+    """
 
     root: str
     file: str
@@ -56,11 +58,13 @@ class Job(msgspec.Struct):
 def import_dumps(
     run: Run, files: Sequence[Path], since: datetime | None = None, until: datetime | None = None
 ) -> Summary:
-    """Import monthly dumps (`RS_*.zst` posts, `RC_*.zst` comments) or files of one subreddit. Sends nothing.
+    """Import monthly dumps (`RS_*.zst` posts, `RC_*.zst` comments) or files of one subreddit. Sends
+    nothing.
 
-    `since` and `until` go by the date of each post and comment. Files that were imported before, over
-    the same span, are left out unless `--again`. Raises SettingError (exit 2) when a file can't be read,
-    LimitReached and Interrupted (exit 3; the same command goes on), DiskFull.
+    `since` and `until` go by the date of each post and comment. Files that were imported before,
+    over the same span, are left out unless `--again`. Raises SettingError (exit 2) when a file
+    can't be
+    read, LimitReached and Interrupted (exit 3; the same command goes on), DiskFull.
     """
     section = run.profile.section("reddit")
     for file in files:
@@ -94,13 +98,17 @@ def _different(run: Run, files: Sequence[Path], span: tuple[float, float]) -> li
 
 
 def _import(run: Run, jobs: list[Job]) -> list[Place]:
-    """The places of all files. Whatever stops it, what was imported until then is in the error's summary."""
+    """The places of all files. Whatever stops it, what was imported until then is in the error's
+    summary.
+    """
     names = [_name(job) for job in jobs]
     round = places.begin_round(run.root, names) if run.again else ""
     before = [places.load(run.root, name, round=round).things for name in names]
 
     def now() -> list[Place]:
-        """From the notes, not the workers' own counts: one that dies after its file is done is replaced by one that finds nothing to do."""
+        """From the notes, not the workers' own counts: one that dies after its file is done is
+        replaced by one that finds nothing to do.
+        """
         noted = [
             places.load(run.root, name, job.file, round)
             for name, job in zip(names, jobs, strict=True)
@@ -115,7 +123,8 @@ def _import(run: Run, jobs: list[Job]) -> list[Place]:
         place = places.load(run.root, name, job.file, round)
         if place.done:
             run.progress.say(
-                f"{job.file}: imported before ({place.things} posts and comments); --again reads it once more"
+                f"{job.file}: imported before ({place.things} posts and comments); --again"
+                " reads it once more"
             )
         else:
             todo.append(msgspec.structs.replace(job, round=round))
@@ -151,11 +160,13 @@ def _run(run: Run, jobs: list[Job]) -> None:
             )
             if place.problem:
                 run.progress.say(
-                    f"{place.file}: {place.problem} after {place.lines} lines; what came before it was imported"
+                    f"{place.file}: {place.problem} after {place.lines} lines; what came"
+                    " before it was imported"
                 )
             if place.bad_lines:
                 run.progress.say(
-                    f"{place.file}: left out {place.bad_lines} damaged lines, the first at byte {place.first_bad} when decompressed"
+                    f"{place.file}: left out {place.bad_lines} damaged lines, the first at"
+                    f" byte {place.first_bad} when decompressed"
                 )
             if run.limit and sum(one.fresh for one in done) >= run.limit:
                 raise LimitReached(
@@ -170,7 +181,9 @@ def _run(run: Run, jobs: list[Job]) -> None:
 
 
 def _results(executor: Executor, tasks: Iterator[tuple[Job]], window: int) -> Iterator[Place]:
-    """Places in the order of the jobs. When the run is asked to end, those that have begun are still waited for: they end soon."""
+    """Places in the order of the jobs. When the run is asked to end, those that have begun are
+    still waited for: they end soon.
+    """
     waiting: deque[Future[Place]] = deque()
     for task in tasks:
         if signals.stop.requested():
@@ -206,7 +219,9 @@ def _summary(found: list[Place]) -> Summary:
 
 
 def import_file(job: Job) -> Place:
-    """Import one dump from where it was left; its place. Runs in a worker; memory is bounded by a chunk."""
+    """Import one dump from where it was left; its place. Runs in a worker; memory is bounded by a
+    chunk.
+    """
     root, file, name = Path(job.root), Path(job.file), _name(job)
     place = places.load(root, name, job.file, job.round)
     places.complete(rawlog.folder(root, "reddit", KIND), place, name)
@@ -221,7 +236,7 @@ def import_file(job: Job) -> Place:
     search = Search(job.subreddit)
     with full_disk_is_resumable(root):
         for chunk in chunks(
-            file, seen, place.offset, lambda: not job.lease or os.path.exists(job.lease)
+            file, seen, place.offset, lambda: not job.lease or Path(job.lease).exists()
         ):
             found = search(chunk)
             wanted = [
@@ -259,7 +274,9 @@ def import_file(job: Job) -> Place:
 
 
 def _wanted(record: dict[str, Any], job: Job, gone: set[str]) -> dict[str, Any] | None:
-    """The record as a thing, unless it is out of the span or purged. One whose date can't be read is left to the filter."""
+    """The record as a thing, unless it is out of the span or purged. One whose date can't be read
+    is left to the filter.
+    """
     kind = "t3" if "title" in record else "t1"
     at = _made(record)
     if at is not None and not job.since <= at < job.until:

@@ -1,7 +1,9 @@
-"""What the newest answer says about each post and comment, without their texts: what refresh and purge go by.
+"""What the newest answer says about each post and comment, without their texts: what refresh and
+purge go by.
 
-The rows of the raw log are spread over buckets on disk, as `kb reddit filter` does, and each bucket is reduced to
-one row a thing. Memory is bounded by a piece of a segment, then by a bucket, however much is known.
+The rows of the raw log are spread over buckets on disk, as `kb reddit filter` does, and each bucket
+is reduced to one row a thing. Memory is bounded by a piece of a segment, then by a bucket, however
+much is known.
 """
 
 from __future__ import annotations
@@ -28,10 +30,13 @@ _READ = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "dump")
 
 
 class Known:
-    """Iterates tables of `fullname, post_id, fetched_at, live, gone, there`, one row a thing, as often as wanted.
+    """Iterates tables of `fullname, post_id, fetched_at, live, gone, there`, one row a thing, as
+    often as wanted.
 
-    Each has a share of the things. `post_id` is null when no answer says it, `fetched_at` when a dump does
-    not say; `gone` is why a thing left (null: it did not), `there` false when the service no longer has it.
+    Each has a share of the things. `post_id` is null when no answer says it, `fetched_at` when a
+    dump does not say; `gone` is why a thing left (null: it did not), `there` false when the service
+    no longer
+    has it.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -46,8 +51,8 @@ class Known:
 
 @contextmanager
 def known(run: Run, folder: Path | None = None) -> Iterator[Known]:
-    """Everything that is known, in a folder that goes at the end. Call it under the writer's lock, or with a
-    `folder` elsewhere to read beside others.
+    """Everything that is known, in a folder that goes at the end. Call it under the writer's lock,
+    or with a `folder` elsewhere to read beside others.
 
     Stubs and things without an id are left out. Raises DamagedData, DiskFull and Interrupted.
     """
@@ -107,7 +112,6 @@ def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]
 
 def reduce(folder: str, number: int) -> None:
     """One row a thing of a bucket → `folder/<bucket>.arrow`; runs in a worker."""
-
     parts = []
     for path in sorted(Path(folder, "rows", str(number)).glob("*.arrow")):
         with pa.ipc.open_file(str(path)) as file:
@@ -119,7 +123,8 @@ def reduce(folder: str, number: int) -> None:
     rows = pa.concat_tables(parts)
     by = ("fetched_at", "live", "dump")
     found = newest(rows, ["fullname"], by)
-    # An answer that only says that a comment is gone may not say of which post it was; an older one does.
+    # An answer that only says that a comment is gone may not say of which post it was; an older one
+    # does.
     said = newest(
         rows.filter(pc.not_equal(pc.fill_null(rows["post_id"], ""), "")), ["fullname"], by
     )

@@ -26,7 +26,8 @@ from kb.schema.decode import holdable, problems
 from kb.store.buckets import Kind
 
 ROWS = 8_192
-# Of answers that are as old the later kind counts: a refresh (info) reads again what others brought.
+# Of answers that are as old the later kind counts: a refresh (info) reads again what others
+# brought.
 KINDS = ("dumps", "listings", "comments", "morechildren", "info")
 MARKS = READ, OPEN = "read", "open"  # states of rows that are no things: see `_marks`
 
@@ -34,7 +35,9 @@ Row = dict[str, Any]
 
 
 def raw_kind(kind: str, links: Links) -> Kind:
-    """How one raw kind becomes rows; of records of dumps that are as old, or don't say, the later dump's counts."""
+    """How one raw kind becomes rows; of records of dumps that are as old, or don't say, the later
+    dump's counts.
+    """
     return Kind(
         partial(rows, kind=kind, links=links),
         key=("fullname", "state"),
@@ -65,7 +68,9 @@ class Reader:
         self._classify: Callable[[str], str] = link_classifier(links)
 
     def envelope(self, line: bytes, *, marks: bool = False) -> list[Row]:
-        """The rows of one line, with `marks` those too. Raises DamagedData when it is no envelope."""
+        """The rows of one line, with `marks` those too. Raises DamagedData when it is no
+        envelope.
+        """
         try:
             envelope = msgspec.json.decode(line)
         except (msgspec.DecodeError, UnicodeDecodeError):
@@ -101,7 +106,8 @@ class Reader:
             else f"{envelope['request']['endpoint']}/{params.get('offset', 0):020d}"
         )
         for row in found:
-            # A dump's envelope holds records that were read at different times; each says it itself, or nobody knows.
+            # A dump's envelope holds records that were read at different times; each says it
+            # itself, or nobody knows.
             row["fetched_at"] = fetched_at if self._live else row.pop("retrieved", None)
             row["live"], row["dump"] = self._live, dump
         return found
@@ -204,7 +210,6 @@ def _marks(kind: str, response: Any, params: dict[str, Any], status: int) -> Ite
 
 def schema() -> pa.Schema:
     """Columns of `rows`."""
-
     text, number, flag = pa.string(), pa.int64(), pa.bool_()
     return pa.schema(
         [
@@ -240,7 +245,6 @@ def schema() -> pa.Schema:
 
 def to_table(found: list[Row]) -> pa.Table:
     """Plain rows as a table of `schema()`."""
-
     columns: dict[str, Any] = {}
     for field in schema():
         if field.name == "fetched_at":
@@ -270,7 +274,9 @@ def _row(fullname: str, post: str, state: str) -> Row:
 
 
 def _identified(kind: str, data: dict[str, Any]) -> tuple[Row, str]:
-    """A row under the thing's id. One without an id can't be told from others: it gets a made-up key and is rejected."""
+    """A row under the thing's id. One without an id can't be told from others: it gets a made-up
+    key and is rejected.
+    """
     key = data.get("id")
     if isinstance(key, str) and key:
         return _row(f"{kind}_{key}", "", "there"), key

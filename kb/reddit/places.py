@@ -1,7 +1,8 @@
 """How far each dump was imported: a note a dump and span of time, in state/reddit-import/.
 
-A segment is written as a hidden part, named, noted, then renamed. A note whose segment did not get to its
-place is completed at the next start; parts that no note knows go, as what they hold is read again.
+A segment is written as a hidden part, named, noted, then renamed. A note whose segment did not get
+to its place is completed at the next start; parts that no note knows go, as what they hold is read
+again.
 """
 
 from __future__ import annotations
@@ -46,7 +47,9 @@ class Place(msgspec.Struct):
 
 
 def name_of(file: Path, since: float, until: float) -> str:
-    """The name of a dump's note: tells a dump by its name, size and beginning, wherever it lies, and the span of time."""
+    """The name of a dump's note: tells a dump by its name, size and beginning, wherever it lies,
+    and the span of time.
+    """
     with file.open("rb") as opened:
         start = opened.read(1 << 16)
     key = hashlib.sha256(f"{file.name}\0{file.stat().st_size}\0".encode() + start).hexdigest()[:16]
@@ -59,7 +62,9 @@ def name_of(file: Path, since: float, until: float) -> str:
 
 
 def load(root: Path, name: str, file: str = "", round: str = "") -> Place:
-    """Where an import was left: at the beginning when there is no note, or one of another round of `--again`."""
+    """Where an import was left: at the beginning when there is no note, or one of another round of
+    `--again`.
+    """
     path = _folder(root) / f"{name}.json"
     place = (
         msgspec.json.decode(path.read_bytes(), type=Place)
@@ -85,12 +90,16 @@ def written(base: Path, segment: str) -> Path:
 
 
 def segment_name(number: int, digest: str) -> str:
-    """By content: segments of other machines, spans and rounds in one folder have other names, or are the same."""
+    """By content: segments of other machines, spans and rounds in one folder have other names, or
+    are the same.
+    """
     return f"{number:06d}-{digest[:16]}{SUFFIX}"
 
 
 def settle(root: Path) -> None:
-    """Let segments appear that were noted when an import was killed, and forget what was not noted. Call it under the writer's lock."""
+    """Let segments appear that were noted when an import was killed, and forget what was not noted.
+    Call it under the writer's lock.
+    """
     base = rawlog.folder(root, "reddit", KIND)
     if not base.is_dir():
         return
@@ -116,7 +125,9 @@ _ROUND = "again"
 
 
 def begin_round(root: Path, names: Sequence[str]) -> str:
-    """The round of `--again` over these notes: a new one, or the one that was stopped before its end."""
+    """The round of `--again` over these notes: a new one, or the one that was stopped before its
+    end.
+    """
     path = _folder(root) / f"{_ROUND}.json"
     wanted = sorted(names)
     if path.exists():
@@ -137,7 +148,8 @@ def end_round(root: Path) -> None:
 def lease(root: Path) -> Iterator[Path]:
     """A file that workers look for: when it is gone they end after the lines in hand.
 
-    It goes at the end of the block, and as soon as the run is asked to end; it reaches other machines as the data root does.
+    It goes at the end of the block, and as soon as the run is asked to end; it reaches other
+    machines as the data root does.
     """
     path, over = _folder(root) / f"{uuid.uuid4().hex}{_LEASE}", threading.Event()
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,8 @@
-"""What of Reddit's data must go: what its author deleted, moderators removed, the service no longer has, or a person named.
+"""What of Reddit's data must go: what its author deleted, moderators removed, the service no longer
+has, or a person named.
 
-Keys are full names. The comments of a purged post go with it, from raw and from every table (reason `post`):
-their addresses hold its title. Replies to a purged comment stay.
+Keys are full names. The comments of a purged post go with it, from raw and from every table (reason
+`post`): their addresses hold its title. Replies to a purged comment stay.
 """
 
 from __future__ import annotations
@@ -62,8 +63,9 @@ def plan(run: Run, ids: Path | None) -> Summary:
 
 
 def collect(run: Run, ids: Path | None, scratch: Path | None = None) -> dict[str, str]:
-    """What is to go and why: `deleted`, `removed`, `missing`, `named`, and `post` for comments of posts that go."""
-
+    """What is to go and why: `deleted`, `removed`, `missing`, `named`, and `post` for comments of
+    posts that go.
+    """
     found: dict[str, str] = {}
     if ids:
         wanted = read_wanted(ids)
@@ -94,9 +96,11 @@ def collect(run: Run, ids: Path | None, scratch: Path | None = None) -> dict[str
 
 
 def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
-    """Tombstones, raw segments, frontier, and what crossposts show; the keys that must leave everything else as well.
+    """Tombstones, raw segments, frontier, and what crossposts show; the keys that must leave
+    everything else as well.
 
-    Raises SettingError when `ids` can't be read, before anything is written; Interrupted (the same command goes on).
+    Raises SettingError when `ids` can't be read, before anything is written; Interrupted (the same
+    command goes on).
     """
     if ids:
         read_wanted(ids)
@@ -133,8 +137,9 @@ def _check(root: Path) -> None:
 
 
 def mend(root: Path, keys: Collection[str]) -> None:
-    """What rows say of other rows, after those of `keys` went: counts, missing parents, parts that failed."""
-
+    """What rows say of other rows, after those of `keys` went: counts, missing parents, parts that
+    failed.
+    """
     for path in sorted((root / "clean" / "reddit" / "failed").glob("*.parquet")):
         rows = pq.read_table(path)
         left = [key.partition("/")[0] not in keys for key in rows["key"].to_pylist()]
@@ -147,7 +152,9 @@ def mend(root: Path, keys: Collection[str]) -> None:
 def _strip(
     crossposts: set[str], kind: str, envelope: Envelope, keys: Collection[str]
 ) -> Envelope | None:
-    """Strip; the bare ids of crossposts of a key are added, also when a purge that was cut off has stripped them."""
+    """Strip; the bare ids of crossposts of a key are added, also when a purge that was cut off has
+    stripped them.
+    """
     posts = (thing.data for thing in tree.things(envelope.response) if thing.kind == tree.POST)
     crossposts.update(str(post.get("id")) for post in posts if repeats(post, keys))
     return strip(kind, envelope, keys)

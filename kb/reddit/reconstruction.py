@@ -7,7 +7,8 @@ for what was in flight; then they are added to the tables and the work folder go
 brought into the same folder stays (kb.reddit.earlier).
 
     out/posts/*.parquet  out/comments/*.parquet     the clean tables' columns, scores of models null
-    out/missing.parquet                             key, reason: missing, deleted, removed, purged, forbidden, malformed, failed
+    out/missing.parquet                             key, reason: missing, deleted, removed, purged,
+                                                    forbidden, malformed, failed
 """
 
 from __future__ import annotations
@@ -95,13 +96,15 @@ def reconstruct(
     profile: str | None = None,
     **settings: Any,
 ) -> Iterator[Post | Comment | Missing]:
-    """Typed rows of released ids, for a notebook: `for row in kb.reddit.reconstruct("posts-00000-of-00001.parquet"): …`
+    """Typed rows of released ids, for a notebook: `for row in
+    kb.reddit.reconstruct("posts-00000-of-00001.parquet"): …`
 
-    `ids`: a file or folder as for `--ids`, several of them, or full names; by default the data root's own
-    release. What `out` has already is added to, and comes as well. `settings`
-    are names of kb.core.settings (`reddit_client_id="…"`, `kb_data="…"`); the environment and `.env` count
-    as for the command. Everything is read first (cut off, the same call goes on), then posts, comments and
-    what is missing come in order. Raises as `rebuild`.
+    `ids`: a file or folder as for `--ids`, several of them, or full names; by default the data
+    root's own release. What `out` has already is added to, and comes as well. `settings`
+    are names of kb.core.settings (`reddit_client_id="…"`, `kb_data="…"`); the environment and
+    `.env` count as for the command. Everything is read first (cut off, the same call goes on), then
+    posts,
+    comments and what is missing come in order. Raises as `rebuild`.
     """
     run = run or _run(profile, settings)
     place = Path(out) if out else run.root / OUT
@@ -111,7 +114,6 @@ def reconstruct(
 
 def rows(out: Path) -> Iterator[Post | Comment | Missing]:
     """The rows of a finished reconstruction."""
-
     for name, make in (("posts", Post), ("comments", Comment)):
         for path in sorted((out / name).glob("*.parquet")):
             with pq.ParquetFile(path) as file:
@@ -122,11 +124,13 @@ def rows(out: Path) -> Iterator[Post | Comment | Missing]:
 
 
 def rebuild(run: Run, ids: Ids, out: Path) -> Summary:
-    """Read everything, add it to the tables in `out`. With `--again` what was answered before is read anew.
+    """Read everything, add it to the tables in `out`. With `--again` what was answered before is
+    read anew.
 
-    Raises SettingError (also where the tables would take the place of other files) and MissingCredential
-    before anything is sent (exit 2); LimitReached, Blocked, Unreachable and Interrupted (exit 3; the same
-    command goes on); CredentialRefused and WriterLocked (exit 1).
+    Raises SettingError (also where the tables would take the place of other files) and
+    MissingCredential before anything is sent (exit 2); LimitReached, Blocked, Unreachable and
+    Interrupted (exit 3;
+    the same command goes on); CredentialRefused and WriterLocked (exit 1).
     """
     for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
         run.settings.need(name)
@@ -165,7 +169,9 @@ def rebuild(run: Run, ids: Ids, out: Path) -> Summary:
 
 
 def _counts(out: Path, done: earlier.Done) -> dict[str, int]:
-    """Rows of the tables as they are now; what failed is not `missing`, as it is asked for again."""
+    """Rows of the tables as they are now; what failed is not `missing`, as it is asked for
+    again.
+    """
     failed = sum(reason == "failed" for reason in earlier.missing(out).values())
     return {
         **{name: done.counts[name] for name in earlier.NAMES},
@@ -228,7 +234,9 @@ class Rebuild(Reddit):
 
 
 def _unanswered(state: Path) -> dict[str, str]:
-    """What has no answer with content for a reason that is not in the answers: full name → reason."""
+    """What has no answer with content for a reason that is not in the answers: full name →
+    reason.
+    """
     found: dict[str, str] = {}
     with reading.state(state, PAYLOADS) as frontier:
         for kind, prefix in (("info", ""), ("tree", "t3_"), ("more", "t1_")):

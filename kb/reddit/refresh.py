@@ -1,8 +1,9 @@
 """`kb refresh reddit`: scores, removals and deletions read again through `info`, 100 ids a request.
 
-Read again is what a dump brought, whose scores are a snapshot (some months of them wrong), and what was
-read live longer than the profile's `max_age_days` ago. The newer answer wins when filtering; what was
-deleted, removed or is no longer there leaves with `kb purge reddit`.
+Read again is what a dump brought, whose scores are a snapshot (some months of them wrong), and what
+was read live longer than the profile's `max_age_days` ago. The newer answer wins when filtering;
+what
+was deleted, removed or is no longer there leaves with `kb purge reddit`.
 """
 
 from __future__ import annotations
@@ -43,9 +44,11 @@ _log = logging.getLogger("kb.reddit")
 def refresh(run: Run, older_than: int | None = None) -> Summary:
     """Read again what is due; with --again also what was missing.
 
-    `older_than` days count instead of the profile's age (0: everything). What it found due is kept until it is
-    read, so the same command goes on where it stopped. Raises MissingCredential (exit 2), LimitReached, Blocked, Unreachable and
-    Interrupted (exit 3; the same command goes on) and CredentialRefused, with the summary so far.
+    `older_than` days count instead of the profile's age (0: everything). What it found due is kept
+    until it is read, so the same command goes on where it stopped. Raises MissingCredential (exit
+    2),
+    LimitReached, Blocked, Unreachable and Interrupted (exit 3; the same command goes on) and
+    CredentialRefused, with the summary so far.
     """
     source = Refresh(run, older_than)
     try:
@@ -138,18 +141,20 @@ class Refresh(Reddit):
 
 
 def oldest_due(days: int, older_than: int | None) -> datetime | None:
-    """What was read before is due; None means all that is there, also what was read this very second."""
+    """What was read before is due; None means all that is there, also what was read this very
+    second.
+    """
     return None if older_than == 0 else clock.now() - timedelta(days=days)
 
 
 def due_parts(
     things: Known, gone: Collection[str], oldest: datetime | None, again: bool
 ) -> list[Path]:
-    """What is due of each share, with `again` what is missing as well; without `oldest` all that is there.
+    """What is due of each share, with `again` what is missing as well; without `oldest` all that is
+    there.
 
     `place` is "0" or "1" and the post: posts first, then comments post by post.
     """
-
     purged, parts = pa.array(sorted(gone), pa.string()), []
     by = [(name, "ascending") for name in _ORDER]
     for number, rows in enumerate(things):
@@ -168,7 +173,8 @@ def due_parts(
         parts.append(things.folder / f"due-{number:06d}.parquet")
         with full_disk_is_resumable(parts[-1]):
             marks = pq.SortingColumn.from_ordering(rows.schema, by, "at_end")
-            # Pages are small, as a merge has one of every part in memory; a dictionary of unique names is as large as they are.
+            # Pages are small, as a merge has one of every part in memory; a dictionary of unique
+            # names is as large as they are.
             pq.write_table(
                 rows,
                 parts[-1],

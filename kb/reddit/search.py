@@ -24,7 +24,9 @@ DEEPEST = 200  # levels of nesting; what Reddit says has about ten
 
 
 class Found(NamedTuple):
-    """What a chunk holds: its lines, damaged ones and where the first is, and the subreddit's records as (offset of the line's end, object)."""
+    """What a chunk holds: its lines, damaged ones and where the first is, and the subreddit's
+    records as (offset of the line's end, object).
+    """
 
     lines: int
     bad_lines: int
@@ -38,10 +40,12 @@ Finder = Callable[[bytes | memoryview], list[tuple[int, int, int]]]
 class Search:
     """Finds the records of one subreddit in chunks of a dump, however its name is written.
 
-    The name is looked for in any case until a record has told the subreddit's id, which all of them share;
-    from then on the id and the spellings met so far, unless a record comes without an id, or another's with it.
-    Every line must begin and end as an object does; one that doesn't is read, and so is every line of
-    the first CHECKED bytes and of chunks that are mostly the subreddit's. Elsewhere only lines that
+    The name is looked for in any case until a record has told the subreddit's id, which all of them
+    share; from then on the id and the spellings met so far, unless a record comes without an id, or
+    another's with it. Every line must begin and end as an object does; one that doesn't is read,
+    and so is every line
+    of the first CHECKED bytes and of chunks that are mostly the subreddit's. Elsewhere only lines
+    that
     hold the name are read.
     """
 
@@ -122,7 +126,9 @@ class Search:
 
 
 def _finder(text: bytes) -> Finder:
-    """One pattern: its vectorised search is several times faster than bytes.find, and than one for many spellings (tests/bench)."""
+    """One pattern: its vectorised search is several times faster than bytes.find, and than one for
+    many spellings (tests/bench).
+    """
     return BytesAhoCorasick([text]).find_matches_as_indexes
 
 
@@ -133,9 +139,9 @@ _CASE = 0x20  # the bit that tells a small letter from a capital
 def _folded(data: bytes) -> memoryview:
     """The bytes with capitals as small letters, but for the last seven at most.
 
-    Other bytes change too, so what is found there has to be looked at. Eight at a time are twice as fast as one.
+    Other bytes change too, so what is found there has to be looked at. Eight at a time are twice as
+    fast as one.
     """
-
     eights = len(data) // 8
     plain = pa.Array.from_buffers(pa.uint64(), eights, [None, pa.py_buffer(data)])
     return memoryview(pc.call_function("bit_wise_or", [plain, _cases()]).buffers()[1]).cast("B")[
@@ -152,7 +158,8 @@ def _cases() -> Any:
 def _counted(chunk: Chunk) -> tuple[int, int]:
     """How many lines a chunk has, and how many of them begin and end as objects do.
 
-    A file finds line breaks twice as fast as bytes.count, and lines that are let go at once cost no memory.
+    A file finds line breaks twice as fast as bytes.count, and lines that are let go at once cost no
+    memory.
     """
     file = io.BytesIO(chunk.data)
     file.seek(chunk.begin)
@@ -167,7 +174,9 @@ def _counted(chunk: Chunk) -> tuple[int, int]:
 
 
 def _lines(chunk: Chunk) -> list[bytes]:
-    """The lines of a chunk with their ends (bytes.splitlines would also split at a carriage return)."""
+    """The lines of a chunk with their ends (bytes.splitlines would also split at a carriage
+    return).
+    """
     return io.BytesIO(chunk.data[chunk.begin : chunk.end]).readlines()
 
 
@@ -177,7 +186,9 @@ def _looks_whole(line: bytes) -> bool:
 
 
 def _read(line: bytes) -> dict[str, Any] | None:
-    """The object of a line, None when it is none, or nested so deeply that reading it could end the run."""
+    """The object of a line, None when it is none, or nested so deeply that reading it could end the
+    run.
+    """
     try:
         value = orjson.loads(line)
     except orjson.JSONDecodeError:

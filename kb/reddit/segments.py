@@ -34,7 +34,9 @@ class Segments:
         return self._file is not None and self._file.tell() >= self._most
 
     def write(self, things: list[dict[str, Any]], offset: int) -> None:
-        """One envelope, shaped like a Listing; `offset` is behind its last line, and orders what the dump says twice."""
+        """One envelope, shaped like a Listing; `offset` is behind its last line, and orders what
+        the dump says twice.
+        """
         if not things:
             return
         if self._file is None:

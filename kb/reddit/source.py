@@ -39,7 +39,8 @@ INFO = Phase(kind="info", unit="posts and comments", batch=IDS, limited=True)
 
 
 class Reddit(Plain):
-    """The crawl of a subreddit. `since` and `until` bound when posts were made (UTC, since included).
+    """The crawl of a subreddit. `since` and `until` bound when posts were made (UTC, since
+    included).
 
     `comments` counts what this run has read.
     """

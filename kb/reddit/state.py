@@ -53,10 +53,11 @@ def incomplete(root: Path) -> dict[str, int]:
 
 
 def gave_up(root: Path) -> Iterator[tuple[str, str]]:
-    """(key, reason) of what failed after its tries, or is shut: `failed` in the filter where no answer tells of it.
+    """(key, reason) of what failed after its tries, or is shut: `failed` in the filter where no
+    answer tells of it.
 
-    A key is a full name. Where a page failed it is the name of what the page is of and what was to be on it:
-    `t3_…/comments`, `t1_…/replies`; the post or comment itself may well be kept.
+    A key is a full name. Where a page failed it is the name of what the page is of and what was to
+    be on it: `t3_…/comments`, `t1_…/replies`; the post or comment itself may well be kept.
     """
     path = root / "state" / "reddit.sqlite"
     if not path.exists():

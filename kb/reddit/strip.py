@@ -1,7 +1,8 @@
 """How posts and comments leave a raw answer; the same for a purge and for what comes in after it.
 
-With a post go its comments (their addresses hold its title), and what crossposts show of it. Replies to a comment
-stay, in its place. Depth of recursion is that of one page, which Reddit ends at ten replies.
+With a post go its comments (their addresses hold its title), and what crossposts show of it.
+Replies to a comment stay, in its place. Depth of recursion is that of one page, which Reddit ends
+at ten replies.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from kb.store.rawlog import Envelope, Request
 
 
 def strip(kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | None:
-    """The envelope without the full names `keys`; the same object when it holds none, None when nothing is left."""
+    """The envelope without the full names `keys`; the same object when it holds none, None when
+    nothing is left.
+    """
     request, asked = envelope.request, _asked(kind, envelope.request, keys)
     if asked is None:
         return None

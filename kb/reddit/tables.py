@@ -1,4 +1,6 @@
-"""Raw answers of a reconstruction → tables. Rows of one post meet in a bucket, so memory is bounded by one."""
+"""Raw answers of a reconstruction → tables. Rows of one post meet in a bucket, so memory is bounded
+by one.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,8 @@ def check_place(out: Path) -> None:
 class Answers(NamedTuple):
     """What one run knows: `unanswered` full name → reason; `released` fills in what no answer says.
 
-    `stale`: other runs have written the tables since these answers were read. `purged` are tombstones.
+    `stale`: other runs have written the tables since these answers were read. `purged` are
+    tombstones.
     """
 
     work: Path
@@ -70,7 +73,8 @@ class Answers(NamedTuple):
 
 
 def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
-    """Add the answers to posts/, comments/ and missing.parquet below `out`; how many rows each has then.
+    """Add the answers to posts/, comments/ and missing.parquet below `out`; how many rows each has
+    then.
 
     Each table takes its place whole; killed between two of them, the same again ends the same.
     Raises DamagedData, DiskFull.
@@ -99,8 +103,9 @@ def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
 
 
 def _answered(spread: Path, number: int, answers: Answers) -> dict[str, str]:
-    """The rows of a bucket that this run got → `spread/new-<name>-<number>.arrow`; why others are not there."""
-
+    """The rows of a bucket that this run got → `spread/new-<name>-<number>.arrow`; why others are
+    not there.
+    """
     found = {
         kind: _read(path)
         for kind in parse.KINDS
@@ -133,7 +138,6 @@ def _write_tables(
     spread: Path, fresh: dict[str, Path], buckets: int, gone: Collection[str]
 ) -> dict[str, int]:
     """Old and new rows, bucket by bucket → part files; how many rows each table has."""
-
     counts = dict.fromkeys(NAMES, 0)
     for number in range(buckets):
         whole = {}
@@ -159,8 +163,9 @@ def _new(spread: Path, name: str, number: int) -> Path:
 def _lost(
     scratch: Path, made: dict[str, Path], wanted: Wanted, reasons: dict[str, str]
 ) -> pa.Table:
-    """What is in no table and was asked for, or has a reason. All that was asked for stays on disk."""
-
+    """What is in no table and was asked for, or has a reason. All that was asked for stays
+    on disk.
+    """
     scratch.mkdir(parents=True, exist_ok=True)
     names = chain(wanted.names, (f"t3_{key}" for key in wanted.trees))
     with pq.ParquetWriter(scratch / "asked.parquet", pa.schema([("key", pa.string())])) as file:
@@ -178,9 +183,11 @@ def _lost(
         )
         return con.sql(
             "WITH there AS ("
-            " SELECT 't3_' || post_id AS key FROM read_parquet($posts) UNION ALL SELECT 't1_' || comment_id FROM read_parquet($comments)),"
+            " SELECT 't3_' || post_id AS key FROM read_parquet($posts) UNION ALL SELECT"
+            " 't1_' || comment_id FROM read_parquet($comments)),"
             " asked AS (SELECT key FROM read_parquet($asked) UNION SELECT key FROM reasons)"
-            " SELECT key, coalesce(reason, 'missing') AS reason FROM asked ANTI JOIN there USING (key) LEFT JOIN reasons USING (key)",
+            " SELECT key, coalesce(reason, 'missing') AS reason FROM asked ANTI JOIN there"
+            " USING (key) LEFT JOIN reasons USING (key)",
             params={
                 "asked": str(scratch / "asked.parquet"),
                 **{name: [str(path) for path in folder.iterdir()] for name, folder in made.items()},
@@ -211,7 +218,6 @@ def _read(path: Path) -> pa.Table:
 
 def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, str]) -> pa.Table:
     """The rows that are there and whole, with the table's columns; the rest is noted in `gone`."""
-
     reasons = [
         _reason(state, why)
         for state, why in zip(rows["state"].to_pylist(), rows["gone"].to_pylist(), strict=True)
@@ -231,7 +237,7 @@ def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, str]) ->
     )
     for name, reason in zip(rows["fullname"].to_pylist(), reasons, strict=True):
         if reason is not None:
-            gone[name] = reason
+            gone[name] = reason  # noqa: PERF403  the reasons of other tables stay
     kept = rows.filter(pa.array([reason is None for reason in reasons], pa.bool_()))
     for field in declared.arrow():
         if field.name not in kept.column_names:
@@ -241,7 +247,6 @@ def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, str]) ->
 
 def _filled(rows: pa.Table, key: str, name: str, known: pa.Table | None) -> pa.Table:
     """The column `name` where it is null from `known` (key, name)."""
-
     if known is None:
         return rows
     place = pc.index_in(rows[key], value_set=known[key].combine_chunks())

@@ -23,10 +23,9 @@ _NAMES = ("posts", "comments")
 def with_unread(posts: pa.Table, comments: pa.Table, marks: pa.Table) -> pa.Table:
     """`posts` with the column `comments_unread`.
 
-    `comments` are the newest rows of things with `fullname, post_id, state, parent_id`; `marks` rows of
-    `fullname, post_id, state` as kb.reddit.parse makes them.
+    `comments` are the newest rows of things with `fullname, post_id, state, parent_id`; `marks`
+    rows of `fullname, post_id, state` as kb.reddit.parse makes them.
     """
-
     read = marks["fullname"].filter(pc.equal(marks["state"], READ)).combine_chunks()
     stubs = comments.filter(pc.equal(comments["state"], "stub"))
     known = comments.filter(pc.is_in(comments["state"], pa.array(["there", "missing"])))
@@ -43,8 +42,9 @@ def with_unread(posts: pa.Table, comments: pa.Table, marks: pa.Table) -> pa.Tabl
 
 
 def counted(kept: dict[str, pa.Table]) -> dict[str, pa.Table]:
-    """Kept posts and comments with `comments_released` and `parent_in_release`; both of the same posts."""
-
+    """Kept posts and comments with `comments_released` and `parent_in_release`; both of the same
+    posts.
+    """
     posts, comments = (kept.get(f"reddit/{name}") for name in _NAMES)
     found = dict(kept)
     if comments is not None:
@@ -67,10 +67,9 @@ def counted(kept: dict[str, pa.Table]) -> dict[str, pa.Table]:
 def count_again(folder: Path) -> None:
     """After rows were taken out of the tables below `folder`: their counts, part by part.
 
-    Parts of both tables with one number are of the same posts. A part that says the right thing stays
-    as it is.
+    Parts of both tables with one number are of the same posts. A part that says the right thing
+    stays as it is.
     """
-
     for name in sorted({path.name for kind in _NAMES for path in _parts(folder / kind)}):
         paths = {f"reddit/{kind}": folder / kind / name for kind in _NAMES}
         paths = {kind: path for kind, path in paths.items() if path.exists()}
@@ -87,7 +86,6 @@ def _parts(folder: Path) -> list[Path]:
 
 def _count(posts: pa.Table, below: pa.Table) -> pa.ChunkedArray:
     """How many rows of `below` each post has."""
-
     sums = below.group_by("post_id").aggregate([([], "count_all")])
     place = pc.index_in(posts["post_id"], sums["post_id"].combine_chunks())
     return pc.fill_null(sums["count_all"].combine_chunks().take(place.combine_chunks()), 0)

@@ -67,12 +67,16 @@ def stub_ids(data: Mapping[str, Any]) -> list[str]:
 
 
 def is_continuation(data: Mapping[str, Any]) -> bool:
-    """Whether the stub means "continue this thread": its replies are under its parent's own page."""
+    """Whether the stub means "continue this thread": its replies are under its parent's own
+    page.
+    """
     return not stub_ids(data) and isinstance(data.get("parent_id"), str)
 
 
 def outside(made: Any, since: float | None, until: float | None) -> bool:
-    """Whether something was made before `since`, or at `until` or later (all in seconds of Unix time); what doesn't say when is inside."""
+    """Whether something was made before `since`, or at `until` or later (all in seconds of Unix
+    time); what doesn't say when is inside.
+    """
     if isinstance(made, bool) or not isinstance(made, (int, float)):
         return False
     return (since is not None and made < since) or (until is not None and made >= until)

@@ -115,7 +115,9 @@ def poll_options(post: Post) -> list[str] | None:
 
 
 def removal(thing: Post) -> tuple[str, str] | None:
-    """(reason, value) when a post or comment is gone: `deleted` by its author or `removed` by others."""
+    """(reason, value) when a post or comment is gone: `deleted` by its author or `removed` by
+    others.
+    """
     category = thing.get("removed_by_category")
     text = thing.get("selftext", thing.get("body"))
     if category in ("deleted", "author") or text == "[deleted]":

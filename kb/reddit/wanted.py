@@ -1,4 +1,6 @@
-"""What a reconstruction or a purge is asked for: full names, a released Parquet file, the published `reddit.json`."""
+"""What a reconstruction or a purge is asked for: full names, a released Parquet file, the published
+`reddit.json`.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +25,17 @@ _NAME = re.compile(r"t[13]_[0-9a-z]{1,13}\Z")
 
 
 class Wanted(NamedTuple):
-    """`names`: full names to ask for by `info`. `trees`: bare ids of posts whose whole trees are to be fetched."""
+    """`names`: full names to ask for by `info`. `trees`: bare ids of posts whose whole trees are to
+    be fetched.
+    """
 
     names: list[str] | Files | Several
     trees: list[str]
 
     def digest(self) -> str:
-        """Tells what is wanted from anything else. Raises SettingError where a released file is damaged."""
+        """Tells what is wanted from anything else. Raises SettingError where a released file is
+        damaged.
+        """
         found = hashlib.sha256()
         for start, names in ((b"[[", self.names), (b"],[", self.trees)):
             found.update(start)
@@ -53,7 +59,9 @@ class Several:
 
 
 class Files:
-    """Full names in Parquet files: read whenever they are iterated, never held. Raises SettingError."""
+    """Full names in Parquet files: read whenever they are iterated, never held. Raises
+    SettingError.
+    """
 
     def __init__(self, files: list[Path]) -> None:
 
@@ -98,10 +106,13 @@ def asked_for(ids: Ids, release: Path) -> tuple[Wanted, list[Path]]:
 
 
 def read_wanted(path: Path) -> Wanted:
-    """The ids of a file in its order, without doubles but for Parquet. Raises SettingError (exit 2).
+    """The ids of a file in its order, without doubles but for Parquet. Raises SettingError (exit
+    2).
 
-    Lines: a full name each. Parquet: `comment_id`, else `post_id`, else full names in `key`. JSON: a list of
-    objects with `id` (bare, as MineDojo published it). A folder: the Parquet files of a release in it.
+    Lines: a full name each. Parquet: `comment_id`, else `post_id`, else full names in `key`. JSON:
+    a list of objects with `id` (bare, as MineDojo published it). A folder: the Parquet files of a
+    release in
+    it.
     """
     with _unreadable(path):
         if path.is_dir():
@@ -152,7 +163,8 @@ def read_names(lines: Iterable[str], where: str) -> Wanted:
 
 
 class Released(NamedTuple):
-    """What a release says of its rows and an answer by id can't: each (id, value), None where no file has it.
+    """What a release says of its rows and an answer by id can't: each (id, value), None where no
+    file has it.
 
     `depths` of comments whose ancestors may be gone by now; `unread` comments of posts.
     """
@@ -198,7 +210,6 @@ def _some(names: list[str] | Files) -> Wanted:
 
 def _column(path: Path) -> tuple[str, str]:
     """The column that names things, and what makes full names of its values."""
-
     columns = pq.read_schema(path).names
     for column, prefix in (("comment_id", "t1_"), ("post_id", "t3_"), ("key", "")):
         if column in columns:

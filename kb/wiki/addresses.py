@@ -9,10 +9,14 @@ import re
 from urllib.parse import quote, unquote, urlsplit, urlunsplit
 
 _CC = re.compile(
-    r"//(?:www\.)?creativecommons\.org/licenses/(by(?:-nc)?(?:-nd|-sa)?)/(\d\.\d)", re.I
+    r"//(?:www\.)?creativecommons\.org/licenses/(by(?:-nc)?(?:-nd|-sa)?)/(\d\.\d)", re.IGNORECASE
 )
-_PUBLIC = re.compile(r"//(?:www\.)?creativecommons\.org/publicdomain/(zero|mark)/1\.0", re.I)
-_GNU = re.compile(r"//(?:www\.)?gnu\.org/(?:copyleft|licenses)/(fdl|gpl|lgpl)(?:-(\d\.\d))?", re.I)
+_PUBLIC = re.compile(
+    r"//(?:www\.)?creativecommons\.org/publicdomain/(zero|mark)/1\.0", re.IGNORECASE
+)
+_GNU = re.compile(
+    r"//(?:www\.)?gnu\.org/(?:copyleft|licenses)/(fdl|gpl|lgpl)(?:-(\d\.\d))?", re.IGNORECASE
+)
 
 
 def original(src: str) -> str:

@@ -31,10 +31,9 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
     id as text, or a title that has no page), `state` (what the wiki says of it), `of_page` (the id
     of a page that is none but bears the title), `missing`, `robots` and `render` (reasons) and
     `said` (what goes with the reason). Pages that are gone by the newest answer are left out: the
-    crawl writes their tombstones. `url` is the wiki's root, for raw data without an answer about the
-    site.
+    crawl writes their tombstones. `url` is the wiki's root, for raw data without an answer about
+    the site.
     """
-
     rows = newest.get("pages", parse.schema("pages").empty_table())
     there = pc.equal(rows["state"], "there")
     page = pc.equal(rows["of"], "page")
@@ -70,7 +69,6 @@ def _shown(rows: pa.Table, renders: pa.Table) -> tuple[pa.Table, pa.Table]:
 
     Nulls where there is none.
     """
-
     captures, failures = (
         renders.filter(renders["captured"]),
         renders.filter(pc.invert(renders["captured"])),
@@ -94,7 +92,6 @@ def _joined(rows: pa.Table, other: pa.Table, on: tuple[str, ...]) -> pa.Table:
 
 def _of_site(titles: pa.ChunkedArray, site: pa.Table | None, url: str) -> dict[str, pa.Array]:
     """What every page has of the site's description: its licence, its history's address."""
-
     said = site.to_pylist()[0] if site is not None else dict.fromkeys(parse.schema("site").names)
     script = (said["server"] or url) + (said["script"] or "/index.php")
     license = addresses.licence(said["license_url"] or None, said["license_text"])

@@ -15,6 +15,7 @@ import signal
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 
 def family(leader: int, folder: str = "") -> list[int]:
@@ -25,11 +26,11 @@ def family(leader: int, folder: str = "") -> list[int]:
     """
     parents: dict[int, int] = {}
     found = {leader}
-    for name in os.listdir("/proc"):
+    for name in (path.name for path in Path("/proc").iterdir()):
         if not name.isdigit():
             continue
         try:
-            with open(f"/proc/{name}/stat", encoding="utf-8", errors="replace") as file:
+            with Path(f"/proc/{name}/stat").open(encoding="utf-8", errors="replace") as file:
                 fields = file.read().rpartition(")")[2].split()
         except OSError:
             continue
@@ -47,7 +48,7 @@ def family(leader: int, folder: str = "") -> list[int]:
 
 def _names(pid: int, folder: str) -> bool:
     try:
-        with open(f"/proc/{pid}/cmdline", "rb") as file:
+        with Path(f"/proc/{pid}/cmdline").open("rb") as file:
             return folder.encode() in file.read()
     except OSError:
         return False
@@ -67,7 +68,7 @@ def end(leader: int, folder: str = "") -> None:
 def _kill(pid: int) -> bool:
     """Whether the process was still there; a zombie that waits for its parent counts as gone."""
     try:
-        with open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as file:
+        with Path(f"/proc/{pid}/stat").open(encoding="utf-8", errors="replace") as file:
             if file.read().rpartition(")")[2].split()[0] in "ZX":
                 return False
         os.kill(pid, signal.SIGKILL)
@@ -82,7 +83,7 @@ class Guard:
     def __init__(self) -> None:
         # A session of its own: Ctrl-C in the terminal must not end the guard before us.
         self._process = subprocess.Popen(
-            [sys.executable, "-I", "-S", os.path.abspath(__file__)],
+            [sys.executable, "-I", "-S", str(Path(__file__).resolve())],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

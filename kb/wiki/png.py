@@ -6,7 +6,7 @@ import struct
 import zlib
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 from kb.core.errors import Retryable
 
@@ -24,7 +24,7 @@ class PngWriter:
         self._pack = zlib.compressobj(_LEVEL)
         self._last: Any = None
 
-    def __enter__(self) -> PngWriter:
+    def __enter__(self) -> Self:
         self._file = self._path.open("wb")
         self._file.write(b"\x89PNG\r\n\x1a\n")
         # Eight bits a channel, colour type 2 (RGB), no interlace (PNG specification, 11.2.2).

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Self, TypeVar
 
 from kb.core.errors import ItemFinal, MissingExtra, Retryable
 from kb.wiki.browser import Browser
@@ -88,7 +88,7 @@ class Pool:
             for browser in list(self._all):
                 stack.callback(browser.end)
 
-    def __enter__(self) -> Pool:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:

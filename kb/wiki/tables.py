@@ -40,7 +40,6 @@ def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
     `rows` is what kb.wiki.assemble gave; a page that was not captured gets nulls. Of the
     extractions one at a time is held. Raises DamagedData.
     """
-
     pages = rows["wiki/pages"]
     held: Files = (
         {row["key"]: row for row in rows["files"].to_pylist() if row["path"] is not None}

@@ -89,7 +89,6 @@ def _usable(found: pa.Table | None, words: Callable[[Any], pa.Array]) -> pa.Tabl
 
     An `ok` whose kind, language or cues can't be read counts as failed, one without a word as none.
     """
-
     if found is None:
         names = table("youtube/transcripts")
         fields = [
@@ -121,8 +120,9 @@ def _tracks(found: pa.Table) -> pa.Table:
 
 
 def _without_overlap(cues: pa.Array, automatic: pa.Array) -> pa.Array:
-    """Lists of cues; in automatic ones a cue ends where the next one starts, as it is shown on while that is spoken."""
-
+    """Lists of cues; in automatic ones a cue ends where the next one starts, as it is shown on
+    while that is spoken.
+    """
     flat = pc.list_flatten(cues)
     if len(flat) < 2:
         return cues
@@ -149,7 +149,6 @@ def _without_overlap(cues: pa.Array, automatic: pa.Array) -> pa.Array:
 
 def _words(cues: pa.Array, words: Callable[[Any], pa.Array]) -> pa.Array:
     """Words of the texts of each list of cues."""
-
     flat = pc.list_flatten(cues)
     counts = pc.list_value_length(cues)
     starts = pc.cumulative_sum(pc.fill_null(counts, 0).cast(pa.int32()))
@@ -163,7 +162,6 @@ def _words(cues: pa.Array, words: Callable[[Any], pa.Array]) -> pa.Array:
 
 def _renamed(problems: pa.Array) -> pa.Array:
     """What could not be read as embed_width was needed as width."""
-
     flat = pc.list_flatten(problems)
     if not len(flat):
         return problems

@@ -25,7 +25,8 @@ _KEY = {
     "API_KEY_SERVICE_BLOCKED",
     "SERVICE_DISABLED",
 }
-# Facts about a list or its channel: it can't be read, today or tomorrow. Any other refusal may be the service's or our own fault.
+# Facts about a list or its channel: it can't be read, today or tomorrow. Any other refusal may be
+# the service's or our own fault.
 FINAL = {
     "not_found",
     "playlistNotFound",
@@ -39,10 +40,11 @@ FINAL = {
 
 
 def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> KbError:
-    """The error to raise for an answer that is none: QuotaSpent, CredentialRefused, Blocked, ItemFinal or Retryable.
+    """The error to raise for an answer that is none: QuotaSpent, CredentialRefused, Blocked,
+    ItemFinal or Retryable.
 
-    ItemFinal for the named facts only; a refusal without a reason is no answer of the API, but of what stands before
-    it ("automated queries"). `after` is the answer's Retry-After in seconds.
+    ItemFinal for the named facts only; a refusal without a reason is no answer of the API, but of
+    what stands before it ("automated queries"). `after` is the answer's Retry-After in seconds.
     """
     error = body.get("error") if isinstance(body, dict) else None
     error = error if isinstance(error, dict) else {}
@@ -56,7 +58,7 @@ def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> 
         for part in _parts(error, "details")
         if isinstance(part.get("metadata"), dict)
     ]
-    shown = sorted(reasons)[0] if reasons else f"http_{status}"
+    shown = min(reasons) if reasons else f"http_{status}"
     if reasons & _SPENT or (status == 429 and any("PerDay" in name for name in limits)):
         return quota.spent(bucket)
     if status == 429 or reasons & _BURST:

@@ -18,8 +18,8 @@ _ID = re.compile(r"(?:^|[=/])([A-Za-z0-9_-]{11})(?:$|[?&#])")
 def read_ids(path: Path) -> tuple[list[str], int]:
     """(ids in the file's order without doubles, lines without one).
 
-    Lines (ids or addresses), a Parquet file with `video_id`, MineDojo's JSON (objects with `id`), or the folder
-    of a release. Raises SettingError.
+    Lines (ids or addresses), a Parquet file with `video_id`, MineDojo's JSON (objects with `id`),
+    or the folder of a release. Raises SettingError.
     """
     try:
         if path.is_dir():
@@ -43,7 +43,9 @@ def read_ids(path: Path) -> tuple[list[str], int]:
 
 
 def some_ids(path: Path) -> tuple[list[str], int]:
-    """The same for a crawl, which has nothing to do without one. Raises SettingError also when there is none."""
+    """The same for a crawl, which has nothing to do without one. Raises SettingError also when
+    there is none.
+    """
     found, bad_lines = read_ids(path)
     if not found:
         raise SettingError(
@@ -83,7 +85,9 @@ def _minedojo(path: Path) -> list[str]:
 
 
 def share(part: tuple[int, int] | None) -> Callable[[str], bool]:
-    """Whether a key belongs to part (i, n): the same on every machine, and every key to one part."""
+    """Whether a key belongs to part (i, n): the same on every machine, and every key to one
+    part.
+    """
     if part is None:
         return lambda key: True
     number, count = part

@@ -1,4 +1,5 @@
-"""Raw answers of YouTube → columns. The fields are those that `schemas/tables/youtube/` names in `from`.
+"""Raw answers of YouTube → columns. The fields are those that `schemas/tables/youtube/` names in
+`from`.
 
 `videos` and `transcripts` read whole segments into Arrow tables, a batch at a time; the small
 functions below them read one decoded answer, for the crawl's frontier. A bad value never raises:
@@ -62,7 +63,6 @@ def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
     (px), `player_fps`, `game_label_id`, `game_label`, `fetched_at`, `problems`, and `final`: false
     for an outcome that is tried again.
     """
-
     for got, _ in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(
         lines, rows
     ):

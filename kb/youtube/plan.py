@@ -1,7 +1,8 @@
 """What is left of a crawl and what it costs, before anything is spent.
 
-What is not known yet (how many channels a search finds, how many videos a channel has) is taken from this
-data root as far as it was crawled, else from the assumptions below, and the plan says which.
+What is not known yet (how many channels a search finds, how many videos a channel has) is taken
+from this data root as far as it was crawled, else from the assumptions below, and the plan says
+which.
 """
 
 from __future__ import annotations
@@ -205,7 +206,9 @@ def _left_of_ids(
 
 
 def _bytes_each(run: Run, state: dict[str, Any]) -> dict[str, float]:
-    """Compressed bytes of one call (one video for transcripts), measured where there is something."""
+    """Compressed bytes of one call (one video for transcripts), measured where there is
+    something.
+    """
     answered = {
         RAW_SEARCH: (SEARCHES, 1),
         RAW_LIST: (UPLOADS, 1),

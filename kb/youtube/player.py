@@ -1,6 +1,8 @@
-"""What is kept of a watch page and a player answer: the largest stream, the game's label, playability, tracks.
+"""What is kept of a watch page and a player answer: the largest stream, the game's label,
+playability, tracks.
 
-Both are full of signed addresses, the visitor's data and public keys; nothing but these facts leaves this file.
+Both are full of signed addresses, the visitor's data and public keys; nothing but these facts
+leaves this file.
 """
 
 from __future__ import annotations
@@ -20,8 +22,9 @@ _OTHERS = {"secondaryResults", "owner", "videoOwnerRenderer", "compactVideoRende
 def facts(answer: Any, page: str, game_ids: tuple[str, ...] = ()) -> dict[str, Any]:
     """The `player` object of a transcripts envelope (schemas/raw/youtube/transcripts.json).
 
-    `answer` is the player's JSON, `page` the watch page's HTML ("" when it was not read), `game_ids` the browse
-    ids that the profile knows, which are looked for outside of the usual places as well.
+    `answer` is the player's JSON, `page` the watch page's HTML ("" when it was not read),
+    `game_ids` the browse ids that the profile knows, which are looked for outside of the usual
+    places as well.
     """
     answer = answer if isinstance(answer, dict) else {}
     width, height, fps = _largest(answer.get("streamingData"))
@@ -50,7 +53,9 @@ def facts(answer: Any, page: str, game_ids: tuple[str, ...] = ()) -> dict[str, A
 
 
 def game(page: str, game_ids: tuple[str, ...] = ()) -> tuple[str | None, str | None]:
-    """(browse id, title) of the game that a watch page names; (None, None) when it names none or can't be read."""
+    """(browse id, title) of the game that a watch page names; (None, None) when it names none or
+    can't be read.
+    """
     data = page_data(page)
     if data is None:
         return None, None
@@ -76,7 +81,9 @@ def page_data(page: str) -> Any:
 
 
 def _largest(streams: Any) -> tuple[int | None, int | None, int | None]:
-    """Width and height in px and frames a second of the largest stream; the higher rate of two alike."""
+    """Width and height in px and frames a second of the largest stream; the higher rate of two
+    alike.
+    """
     found = []
     for kind in ("adaptiveFormats", "formats"):
         listed = streams.get(kind) if isinstance(streams, dict) else None

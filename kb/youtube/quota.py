@@ -37,7 +37,9 @@ def limit(profile: YouTube, bucket: str) -> int:
 
 
 def spend(frontier: Frontier, profile: YouTube, bucket: str, endpoint: str) -> int:
-    """Write the ledger row of a call of one unit, before it is made; its id. Raises QuotaSpent, with nothing written."""
+    """Write the ledger row of a call of one unit, before it is made; its id. Raises QuotaSpent,
+    with nothing written.
+    """
     day = today()
     if frontier.spent(bucket, day) >= limit(profile, bucket):
         raise spent(bucket)

@@ -1,7 +1,9 @@
-"""One video's transcript through youtube-transcript-api, with the facts of the player answer that comes with it.
+"""One video's transcript through youtube-transcript-api, with the facts of the player answer that
+comes with it.
 
-Three requests a video (watch page, player, timed text) and no further one, unless a track is empty. Preference: manual track of the
-language, automatic one, manual of another language translated, automatic translated.
+Three requests a video (watch page, player, timed text) and no further one, unless a track is empty.
+Preference: manual track of the language, automatic one, manual of another language translated,
+automatic translated.
 """
 
 from __future__ import annotations
@@ -42,14 +44,16 @@ class Fetcher:
         sleep: Callable[[float], None] | None = None,
         wait: bool = False,
     ) -> None:
-        """`before` is called with the endpoint's name before each request (the ledger), `sleep` between the tries.
+        """`before` is called with the endpoint's name before each request (the ledger), `sleep`
+        between the tries.
 
-        Either may raise, which ends the video. With `wait` it sleeps however long the site asks for.
+        Either may raise, which ends the video. With `wait` it sleeps however long the site asks
+        for.
         """
-
         self._profile, self._pace, self._sleep = profile, pace, sleep
         self._patience = math.inf if wait else PATIENCE_S
-        # The library's own User-Agent would be Python's; the site serves any, so ours says who we are.
+        # The library's own User-Agent would be Python's; the site serves any, so ours says who we
+        # are.
         self._session = Session(settings)
         self._session.max_redirects = REDIRECTS
         self._session.mount("", Site(settings.kb_youtube_web, before))
@@ -64,8 +68,9 @@ class Fetcher:
     def fetch(self, video_id: str, *, probe: bool = False) -> dict[str, Any]:
         """The `response` of a transcripts envelope; `outcome` says what became of it.
 
-        `probe`: the site turned us away before, so the first 429 says that it still does. Raises Blocked or Unreachable,
-        which are no facts about the video, and Retryable after the last try.
+        `probe`: the site turned us away before, so the first 429 says that it still does. Raises
+        Blocked or Unreachable, which are no facts about the video, and Retryable after the last
+        try.
         """
         self._pace.wait()
 
@@ -139,8 +144,9 @@ class Fetcher:
         return found
 
     def _read(self, tracks: Any) -> dict[str, Any]:
-        """The best track with a word in it; NoTranscriptFound when none is in the language or can be translated."""
-
+        """The best track with a word in it; NoTranscriptFound when none is in the language or can
+        be translated.
+        """
         language = self._profile.language
         for track, translate in self._by_preference(tracks):
             try:
@@ -213,10 +219,11 @@ def _no_wall(target: SplitResult) -> None:
 
 
 class Site(Door):
-    """Sends to `root` what is for the web site, and nothing anywhere else. `before` writes the ledger.
+    """Sends to `root` what is for the web site, and nothing anywhere else. `before` writes the
+    ledger.
 
-    What comes back carries the site's own address again, so that paths and redirects mean the same under
-    any root.
+    What comes back carries the site's own address again, so that paths and redirects mean the same
+    under any root.
     """
 
     def __init__(self, root: str | None, before: Callable[[str], None]) -> None:

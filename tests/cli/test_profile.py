@@ -153,7 +153,9 @@ Typed = Callable[..., int]
 
 @pytest.fixture
 def typed(tmp_path: Path, sandbox: Sandbox, monkeypatch: pytest.MonkeyPatch) -> Typed:
-    """typed("profile", "check") → exit code, in this process, in an empty folder beside services."""
+    """typed("profile", "check") → exit code, in this process, in an empty folder beside
+    services.
+    """
     monkeypatch.chdir(tmp_path)
     for name in set(os.environ) - set(clean_environment()):
         monkeypatch.delenv(name)

@@ -38,7 +38,9 @@ def work(tmp_path: Path) -> Iterator[Work]:
 
 @pytest.fixture(scope="session")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Work]:
-    """Crawled (40 deep, 1,200 wide), filtered and exported in every layout, without a word by a model; read only."""
+    """Crawled (40 deep, 1,200 wide), filtered and exported in every layout, without a word by a
+    model; read only.
+    """
     with (
         pytest.MonkeyPatch.context() as patch,
         Sandbox(small_world(), services=["reddit"]) as sandbox,

@@ -1,4 +1,6 @@
-"""An answer of status 200 that is not what was asked for is tried again, and never a fact about anything."""
+"""An answer of status 200 that is not what was asked for is tried again, and never a fact about
+anything.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""One literal row for each reason of each stage, and what the kept ones look like in each layout."""
+"""One literal row for each reason of each stage, and what the kept ones look like in each
+layout.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,9 @@ COMMENTS = [
 
 @pytest.fixture(scope="module")
 def judged(tmp_path_factory: pytest.TempPathFactory) -> Work:
-    """The rows above as raw answers, filtered; and info that was asked for two more names, and a stub."""
+    """The rows above as raw answers, filtered; and info that was asked for two more names, and a
+    stub.
+    """
     with (
         pytest.MonkeyPatch.context() as patch,
         Sandbox(small_world(1), services=["reddit"]) as sandbox,

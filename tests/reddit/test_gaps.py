@@ -1,4 +1,6 @@
-"""What of a thread was not read, or was left out, is told by the rows, the summaries, `kb status` and the card."""
+"""What of a thread was not read, or was left out, is told by the rows, the summaries, `kb status`
+and the card.
+"""
 
 from __future__ import annotations
 
@@ -201,7 +203,8 @@ def test_threads_of_a_real_size_can_be_walked_knowingly(whole: Work) -> None:
     """Every comment that says so has its parent, and no other."""
     comments = str(whole.root / "release" / "reddit" / "comments-*.parquet")
     wrong = duckdb.execute(
-        "SELECT count(*) FROM read_parquet($1) c WHERE parent_in_release != (starts_with(parent_id, 't3_')"
+        "SELECT count(*) FROM read_parquet($1) c WHERE parent_in_release !="
+        " (starts_with(parent_id, 't3_')"
         " OR EXISTS (FROM read_parquet($1) p WHERE 't1_' || p.comment_id = c.parent_id))",
         [comments],
     ).fetchone()

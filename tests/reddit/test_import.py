@@ -1,4 +1,6 @@
-"""Archive dumps: every line of the subreddit once, whatever the file is like, also after SIGKILL."""
+"""Archive dumps: every line of the subreddit once, whatever the file is like, also after
+SIGKILL.
+"""
 
 from __future__ import annotations
 

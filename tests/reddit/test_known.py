@@ -1,4 +1,6 @@
-"""What refresh and purge go by: the newest answer about each thing, of a raw log in many buckets."""
+"""What refresh and purge go by: the newest answer about each thing, of a raw log in many
+buckets.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Spans, rounds and stops of an import: nothing is written over, nothing is left out in silence, nothing half-read stays."""
+"""Spans, rounds and stops of an import: nothing is written over, nothing is left out in silence,
+nothing half-read stays.
+"""
 
 from __future__ import annotations
 
@@ -118,8 +120,12 @@ def test_a_signal_ends_it_within_a_dump(tmp_path, workers, number):
         str(workers),
         "--json",
     ]
-    # A shell without job control starts background jobs with SIGINT ignored, and children inherit that.
-    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from kb.cli import main; main()"
+    # A shell without job control starts background jobs with SIGINT ignored, and children inherit
+    # that.
+    program = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from"
+        " kb.cli import main; main()"
+    )
     child = subprocess.Popen(
         [sys.executable, "-c", program, *words],
         env=clean_environment(),
@@ -174,7 +180,9 @@ def test_a_stop_before_the_first_file_says_so(tmp_path):
 
 
 def test_what_a_killed_import_left_is_noted_or_gone_before_a_purge(tmp_path):
-    """Killed between note and rename, and within a segment: the purge reaches the first, the second is read again."""
+    """Killed between note and rename, and within a segment: the purge reaches the first, the second
+    is read again.
+    """
     dump = write(
         tmp_path / "RS.zst",
         [

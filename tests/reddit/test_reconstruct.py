@@ -1,4 +1,6 @@
-"""Reconstruction brings back everything that is still there, at a hundred ids a request, and names the rest."""
+"""Reconstruction brings back everything that is still there, at a hundred ids a request, and names
+the rest.
+"""
 
 from __future__ import annotations
 
@@ -213,7 +215,10 @@ def test_one_python_call_yields_typed_rows(whole: Work, tmp_path: Path) -> None:
 
 
 def test_the_call_has_its_name_whatever_was_imported_before() -> None:
-    code = "import kb.reddit, kb.cli.reddit, kb.reddit.reconstruction; assert callable(kb.reddit.reconstruct)"
+    code = (
+        "import kb.reddit, kb.cli.reddit, kb.reddit.reconstruction; assert"
+        " callable(kb.reddit.reconstruct)"
+    )
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

@@ -193,7 +193,8 @@ def test_a_purge_leaves_no_trace_in_any_file(tiny: Work, monkeypatch: pytest.Mon
         zip(names, ("missing", "removed", "named", "missing", "removed"), strict=True)
     )
 
-    # It does not come back: not by another round, nor by a dump that holds it, nor by another filter.
+    # It does not come back: not by another round, nor by a dump that holds it, nor by another
+    # filter.
     since = len(tiny.sandbox.ledger)
     tiny.crawl(again=True)
     assert not [

@@ -21,7 +21,8 @@ from tests.reddit.cassettes import Cassette, Exchange, read
 from tests.reddit.work import rows
 
 AGENT = "lorebase"
-# Exchanges of an app alone; those with a user's password or a refresh token need what we never have.
+# Exchanges of an app alone; those with a user's password or a refresh token need what we never
+# have.
 APP_ONLY = (
     "TestComment.test_attributes",
     "TestComment.test_invalid",

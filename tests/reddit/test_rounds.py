@@ -28,7 +28,9 @@ class Said(Silent):
 
 @pytest.fixture
 def paged(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """120 posts, of which a listing shows 40 in pages of ten; the newer sixty are not written yet."""
+    """120 posts, of which a listing shows 40 in pages of ten; the newer sixty are not
+    written yet.
+    """
     monkeypatch.setattr("kb.sandbox.reddit.LISTED", 40)
     monkeypatch.setattr("kb.sandbox.reddit.PAGE", 10)
     world = small_world(120, width=3, depth=3)
@@ -60,7 +62,8 @@ def test_a_new_round_ends_by_time_where_there_is_an_order_by_time_and_nowhere_el
 ) -> None:
     posts = list(paged.world.posts)
     for number, key in enumerate(posts):
-        # Old ones first in `top`, then those among the newer sixty that `new` does not show any more.
+        # Old ones first in `top`, then those among the newer sixty that `new` does not show any
+        # more.
         paged.world.posts[key]["score"] = (
             10_000 if number < 15 else 9_000 if 60 <= number < 80 else 1
         )

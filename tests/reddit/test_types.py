@@ -1,4 +1,6 @@
-"""What a post is, by what it holds; which address is a picture, a film or neither; who took it away."""
+"""What a post is, by what it holds; which address is a picture, a film or neither; who took it
+away.
+"""
 
 from __future__ import annotations
 

@@ -37,7 +37,9 @@ class Work:
     def __init__(
         self, sandbox: Sandbox, place: Path, *, scored: bool = False, **section: Any
     ) -> None:
-        """`scored`: by the sandbox's tiny model, else not at all. `section`: values of the profile's [reddit] that are not the shipped ones."""
+        """`scored`: by the sandbox's tiny model, else not at all. `section`: values of the
+        profile's [reddit] that are not the shipped ones.
+        """
         self.scored, self.section = scored, section
         self.sandbox, self.place, self.root = sandbox, place, place / "data"
         self.world = sandbox.world.reddit

@@ -116,7 +116,6 @@ def section() -> Any:
 @pytest.fixture(scope="session")
 def pool(programs: chromium.Programs, pages: Pages, section: Any) -> Iterator[Pool]:
     """Browsers that may ask the page server only."""
-
     hosts, origins = reach(pages.url, ())
 
     def start(watcher: Any) -> Browser:

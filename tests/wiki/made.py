@@ -11,7 +11,10 @@ import zstandard
 from kb.store import rawlog
 
 MONDAY, TUESDAY, FRIDAY = "2026-11-16T08:00:00Z", "2026-11-17T08:00:00Z", "2026-11-20T08:00:00Z"
-WORDS = "The kiln burns from the first frost to the thaw and every potter counts the wood of all of its firings in a book"
+WORDS = (
+    "The kiln burns from the first frost to the thaw and every potter counts the wood of"
+    " all of its firings in a book"
+)
 PICTURE = "http://wiki.example/images/Kiln.png"
 
 

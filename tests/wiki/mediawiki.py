@@ -249,7 +249,10 @@ def _dump(pages: dict[str, str]) -> str:
             if css[1]
             else ("wikitext", "text/x-wiki")
         )
-        body = f'<model>{model}</model><format>{shape}</format><text xml:space="preserve">{escape(text)}</text>'
+        body = (
+            f"<model>{model}</model><format>{shape}</format><text"
+            f' xml:space="preserve">{escape(text)}</text>'
+        )
         parts.append(
             f"<page><title>{escape(title)}</title><ns>0</ns><revision><timestamp>2024-02-{day:02d}T09:00:00Z</timestamp>"
             f"<contributor><username>Tamsin</username></contributor>{body}</revision></page>"

@@ -1,4 +1,6 @@
-"""Own-written pages of an invented valley of kilns, each for a point of the crawl; given under CC0 1.0."""
+"""Own-written pages of an invented valley of kilns, each for a point of the crawl; given under CC0
+1.0.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,10 @@ setInterval( function () {
   } );
 }, 1500 );
 """
-FILLER = "The kilns of the valley burn from the first frost to the thaw, and every potter keeps a book of firings, in which the wood is counted. "
+FILLER = (
+    "The kilns of the valley burn from the first frost to the thaw, and every potter"
+    " keeps a book of firings, in which the wood is counted. "
+)
 
 PAGES = {
     "MediaWiki:Common.css": CSS,

@@ -1,4 +1,6 @@
-"""A small MediaWiki for tests of odd answers: pages by id, a robots.txt, and a hook that may answer instead."""
+"""A small MediaWiki for tests of odd answers: pages by id, a robots.txt, and a hook that may answer
+instead.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ WORDS = "word " * 30
 
 
 class SmallWiki:
-    """`add` pages; `asked` has the path of every request; `hook(request)` may return a Response, or JSON to be one."""
+    """`add` pages; `asked` has the path of every request; `hook(request)` may return a Response, or
+    JSON to be one.
+    """
 
     def __init__(self) -> None:
         self.pages: dict[int, dict[str, Any]] = {}

@@ -111,7 +111,8 @@ def test_read_titles(tmp_path, make_rows):
         )
     )
     assert read_titles(minedojo).names == ["Café & Bar"]
-    # A byte order mark, addresses of either path, and lines that would ask for something else: two titles, none.
+    # A byte order mark, addresses of either path, and lines that would ask for something else: two
+    # titles, none.
     lines.write_text(
         "\ufeffAlpha\nhttps://w.example/w/Iron_Ore\nhttp://w.example/w/index.php?title=Gold\nA|B\na\x1fC\n__\n"
         + "x" * 2000

@@ -1,4 +1,6 @@
-"""The API by its answers: what is none of them says nothing, a list that goes in a circle ends, robots.txt names us or not."""
+"""The API by its answers: what is none of them says nothing, a list that goes in a circle ends,
+robots.txt names us or not.
+"""
 
 from __future__ import annotations
 
@@ -125,8 +127,11 @@ def test_a_list_that_goes_in_a_circle_ends(wiki, api, web) -> None:
 
 
 def test_robots_rule_the_api_only_where_they_name_us(wiki, web, api) -> None:
-    """MediaWiki's etiquette rules API clients; most wikis bar the folder of their scripts to all crawlers."""
-    wiki.robots = "User-agent: *\nDisallow: /w/\n\nUser-agent: example\nDisallow: /\n"  # the contact is test@example.org
+    """MediaWiki's etiquette rules API clients; most wikis bar the folder of their scripts to all
+    crawlers.
+    """
+    # the contact is test@example.org
+    wiki.robots = "User-agent: *\nDisallow: /w/\n\nUser-agent: example\nDisallow: /\n"
     web.read_robots()
     web.barred(find_endpoint(web, wiki.url))
     assert web.allowed(f"{wiki.url}/wiki/Alpha")

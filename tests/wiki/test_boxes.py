@@ -1,4 +1,6 @@
-"""Box against pixel: what a box names is what the screenshot shows there, on short pages and very tall ones."""
+"""Box against pixel: what a box names is what the screenshot shows there, on short pages and very
+tall ones.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,9 @@ def test_boxes_hold_their_colour(pages, look, name, count, height):
 
 
 def test_boxes_of_moved_and_fixed_things(pages, look):
-    """Fixed bars do not repeat over the tiles, sticky and transformed things stay where their box says."""
+    """Fixed bars do not repeat over the tiles, sticky and transformed things stay where their box
+    says.
+    """
     body = (
         block(1, "position:fixed;bottom:0;height:40px;width:300px")
         + block(2, "position:sticky;top:0;height:30px;width:200px")
@@ -84,7 +88,8 @@ def test_what_a_container_cuts_off_is_cut_off_the_box(pages, look):
     found = look(
         pages.put(
             "/boxes/cut",
-            f"<!DOCTYPE html><body style='margin:0'><div id=content><div style='width:300px;height:200px;overflow:hidden'>{inner}</div></div>",
+            "<!DOCTYPE html><body style='margin:0'><div id=content><div"
+            f" style='width:300px;height:200px;overflow:hidden'>{inner}</div></div>",
         )
     )
     check(found, 1)
@@ -100,11 +105,15 @@ def test_css_sprites_are_cropped_pixel_for_pixel(pages, look, tmp_path):
     sheet.save(held)
     pages.put("/sheet.png", held.read_bytes(), "image/png")
     far = '<div style="height:5000px">x</div>'
-    icon = '<span class="sprite" title="Ore" style="display:inline-block;width:16px;height:16px;background:url(/sheet.png) -16px 0"></span>'
+    icon = (
+        '<span class="sprite" title="Ore"'
+        ' style="display:inline-block;width:16px;height:16px;background:url(/sheet.png) -16px 0"></span>'
+    )
     found = look(
         pages.put(
             "/boxes/sprites",
-            f"<!DOCTYPE html><body style='margin:0'><div id=content><p>{icon} ore</p>{far}<p>{icon}</p></div>",
+            f"<!DOCTYPE html><body style='margin:0'><div id=content><p>{icon}"
+            f" ore</p>{far}<p>{icon}</p></div>",
         )
     )
     sprites = [e for e in found.extraction["elements"] if e["kind"] == "sprite"]

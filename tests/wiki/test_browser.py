@@ -15,13 +15,16 @@ from kb.wiki.pool import Pool
 
 @pytest.fixture
 def start(programs: Programs, tmp_path: Path) -> Callable[[int], Callable[..., Browser]]:
-    """start(n): starts a browser whose driver ends at its first n starts, as chromedriver does when its port is taken."""
+    """start(n): starts a browser whose driver ends at its first n starts, as chromedriver does when
+    its port is taken.
+    """
 
     def make(failures: int) -> Callable[..., Browser]:
         driver, count = tmp_path / "driver", tmp_path / "count"
         count.write_text("")
         driver.write_text(
-            f'#!/bin/sh\nprintf x >> "{count}"\n[ $(wc -c < "{count}") -gt {failures} ] || exit 1\nexec "{programs.driver}" "$@"\n'
+            f'#!/bin/sh\nprintf x >> "{count}"\n[ $(wc -c < "{count}") -gt {failures} ] ||'
+            f' exit 1\nexec "{programs.driver}" "$@"\n'
         )
         driver.chmod(0o755)
         return lambda watcher: Browser(

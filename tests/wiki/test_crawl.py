@@ -1,4 +1,6 @@
-"""The crawl on the sandbox's wiki: faults lose nothing, a kill costs nothing, limits and titles are kept."""
+"""The crawl on the sandbox's wiki: faults lose nothing, a kill costs nothing, limits and titles are
+kept.
+"""
 
 from __future__ import annotations
 
@@ -109,7 +111,9 @@ def test_finished_crawl_asks_nothing(whole, sandbox):
 
 
 def test_faults_lose_nothing(whole, make_run, faults, tmp_path):
-    """500, 503 with Retry-After, resets, cut and slow answers, of the API, pages, styles and pictures."""
+    """500, 503 with Retry-After, resets, cut and slow answers, of the API, pages, styles and
+    pictures.
+    """
     faults.add("/w/api.php", after=1, status=503, headers={"Retry-After": "1"}, times=2)
     faults.add("list=allpages", reset=True)
     faults.add("prop=imageinfo", status=500)
@@ -219,7 +223,9 @@ def test_limit_and_goes_on(make_run, tmp_path):
 
 
 def test_services_on_other_ports_are_the_same_wiki(whole, run_on, programs, tmp_path):
-    """A stopped crawl of a sandbox goes on when it is up again; what was refused for the old port is looked at."""
+    """A stopped crawl of a sandbox goes on when it is up again; what was refused for the old port
+    is looked at.
+    """
 
     def at(sandbox, **options):
         run = run_on(tmp_path / "data", sandbox.servers["wiki"].url, **options)
@@ -276,7 +282,8 @@ def test_later_state_leaves_tombstones(whole, sandbox, tmp_path):
         assert tombstones.keys(run.root, "wiki") == {"24", "Lamp buoy"}
     finally:
         sandbox.world.wiki_state = "first"
-    # Deleted pages can come back, and pages be moved back: what the wiki shows again is shown again.
+    # Deleted pages can come back, and pages be moved back: what the wiki shows again is shown
+    # again.
     crawl(run)
     assert tables(run) == whole[2]
     assert tombstones.keys(run.root, "wiki") == {"32", "Lamp float"}
@@ -394,7 +401,9 @@ def test_usage_errors_come_first(make_run, tmp_path, monkeypatch):
 
 
 def test_purge_leaves_nothing(whole, make_run, sandbox, tmp_path):
-    """A named page leaves raw, clean, release and export, with the pictures that only it shows; the rest stays."""
+    """A named page leaves raw, clean, release and export, with the pictures that only it shows; the
+    rest stays.
+    """
     root = tmp_path / "data"
     shutil.copytree(whole[0].root, root)
     run = dataclasses.replace(whole[0], root=root)

@@ -157,7 +157,8 @@ def test_a_kept_page_has_its_tables(root: Path) -> None:
 
 
 def test_the_newest_answer_wins(root: Path) -> None:
-    # A new revision waits for its capture; a refused page is captured; an absent title gets a page; a redirect too.
+    # A new revision waits for its capture; a refused page is captured; an absent title gets a page;
+    # a redirect too.
     put(
         root, "pages", (FRIDAY, told(page(1, "Kept", 7), page(6, "Nowhere"), page(90, "Elsewhere")))
     )

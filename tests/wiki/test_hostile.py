@@ -1,4 +1,6 @@
-"""Pages that mean harm, or don't know better: each ends with a clear record, and no process stays."""
+"""Pages that mean harm, or don't know better: each ends with a clear record, and no process
+stays.
+"""
 
 from __future__ import annotations
 
@@ -184,8 +186,10 @@ def test_no_other_host_is_asked(pages, serve, look):
     look(
         pages.put(
             "/leaky",
-            f"{TEXT}<img src={elsewhere}/x.png><link rel=stylesheet href={elsewhere}/x.css><script>fetch('{elsewhere}/f')</script>"
-            f"<iframe src={elsewhere}/frame></iframe><iframe src=http://localhost:{elsewhere.rsplit(':', 1)[1]}/frame2></iframe><script>navigator.sendBeacon('{elsewhere}/b')</script>",
+            f"{TEXT}<img src={elsewhere}/x.png><link rel=stylesheet"
+            f" href={elsewhere}/x.css><script>fetch('{elsewhere}/f')</script>"
+            f"<iframe src={elsewhere}/frame></iframe><iframe"
+            f" src=http://localhost:{elsewhere.rsplit(':', 1)[1]}/frame2></iframe><script>navigator.sendBeacon('{elsewhere}/b')</script>",
         ),
         strict=False,
     )
@@ -193,7 +197,10 @@ def test_no_other_host_is_asked(pages, serve, look):
 
 
 def test_scripts_in_svg_never_run(pages, look):
-    svg = "<svg xmlns='http://www.w3.org/2000/svg' width='30' height='20'><script>fetch('/ran')</script><rect width='30' height='20'/></svg>"
+    svg = (
+        "<svg xmlns='http://www.w3.org/2000/svg' width='30'"
+        " height='20'><script>fetch('/ran')</script><rect width='30' height='20'/></svg>"
+    )
     pages.put("/picture.svg", svg, "image/svg+xml")
     look(pages.put("/svg", TEXT + "<img src=/picture.svg>"))
     assert "/ran" not in pages.asked

@@ -59,7 +59,8 @@ def query(run, sql):
     con = duckdb.connect()
     for name in ("pages", "elements", "cells", "images"):
         con.execute(
-            f"CREATE VIEW {name} AS SELECT * FROM read_parquet('{run.root}/clean/wiki/{name}/*.parquet')"
+            f"CREATE VIEW {name} AS SELECT * FROM"
+            f" read_parquet('{run.root}/clean/wiki/{name}/*.parquet')"
         )
     return con.sql(sql).to_arrow_table().to_pylist()
 
@@ -67,7 +68,8 @@ def query(run, sql):
 def elements(run, title, where="true"):
     return query(
         run,
-        f"SELECT e.* FROM elements e JOIN pages p USING (page_id) WHERE p.title = '{title}' AND ({where}) ORDER BY reading_order",
+        f"SELECT e.* FROM elements e JOIN pages p USING (page_id) WHERE p.title = '{title}'"
+        f" AND ({where}) ORDER BY reading_order",
     )
 
 
@@ -167,7 +169,8 @@ def test_grid_spans_and_nested_tables(data):
     run, *_ = data
     rows = query(
         run,
-        "SELECT c.* FROM cells c JOIN pages p USING (page_id) WHERE title = 'Grids' ORDER BY table_id, row_index, column_index",
+        "SELECT c.* FROM cells c JOIN pages p USING (page_id) WHERE title = 'Grids' ORDER BY"
+        " table_id, row_index, column_index",
     )
     tables = sorted({row["table_id"] for row in rows})
     assert len(tables) == 3
@@ -331,11 +334,13 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     shown = sum(1 for _ in rawlog.read(run.root, "wiki", "renders"))
     mediawiki.edit(
         "Grids",
-        "The grid was taken down, and in its place there stands a plain paragraph that says so in more than twenty words of text, all told.",
+        "The grid was taken down, and in its place there stands a plain paragraph that says"
+        " so in more than twenty words of text, all told.",
     )
     mediawiki.edit(
         "Brand new",
-        "A page that nobody has seen before, and that tells at some length of nothing in particular, in more than twenty words.",
+        "A page that nobody has seen before, and that tells at some length of nothing in"
+        " particular, in more than twenty words.",
     )
     (mediawiki.folder / "moves.txt").write_text("To be moved|Has moved\n")
     mediawiki.php("moveBatch", str(mediawiki.folder / "moves.txt"))
@@ -358,7 +363,8 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     # A picture that was replaced under its name is fetched again, without showing its pages again.
     sizes = query(
         run,
-        "SELECT DISTINCT i.width, i.height FROM images i JOIN pages p USING (page_id) WHERE src LIKE '%/Flat.png' AND title = 'Pictures'",
+        "SELECT DISTINCT i.width, i.height FROM images i JOIN pages p USING (page_id) WHERE"
+        " src LIKE '%/Flat.png' AND title = 'Pictures'",
     )
     assert sizes == [{"width": 333, "height": 222}]
     assert "To be moved" not in rows

@@ -1,4 +1,6 @@
-"""A crawl of a small wiki with pages and answers out of the ordinary: each counted, none asked without end, nothing purged by mistake."""
+"""A crawl of a small wiki with pages and answers out of the ordinary: each counted, none asked
+without end, nothing purged by mistake.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,8 @@ def test_every_line_of_a_file_of_titles_is_counted(wiki, run, tmp_path):
     wiki.add(9, "Redir", redirect=True)
     names = tmp_path / "titles.txt"
     names.write_text(
-        f"\ufeffAlpha\nbeta\nGamma|Delta\nwp:Foo\nRedir\nNope\nLost\n\n# note\n{wiki.url}/wiki/Delta\n"
+        "\ufeffAlpha\nbeta\nGamma|Delta\nwp:Foo\nRedir\nNope\nLost\n\n#"
+        f" note\n{wiki.url}/wiki/Delta\n"
     )
 
     def without_lost(request):

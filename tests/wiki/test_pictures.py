@@ -106,7 +106,9 @@ def test_png_writer_counts_rows(tmp_path):
 
 
 class Repeating:
-    """A browser whose graphics path starts again from the top after `limit` px, as a real one was seen to do."""
+    """A browser whose graphics path starts again from the top after `limit` px, as a real one was
+    seen to do.
+    """
 
     def __init__(self, limit: int) -> None:
         self.page = Image.effect_noise((20, 3 * screenshot.TILE), 90).convert("RGB")

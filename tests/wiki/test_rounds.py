@@ -1,4 +1,6 @@
-"""Rounds of a crawl without a page to show: lists that go on, states of before, when a browser starts."""
+"""Rounds of a crawl without a page to show: lists that go on, states of before, when a browser
+starts.
+"""
 
 from __future__ import annotations
 

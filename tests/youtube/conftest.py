@@ -1,4 +1,6 @@
-"""Small worlds for single questions; one whole job, done once, for what a finished data root shows."""
+"""Small worlds for single questions; one whole job, done once, for what a finished data
+root shows.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""A user's work on the sandbox: `kb` as a process of its own, with the settings that point at the services."""
+"""A user's work on the sandbox: `kb` as a process of its own, with the settings that point at the
+services.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ NOW = "2026-11-20T12:00:00Z"
 
 
 class Job:
-    """One data root and one sandbox. `toxicity` False: a profile that scores no text, so that no model is loaded."""
+    """One data root and one sandbox. `toxicity` False: a profile that scores no text, so that no
+    model is loaded.
+    """
 
     def __init__(
         self, sandbox: Sandbox, place: Path, *, toxicity: bool = False, **env: str
@@ -35,7 +39,9 @@ class Job:
             self.profile(('toxicity = "on"', 'toxicity = "off"'))
 
     def profile(self, *changes: tuple[str, str]) -> Path:
-        """The shipped profile with some text replaced, as this job's own; a second call changes it further."""
+        """The shipped profile with some text replaced, as this job's own; a second call changes it
+        further.
+        """
         shipped = folder("profiles") / "minecraft"
         path = self.place / "profile" / "profile.toml"
         if not path.exists():

@@ -1,4 +1,6 @@
-"""Damaged raw data: what can be read stays, what is lost is named, set aside and asked for again."""
+"""Damaged raw data: what can be read stays, what is lost is named, set aside and asked for
+again.
+"""
 
 from __future__ import annotations
 

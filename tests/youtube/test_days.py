@@ -1,4 +1,6 @@
-"""A crawl of several quota days with --wait: the days pass on a clock of the test's own, everything else is real."""
+"""A crawl of several quota days with --wait: the days pass on a clock of the test's own, everything
+else is real.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Each thing that can go wrong: one clear line, the right exit code, nothing written wrongly, nothing lost."""
+"""Each thing that can go wrong: one clear line, the right exit code, nothing written wrongly,
+nothing lost.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ def no_patience(job: Job) -> Job:
 
 
 def finish(job: Job) -> None:
-    """Crawl to the end: each video read, and every promising one's transcript had, whatever happened before."""
+    """Crawl to the end: each video read, and every promising one's transcript had, whatever
+    happened before.
+    """
     summary = job.done(*CRAWL)
     assert (summary["failed"], summary["left"]) == (0, 0)
     check(job)
@@ -103,7 +107,9 @@ def test_the_ledger_never_overruns_what_the_profile_allows_a_day(job: Job) -> No
 
 
 def test_what_passes_is_tried_again(job: Job) -> None:
-    """Bursts, 5xx, broken connections and truncated bodies, each somewhere on the way of one crawl."""
+    """Bursts, 5xx, broken connections and truncated bodies, each somewhere on the way of
+    one crawl.
+    """
     now = {"Retry-After": "0"}
     burst, burst_429, down = (
         make()

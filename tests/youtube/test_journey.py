@@ -1,4 +1,6 @@
-"""Crawl, filter and export of the whole world: each video gets the verdict that it deserves, at the price that was promised."""
+"""Crawl, filter and export of the whole world: each video gets the verdict that it deserves, at the
+price that was promised.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,8 @@ def test_every_video_gets_the_verdict_of_its_case(whole: Job) -> None:
             video.case.reason and video.case.reason not in ("none", row["reason"])
         ):
             wrong.append(
-                f"{video.case.name}: {row['stage']} ({row['reason']}, {row.get('value')}) instead of {wanted} ({video.case.reason})"
+                f"{video.case.name}: {row['stage']} ({row['reason']}, {row.get('value')})"
+                f" instead of {wanted} ({video.case.reason})"
             )
     assert Counter(wrong) == {}
     assert len(found) == len(whole.sandbox.world.youtube.videos)

@@ -1,4 +1,6 @@
-"""Bad values: each is named with its column, reason and text; none costs another value or raises."""
+"""Bad values: each is named with its column, reason and text; none costs another value or
+raises.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Every recorded answer of YouTube goes through the code that reads live ones; values are held against the file."""
+"""Every recorded answer of YouTube goes through the code that reads live ones; values are held
+against the file.
+"""
 
 from __future__ import annotations
 

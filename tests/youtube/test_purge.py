@@ -90,7 +90,9 @@ def test_nothing_to_purge_changes_nothing(job: Job) -> None:
 
 
 def test_a_purge_that_was_killed_goes_on(finished: Job) -> None:
-    """Killed at ever later moments until it comes through; in the end nothing is left, whatever was done twice."""
+    """Killed at ever later moments until it comes through; in the end nothing is left, whatever was
+    done twice.
+    """
     job = finished
     named = kept(job)[:3]
     words = ("purge", "youtube", "--ids", ids_file(job, *named))
@@ -105,7 +107,8 @@ def test_a_purge_that_was_killed_goes_on(finished: Job) -> None:
             child.communicate()
         words = ("purge", "youtube")  # the list of names is remembered
     job.done("purge", "youtube")
-    # Killed before it wrote its list down, a purge has promised nothing; named again it must be complete.
+    # Killed before it wrote its list down, a purge has promised nothing; named again it must be
+    # complete.
     job.done("purge", "youtube", "--ids", ids_file(job, *named))
     for key in named:
         assert traces(job, key) == set()

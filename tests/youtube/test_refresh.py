@@ -1,4 +1,6 @@
-"""Old statistics are read again, what vanished is marked and can be purged; --wait sleeps through what the service asks."""
+"""Old statistics are read again, what vanished is marked and can be purged; --wait sleeps through
+what the service asks.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Answers that are none: what is no fact about a video never drops it, and a block is found out by one request."""
+"""Answers that are none: what is no fact about a video never drops it, and a block is found out by
+one request.
+"""
 
 from __future__ import annotations
 

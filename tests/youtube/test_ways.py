@@ -1,4 +1,6 @@
-"""The other ways through a crawl: a phase alone, parts of the ids, known ids, no Shorts, a new round, a plan."""
+"""The other ways through a crawl: a phase alone, parts of the ids, known ids, no Shorts, a new
+round, a plan.
+"""
 
 from __future__ import annotations
 
@@ -225,11 +227,13 @@ def test_wrong_usage_sends_and_writes_nothing(job: Job, words: tuple[str, ...]) 
 def test_a_keyword_without_a_channel_is_named_and_all_without_one_end_the_crawl(
     few: Sandbox, tmp_path: Path
 ) -> None:
-    """It said "crawled 0" with exit 0, then "run crawl first" and "nothing left" by turns: a circle."""
+    """It said "crawled 0" with exit 0, then "run crawl first" and "nothing left" by turns: a
+    circle.
+    """
     job = Job(few, tmp_path)
     path = job.profile()
     text = path.read_text()
-    words = re.search(r"^keywords = \[.*?\]", text, re.M | re.S)
+    words = re.search(r"^keywords = \[.*?\]", text, re.MULTILINE | re.DOTALL)
     assert words
     path.write_text(text.replace(words[0], 'keywords = ["xyzzy", "plugh"]'))
     line = path.read_text().splitlines().index('keywords = ["xyzzy", "plugh"]') + 1
