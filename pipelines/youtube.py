@@ -44,7 +44,7 @@ def gate(p: Profile) -> tuple[Predicate, ...]:
 
 def crawl(run: Run, only: str | None, ids: Path | None, part: tuple[int, int] | None) -> Summary:
     """Channels, uploads, metadata and transcripts, as raw answers."""
-    from kb.youtube import crawl
+    from kb.youtube.source import crawl
 
     return crawl(run, partial(promising, run.profile), only=only, ids=ids, part=part)
 

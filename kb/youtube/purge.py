@@ -11,9 +11,10 @@ from kb.crawl import purge
 from kb.crawl.purge import Keys
 from kb.store import purge_plan, rawlog
 from kb.store.purge import Place
-from kb.youtube import YouTube, parse
+from kb.youtube import parse
 from kb.youtube.ids import read_ids
 from kb.youtube.reduce import RAW_TRANSCRIPTS, RAW_VIDEOS, REFRESH, TRANSCRIPTS, VIDEOS
+from kb.youtube.source import YouTube
 
 ROWS = (
     *(

@@ -26,10 +26,11 @@ from kb.crawl.session import Session
 from kb.crawl.source import Opened, Phase
 from kb.store import rawlog, tombstones
 from kb.store.frontier import ROUND, Frontier, going_on
-from kb.youtube import YouTube, parse
+from kb.youtube import parse
 from kb.youtube.fetch import API, PACK
 from kb.youtube.quota import GENERAL
 from kb.youtube.reduce import RAW_VIDEOS, REFRESH
+from kb.youtube.source import YouTube
 
 BYTES_A_CALL = 60_000  # compressed, of 50 videos
 READ = Phase(

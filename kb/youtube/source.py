@@ -1,0 +1,256 @@
+"""YouTube: two lanes over one frontier, so that the API's quota and the web site's patience are
+used side by side.
+
+    lane api    searches → uploads → videos, 50 ids a call packed across channels
+    lane web    transcripts of the videos that pass the cheap filters, in several threads
+
+    discover      keywords, channels of another part, rounds
+    fetch         what to ask: api (Google's client on our transport), transcripts, player, quota
+    reduce        what an answer means for the frontier
+    parse         answers to columns; assemble: columns to the tables
+    errors        what the API's error answers mean
+    plan, refresh, purge
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import msgspec
+
+from kb.core import vocabulary
+from kb.core.context import Run
+from kb.core.errors import KbError, SettingError
+from kb.core.verdict import Summary
+from kb.crawl.job import work
+from kb.crawl.loop import Loop
+from kb.crawl.session import BLOCKED, Session
+from kb.crawl.source import Answer, Opened, Phase, Plain
+from kb.store.frontier import Frontier, Item
+from kb.store.rawlog import Envelope
+from kb.youtube.api import GOOGLE
+from kb.youtube.discover import extend, new_round, no_channel, reopen
+from kb.youtube.fetch import API, PACK, WEB, Fetch
+from kb.youtube.ids import share, some_ids
+from kb.youtube.quota import GENERAL, SEARCH, limit, today
+from kb.youtube.reduce import (
+    BEYOND,
+    CHANNELS,
+    PAYLOADS,
+    SEARCHES,
+    TRANSCRIPTS,
+    UPLOADS,
+    VIDEOS,
+    Reducer,
+    Wanted,
+    crawled,
+    without_channels,
+)
+from kb.youtube.transcripts import SITE
+
+PHASES = (
+    Phase(
+        kind=VIDEOS,
+        unit="videos",
+        name="metadata",
+        feeds=(TRANSCRIPTS,),
+        batch=PACK,
+        packed=True,
+        lane=API,
+        bucket=GENERAL,
+    ),
+    Phase(kind=UPLOADS, unit="pages", feeds=(VIDEOS,), lane=API, bucket=GENERAL),
+    Phase(kind=SEARCHES, unit="pages", feeds=(UPLOADS,), lane=API, bucket=SEARCH),
+    # So many that fail one after the other are the site's trouble, not the videos'.
+    Phase(kind=TRANSCRIPTS, unit="videos", workers=4, down=6, lane=WEB),
+)
+ONLY = {"channels": SEARCHES, "uploads": UPLOADS, "metadata": VIDEOS, "transcripts": TRANSCRIPTS}
+
+
+def crawl(
+    run: Run,
+    wanted: Wanted,
+    *,
+    only: str | None = None,
+    ids: Path | None = None,
+    part: tuple[int, int] | None = None,
+) -> Summary:
+    """Crawl until nothing is left. `wanted` picks the videos whose transcript is worth asking for.
+
+    `only` names one phase; `ids` are known videos, which skip discovery; `part` (i, n) is one
+    machine's share. Raises Stopped (with `summary`) when something is left for another run, and
+    what kb.core.errors says for the rest.
+    """
+    source = YouTube(run, wanted, only=only, ids=ids, part=part)
+    try:
+        summary = work(run, source, source.summary, phases=source.chosen, facts=source.facts)
+    except KbError as error:
+        if error.summary is not None:
+            source.check_keywords(error.summary)
+        raise
+    source.check_keywords(summary)
+    if not summary["requests"]:
+        again = "" if run.again else "; --again starts a new round"
+        run.progress.say(f"youtube: nothing left to crawl{again}")
+    return summary
+
+
+def nothing(rows: Any) -> Sequence[str]:
+    """For what asks for no transcript."""
+    return ()
+
+
+class YouTube(Plain):
+    """One run's source. Raises SettingError for ids that can't be read.
+
+    `chosen` are the phases of this run; `counts` what it had, by the names of its summary.
+    """
+
+    name = "youtube"
+    payloads: ClassVar[dict[str, type[msgspec.Struct]]] = PAYLOADS
+
+    def __init__(
+        self,
+        run: Run,
+        wanted: Wanted = nothing,
+        *,
+        only: str | None = None,
+        ids: Path | None = None,
+        part: tuple[int, int] | None = None,
+    ) -> None:
+        if ids and only in ("channels", "uploads"):
+            raise SettingError(
+                f"--ids skips discovery, so there is nothing to do for --only {only}",
+                hint="leave one of the two away",
+            )
+        self.run, self.profile = run, run.profile.section("youtube")
+        self.phases = [
+            replace(phase, workers=max(1, min(run.workers, phase.workers))) for phase in PHASES
+        ]
+        self.chosen = _chosen(self.phases, only, ids)
+        self._known, self._bad_lines = some_ids(ids) if ids else (None, 0)
+        self._wanted, self._mine = wanted, share(part)
+        self.counts: Counter[str] = Counter()
+        self._barren: list[str] = []
+        self._fetch: Fetch | None = None
+        self._lock = threading.Lock()
+
+    def identity(self) -> dict[str, str]:
+        """The two hosts. Raises MissingCredential, SettingError."""
+        settings = self.run.settings
+        if any(phase.lane == API for phase in self.chosen):
+            settings.need("youtube_api_key")
+        settings.check_contact()
+        return {
+            "api": settings.kb_youtube_endpoint or GOOGLE,
+            "web": settings.kb_youtube_web or SITE,
+        }
+
+    def begin(self, opened: Opened) -> None:
+        """What reads and asks knows the data root now."""
+        super().begin(opened)
+        self._reduce = Reducer(self.profile, self._wanted, self._mine, opened.gone)
+        self._fetch = Fetch(self.run, self.profile, opened, self._count)
+        for lane in (API, WEB):  # noted under another name before kb.crawl
+            since = opened.frontier.cursor(f"{lane}_blocked")
+            if since is not None:
+                opened.frontier.set_cursor(BLOCKED + lane, since)
+                opened.frontier.set_cursor(f"{lane}_blocked", None)
+
+    def discover(self, frontier: Frontier) -> None:
+        """Known ids, or the profile's keywords, channels, and a new round."""
+        reopen(frontier, self.profile)
+        if self._known is not None:
+            gone = self.opened.gone
+            frontier.add(
+                VIDEOS, [key for key in self._known if self._mine(key) and key not in gone]
+            )
+            return
+        extend(frontier, self.profile, self._mine)
+        if self.run.again:
+            new_round(frontier)
+
+    def leave_out(self, phase: Phase, item: Item) -> str | None:
+        """Pages of a search that the profile does not want."""
+        if phase.kind == SEARCHES and item.payload.page > self.profile.search_pages:
+            return BEYOND
+        return None
+
+    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
+        """A page of a search or list, a pack of videos, or one transcript."""
+        assert self._fetch is not None
+        return self._fetch(phase.kind, items)
+
+    def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
+        """See kb.youtube.reduce."""
+        self._reduce(frontier, kind, envelope)
+
+    def close(self) -> None:
+        """Close the connections."""
+        if self._fetch is not None:
+            self._fetch.close()
+
+    # -- what is told ------------------------------------------------------------------------------
+
+    def _count(self, **numbers: int) -> None:
+        with self._lock:
+            self.counts.update(numbers)
+
+    def facts(self, phase: Phase) -> dict[str, object]:
+        """The quota that a phase spends, for its progress."""
+        if phase.lane == WEB:
+            return {}
+        spent = self.opened.frontier.spent(phase.bucket, today())
+        return {"quota": f"{spent:,}/{limit(self.profile, phase.bucket):,}"}
+
+    def summary(self, session: Session, loop: Loop) -> Summary:
+        """What the run did, what failed and what is left."""
+        frontier = session.frontier
+        self._barren = []
+        if any(phase.kind == SEARCHES for phase in self.chosen):
+            self._barren = without_channels(frontier, self.profile.keywords)
+        kinds = frontier.kinds()
+        handled = {phase.kind: kinds.get(phase.kind, {}) for phase in self.chosen}
+        left = vocabulary.left_by("youtube", handled)
+        requests, units = session.requests()
+        return Summary(
+            command="youtube crawl",
+            source="youtube",
+            counted="videos",
+            crawled=self.counts["crawled"],
+            crawled_in_all=crawled(frontier),
+            missing=self.counts["missing"],
+            failed=sum(count.get("error", 0) for count in handled.values()),
+            pending=frontier.waiting(VIDEOS),
+            channels=kinds.get(CHANNELS, {}).get("done", 0),
+            transcripts_asked=self.counts["transcripts_asked"],
+            transcripts=self.counts["transcripts"],
+            requests=requests,
+            units=units,
+            bad_lines=self._bad_lines,
+            left=sum(left.values()),
+            left_by=left,
+        )
+
+    def check_keywords(self, summary: dict[str, Any]) -> None:
+        """Name keywords that find no channel. Raises FatalError where none finds any."""
+        error = no_channel(self.run, self._barren, summary["channels"])
+        if error is not None:
+            error.summary = summary
+            raise error
+
+
+def _chosen(phases: Sequence[Phase], only: str | None, ids: Path | None) -> list[Phase]:
+    """The phases of a run; `--limit` counts videos, or what the one phase handles."""
+    kinds = {VIDEOS, TRANSCRIPTS} if ids else {phase.kind for phase in phases}
+    if only:
+        kinds = {ONLY[only]}
+    counted = VIDEOS if VIDEOS in kinds else ONLY.get(only or "")
+    return [
+        replace(phase, limited=phase.kind == counted) for phase in phases if phase.kind in kinds
+    ]
