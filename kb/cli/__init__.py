@@ -20,9 +20,11 @@ def main(arguments: list[str] | None = None) -> None:
     ]
     before = {number: signal.signal(number, _leave) for number in ours}
     try:
-        from kb.cli.app import main as run
+        from kb.cli import outcome
+        from kb.cli.app import app
 
-        run(arguments)
+        words = {"args": arguments, "prog_name": "kb", "standalone_mode": False}
+        sys.exit(outcome.guarded(lambda: app(**words)))
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

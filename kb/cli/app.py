@@ -5,7 +5,6 @@ so `kb --help` stays quick.
 from __future__ import annotations
 
 import importlib
-import sys
 from collections.abc import Iterator
 from typing import Annotated, Any
 
@@ -104,10 +103,3 @@ def leaves() -> Iterator[tuple[str, Any]]:
             yield name, command
         for child, leaf in inner.items():
             yield f"{name} {child}", leaf
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Entry point of the `kb` script: parse, run, and leave with the contract's exit code."""
-    from kb.cli import outcome
-
-    sys.exit(outcome.guarded(lambda: app(args=arguments, prog_name="kb", standalone_mode=False)))

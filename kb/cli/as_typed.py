@@ -10,7 +10,7 @@ import shlex
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from kb.cli.options import Options
+    pass
 
 _COMMAND = re.compile(r"`kb ([^`]+)`")
 # Their data root is not the one that the message is about, or they name their profile themselves.
@@ -18,13 +18,11 @@ _OWN_PLACE = ("demo", "sandbox", "profile")
 _given: dict[str, str] = {}
 
 
-def begin(options: Options) -> None:
-    """Remember what the command that runs now was called with."""
+def begin(data: object = None, profile: str | None = None) -> None:
+    """Remember the data root and the profile that the command which runs now was called with."""
+    given = {"--data": data, "--profile": profile}
     _given.clear()
-    if options.data is not None:
-        _given["--data"] = str(options.data)
-    if options.profile is not None:
-        _given["--profile"] = options.profile
+    _given.update({name: str(value) for name, value in given.items() if value is not None})
 
 
 def as_typed(text: str) -> str:

@@ -193,7 +193,7 @@ def _call(
 ) -> int:
     from kb.cli import as_typed, logs, planned
 
-    as_typed.begin(options)
+    as_typed.begin(options.data, options.profile)
     try:
         with _signals(nature.resumable):
             logs.configure(quiet=options.quiet, debug=options.debug)

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 import typer
 
-from kb.cli.app import TREE, leaves, main
+from kb.cli import main
+from kb.cli.app import TREE, leaves
 from kb.cli.options import COMMON, RUNNING, SHARED
 
 # What may be imported before a command runs: a budget in modules, as a time would depend on the

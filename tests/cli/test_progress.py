@@ -54,8 +54,7 @@ print('result')
 NAMED = """
 from pathlib import Path
 from kb.cli import as_typed, progress
-from kb.cli.options import Options
-as_typed.begin(Options(data=Path('my data'), profile='stardew'))
+as_typed.begin(Path('my data'), 'stardew')
 shown = progress.choose(quiet=False)
 with shown.task('metadata', total=1, unit='videos') as task:
     shown.say('run `kb reddit import --again` for it, or `kb demo`')

@@ -31,7 +31,7 @@ def look(event, args):
             wanted.clear()
             os.kill(os.getpid(), signal.SIGSTOP)
 sys.addaudithook(look)
-from kb.cli.app import main
+from kb.cli import main
 sys.exit(main())
 """
 

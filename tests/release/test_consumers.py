@@ -99,7 +99,7 @@ def test_duckdb(downloaded: Path, expected: dict[str, int], name: str) -> None:
 
 
 def test_kb_query(released: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from kb.cli.app import main
+    from kb.cli import main
 
     with pytest.raises(SystemExit) as left:
         main(

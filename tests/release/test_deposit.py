@@ -555,7 +555,7 @@ def test_command_says_where_each_draft_is(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from kb.cli.app import main
+    from kb.cli import main
 
     for name, value in service.settings().items():
         monkeypatch.setenv(name, value)

@@ -629,7 +629,7 @@ def test_everything_is_said_at_once(
         tmp_path / "release" / "pairs" / "pairs-00000-of-00001.parquet", lambda rows: rows.slice(2)
     )
     monkeypatch.setenv("YOUTUBE_API_KEY", SECRETS["youtube_api_key"])
-    from kb.cli.app import main
+    from kb.cli import main
 
     with pytest.raises(SystemExit) as left:
         main(["release", "--data", str(tmp_path), "--quiet"])

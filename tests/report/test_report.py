@@ -284,7 +284,7 @@ def test_a_damaged_file_is_named(tmp_path: Path) -> None:
 
 
 def test_command_prints_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from kb.cli.app import main
+    from kb.cli import main
 
     build(tmp_path, sources=("pairs",), export=False, n=10)
     with pytest.raises(SystemExit) as left:
