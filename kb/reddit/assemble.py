@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -98,14 +99,13 @@ def _named(rows: pa.Table) -> pa.Table:
 def _comments(rows: pa.Table, posts: pa.Table) -> pa.Table:
 
     rows = rows.append_column("comment_id", pc.utf8_slice_codeunits(rows["fullname"], 3))
-    known = depths(zip(rows["comment_id"].to_pylist(), rows["parent_id"].to_pylist(), strict=True))
-    rows = rows.append_column(
-        "depth", pa.array([known.get(key) for key in rows["comment_id"].to_pylist()], pa.int64())
-    )
+    keys = cast("list[str]", rows["comment_id"].to_pylist())
+    known = depths(zip(keys, rows["parent_id"].to_pylist(), strict=True))
+    rows = rows.append_column("depth", pa.array([known.get(key) for key in keys], pa.int64()))
     there = pc.is_in(rows["post_id"], value_set=_ids(posts))
     return rows.append_column("orphan", pc.invert(there))
 
 
-def _ids(posts: pa.Table | None) -> pa.Array:
+def _ids(posts: pa.Table | None) -> pa.Array[Any]:
 
     return pa.array([], pa.string()) if posts is None else posts["post_id"].combine_chunks()

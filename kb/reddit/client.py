@@ -66,7 +66,7 @@ class Limiter:
         """One signed request when there is room for it (prawcore's interface). Raises as `wait`."""
         self.wait()
         options["headers"] = set_header_callback()
-        response = request_function(method, url, **options)
+        response: requests.Response = request_function(method, url, **options)
         self.heed(response.headers)
         return response
 
@@ -196,7 +196,9 @@ def _praw(client_id: str, secret: str | None, session: Session, root: str, limit
 
     ours = session
     ours.hooks["response"].append(_in_reddits_form)
-    roots = {"reddit_url": root, "oauth_url": root, "short_url": root} if root else {}
+    roots: dict[str, Any] = (
+        {"reddit_url": root, "oauth_url": root, "short_url": root} if root else {}
+    )
     reddit = praw.Reddit(
         client_id=client_id,
         client_secret=secret,
@@ -207,7 +209,7 @@ def _praw(client_id: str, secret: str | None, session: Session, root: str, limit
         **roots,
     )
     reddit.read_only = True
-    core = reddit._core
+    core: Any = reddit._core
     core._rate_limiter, core._retry_strategy_class = limiter, Once
     return reddit
 

@@ -76,14 +76,15 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
         sorted(key.removeprefix("t3_") for key in keys if key.startswith("t3_")), pa.string()
     )
 
-    def hit(rows: pa.RecordBatch) -> pa.Array:
+    def hit(rows: pa.RecordBatch) -> pa.BooleanArray:
         named = pc.struct_field(
             pc.extract_regex(rows["source_url"].cast(pa.string()), _ADDRESS), "key"
         )
         shown = pc.and_(rows["is_crosspost"], pc.is_in(named, value_set=purged))
         shown = pc.or_(shown, pc.is_in(rows["post_id"].cast(pa.string()), value_set=known))
         # One that was changed before, and the crosspost of a text, shows nothing.
-        return pc.and_(shown, pc.not_equal(rows["type"].cast(pa.string()), "text"))
+        told: pa.BooleanArray = pc.and_(shown, pc.not_equal(rows["type"].cast(pa.string()), "text"))
+        return told
 
     changed = 0
     for path in sorted(folder.glob("*.parquet")):
@@ -103,7 +104,7 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
     return changed
 
 
-def _bare(rows: pa.Table, hit: pa.Array) -> pa.Table:
+def _bare(rows: pa.Table, hit: pa.BooleanArray) -> pa.Table:
 
     for name, value in (
         ("type", "text"),

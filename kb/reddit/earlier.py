@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import pyarrow as pa
@@ -93,7 +93,8 @@ def missing(out: Path) -> dict[str, str]:
         return {}
     with reading([path]):
         rows = pq.read_table(path, columns=["key", "reason"])
-    return dict(zip(rows["key"].to_pylist(), rows["reason"].to_pylist(), strict=True))
+    keys = cast("list[str]", rows["key"].to_pylist())
+    return dict(zip(keys, cast("list[str]", rows["reason"].to_pylist()), strict=True))
 
 
 def spread(out: Path, folder: Path, buckets: int) -> None:
@@ -131,7 +132,7 @@ def merged(
 
 def deep(comments: pa.Table) -> pa.Table:
     """Depths that no run knew by itself, from the comments of all of them."""
-    keys = comments["comment_id"].to_pylist()
+    keys = cast("list[str]", comments["comment_id"].to_pylist())
     known = depths(zip(keys, comments["parent_id"].to_pylist(), strict=True))
     found = pa.array([known.get(key) for key in keys], pa.int64())
     place = comments.column_names.index("depth")

@@ -211,36 +211,35 @@ def _marks(kind: str, response: Any, params: dict[str, Any], status: int) -> Ite
 def schema() -> pa.Schema:
     """Columns of `rows`."""
     text, number, flag = pa.string(), pa.int64(), pa.bool_()
-    return pa.schema(
-        [
-            ("fullname", text),
-            ("post_id", text),
-            ("state", text),
-            ("fetched_at", pa.timestamp("us", "UTC")),
-            ("live", flag),
-            ("dump", text),
-            ("type", text),
-            ("link_kind", text),
-            ("source_url", text),
-            ("is_crosspost", flag),
-            ("poll_options", pa.list_(text)),
-            ("over_18", flag),
-            ("title", text),
-            ("text", text),
-            ("author_hash", text),
-            ("score", number),
-            ("num_comments", number),
-            ("upvote_ratio", pa.float64()),
-            ("created_utc", pa.timestamp("us", "UTC")),
-            ("parent_id", text),
-            ("gone", text),
-            ("gone_value", text),
-            (
-                "problems",
-                pa.list_(pa.struct([("column", text), ("reason", text), ("value", text)])),
-            ),
-        ]
-    )
+    columns: list[tuple[str, pa.DataType]] = [
+        ("fullname", text),
+        ("post_id", text),
+        ("state", text),
+        ("fetched_at", pa.timestamp("us", "UTC")),
+        ("live", flag),
+        ("dump", text),
+        ("type", text),
+        ("link_kind", text),
+        ("source_url", text),
+        ("is_crosspost", flag),
+        ("poll_options", pa.list_(text)),
+        ("over_18", flag),
+        ("title", text),
+        ("text", text),
+        ("author_hash", text),
+        ("score", number),
+        ("num_comments", number),
+        ("upvote_ratio", pa.float64()),
+        ("created_utc", pa.timestamp("us", "UTC")),
+        ("parent_id", text),
+        ("gone", text),
+        ("gone_value", text),
+        (
+            "problems",
+            pa.list_(pa.struct([("column", text), ("reason", text), ("value", text)])),
+        ),
+    ]
+    return pa.schema(columns)
 
 
 def to_table(found: list[Row]) -> pa.Table:

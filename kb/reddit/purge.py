@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Collection
 from functools import partial
 from pathlib import Path
+from typing import cast
 
 import msgspec
 import pyarrow as pa
@@ -74,7 +75,7 @@ def collect(run: Run, ids: Path | None, scratch: Path | None = None) -> dict[str
         for rows in things:
             lost = rows.filter(pc.or_(pc.invert(rows["there"]), pc.is_valid(rows["gone"])))
             for name, reason in zip(
-                lost["fullname"].to_pylist(),
+                cast("list[str]", lost["fullname"].to_pylist()),
                 pc.fill_null(lost["gone"], "missing").to_pylist(),
                 strict=True,
             ):
@@ -90,7 +91,7 @@ def collect(run: Run, ids: Path | None, scratch: Path | None = None) -> dict[str
             theirs = pc.and_(
                 pc.starts_with(rows["fullname"], "t1_"), pc.is_in(rows["post_id"], value_set=below)
             )
-            for name in rows["fullname"].filter(theirs).to_pylist():
+            for name in cast("list[str]", rows["fullname"].filter(theirs).to_pylist()):
                 found.setdefault(name, "post")
     return found
 
@@ -142,7 +143,8 @@ def mend(root: Path, keys: Collection[str]) -> None:
     """
     for path in sorted((root / "clean" / "reddit" / "failed").glob("*.parquet")):
         rows = pq.read_table(path)
-        left = [key.partition("/")[0] not in keys for key in rows["key"].to_pylist()]
+        held = cast("list[str]", rows["key"].to_pylist())
+        left = [key.partition("/")[0] not in keys for key in held]
         if not all(left):
             write_table(path, rows.filter(pa.array(left, pa.bool_())), "shared/failed")
     for base in BASES:

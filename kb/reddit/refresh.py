@@ -14,6 +14,7 @@ from contextlib import closing
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Literal
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -156,6 +157,7 @@ def due_parts(
     `place` is "0" or "1" and the post: posts first, then comments post by post.
     """
     purged, parts = pa.array(sorted(gone), pa.string()), []
+    by: list[tuple[str, Literal["ascending", "descending"]]]
     by = [(name, "ascending") for name in _ORDER]
     for number, rows in enumerate(things):
         before = pa.scalar(oldest, rows["fetched_at"].type)

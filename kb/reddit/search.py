@@ -97,6 +97,7 @@ class Search:
         key = record.get("subreddit_id")
         if not isinstance(key, str) or not key.startswith("t5_"):
             self._ids_tell = False
+            return
         for text in (key, record["subreddit"]):
             if text not in self._exact and self._ids_tell:
                 self._exact[text] = _finder(f'"{text}"'.encode())

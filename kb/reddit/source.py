@@ -6,12 +6,9 @@ only then the next page of a listing. So `--limit N` reads no more listings than
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from datetime import datetime
 from functools import cached_property
-from typing import ClassVar
-
-import msgspec
 
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
@@ -47,7 +44,7 @@ class Reddit(Plain):
 
     name = "reddit"
     phases: tuple[Phase, ...] = (MORE, THREAD, TREE, LISTING)
-    payloads: ClassVar[Mapping[str, type[msgspec.Struct]]] = reduce.PAYLOADS
+    payloads = reduce.PAYLOADS
 
     def __init__(
         self, run: Run, since: datetime | None = None, until: datetime | None = None

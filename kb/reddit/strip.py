@@ -100,7 +100,7 @@ def _without(value: Any, keys: Collection[str]) -> tuple[Any, bool]:
         # Reddit goes on behind any post that it knows.
         last = [
             child["data"].get("name")
-            for child in fresh.get("children", value.get("children") or [])
+            for child in {**value, **fresh}.get("children") or []
             if isinstance(child, dict)
         ]
         fresh["after"] = last[-1] if last else None

@@ -10,7 +10,7 @@ from collections.abc import Collection
 from contextlib import ExitStack
 from itertools import chain, islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -181,7 +181,7 @@ def _lost(
                 }
             ),
         )
-        return con.sql(
+        missing: pa.Table = con.sql(
             "WITH there AS ("
             " SELECT 't3_' || post_id AS key FROM read_parquet($posts) UNION ALL SELECT"
             " 't1_' || comment_id FROM read_parquet($comments)),"
@@ -193,6 +193,7 @@ def _lost(
                 **{name: [str(path) for path in folder.iterdir()] for name, folder in made.items()},
             },
         ).to_arrow_table()
+        return missing
 
 
 def _spread(work: Path, spread: Path, buckets: int, links: Links) -> None:
@@ -212,15 +213,15 @@ def _spread(work: Path, spread: Path, buckets: int, links: Links) -> None:
 
 def _read(path: Path) -> pa.Table:
 
-    with pa.ipc.open_file(path) as file:
+    with pa.ipc.open_file(str(path)) as file:
         return newest_of({"info": file.read_all()})
 
 
 def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, str]) -> pa.Table:
     """The rows that are there and whole, with the table's columns; the rest is noted in `gone`."""
+    states = cast("list[str]", rows["state"].to_pylist())
     reasons = [
-        _reason(state, why)
-        for state, why in zip(rows["state"].to_pylist(), rows["gone"].to_pylist(), strict=True)
+        _reason(state, why) for state, why in zip(states, rows["gone"].to_pylist(), strict=True)
     ]
     needed = [
         rows[column.name].is_valid().to_pylist()
@@ -235,7 +236,7 @@ def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, str]) ->
         if needed
         else reasons
     )
-    for name, reason in zip(rows["fullname"].to_pylist(), reasons, strict=True):
+    for name, reason in zip(cast("list[str]", rows["fullname"].to_pylist()), reasons, strict=True):
         if reason is not None:
             gone[name] = reason  # noqa: PERF403  the reasons of other tables stay
     kept = rows.filter(pa.array([reason is None for reason in reasons], pa.bool_()))
@@ -253,7 +254,7 @@ def _filled(rows: pa.Table, key: str, name: str, known: pa.Table | None) -> pa.T
     return _put(rows, name, pc.coalesce(rows[name], known[name].take(place)))
 
 
-def _put(rows: pa.Table, name: str, values: pa.ChunkedArray) -> pa.Table:
+def _put(rows: pa.Table, name: str, values: pa.ChunkedArray[Any]) -> pa.Table:
     return rows.set_column(rows.column_names.index(name), name, values)
 
 

@@ -8,6 +8,7 @@ Reddit counts beyond what was read where the post's own page is not there.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -55,7 +56,7 @@ def counted(kept: dict[str, pa.Table]) -> dict[str, pa.Table]:
         there = pc.or_(pc.starts_with(parent, "t3_"), there)
         found["reddit/comments"] = _with(comments, "parent_in_release", there)
     if posts is not None:
-        below = (
+        below: pa.Array[Any] | pa.ChunkedArray[Any] = (
             pa.chunked_array([pa.repeat(pa.scalar(0, pa.int64()), posts.num_rows)])
             if comments is None
             else _count(posts, comments)
@@ -84,14 +85,16 @@ def _parts(folder: Path) -> list[Path]:
     return sorted(path for path in folder.glob("*.parquet") if not path.name.startswith("."))
 
 
-def _count(posts: pa.Table, below: pa.Table) -> pa.ChunkedArray:
+def _count(posts: pa.Table, below: pa.Table) -> pa.Array[Any]:
     """How many rows of `below` each post has."""
     sums = below.group_by("post_id").aggregate([([], "count_all")])
     place = pc.index_in(posts["post_id"], sums["post_id"].combine_chunks())
-    return pc.fill_null(sums["count_all"].combine_chunks().take(place.combine_chunks()), 0)
+    found = sums["count_all"].combine_chunks().take(place.combine_chunks())
+    counts: pa.Array[Any] = pc.fill_null(found, 0)
+    return counts
 
 
-def _with(rows: pa.Table, name: str, values: pa.ChunkedArray) -> pa.Table:
+def _with(rows: pa.Table, name: str, values: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Table:
     if name in rows.column_names:
         return rows.set_column(rows.column_names.index(name), name, values)
     return rows.append_column(name, values)

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -48,7 +48,7 @@ class Wanted(NamedTuple):
 class Several:
     """Full names of several sources, one after the other; a name may stand in more than one."""
 
-    def __init__(self, parts: Sequence[list[str] | Files]) -> None:
+    def __init__(self, parts: Sequence[list[str] | Files | Several]) -> None:
         self._parts = parts
 
     def __len__(self) -> int:
@@ -97,7 +97,7 @@ def asked_for(ids: Ids, release: Path) -> tuple[Wanted, list[Path]]:
     ids = list(ids)
     paths = [one for one in ids if isinstance(one, Path)]
     if not paths:
-        return read_names(ids, "ids"), []
+        return read_names(cast("list[str]", ids), "ids"), []
     found = [read_wanted(Path(one)) for one in ids]
     if len(found) == 1:
         return found[0], paths
@@ -189,13 +189,14 @@ def _column_of(sources: Sequence[Path], short: str, key: str, name: str) -> pa.T
         for file in (sorted(path.glob(f"{short}-*.parquet")) if path.is_dir() else [path])
     ]
     found = []
+    columns: list[tuple[str, pa.DataType]] = [(key, pa.string()), (name, pa.int64())]
     for file in files:
         with file.open("rb") as opened:
             if opened.read(4) != b"PAR1":
                 continue
         if {key, name} <= set(pq.read_schema(file).names):
             rows = pq.read_table(file, columns=[key, name])
-            found.append(rows.cast(pa.schema([(key, pa.string()), (name, pa.int64())])))
+            found.append(rows.cast(pa.schema(columns)))
     return pa.concat_tables(found) if found else None
 
 

@@ -6,6 +6,7 @@ Thumbnails: https://www.mediawiki.org/wiki/Manual:Thumb.php, /thumb/<file>/<widt
 from __future__ import annotations
 
 import re
+from typing import Any
 from urllib.parse import quote, unquote, urlsplit, urlunsplit
 
 _CC = re.compile(
@@ -81,7 +82,7 @@ def licence(url: str | None, text: str | None = None) -> str | None:
     return (spdx(url) if url else None) or (by_name(text) if text else None) or url or None
 
 
-def file_licence(page: dict) -> str | None:
+def file_licence(page: dict[str, Any]) -> str | None:
     """The licence that a file's page gives: its metadata, else the first one that it links to."""
     info = (page.get("imageinfo") or [{}])[0]
     held = info.get("extmetadata") or {}

@@ -7,13 +7,14 @@ was asked for and is not in the answer is "unanswered", never "missing".
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 from urllib.parse import unquote
 
 SHOWN = 80  # characters of a strange answer that a message quotes
 
 
-def problem(params: dict[str, str], answer: Any) -> str | None:
+def problem(params: Mapping[str, str | int], answer: Any) -> str | None:
     """What is wrong with the shape of an answer to these parameters; None when it can be used."""
     if not isinstance(answer, dict):
         return f"the API's answer is no object but {quoted(repr(answer))}"

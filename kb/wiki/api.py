@@ -102,7 +102,7 @@ class Api:
         status, answer = self.whole(params)
         return Answer("imageinfo", self.endpoint, {"titles": titles}, answer, status)
 
-    def whole(self, params: dict[str, str]) -> tuple[int, dict[str, Any]]:
+    def whole(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
         """An answer with all its continuations joined."""
         status, first = self.ask(params)
         answer, circle = first, _Circle()
@@ -114,11 +114,11 @@ class Api:
         first.pop("continue", None)
         return status, first
 
-    def ask(self, params: dict[str, str]) -> tuple[int, dict[str, Any]]:
+    def ask(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
         """One question: status and answer."""
         return self._web.attempt(lambda: self._once(params))
 
-    def _once(self, params: dict[str, str]) -> tuple[int, dict[str, Any]]:
+    def _once(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
         try:
             answer = self._web.get(
                 self.endpoint, {**params, "format": "json", "formatversion": "2", "maxlag": "5"}
@@ -138,15 +138,15 @@ class Api:
         except msgspec.DecodeError:
             what = answers.quoted(answer.body[:1000].decode("utf-8", "replace"))
             raise Retryable(f"{self.endpoint} gives no JSON but {what}") from None
-        error = value.get("error") if isinstance(value, dict) else None
-        if isinstance(error, dict) and error:
-            code = str(error.get("code"))
+        refusal = value.get("error") if isinstance(value, dict) else None
+        if isinstance(refusal, dict) and refusal:
+            code = str(refusal.get("code"))
             if code.startswith(_AGAIN):
                 raise Retryable(code, after=answer.after)
             if code in ("blocked", "autoblocked", "readapidenied"):
-                raise Blocked(f"the wiki's API refuses: {error.get('info', code)}")
+                raise Blocked(f"the wiki's API refuses: {refusal.get('info', code)}")
             raise FatalError(
-                f"the wiki's API refuses {params.get('action')}: {error.get('info', code)}"
+                f"the wiki's API refuses {params.get('action')}: {refusal.get('info', code)}"
             )
         if wrong := answers.problem(params, value):
             raise Retryable(f"{wrong} ({self.endpoint})", after=answer.after)

@@ -80,7 +80,7 @@ def _shown(rows: pa.Table, renders: pa.Table) -> tuple[pa.Table, pa.Table]:
 
 def _joined(rows: pa.Table, other: pa.Table, on: tuple[str, ...]) -> pa.Table:
 
-    def keys(table: pa.Table) -> pa.Array:
+    def keys(table: pa.Table) -> pa.Array[Any]:
         column = pc.binary_join_element_wise(*(table[name].cast(pa.string()) for name in on), "\n")
         return pa.concat_arrays([pa.array([], pa.string()), *column.chunks])
 
@@ -90,7 +90,9 @@ def _joined(rows: pa.Table, other: pa.Table, on: tuple[str, ...]) -> pa.Table:
     return other.take(pc.index_in(keys(rows), value_set=held, skip_nulls=True)).combine_chunks()
 
 
-def _of_site(titles: pa.ChunkedArray, site: pa.Table | None, url: str) -> dict[str, pa.Array]:
+def _of_site(
+    titles: pa.ChunkedArray[Any], site: pa.Table | None, url: str
+) -> dict[str, pa.Array[Any]]:
     """What every page has of the site's description: its licence, its history's address."""
     said = site.to_pylist()[0] if site is not None else dict.fromkeys(parse.schema("site").names)
     script = (said["server"] or url) + (said["script"] or "/index.php")

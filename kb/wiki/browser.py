@@ -281,7 +281,9 @@ class Browser:
 
     def record(self) -> list[dict[str, Any]]:
         """What the browser noted of its requests since the last call. Raises Retryable."""
-        return self._ask("execute", "getLog", {"type": "performance"})["value"]
+        answer = self._ask("execute", "getLog", {"type": "performance"})
+        noted: list[dict[str, Any]] = answer["value"]
+        return noted
 
     @property
     def selenium(self) -> Any:

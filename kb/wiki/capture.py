@@ -200,7 +200,7 @@ def _check_document(browser: Browser, network: Network, url: str) -> None:
         raise ItemFinal("redirected_away", where)
     if status == 429 or status >= 500:
         served = network.of(where)
-        raise Served(f"http_{status}", after=served and served.after, unreachable=True)
+        raise Served(f"http_{status}", after=served.after if served else None, unreachable=True)
     if status >= 400:
         raise of_status(status)
 

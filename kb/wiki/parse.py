@@ -145,7 +145,7 @@ def _table(rows: list[Row], kind: str) -> pa.Table:
     made = schema(kind)
     found: dict[int, list[tuple[str, str, str | None]]] = {}
     declared = _declared() if kind == "pages" else {}
-    columns: dict[str, pa.Array] = {}
+    columns: dict[str, pa.Array[Any]] = {}
     for field in made:
         values = [row.get(field.name) for row in rows]
         bad: Bad = []

@@ -93,7 +93,9 @@ def _find(
         for key, *_ in frontier.items("info")
         if (title := key.partition(":")[2]) not in titles
     }
-    known, unknown, bad = set(), set(), named.bad_lines
+    known: set[str] = set()
+    unknown: set[str] = set()
+    bad = named.bad_lines
     for name in named.names:
         if name in pages or name in named.ids or name in removed:  # a number is an id first
             (known if name in pages or name in removed else unknown).add(name)

@@ -85,13 +85,14 @@ def read_extraction(folder: Path) -> Row:
     """What the page script saw. Raises DamagedData."""
     path = folder / "extraction.json.zst"
     try:
-        return msgspec.json.decode(
+        extraction: Row = msgspec.json.decode(
             zstandard.ZstdDecompressor().decompressobj().decompress(path.read_bytes())
         )
     except (OSError, zstandard.ZstdError, msgspec.DecodeError) as error:
         raise DamagedData(
             f"{path} can't be read: {error}", hint="run `kb wiki crawl --again`"
         ) from None
+    return extraction
 
 
 def tops(elements: list[Row]) -> Iterator[Row]:
@@ -156,7 +157,7 @@ def _declared(name: str, entries: str) -> dict[str, Callable[[Row], Any]]:
         if column.source.kind != "extraction":
             continue
         field = column.source.path.removeprefix(f"{entries}[].")
-        take = itemgetter(field)
+        take: Callable[[Row], Any] = itemgetter(field)
         if field == "box":
             take = partial(_side, sides.index(column.name))
         makers[column.name] = take
@@ -164,7 +165,8 @@ def _declared(name: str, entries: str) -> dict[str, Callable[[Row], Any]]:
 
 
 def _side(place: int, entry: Row) -> float:
-    return entry["box"][place]
+    edge: float = entry["box"][place]
+    return edge
 
 
 def _made(

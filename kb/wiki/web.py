@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -98,7 +98,7 @@ class Web:
 
     # -- requests --------------------------------------------------------------------------------
 
-    def get(self, url: str, params: dict[str, str]) -> Reply:
+    def get(self, url: str, params: Mapping[str, str | int]) -> Reply:
         """One paced request. Raises Retryable or ItemFinal."""
         self.pace.wait()
         return self._fetch(url, params)
@@ -142,7 +142,7 @@ class Web:
         with self._counting:
             self.requests += 1
 
-    def _fetch(self, url: str, params: dict[str, str]) -> Reply:
+    def _fetch(self, url: str, params: Mapping[str, str | int]) -> Reply:
         with self._open(url, params, stream=False) as response:
             return Reply(
                 response.status_code,
@@ -151,7 +151,9 @@ class Web:
                 retry.retry_after(response.headers.get("retry-after")),
             )
 
-    def _open(self, url: str, params: dict[str, str], *, stream: bool) -> requests.Response:
+    def _open(
+        self, url: str, params: Mapping[str, str | int], *, stream: bool
+    ) -> requests.Response:
         if host_of(url) not in self._hosts:
             raise ItemFinal("other_host", urlsplit(url).netloc)
         try:

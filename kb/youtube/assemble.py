@@ -16,7 +16,9 @@ VIDEOS = "videos"  # kind in the frontier
 WATCH = "https://www.youtube.com/watch?v="
 
 
-def assemble(newest: dict[str, pa.Table], words: Callable[[Any], pa.Array]) -> dict[str, pa.Table]:
+def assemble(
+    newest: dict[str, pa.Table], words: Callable[[Any], pa.Array[Any]]
+) -> dict[str, pa.Table]:
     """Videos joined with what is known of their transcripts, and the transcripts that were had.
 
     `words` counts the words of each list of texts. Adds to the parsed columns: `link`, `width`,
@@ -84,7 +86,7 @@ def _joined(videos: pa.Table, found: pa.Table) -> pa.Table:
     return videos
 
 
-def _usable(found: pa.Table | None, words: Callable[[Any], pa.Array]) -> pa.Table:
+def _usable(found: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.Table:
     """Outcomes with a readable video id, and `word_count`.
 
     An `ok` whose kind, language or cues can't be read counts as failed, one without a word as none.
@@ -119,7 +121,7 @@ def _tracks(found: pa.Table) -> pa.Table:
     return found.select(table("youtube/transcripts").names())
 
 
-def _without_overlap(cues: pa.Array, automatic: pa.Array) -> pa.Array:
+def _without_overlap(cues: pa.Array[Any], automatic: pa.Array[Any]) -> pa.Array[Any]:
     """Lists of cues; in automatic ones a cue ends where the next one starts, as it is shown on
     while that is spoken.
     """
@@ -147,7 +149,7 @@ def _without_overlap(cues: pa.Array, automatic: pa.Array) -> pa.Array:
     )
 
 
-def _words(cues: pa.Array, words: Callable[[Any], pa.Array]) -> pa.Array:
+def _words(cues: pa.Array[Any], words: Callable[[Any], pa.Array[Any]]) -> pa.Array[Any]:
     """Words of the texts of each list of cues."""
     flat = pc.list_flatten(cues)
     counts = pc.list_value_length(cues)
@@ -160,7 +162,7 @@ def _words(cues: pa.Array, words: Callable[[Any], pa.Array]) -> pa.Array:
     return words(pa.ListArray.from_arrays(offsets, flat.field("text")))
 
 
-def _renamed(problems: pa.Array) -> pa.Array:
+def _renamed(problems: pa.Array[Any]) -> pa.Array[Any]:
     """What could not be read as embed_width was needed as width."""
     flat = pc.list_flatten(problems)
     if not len(flat):

@@ -65,13 +65,13 @@ def plan(run: Run, ids: Path | None = None, part: tuple[int, int] | None = None)
         else left["transcripts"] / profile.transcripts_per_hour
     )
     sizes = _bytes_each(run, state)
-    gb = {
+    answers = {
         RAW_SEARCH: calls["search"],
         RAW_LIST: calls["playlist_items"],
         RAW_VIDEOS: calls["videos"],
         RAW_TRANSCRIPTS: left["transcripts"],
     }
-    gb = {kind: n * sizes[kind] / 1e9 for kind, n in gb.items()}
+    gb = {kind: n * sizes[kind] / 1e9 for kind, n in answers.items()}
     asked = left["transcripts"] * REQUESTS_A_TRANSCRIPT
     lists, packs = calls["playlist_items"], calls["videos"]
     phases = [

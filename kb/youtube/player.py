@@ -88,7 +88,7 @@ def _largest(streams: Any) -> tuple[int | None, int | None, int | None]:
     for kind in ("adaptiveFormats", "formats"):
         listed = streams.get(kind) if isinstance(streams, dict) else None
         for stream in listed if isinstance(listed, list) else ():
-            size = (
+            size: list[Any] = (
                 [stream.get(name) for name in ("width", "height")]
                 if isinstance(stream, dict)
                 else []

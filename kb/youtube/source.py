@@ -19,9 +19,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
-
-import msgspec
+from typing import Any
 
 from kb.core import vocabulary
 from kb.core.context import Run
@@ -112,7 +110,7 @@ class YouTube(Plain):
     """
 
     name = "youtube"
-    payloads: ClassVar[dict[str, type[msgspec.Struct]]] = PAYLOADS
+    payloads = PAYLOADS
 
     def __init__(
         self,
@@ -133,7 +131,8 @@ class YouTube(Plain):
             replace(phase, workers=max(1, min(run.workers, phase.workers))) for phase in PHASES
         ]
         self.chosen = _chosen(self.phases, only, ids)
-        self._known, self._bad_lines = some_ids(ids) if ids else (None, 0)
+        given: tuple[list[str] | None, int] = some_ids(ids) if ids else (None, 0)
+        self._known, self._bad_lines = given
         self._wanted, self._mine = wanted, share(part)
         self.counts: Counter[str] = Counter()
         self._barren: list[str] = []
