@@ -15,6 +15,7 @@ from typing import NamedTuple
 from kb.core.errors import DamagedData, UsageError
 from kb.query.views import View, found, names
 from kb.schema.tables import Table, table, tables
+from kb.store.layout import Layout
 
 SUMS = "SHA256SUMS"
 _SHARD = re.compile(r"([a-z][a-z0-9_]*)-([0-9]{5})-of-([0-9]{5})\.parquet")
@@ -63,7 +64,7 @@ def _of(path: Path) -> list[Placed]:
     if several and not any((path / name).exists() for name in _OF_A_ROOT):
         return several
     views = list(found(path))
-    for folder in sorted((path / "release").glob("*/")):
+    for folder in sorted(Layout(path).release().glob("*/")):
         _check(folder)
     if views:
         return [

@@ -56,7 +56,7 @@ def start(root: Path, *words: str, pause: str = "") -> subprocess.Popen[str]:
     program = ["-c", PAUSED, pause] if pause else ["-m", "kb"]
     env = {"KB_PROFILE": str(root.parent / "profile" / "profile.toml"), "PYTHONPATH": str(ROOT)}
     return subprocess.Popen(
-        [sys.executable, *program, *words, "--data", str(root), "--workers", "1"],
+        [sys.executable, *program, *words, "--data", str(root)],
         cwd=root.parent,
         env=clean_environment() | env,
         text=True,

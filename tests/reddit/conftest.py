@@ -48,6 +48,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Work]:
         patch.setenv("KB_NOW", NOW)
         done = Work(sandbox, tmp_path_factory.mktemp("whole"))
         done.crawled = done.crawl()
+        done.asked = sandbox.ledger.requests()
         done.filtered = done.filter()
         for layout in ("parquet", "minedojo", "convokit"):
             done.export(layout)
