@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import DiskFull
+from kb.store import process
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _HINT = "free some space and run the same command again"
@@ -48,7 +49,7 @@ def writing(path: Path, *, sync: bool = True) -> Iterator[Path]:
     Raises DiskFull. Nothing is left behind when the block fails.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.tmp")
+    temporary = path.with_name(f".{path.name}.{process.mark()}-{uuid.uuid4().hex[:8]}.tmp")
     try:
         with full_disk_is_resumable(path):
             yield temporary

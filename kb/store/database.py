@@ -9,14 +9,14 @@ may have been purged since, so kb.store.leftovers asks `abandoned` and clears it
 from __future__ import annotations
 
 import os
-import re
 import tempfile
 from pathlib import Path
 
 import duckdb
 
+from kb.store import process
+
 SPILL = ".duckdb"  # and the process; below the data root, there only while something is spilled
-_SPILL = re.compile(r"\.duckdb-(\d+)-(\d+)")
 
 
 def connect(
@@ -44,24 +44,10 @@ def connect(
 
 def _spill(root: Path | None) -> Path:
     if root is not None and root.is_dir() and os.access(root, os.W_OK):
-        return root.absolute() / f"{SPILL}-{os.getpid()}-{_started('self')}"
+        return root.absolute() / f"{SPILL}-{process.mark()}"
     return Path(tempfile.gettempdir()) / f"lorebase-duckdb-{os.getuid()}"
 
 
 def abandoned(folder: Path) -> bool:
     """Whether a folder is what a process spilled that is not there any more."""
-    match = _SPILL.fullmatch(folder.name)
-    return match is not None and _started(match[1]) != int(match[2])
-
-
-def _started(process: str) -> int:
-    """When a process of this machine began, in ticks since it was booted; -1: there is none.
-
-    Together with its number that names it for good, where numbers are given again.
-    """
-    try:
-        said = Path("/proc", process, "stat").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return -1
-    # The second field is a name in brackets, which may hold anything; this is the 22nd.
-    return int(said.rpartition(")")[2].split()[19])
+    return folder.name.startswith(f"{SPILL}-") and process.is_gone(folder.name)

@@ -12,7 +12,7 @@ import re
 import shutil
 from pathlib import Path
 
-from kb.store import database
+from kb.store import database, process
 from kb.store.atomic import settle_folder
 from kb.store.layout import Layout
 
@@ -23,6 +23,7 @@ _FOLDER = re.compile(r"\.(?P<name>.+)\.(new|old)|\.(sort|shot)-.+")
 def sweep(root: Path, name: str) -> None:
     """Clear what is left where the lock `name` allows to write. Call it under that lock."""
     _spilled(root)
+    _ended(Layout(root).profile)
     for path in _places(Layout(root), name):
         _beside(path)
         if path.is_dir() and not path.is_symlink():
@@ -39,7 +40,8 @@ def _places(at: Layout, name: str) -> tuple[Path, ...]:
         case "deposits":
             return ()
         case "release-youtube":
-            return at.release("youtube"), at.export("minedojo", "youtube_full.json")
+            lists = ("youtube_full.json", "youtube_tutorial.json")
+            return at.release("youtube"), *(at.export("minedojo", one) for one in lists)
         case "release-wiki":
             return at.release("wiki"), at.export("minedojo", "wiki_full")
         case "release-reddit":
@@ -66,6 +68,13 @@ def _spilled(folder: Path) -> None:
     """What killed queries spilled into `folder`: readers take no lock, so it is no lock's own."""
     for entry in sorted(folder.glob(f"{database.SPILL}-*")):
         if database.abandoned(entry):
+            _clear(entry)
+
+
+def _ended(path: Path) -> None:
+    """What processes that ended left of a file which no lock is for."""
+    for entry in sorted(path.parent.glob(f".{path.name}.*.tmp")):
+        if process.is_gone(entry.name.removeprefix(f".{path.name}.")):
             _clear(entry)
 
 
