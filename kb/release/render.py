@@ -15,20 +15,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
+from kb.core.templates import environment
 from kb.release import texts
 
 TEMPLATES = Path(__file__).with_name("templates")
-ENVIRONMENT = Environment(
-    loader=FileSystemLoader(TEMPLATES),
-    undefined=StrictUndefined,
-    autoescape=False,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-)
-ENVIRONMENT.filters |= {
+FILTERS = {
     "bib": texts.bib,
     "cell": texts.cell,
     "commas": lambda n: f"{n:,}",
@@ -41,6 +32,7 @@ ENVIRONMENT.filters |= {
     "span": texts.span,
     "yaml": texts.folded,
 }
+ENVIRONMENT = environment(TEMPLATES, FILTERS, autoescape=False)
 
 
 def render(name: str, **values: Any) -> str:

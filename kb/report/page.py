@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from kb.core.templates import environment
 from kb.report.style import Figure, number
 
 _TEMPLATES = Path(__file__).with_name("templates")
@@ -38,15 +38,8 @@ def page(
     notes: Sequence[str],
 ) -> str:
     """The whole document. `cards` are (what, number, remark). All text is escaped."""
-    templates = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        undefined=StrictUndefined,
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    templates.filters |= {"address": _address, "cell": _cell, "number": number}
+    filters = {"address": _address, "cell": _cell, "number": number}
+    templates = environment(_TEMPLATES, filters, autoescape=True)
     return templates.get_template("page.html.jinja").render(
         title=title,
         as_of=as_of,
