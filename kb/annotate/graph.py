@@ -108,7 +108,7 @@ def _tokenizer(compiled: Compiled) -> Any:
 def _onnxruntime(graph: Any, threads: int) -> Network:
     import onnxruntime
 
-    onnxruntime.disable_telemetry_events()  # its builds for Windows report by themselves
+    onnxruntime.disable_telemetry_events()  # besides what kb.core.telemetry sets
     onnxruntime.set_default_logger_severity(3)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1

@@ -15,6 +15,9 @@ ENVIRONMENT = {
     "HF_HUB_DISABLE_TELEMETRY": "1",  # huggingface_hub, transformers, datasets
     "DO_NOT_TRACK": "1",  # the common wish; read by huggingface_hub too
     "SE_AVOID_STATS": "true",  # Selenium Manager's usage statistics
+    # ONNX Runtime's reporter, which is in its builds for Linux too: read when it is imported, and
+    # without it a device's number and a queue of events are written to the user's cache.
+    "ORT_DISABLE_TELEMETRY": "1",
 }
 # Reporters that a library uses when they can be imported and does without when they can't.
 # openvino-telemetry asks a file in the user's home folder whether it may report, and reports

@@ -44,6 +44,21 @@ def test_openvino_runs_without_its_reporter(tmp_path: Path) -> None:
     assert not reported(f"import kb.annotate.graph; {use}", tmp_path)
 
 
+def written(code: str, home: Path) -> list[str]:
+    """The files that a Python process with this code leaves in an empty home and cache."""
+    home.mkdir()
+    env = {name: value for name, value in os.environ.items() if "TELEMETRY" not in name}
+    env |= {"HOME": str(home), "XDG_CACHE_HOME": str(home), "PYTHONPATH": str(ROOT)}
+    subprocess.run([sys.executable, "-c", code], env=env, check=True)
+    return [path.name for path in home.rglob("*") if path.is_file()]
+
+
+def test_onnx_runtime_numbers_no_device_and_queues_no_event(tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime")
+    assert "deviceid" in written("import onnxruntime", tmp_path / "alone"), "it does so by itself"
+    assert written("import kb, onnxruntime", tmp_path / "ours") == []
+
+
 def test_the_lock_has_no_reporter() -> None:
     lock = (ROOT / ".ci" / "requirements.lock").read_text()
     assert "\nopenvino==" in lock
