@@ -5,11 +5,14 @@ and what to do when something is not installed.
 from __future__ import annotations
 
 import os
+from datetime import timedelta
 from pathlib import Path
 from typing import NoReturn
 
 import hypothesis
 import pytest
+
+from kb.core import clock
 
 # A slow machine is no defect; the same examples everywhere, so that a failure can be seen again.
 hypothesis.settings.register_profile("lorebase", deadline=None, derandomize=True)
@@ -17,6 +20,12 @@ hypothesis.settings.load_profile("lorebase")
 
 ROOT = Path(__file__).resolve().parent.parent
 pytest_plugins = ["tests.installed"]
+
+
+@pytest.fixture(autouse=True)
+def _no_time_has_passed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a test waited for by a date that is set counts for that test alone."""
+    monkeypatch.setattr(clock, "_passed", timedelta())
 
 
 def skip_or_fail(reason: str) -> NoReturn:

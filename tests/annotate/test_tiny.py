@@ -14,13 +14,14 @@ from hypothesis import strategies as st
 
 from kb.annotate import backends, rounding
 from kb.annotate.checkpoint import sha256_of
-from kb.annotate.graph import graph_runner, installed
+from kb.annotate.graph import graph_runner
 from kb.sandbox import speech
 from kb.sandbox import toxicity_weights as tiny_weights
 from kb.sandbox import toxicity_words as words
 from kb.sandbox.toxicity import tiny_checkpoint
 from tests.annotate.demo_texts import demo_texts, kinds_in
 from tests.annotate.least import LEAST
+from tests.annotate.made import usable
 
 # Another digest is another model: scores that are kept are then scored again.
 SHA256 = "e6040b861edbd815e2a03073e622a12f69e662a00192f61c747057fcc84cff06"
@@ -31,8 +32,10 @@ KIND = {"obscene": 2, "threat": 3, "insult": 4, "identity": 5}  # its place amon
 def runner(request, checkpoint):
     if request.param == "torch":
         return backends.torch_runner(checkpoint, "fp32", "cpu", 1)
-    if not installed(request.param):
-        pytest.skip(f"{request.param} is not installed")
+    if not usable(request.param):
+        pytest.skip(
+            f"{request.param} is not installed, or not taken under this environment's limits"
+        )
     return graph_runner(backends.prepare(checkpoint), 1, prefer=request.param)
 
 

@@ -14,7 +14,6 @@ import pytest
 
 from kb.cli.app import TREE
 from kb.cli.as_typed import as_typed, begin
-from kb.cli.options import Options
 from tests.cli.test_help import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -141,9 +140,9 @@ def test_what_is_wrong_would_be_seen(text: str, problem: str) -> None:
     ],
 )
 def test_a_named_command_is_completed_with_what_this_call_was_given(text: str, wanted: str) -> None:
-    begin(Options(data=Path("my data"), profile="x"))
+    begin(Path("my data"), "x")
     try:
         assert wanted in as_typed(text)
     finally:
-        begin(Options())
+        begin()
     assert as_typed(text) == text
