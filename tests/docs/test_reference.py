@@ -78,15 +78,7 @@ def test_an_unknown_make_target_is_one_clear_line_before_any_set_up(tmp_path: Pa
         ["make", "-f", str(ROOT / "Makefile"), "youtube-crwal"],
         cwd=tmp_path,
         # As typed, also where `make test` runs this.
-        env={
-            name: value
-            for name, value in os.environ.items()
-            if "MAKE" not in name and name != "MFLAGS"
-        },
-            name: value
-            for name, value in os.environ.items()
-            if "MAKE" not in name and name != "MFLAGS"
-        },
+        env={name: value for name, value in os.environ.items() if "MAKE" not in name},
         capture_output=True,
         text=True,
         check=False,
