@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from kb.cli.command import command, group
 from kb.cli.options import CLUSTER
+from kb.cli.options import pipeline as shipped
 
 if TYPE_CHECKING:
     from kb.cli.options import Options
@@ -44,7 +45,6 @@ def demo(options: Options) -> Summary:
     It filters, exports, pairs, releases and reports, then queries the shards.
     Everything goes to DIR/demo. `.env` and credentials are ignored; nothing leaves this machine.
     """
-    from kb.core.pipeline import load, locate
     from kb.core.settings import Settings
     from kb.sandbox.reddit import dumps
     from kb.sandbox.server import Sandbox
@@ -56,7 +56,7 @@ def demo(options: Options) -> Summary:
         os.environ |= settings  # worker processes read them too
         run = _run(options, settings)
         _begin(run.root)
-        pipeline = load(str(locate("demo", run.pipeline)))
+        pipeline = shipped(run, "demo")
         given = {"reddit import": {"files": dumps(services.world.reddit, run.root / _DUMPS)}}
         return _all(pipeline, run, services.ledger, given)
 

@@ -1,5 +1,5 @@
-"""What `kb status` says about a data root. Reads only,
-and never waits for or stops a running crawl.
+"""What `kb status` says about a data root. Reads only, and never waits for or stops a running
+crawl.
 """
 
 from __future__ import annotations

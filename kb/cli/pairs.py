@@ -10,6 +10,7 @@ import typer
 
 from kb.cli.command import command, group
 from kb.cli.options import CLUSTER
+from kb.cli.options import pipeline as shipped
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -72,10 +73,9 @@ def pairs(
     Pairs that are made of the same transcripts and rules are not made again.
     """
     from kb.core.errors import SettingError
-    from kb.core.pipeline import load, locate
     from kb.store.lock import taking
 
-    pipeline = load(str(locate("pairs", run.pipeline)))
+    pipeline = shipped(run, "pairs")
     if from_index is None:
         with taking(run.root, "pairs", "release-pairs"):
             pairs: Summary = pipeline.pairs(run, format.value)

@@ -11,7 +11,7 @@ import typer
 
 from kb.cli.as_typed import as_typed
 from kb.cli.command import command, group
-from kb.cli.options import Options
+from kb.cli.options import Options, pipeline
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -105,10 +105,9 @@ def _listed(run: Run, name: str, *given: object) -> Summary:
     """Call the pipeline; a refusal's reasons go to stderr, one line each."""
     from kb.core import terminal
     from kb.core.errors import ReleaseRefused
-    from kb.core.pipeline import load, locate
 
     try:
-        summary: Summary = getattr(load(str(locate("release", run.pipeline))), name)(run, *given)
+        summary: Summary = getattr(pipeline(run, "release"), name)(run, *given)
         return summary
     except ReleaseRefused as error:
         for line in getattr(error, "problems", []):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
-from kb.cli.options import CLUSTER, Plan
+from kb.cli.options import CLUSTER, Plan, pipeline
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -58,13 +58,11 @@ def crawl(
     The API is asked by MediaWiki's etiquette (a contact, maxlag, Retry-After) also where robots.txt
     bars its folder to all crawlers; rules for `lorebase` by name are kept there too.
     """
-    from kb.core.pipeline import load, locate
-
     if plan:
         from kb.wiki.plan import plan_crawl
 
         return plan_crawl(run, titles)
-    summary: Summary = load(str(locate("wiki", run.pipeline))).crawl(run, titles)
+    summary: Summary = pipeline(run, "wiki").crawl(run, titles)
     return summary
 
 
@@ -97,9 +95,8 @@ def export(
     ] = Format.parquet,
 ) -> Summary:
     """Write clean/wiki as the released tables with their pictures, or in another layout."""
-    from kb.core.pipeline import load, locate
     from kb.store.lock import taking
 
     with taking(run.root, "release-wiki"):
-        summary: Summary = load(str(locate("wiki", run.pipeline))).export(run, format.value)
+        summary: Summary = pipeline(run, "wiki").export(run, format.value)
         return summary

@@ -31,8 +31,7 @@ class Text:
     """A batch of transcripts.
 
     `raw` begins and ends with a space. Arrays a cue: `cue_at` (first byte; a last one more for the
-    end),
-    `cue_start`, `cue_end` (ms), `cue_video`; arrays a video: `video_at`, `video_end` (bytes),
+    end), `cue_start`, `cue_end` (ms), `cue_video`; arrays a video: `video_at`, `video_end` (bytes),
     `length` (ms), and Arrow columns `ids`, `kinds`.
     """
 

@@ -2,8 +2,7 @@
 
 Reddit, and what stands before it, also send messages with status 200 (`{"message": "we are
 busy"}`). Taken for an answer, one would say that everything that was asked for is gone; so the form
-is looked at
-first.
+is looked at first.
 """
 
 from __future__ import annotations

@@ -63,8 +63,7 @@ def import_dumps(
 
     `since` and `until` go by the date of each post and comment. Files that were imported before,
     over the same span, are left out unless `--again`. Raises SettingError (exit 2) when a file
-    can't be
-    read, LimitReached and Interrupted (exit 3; the same command goes on), DiskFull.
+    can't be read, LimitReached and Interrupted (exit 3; the same command goes on), DiskFull.
     """
     section = run.profile.section("reddit")
     for file in files:

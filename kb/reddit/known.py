@@ -35,8 +35,7 @@ class Known:
 
     Each has a share of the things. `post_id` is null when no answer says it, `fetched_at` when a
     dump does not say; `gone` is why a thing left (null: it did not), `there` false when the service
-    no longer
-    has it.
+    no longer has it.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -100,11 +100,10 @@ def reconstruct(
     kb.reddit.reconstruct("posts-00000-of-00001.parquet"): …`
 
     `ids`: a file or folder as for `--ids`, several of them, or full names; by default the data
-    root's own release. What `out` has already is added to, and comes as well. `settings`
-    are names of kb.core.settings (`reddit_client_id="…"`, `kb_data="…"`); the environment and
-    `.env` count as for the command. Everything is read first (cut off, the same call goes on), then
-    posts,
-    comments and what is missing come in order. Raises as `rebuild`.
+    root's own release. What `out` has already is added to, and comes as well. `settings` are names
+    of kb.core.settings (`reddit_client_id="…"`, `kb_data="…"`); the environment and `.env` count as
+    for the command. Everything is read first (cut off, the same call goes on), then posts, comments
+    and what is missing come in order. Raises as `rebuild`.
     """
     run = run or _run(profile, settings)
     place = Path(out) if out else run.root / OUT

@@ -2,8 +2,7 @@
 
 Read again is what a dump brought, whose scores are a snapshot (some months of them wrong), and what
 was read live longer than the profile's `max_age_days` ago. The newer answer wins when filtering;
-what
-was deleted, removed or is no longer there leaves with `kb purge reddit`.
+what was deleted, removed or is no longer there leaves with `kb purge reddit`.
 """
 
 from __future__ import annotations
@@ -47,8 +46,7 @@ def refresh(run: Run, older_than: int | None = None) -> Summary:
 
     `older_than` days count instead of the profile's age (0: everything). What it found due is kept
     until it is read, so the same command goes on where it stopped. Raises MissingCredential (exit
-    2),
-    LimitReached, Blocked, Unreachable and Interrupted (exit 3; the same command goes on) and
+    2), LimitReached, Blocked, Unreachable and Interrupted (exit 3; the same command goes on) and
     CredentialRefused, with the summary so far.
     """
     source = Refresh(run, older_than)

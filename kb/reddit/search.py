@@ -43,10 +43,8 @@ class Search:
     The name is looked for in any case until a record has told the subreddit's id, which all of them
     share; from then on the id and the spellings met so far, unless a record comes without an id, or
     another's with it. Every line must begin and end as an object does; one that doesn't is read,
-    and so is every line
-    of the first CHECKED bytes and of chunks that are mostly the subreddit's. Elsewhere only lines
-    that
-    hold the name are read.
+    and so is every line of the first CHECKED bytes and of chunks that are mostly the subreddit's.
+    Elsewhere only lines that hold the name are read.
     """
 
     def __init__(self, subreddit: str) -> None:

@@ -111,8 +111,7 @@ def read_wanted(path: Path) -> Wanted:
 
     Lines: a full name each. Parquet: `comment_id`, else `post_id`, else full names in `key`. JSON:
     a list of objects with `id` (bare, as MineDojo published it). A folder: the Parquet files of a
-    release in
-    it.
+    release in it.
     """
     with _unreadable(path):
         if path.is_dir():
