@@ -19,6 +19,7 @@ from kb.schema import raw
 
 ALLOWED = {
     "x-keys",
+    "x-copied-from",
     "$schema",
     "title",
     "description",
