@@ -183,11 +183,12 @@ def reconstruct(
     to. Cut off, the same command goes on.
     """
     from kb.reddit.plan import plan_rebuild
-    from kb.reddit.reconstruction import OUT, rebuild
+    from kb.reddit.reconstruction import rebuild
+    from kb.store.layout import Layout
 
     if plan:
         return plan_rebuild(run, ids or None)
-    return rebuild(run, ids or None, (out or run.root / OUT).absolute())
+    return rebuild(run, ids or None, (out or Layout(run.root).reconstructed).absolute())
 
 
 def _span(since: str | None, until: str | None) -> tuple[datetime | None, datetime | None]:

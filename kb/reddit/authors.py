@@ -16,6 +16,7 @@ from typing import Any
 
 from kb.core.errors import DamagedData
 from kb.store.atomic import write_bytes
+from kb.store.layout import Layout
 
 # Besides everything that starts with "author": who wrote, moderated, reported, and what moderators
 # note of them.
@@ -55,7 +56,7 @@ _PERSON = re.compile(r"(?i)((?:https?://(?:[\w-]+\.)*reddit\.com)?/(?:user/|u/|r
 
 def load_key(root: Path) -> bytes:
     """The data root's key; made when there is none. Raises DamagedData when it is cut off."""
-    path = root / "state" / "reddit.key"
+    path = Layout(root).author_key
     if not path.exists():
         write_bytes(path, secrets.token_hex(32).encode(), mode=0o600)
     path.chmod(0o600)

@@ -20,6 +20,7 @@ import msgspec
 from kb.core import signals
 from kb.store import rawlog
 from kb.store.atomic import sync_folder, write_bytes
+from kb.store.layout import Layout
 from kb.store.rawlog import SUFFIX
 
 KIND = "dumps"
@@ -172,4 +173,4 @@ def lease(root: Path) -> Iterator[Path]:
 
 
 def _folder(root: Path) -> Path:
-    return root / "state" / "reddit-import"
+    return Layout(root).importing("reddit")

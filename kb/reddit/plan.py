@@ -16,6 +16,7 @@ from kb.reddit.reduce import PAGES
 from kb.reddit.refresh import due_parts, oldest_due
 from kb.reddit.wanted import Ids, asked_for
 from kb.store import rawlog, reading, tombstones
+from kb.store.layout import Layout
 from kb.store.lock import writer
 
 LISTED = 100  # posts a page of a listing
@@ -29,7 +30,7 @@ BYTES_AN_ID = 600
 def plan_crawl(run: Run) -> Summary:
     """Listings, posts and requests that are left, by what this data root shows or by assumption."""
     kinds: dict[str, dict[str, int]] = {}
-    path = run.root / "state" / "reddit.sqlite"
+    path = Layout(run.root).state("reddit")
     if path.is_file():
         with reading.state(path) as frontier:
             kinds = frontier.kinds()
@@ -75,7 +76,7 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
 
 def plan_rebuild(run: Run, ids: Ids) -> Summary:
     """What a reconstruction of these ids would ask for. Raises SettingError."""
-    wanted, _ = asked_for(ids, run.root / "release" / "reddit")
+    wanted, _ = asked_for(ids, Layout(run.root).release("reddit"))
     return Summary(
         _of_ids(
             run,

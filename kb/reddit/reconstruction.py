@@ -39,10 +39,10 @@ from kb.reddit.source import INFO, MORE, THREAD, TREE, Reddit
 from kb.reddit.wanted import Ids, Wanted, asked_for, released
 from kb.store import reading
 from kb.store.frontier import Frontier, Item
+from kb.store.layout import Layout
 from kb.store.lock import writer
 
 LOCK = ".lock"  # in the folder of the tables: one run at a time adds to them
-OUT = Path("export", "reconstructed")  # below the data root
 _WHY = {"404": "missing", "410": "missing", "purged": "purged"}
 
 
@@ -106,7 +106,7 @@ def reconstruct(
     and what is missing come in order. Raises as `rebuild`.
     """
     run = run or _run(profile, settings)
-    place = Path(out) if out else run.root / OUT
+    place = Path(out) if out else Layout(run.root).reconstructed
     rebuild(run, ids, place)
     return rows(place)
 
@@ -133,7 +133,7 @@ def rebuild(run: Run, ids: Ids, out: Path) -> Summary:
     """
     for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
         run.settings.need(name)
-    wanted, sources = asked_for(ids, run.root / "release" / "reddit")
+    wanted, sources = asked_for(ids, Layout(run.root).release("reddit"))
     digest = wanted.digest()
     tables.check_place(out)
     with writer(out / LOCK, "reddit"):
@@ -147,7 +147,7 @@ def rebuild(run: Run, ids: Ids, out: Path) -> Summary:
         source = Rebuild(run, wanted)
         summary = job.work(run, source, source.summary, place=work, facts=source.facts)
         try:
-            unanswered = _unanswered(work / "state" / "reddit.sqlite")
+            unanswered = _unanswered(Layout(work).state("reddit"))
             answers = tables.Answers(
                 work, wanted, unanswered, released(sources), stale, source.opened.gone
             )

@@ -1,6 +1,7 @@
 """Every path under a data root, once. Nothing here reads or writes.
 
 raw/<source>/<kind>/       answers as they came; the tombstones lie beside the kinds
+raw/wiki/                  also pages/ (captures) and images/ (original files)
 state/                     <source>.sqlite, locks, and what a data root remembers
 annotations/<source>/      scores of texts
 clean/<source>/<table>/    rows that were kept; rejected, failed and pending beside them
@@ -38,6 +39,16 @@ class Layout:
         """A source's answers, or the segments of one kind."""
         return self.root / "raw" / source / kind
 
+    @property
+    def captures(self) -> Path:
+        """The wiki's pages as a browser showed them: <page id>/<revision>/."""
+        return self.raw("wiki", "pages")
+
+    @property
+    def images(self) -> Path:
+        """The wiki's image files, named by what is in them."""
+        return self.raw("wiki", "images")
+
     def tombstones(self, source: str) -> tuple[Path, Path]:
         """Both files of a source's purged keys: the first for others to read, and its copy."""
         name = "tombstones.parquet"
@@ -70,6 +81,15 @@ class Layout:
     def importing(self, source: str) -> Path:
         """What an import of dumps keeps until it is done."""
         return self.state_folder() / f"{source}-import"
+
+    def known(self, source: str) -> Path:
+        """What is known of each thing, while a refresh or a purge looks through it."""
+        return self.state_folder() / f".{source}.known"
+
+    @property
+    def author_key(self) -> Path:
+        """The key of the hashes that stand for Reddit's authors."""
+        return self.state_folder() / "reddit.key"
 
     @property
     def profile(self) -> Path:
@@ -142,3 +162,7 @@ class Layout:
     def links(self) -> Path:
         """Tables that name the same things in two sources."""
         return self.root / "links"
+
+
+BELOW = Layout(Path())
+"""The same paths relative to the data root, as rows, plans and messages name them."""

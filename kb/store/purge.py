@@ -22,7 +22,7 @@ from kb.schema.tables import table
 from kb.store import lock, mending, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
-from kb.store.layout import Layout, parquet_files
+from kb.store.layout import BELOW, Layout, parquet_files
 from kb.store.rawlog import Envelope
 from kb.store.shards import ShardWriter
 
@@ -45,6 +45,19 @@ class Place(NamedTuple):
     table: str
     column: str
     prefix: str = ""
+
+
+def place_of(name: str, column: str) -> Place:
+    """Where a data root has the rows of a declared table: "youtube/videos", "pairs/pairs"."""
+    return Place(str(BELOW.table(name)), name, column)
+
+
+def verdicts_of(source: str) -> tuple[Place, ...]:
+    """Where a filter says what it did not keep."""
+    return tuple(
+        Place(str(BELOW.clean(source, verdict)), f"shared/{verdict}", "key")
+        for verdict in ("rejected", "failed", "pending")
+    )
 
 
 def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:

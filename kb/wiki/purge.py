@@ -15,7 +15,8 @@ from kb.crawl.session import Session
 from kb.store import purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.inside import is_inside
-from kb.store.purge import Place, Strip
+from kb.store.layout import BELOW, Layout
+from kb.store.purge import Strip, place_of, verdicts_of
 from kb.wiki import tables
 from kb.wiki.payloads import PAYLOADS
 from kb.wiki.reduce import LEFT
@@ -23,14 +24,8 @@ from kb.wiki.source import WikiSource
 from kb.wiki.titles import Titles, read_names
 
 ROWS = (
-    *(
-        Place(f"clean/wiki/{name}", f"wiki/{name}", "page_id")
-        for name in ("pages", "elements", "cells", "images")
-    ),
-    *(
-        Place(f"clean/wiki/{verdict}", f"shared/{verdict}", "key")
-        for verdict in ("rejected", "failed", "pending")
-    ),
+    *(place_of(f"wiki/{name}", "page_id") for name in ("pages", "elements", "cells", "images")),
+    *verdicts_of("wiki"),
 )
 
 
@@ -136,7 +131,7 @@ def _others(root: Path, frontier: Frontier, keys: Collection[str]) -> Others:
         folder = root / answer["folder"]
         if is_inside(root, answer["folder"]) and (folder / "extraction.json.zst").exists():
             sprites = tables.read_extraction(folder).get("sprites", {})
-            paths[gone] |= {f"raw/wiki/images/{name}.png" for name in sprites.values()}
+            paths[gone] |= {str(BELOW.images / f"{name}.png") for name in sprites.values()}
     files = shown[True].keys() - shown[False].keys()
     names = {name for name in shown[True].values() if name} - set(shown[False].values())
     for envelope in rawlog.read(root, "wiki", "files"):
@@ -154,7 +149,7 @@ def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
         (root / path).unlink(missing_ok=True)
     for key in keys:
         if key.isdigit():
-            shutil.rmtree(root / "raw" / "wiki" / "pages" / key, ignore_errors=True)
+            shutil.rmtree(Layout(root).captures / key, ignore_errors=True)
     purge.rewrite_raw(root, "wiki", keys, others.strip(), frontier)
     frontier.remove("pages", keys)
     frontier.remove("files", others.files)

@@ -16,6 +16,7 @@ from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.core.profile.wiki import Wiki
 from kb.store.atomic import full_disk_is_resumable, replacing_folder, write_bytes
 from kb.store.frontier import Item
+from kb.store.layout import Layout
 from kb.wiki import addresses
 from kb.wiki.capture import Captured, capture
 from kb.wiki.errors import NotNow, NotShown, Refused
@@ -130,7 +131,7 @@ def _ask_plainly(web: Web, url: str, error: Retryable) -> ItemFinal | None:
 
 def pages_folder(root: Path) -> Path:
     """Where captured pages are; it is made when it is not there."""
-    folder = root / "raw" / "wiki" / "pages"
+    folder = Layout(root).captures
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
@@ -147,7 +148,7 @@ def _store(root: Path, item: Item, found: Captured, picture: Path) -> dict[str, 
     page = found.extraction["page"]
     revision = int(page["revision_id"] or item.payload.revision_id)
     folder = pages_folder(root) / str(int(item.key)) / str(revision)
-    images = root / "raw" / "wiki" / "images"
+    images = Layout(root).images
     sprites = {}
     for element, data in sorted(found.sprites.items()):
         name = hashlib.sha256(data).hexdigest()

@@ -15,6 +15,7 @@ import zstandard
 from kb.core.errors import DamagedData
 from kb.schema.tables import Column, table
 from kb.store.inside import inside
+from kb.store.layout import BELOW, Layout
 from kb.wiki import addresses
 
 Row = dict[str, Any]
@@ -30,7 +31,7 @@ def size(root: Path) -> int:
     """Bytes of all extractions, as raw data that a bucket must hold."""
     return sum(
         max(path.stat().st_size, LEAST_BYTES)
-        for path in (root / "raw" / "wiki" / "pages").glob("*/*/extraction.json.zst")
+        for path in Layout(root).captures.glob("*/*/extraction.json.zst")
     )
 
 
@@ -224,7 +225,7 @@ def image_rows(page_id: int, extraction: Row, files: Files) -> list[Row]:
             # An icon of a sheet: the cut-out pixels, not the sheet that it shares with the others.
             width, height = map(round, element["crop"]) if element.get("crop") else (None, None)
             row |= {
-                "path": f"raw/wiki/images/{pixels}.png",
+                "path": str(BELOW.images / f"{pixels}.png"),
                 "sha256": pixels,
                 "media_type": "image/png",
                 "width": width,

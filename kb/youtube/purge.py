@@ -10,22 +10,16 @@ from kb.core.verdict import Summary
 from kb.crawl import purge
 from kb.crawl.purge import Keys
 from kb.store import purge_plan, rawlog
-from kb.store.purge import Place
+from kb.store.purge import place_of, verdicts_of
 from kb.youtube import parse
 from kb.youtube.ids import read_ids
 from kb.youtube.reduce import RAW_TRANSCRIPTS, RAW_VIDEOS, REFRESH, TRANSCRIPTS, VIDEOS
 from kb.youtube.source import YouTube
 
 ROWS = (
-    *(
-        Place(f"clean/youtube/{name}", f"youtube/{name}", "video_id")
-        for name in ("videos", "transcripts")
-    ),
-    *(
-        Place(f"clean/youtube/{verdict}", f"shared/{verdict}", "key")
-        for verdict in ("rejected", "failed", "pending")
-    ),
-    Place("pairs", "pairs/pairs", "video_id"),
+    *(place_of(f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),
+    *verdicts_of("youtube"),
+    place_of("pairs/pairs", "video_id"),
 )
 
 
