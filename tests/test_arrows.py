@@ -114,7 +114,7 @@ UPWARDS = {
     "core/clock.py": "from kb.store.layout import Layout",
     "core/signals.py": "import kb.net.retry",
     "schema/keys.py": "from kb.store import rawlog",
-    "schema/rows.py": "from ..net import retry",
+    "schema/types.py": "from ..net import retry",
     "net/retry.py": "from kb.schema import tables",
     "net/rate.py": "from kb.store.frontier import Frontier",
     "store/atomic.py": "from kb.crawl import loop",

@@ -24,7 +24,6 @@ from kb.schema import raw
 from kb.schema.coerce import Wrong, coerce, times
 from kb.schema.tables import Column, Table
 
-PROBLEMS = "list<struct<column: string, reason: string, value: string>>"
 _UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
 
 

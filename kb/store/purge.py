@@ -95,11 +95,6 @@ def finish(root: Path, source: str) -> None:
             frontier.close()
 
 
-def unfinished(root: Path, source: str) -> bool:
-    """Whether a purge was cut off."""
-    return Layout(root).purge(source).exists()
-
-
 def rewrite_raw(
     root: Path, source: str, keys: Collection[str], strip: Strip, frontier: Frontier
 ) -> int:
