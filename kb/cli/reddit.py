@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
-from kb.cli.options import CLUSTER, Plan
+from kb.cli.options import CLUSTER, Plan, exported
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -131,14 +131,7 @@ def export(
     ] = Format.parquet,
 ) -> Summary:
     """Write clean/reddit as the released tables, or in another layout."""
-    from kb.core import pipeline
-    from kb.store.lock import taking
-
-    with taking(run.root, "release-reddit"):
-        summary: Summary = pipeline.load(str(pipeline.locate("reddit", run.pipeline))).export(
-            run, format.value
-        )
-        return summary
+    return exported(run, "reddit", format.value)
 
 
 @command(

@@ -128,14 +128,15 @@ class Thread:
 def find(opened: Opened, post_id: str) -> Thread:
     """The thread of a post, by its bare id or full name. Raises UsageError where it is not here."""
     key = post_id.removeprefix("t3_")
-    gone = _gone(opened)
+    # What a later release removed stays out of an older copy.
+    gone = _reasons(opened, "reddit_tombstones")
     for spine in opened.ranked("reddit_posts"):
         rows = opened.rows(f"FROM {spine.view.full} WHERE post_id = ?", [key]).to_pylist()
         if not rows:
             continue
         if f"t3_{key}" in gone:
             raise UsageError(f"the post {key} was removed: {gone[f't3_{key}']}")
-        missing = _missing(opened)
+        missing = _reasons(opened, "reddit_missing")
         post = _filled(opened, rows, "reddit_posts", "post_id", _POST, key)[0]
         held = f"{spine.view.schema}.reddit_comments"
         comments = [
@@ -175,19 +176,10 @@ def _filled(
     return [row | texts.get(row[key], {}) for row in rows]
 
 
-def _gone(opened: Opened) -> dict[str, str]:
-    """Removed keys with the reason: what a later release removed stays out of an older copy."""
+def _reasons(opened: Opened, short: str) -> dict[str, str]:
+    """Keys with their reasons, of every table of this name that is here."""
     found: dict[str, str] = {}
-    for one in opened.ranked("reddit_tombstones"):
-        for row in opened.rows(f"SELECT key, reason FROM {one.view.full}").to_pylist():
-            found[row["key"]] = row["reason"]
-    return found
-
-
-def _missing(opened: Opened) -> dict[str, str]:
-    """Why texts could not be restored, by full name."""
-    found: dict[str, str] = {}
-    for one in opened.ranked("reddit_missing"):
+    for one in opened.ranked(short):
         for row in opened.rows(f"SELECT key, reason FROM {one.view.full}").to_pylist():
             found[row["key"]] = row["reason"]
     return found

@@ -18,7 +18,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from kb.schema.tables import table
 from kb.store import lock, mending, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
@@ -195,13 +194,6 @@ def _keep(
             with ShardWriter(path, declared, in_order=True) as writer:
                 for batch in file.iter_batches():
                     rows = pa.Table.from_batches([batch.filter(mask.slice(start, batch.num_rows))])
-                    for lacking in (
-                        name for name in table(declared).names() if name not in rows.column_names
-                    ):  # of an earlier version
-                        rows = rows.append_column(
-                            lacking,
-                            pa.nulls(rows.num_rows, table(declared).arrow().field(lacking).type),
-                        )
                     writer.write(rows)
                     start += batch.num_rows
     return gone
