@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.core.profile.release import SOURCES
+from kb.core.sources import PUBLISHED
 from kb.schema import tables
 from kb.store.layout import TOP, Layout, parquet_files
 
@@ -93,8 +93,8 @@ def test_files_of_a_table_are_whole_ones_in_order(tmp_path: Path) -> None:
 
 def test_every_path_is_below_the_root_and_in_a_known_folder(tmp_path: Path) -> None:
     at = Layout(tmp_path)
-    found = [at.table(name) for name in tables() if name.partition("/")[0] in SOURCES]
-    for source in SOURCES:
+    found = [at.table(name) for name in tables() if name.partition("/")[0] in PUBLISHED]
+    for source in PUBLISHED:
         found += [at.raw(source), *at.tombstones(source), at.state(source), at.lock(source)]
         found += [at.clean(source), at.filtering(source), at.summary(source)]
         found += [at.annotations(source), at.release(source), at.identity(source)]

@@ -7,8 +7,7 @@ from __future__ import annotations
 from pydantic import Field, field_validator
 
 from kb.core.profile.base import Section
-
-SOURCES = ("youtube", "wiki", "reddit", "pairs")
+from kb.core.sources import PUBLISHED
 
 
 class Creator(Section):
@@ -85,7 +84,7 @@ class Release(Section):
     @field_validator("licenses")
     @classmethod
     def _known_sources(cls, value: dict[str, str]) -> dict[str, str]:
-        unknown = sorted(set(value) - set(SOURCES))
+        unknown = sorted(set(value) - set(PUBLISHED))
         if unknown:
-            raise ValueError(f"names {unknown[0]!r}; known: {', '.join(SOURCES)}")
+            raise ValueError(f"names {unknown[0]!r}; known: {', '.join(PUBLISHED)}")
         return value
