@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.core.errors import FatalError
@@ -58,11 +59,25 @@ def write_table(
     """
     declared = table(declared) if isinstance(declared, str) else declared
     rows = conform(declared, rows, released=released)
-    if sort and rows.num_rows > 1:
+    if sort and not _sorted(rows, order(declared)):
         rows = rows.sort_by([(name, "ascending") for name in order(declared)])
     with ShardWriter(path, declared, released=released, in_order=sort, sync=sync) as writer:
         writer.write(rows)
     return Shard(path, rows.num_rows)
+
+
+def _sorted(rows: pa.Table, names: list[str]) -> bool:
+    """Whether rows stand in their order already, so that none has to be copied; False where several
+    columns decide.
+    """
+    if rows.num_rows < 2:
+        return True
+    column = rows.column(names[0])
+    if len(names) > 1 or column.null_count or pa.types.is_dictionary(column.type):
+        return False
+    values = column.combine_chunks()
+    last = len(values) - 1
+    return bool(pc.all(pc.less_equal(values.slice(0, last), values.slice(1))).as_py())
 
 
 class ShardWriter:
