@@ -63,6 +63,11 @@ class Layout:
         """The services that a source's data came from."""
         return self.state_folder() / f"{source}.identity.json"
 
+    def key(self, source: str) -> tuple[Path, Path]:
+        """The secret that names are hashed with, and by what it is known again."""
+        path = self.state_folder() / f"{source}.key"
+        return path, path.with_name(f"{path.name}.sha256")
+
     def purge(self, source: str) -> Path:
         """The keys of a purge that is not finished."""
         return self.state_folder() / f"{source}.purge.json"
