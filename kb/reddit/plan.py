@@ -6,10 +6,10 @@ import math
 
 import pyarrow.parquet as pq
 
+from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
-from kb.net.rate import is_loopback
 from kb.reddit.client import IDS, ROOT
 from kb.reddit.known import known
 from kb.reddit.reduce import PAGES

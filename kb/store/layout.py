@@ -74,6 +74,11 @@ class Layout:
         """The services that a source's data came from."""
         return self.state_folder() / f"{source}.identity.json"
 
+    def key(self, source: str) -> tuple[Path, Path]:
+        """The secret that names are hashed with, and by what it is known again."""
+        path = self.state_folder() / f"{source}.key"
+        return path, path.with_name(f"{path.name}.sha256")
+
     def purge(self, source: str) -> Path:
         """The keys of a purge that is not finished."""
         return self.state_folder() / f"{source}.purge.json"
@@ -85,11 +90,6 @@ class Layout:
     def known(self, source: str) -> Path:
         """What is known of each thing, while a refresh or a purge looks through it."""
         return self.state_folder() / f".{source}.known"
-
-    @property
-    def author_key(self) -> Path:
-        """The key of the hashes that stand for Reddit's authors."""
-        return self.state_folder() / "reddit.key"
 
     @property
     def profile(self) -> Path:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
-from kb.net.rate import is_loopback
 from kb.store import reading
 from kb.store.layout import Layout
 from kb.wiki.titles import read_titles

@@ -14,10 +14,11 @@ from urllib.parse import urlsplit, urlunsplit
 import requests
 
 from kb.core import clock
+from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.net import retry
-from kb.net.rate import Pace, is_loopback
+from kb.net.rate import Pace
 from kb.net.robots import Robots, robots_url
 from kb.net.session import PRODUCT, PerThread, Session, failure, host_of, send, user_agent
 from kb.store.atomic import writing

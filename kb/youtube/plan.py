@@ -11,11 +11,11 @@ import math
 from pathlib import Path
 from typing import Any
 
+from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.plan import Phase
 from kb.core.plan import plan as make_plan
 from kb.core.verdict import Summary
-from kb.net.rate import is_loopback
 from kb.store import rawlog
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout

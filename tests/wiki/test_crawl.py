@@ -373,7 +373,7 @@ def test_unreachable_wiki_is_resumable(make_run, sandbox, tmp_path, monkeypatch)
 
 def test_another_wiki_needs_another_data_root(whole, run_on):
     with pytest.raises(OtherService):
-        crawl(run_on(whole[0].root, "http://elsewhere.example"))
+        crawl(run_on(whole[0].root, "https://elsewhere.example"))
 
 
 def test_usage_errors_come_first(make_run, tmp_path, monkeypatch):
