@@ -12,8 +12,8 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
+from kb.store import parquet
 from kb.store.shards import ShardWriter
 
 # Copied by Reddit from the parent. Addresses hold the title of a text post, and the id of a
@@ -88,7 +88,7 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
 
     changed = 0
     for path in sorted(folder.glob("*.parquet")):
-        with pq.ParquetFile(path) as file:
+        with parquet.open_file(path) as file:
             hits = sum(
                 hit(batch).true_count
                 for batch in file.iter_batches(
