@@ -15,7 +15,7 @@ from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.crawl import purge as frame
 from kb.crawl.session import Session
-from kb.store import purge, purge_plan, rawlog, tombstones
+from kb.store import purge, purge_plan, rawlog, sidefiles, tombstones
 from kb.store.frontier import Frontier
 from kb.store.inside import is_inside
 from kb.store.purge import Place
@@ -121,6 +121,7 @@ def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
     strip = _strip(root, frontier, keys)
     for path in sorted(strip.paths):
         (root / path).unlink(missing_ok=True)
+        sidefiles.aside(root / path).unlink(missing_ok=True)
     for key in keys:
         if key.isdigit():
             shutil.rmtree(root / "raw" / "wiki" / "pages" / key, ignore_errors=True)
@@ -144,7 +145,7 @@ def _own_files(root: Path, keys: Collection[str]) -> tuple[set[str], set[str]]:
         mine[gone] |= {file["key"] for file in answer["files"]}
         folder = root / answer["folder"]
         if is_inside(root, answer["folder"]) and (folder / "extraction.json.zst").exists():
-            sprites = tables.read_extraction(folder).get("sprites", {})
+            sprites = tables.read_extraction(root, folder).get("sprites", {})
             paths[gone] |= {f"raw/wiki/images/{name}.png" for name in sprites.values()}
     files = mine[True] - mine[False]
     for envelope in rawlog.read(root, "wiki", "files"):
