@@ -19,8 +19,9 @@ from kb.core.errors import DamagedData
 from kb.core.sources import PUBLISHED
 from kb.schema.tables import Table, table, tables
 from kb.store import database
+from kb.store.advice import advice
 from kb.store.layout import Layout, parquet_files
-from kb.store.reading import advice, escaped, reading, scan
+from kb.store.reading import escaped, reading, scan
 
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
 _VERDICTS = ("rejected", "failed", "pending")

@@ -13,9 +13,9 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.schema import raw
+from kb.store import parquet
 from kb.store.shards import ShardWriter
 
 _ADDRESS = r"/(?:comments|gallery)/(?P<key>[0-9a-z]+)"
@@ -81,7 +81,7 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
 
     changed = 0
     for path in sorted(folder.glob("*.parquet")):
-        with pq.ParquetFile(path) as file:
+        with parquet.open_file(path) as file:
             hits = sum(
                 hit(batch).true_count
                 for batch in file.iter_batches(

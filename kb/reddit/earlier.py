@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 
 from kb.reddit.tree import depths
 from kb.schema import table
+from kb.store import parquet
 from kb.store.atomic import settle_folder, write_bytes
 from kb.store.layout import parquet_files
 from kb.store.newest import newest
@@ -93,7 +94,7 @@ def missing(out: Path) -> dict[str, str]:
     if not path.exists():
         return {}
     with reading([path]):
-        rows = pq.read_table(path, columns=["key", "reason"])
+        rows = parquet.read_table(path, columns=["key", "reason"])
     keys = cast("list[str]", rows["key"].to_pylist())
     return dict(zip(keys, cast("list[str]", rows["reason"].to_pylist()), strict=True))
 
@@ -107,7 +108,7 @@ def spread(out: Path, folder: Path, buckets: int) -> None:
         parts = parquet_files(out / name)
         with Shuffle(folder, f"old-{name}", buckets) as shuffle, reading(parts):
             for path in parts:
-                for batch in pq.ParquetFile(path).iter_batches(_ROWS):
+                for batch in parquet.open_file(path).iter_batches(_ROWS):
                     rows = _declared(pa.Table.from_batches([batch]), schema)
                     shuffle.write(rows, rows["post_id"])
 

@@ -17,7 +17,6 @@ from typing import cast
 import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.core.context import Run
 from kb.core.verdict import Summary
@@ -29,7 +28,7 @@ from kb.reddit.source import INFO, Reddit
 from kb.reddit.strip import strip
 from kb.reddit.wanted import read_wanted
 from kb.schema import table
-from kb.store import mending, purge, purge_plan, tombstones
+from kb.store import mending, parquet, purge, purge_plan, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import Place, verdicts_of
@@ -139,7 +138,7 @@ def mend(root: Path, keys: Collection[str]) -> None:
     failed.
     """
     for path in sorted(Layout(root).clean("reddit", "failed").glob("*.parquet")):
-        rows = pq.read_table(path)
+        rows = parquet.read_table(path)
         held = cast("list[str]", rows["key"].to_pylist())
         left = [key.partition("/")[0] not in keys for key in held]
         if not all(left):

@@ -20,8 +20,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import pyarrow.parquet as pq
-
 from kb.core import vocabulary
 from kb.core.context import Run
 from kb.core.errors import KbError
@@ -37,7 +35,7 @@ from kb.reddit import earlier, tables
 from kb.reddit.reduce import PAYLOADS
 from kb.reddit.source import INFO, MORE, THREAD, TREE, Reddit
 from kb.reddit.wanted import Ids, Wanted, asked_for, released
-from kb.store import reading
+from kb.store import parquet, reading
 from kb.store.frontier import Frontier, Item
 from kb.store.layout import Layout
 from kb.store.lock import writer
@@ -115,10 +113,10 @@ def rows(out: Path) -> Iterator[Post | Comment | Missing]:
     """The rows of a finished reconstruction."""
     for name, make in (("posts", Post), ("comments", Comment)):
         for path in sorted((out / name).glob("*.parquet")):
-            with pq.ParquetFile(path) as file:
+            with parquet.open_file(path) as file:
                 for batch in file.iter_batches(8_192, columns=list(make._fields)):
                     yield from (make(**row) for row in batch.to_pylist())
-    for row in pq.read_table(out / "missing.parquet").to_pylist():
+    for row in parquet.read_table(out / "missing.parquet").to_pylist():
         yield Missing(row["key"], row["reason"])
 
 

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
 from kb.core.profile.reddit import Links
@@ -24,7 +23,7 @@ from kb.reddit.earlier import DONE, MISSING, NAMES
 from kb.reddit.threads import counted
 from kb.reddit.wanted import Released, Wanted
 from kb.schema.tables import Table, table
-from kb.store import database, rawlog
+from kb.store import database, parquet, rawlog
 from kb.store.atomic import full_disk_is_resumable, replacing_folder
 from kb.store.shards import write_table
 from kb.store.shuffle import Shuffle
@@ -168,7 +167,7 @@ def _lost(
     """
     scratch.mkdir(parents=True, exist_ok=True)
     names = chain(wanted.names, (f"t3_{key}" for key in wanted.trees))
-    with pq.ParquetWriter(scratch / "asked.parquet", pa.schema([("key", pa.string())])) as file:
+    with parquet.writing(scratch / "asked.parquet", pa.schema([("key", pa.string())])) as file:
         while part := list(islice(names, IDS)):
             file.write_batch(pa.record_batch({"key": pa.array(part, pa.string())}))
     with database.connect(scratch, memory="1GB") as con:

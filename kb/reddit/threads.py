@@ -12,9 +12,9 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.reddit.parse import OPEN, READ
+from kb.store import parquet
 from kb.store.layout import parquet_files
 from kb.store.reading import reading
 from kb.store.shards import write_table
@@ -76,7 +76,7 @@ def count_again(folder: Path) -> None:
         paths = {f"reddit/{kind}": folder / kind / name for kind in _NAMES}
         paths = {kind: path for kind, path in paths.items() if path.exists()}
         with reading(paths.values()):
-            old = {kind: pq.read_table(path, partitioning=None) for kind, path in paths.items()}
+            old = {kind: parquet.read_table(path) for kind, path in paths.items()}
         for kind, rows in counted(old).items():
             if not rows.equals(old[kind]):
                 write_table(paths[kind], rows, kind)

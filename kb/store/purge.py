@@ -16,13 +16,13 @@ from typing import Any, NamedTuple
 import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
-from kb.store import lock, mending, rawlog, tombstones
+from kb.store import lock, mending, parquet, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout, parquet_files
 from kb.store.rawlog import Envelope
+from kb.store.reading import reading
 from kb.store.shards import ShardWriter
 
 Strip = Callable[[str, Envelope, Collection[str]], "Envelope | None"]
@@ -184,7 +184,7 @@ def _keep(
     path: Path, declared: str, column: str, good: Callable[[pa.Array[Any]], pa.Array[Any]]
 ) -> int:
     """Keep the rows that `good` says of a file; how many went. A batch at a time."""
-    with pq.ParquetFile(path) as file:
+    with reading([path]), parquet.open_file(path) as file:
         kept = [
             good(batch.column(0).cast(pa.string())) for batch in file.iter_batches(columns=[column])
         ]

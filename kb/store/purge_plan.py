@@ -11,10 +11,9 @@ from pathlib import Path
 import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.core.verdict import Summary
-from kb.store import purge, rawlog
+from kb.store import parquet, purge, rawlog
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import Place, Strip
@@ -111,7 +110,7 @@ def _rows(root: Path, place: Place, keys: Collection[str]) -> int:
     count = 0
     for path in sorted((root / place.folder).glob(pattern)):
         with reading([path]):
-            column = pq.read_table(path, columns=[place.column], partitioning=None)[place.column]
+            column = parquet.read_table(path, columns=[place.column])[place.column]
         count += pc.sum(pc.is_in(column.cast(pa.string()), value_set=wanted)).as_py() or 0
     return count
 

@@ -23,6 +23,7 @@ import pyarrow.parquet as pq
 from kb.core.errors import FatalError
 from kb.schema.conform import conform
 from kb.schema.tables import Table, table
+from kb.store import parquet
 from kb.store.atomic import writing
 from kb.store.merge import Merge
 from kb.store.reading import reading
@@ -147,7 +148,7 @@ class ShardWriter:
 
 
 def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any:
-    """A pyarrow ParquetWriter with the project's settings."""
+    """A writer with the project's settings, as a context manager."""
     low = [
         column.name
         for column in declared.columns
@@ -156,13 +157,12 @@ def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any
     marks = pq.SortingColumn.from_ordering(
         schema, [(name, "ascending") for name in order(declared)], "at_end"
     )
-    return pq.ParquetWriter(
+    return parquet.writing(
         path,
         schema,
         version="2.6",
-        compression="zstd",
         compression_level=ZSTD_LEVEL,
-        use_dictionary=low or False,  # type: ignore[arg-type]  # names of columns are fine
+        use_dictionary=low or False,
         data_page_size=PAGE,
         write_statistics=True,
         write_page_index=True,

@@ -12,7 +12,7 @@ from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.crawl import purge as frame
 from kb.crawl.session import Session
-from kb.store import purge, purge_plan, rawlog, tombstones
+from kb.store import purge, purge_plan, rawlog, sidefiles, tombstones
 from kb.store.frontier import Frontier
 from kb.store.inside import is_inside
 from kb.store.layout import BELOW, Layout
@@ -130,7 +130,7 @@ def _others(root: Path, frontier: Frontier, keys: Collection[str]) -> Others:
         shown[gone] |= {file["key"]: file["title"] for file in answer["files"]}
         folder = root / answer["folder"]
         if is_inside(root, answer["folder"]) and (folder / "extraction.json.zst").exists():
-            sprites = tables.read_extraction(folder).get("sprites", {})
+            sprites = tables.read_extraction(root, folder).get("sprites", {})
             paths[gone] |= {str(BELOW.images / f"{name}.png") for name in sprites.values()}
     files = shown[True].keys() - shown[False].keys()
     names = {name for name in shown[True].values() if name} - set(shown[False].values())
@@ -147,6 +147,7 @@ def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
     others = _others(root, frontier, keys)
     for path in sorted(others.paths):
         (root / path).unlink(missing_ok=True)
+        sidefiles.aside(root / path).unlink(missing_ok=True)
     for key in keys:
         if key.isdigit():
             shutil.rmtree(Layout(root).captures / key, ignore_errors=True)
