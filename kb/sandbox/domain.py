@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -35,6 +36,7 @@ class Domain:
     subreddit: str
     min_score: int
     names: tuple[str, ...] = ()  # keywords, for the titles of wiki pages
+    namespace: int = 0  # of the wiki's pages
     sprite: str = "sprite"  # classes of the wiki's markup
     sprite_image: str = "sprite-file"
     animation: str = "animated"
@@ -61,7 +63,7 @@ def domain_of(profile: Profile) -> Domain:
         subreddit=reddit.subreddit if reddit else "sandbox",
         min_score=reddit.min_score if reddit else 5,
         names=made_words.names(profile, listed),
-        **_markup(profile),
+        **_wiki(profile),
     )
 
 
@@ -80,8 +82,8 @@ def _own(path: Path) -> Words | None:
         raise ProfileError(f"the words of the invented world, {path}: {error}") from None
 
 
-def _markup(profile: Profile) -> dict[str, str]:
-    """The first class of each selector of the profile, for the wiki's pages to bear."""
+def _wiki(profile: Profile) -> dict[str, Any]:
+    """What the wiki's pages bear: a namespace, and the first class of each selector."""
     if profile.wiki is None:
         return {}
     markup = profile.wiki.markup
@@ -91,4 +93,6 @@ def _markup(profile: Profile) -> dict[str, str]:
         "animation": made_words.first_class(markup.animation),
         "active": markup.animation_active,
     }
-    return {name: value for name, value in found.items() if value}
+    named = {name: value for name, value in found.items() if value}
+    read = profile.wiki.namespaces
+    return {**named, "namespace": read[0] if read and 0 not in read else 0}

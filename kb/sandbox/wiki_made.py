@@ -73,6 +73,7 @@ class Made(Recorded):
     def __init__(self, domain: Domain) -> None:
         super().__init__()
         self.domain = domain
+        self.namespace = domain.namespace
         self.site = f"{domain.title} Wiki"
         self.titles = (MAIN, *_titles(domain.names))
         self._title = dict(zip([MAIN, *_PAGES], [*self.titles], strict=False))
@@ -107,7 +108,11 @@ class Made(Recorded):
 
     def load(self, name: str) -> Any:
         """An answer of the API, as the recorded one with other words."""
-        return self._renamed(super().load(name))
+        made = self._renamed(super().load(name))
+        if name == "siteinfo.json" and self.namespace:
+            known = made["query"]["namespaces"]
+            known[str(self.namespace)] = {**known["0"], "id": self.namespace, "name": "Pages"}
+        return made
 
     def _renamed(self, value: Any) -> Any:
         if isinstance(value, list):
@@ -120,6 +125,7 @@ class Made(Recorded):
             return value
         made = {key: self._renamed(one) for key, one in value.items()}
         if made.get("title") in self._recorded and "fullurl" in made:
+            made["ns"] = self.namespace
             name = name_of(made["title"])
             made["fullurl"] = made["canonicalurl"] = f"{HOST}/wiki/{name}"
             if "editurl" in made:
@@ -133,7 +139,7 @@ class Made(Recorded):
             "wgTitle": title,
             "wgArticleId": page["pageid"],
             "wgRevisionId": page["lastrevid"],
-            "wgNamespaceNumber": 0,
+            "wgNamespaceNumber": self.namespace,
             "wgIsRedirect": False,
         }
         text: str = (

@@ -23,6 +23,7 @@ class Recorded:
     """Pages by title, files by path, answers by name. `redirect`: a title that leads to another."""
 
     redirect = "Rock salt"
+    namespace = 0
 
     def __init__(self) -> None:
         self._pages: dict[bool, dict[str, dict[str, Any]]] = {}
@@ -74,7 +75,7 @@ class Recorded:
         pages.append(
             {
                 "pageid": 27,
-                "ns": 0,
+                "ns": self.namespace,
                 "title": self.redirect,
                 "redirect": True,
                 "lastrevid": 30,
