@@ -49,6 +49,14 @@ class Release(Section):
     keywords: tuple[str, ...] = Field(
         (), description="search words of the deposit, besides the domain's name"
     )
+    biases: tuple[str, ...] = Field(
+        (), description="sentences of the domain's own for cards: who and what is over-represented"
+    )
+    limits: tuple[str, ...] = Field(
+        (), description="the same: what a user of the data should not rely on"
+    )
+    uses: tuple[str, ...] = Field((), description="the same: what the data can be used for")
+    avoid: tuple[str, ...] = Field((), description="the same: what it should not be used for")
     communities: tuple[str, ...] = Field(
         (), description="Zenodo communities that the deposit is offered to"
     )
