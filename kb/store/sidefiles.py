@@ -17,7 +17,7 @@ from pathlib import Path
 
 from kb.core.errors import DamagedData
 from kb.store.atomic import sync_folder, write_bytes
-from kb.store.layout import Layout
+from kb.store.layout import BELOW, Layout
 
 SUMS = "SHA256SUMS"
 ASIDE = ".damaged"
@@ -98,7 +98,9 @@ def suspects(root: Path, source: str) -> list[str]:
     return [
         path
         for path in sorted(set(noted))
-        if path.startswith(f"raw/{source}/") and ".." not in path and not is_whole(root / path)
+        if Path(path).is_relative_to(BELOW.raw(source))
+        and ".." not in path
+        and not is_whole(root / path)
     ]
 
 

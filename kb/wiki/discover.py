@@ -14,6 +14,7 @@ from kb.core.errors import DamagedData
 from kb.core.profile.wiki import Wiki
 from kb.store import rawlog, sidefiles, tombstones
 from kb.store.frontier import Frontier
+from kb.store.layout import BELOW, Layout
 from kb.wiki import reduce, tables
 from kb.wiki.payloads import Site, Title
 
@@ -143,7 +144,11 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
     """
     lost = sidefiles.suspects(root, "wiki")
     if lost:
-        pages = {Path(path).parts[3] for path in lost if path.startswith("raw/wiki/pages/")}
+        pages = {
+            Path(path).relative_to(BELOW.captures).parts[0]
+            for path in lost
+            if Path(path).is_relative_to(BELOW.captures)
+        }
         pages |= _with_sprites(frontier, root, {Path(path).stem for path in lost})
         files = {
             envelope.response["key"]
@@ -164,7 +169,7 @@ def _with_sprites(frontier: Frontier, root: Path, names: set[str]) -> set[str]:
     found = set()
     for key, _, _, page in frontier.items("pages", "done"):
         if page.rendered is not None:
-            folder = root / "raw" / "wiki" / "pages" / key / str(page.rendered[0])
+            folder = Layout(root).captures / key / str(page.rendered[0])
             try:
                 sprites = tables.read_extraction(root, folder).get("sprites", {})
             except DamagedData:
