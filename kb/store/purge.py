@@ -19,7 +19,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.schema.tables import table
-from kb.store import lock, mending, rawlog, tombstones
+from kb.store import lock, mending, notes, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout, parquet_files
@@ -60,10 +60,8 @@ def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:
 
 def left_over(root: Path, source: str) -> dict[str, str]:
     """The list of a purge that was cut off, {} when none was."""
-    path = Layout(root).purge(source)
-    if not path.exists():
-        return {}
-    return msgspec.json.decode(path.read_bytes(), type=dict[str, str])
+    mend = f"delete it, then run the `kb purge {source}` again that was cut off"
+    return notes.read(Layout(root).purge(source), dict[str, str], mend=mend) or {}
 
 
 def finish(root: Path, source: str) -> None:
