@@ -69,7 +69,7 @@ def filtered(root: Path, source: str) -> dict[str, Any]:
         return {}
     try:
         said = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         said, why = None, str(error)
     else:
         why = "it is no object"
