@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+from kb.annotate import memory
 from kb.annotate.beside import tokenizer_files
 from kb.annotate.checkpoint import Checkpoint, need_extra
 from kb.core.errors import MissingModel
@@ -52,9 +53,11 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
             loaded["state_dict"] = state
             if not 0 < len(classes) <= outputs:
                 raise ValueError("classes")
-        except MissingModel:
+        except (MissingModel, MemoryError):
             raise
         except Exception as error:  # whatever unpickling a foreign file may raise
+            if memory.short(error):
+                raise
             raise MissingModel(
                 f"{checkpoint.path} is no Detoxify checkpoint ({type(error).__name__})",
                 hint="KB_TOXICITY_MODEL must be a Detoxify model name or checkpoint;"
@@ -71,6 +74,8 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
                         huggingface_config_path=str(folder),
                     )
             except Exception as error:  # whatever a foreign configuration makes transformers raise
+                if memory.short(error):
+                    raise
                 raise _misfit(checkpoint, _reason(error)) from error
         if len(model.tokenizer) > model.model.config.vocab_size:
             raise _misfit(

@@ -7,8 +7,9 @@ texts alone. A row that is in both for a moment is the same row.
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ import pyarrow.compute as pc
 from kb.schema.tables import table
 from kb.store import database, parquet
 from kb.store.layout import parquet_files
-from kb.store.reading import scan
+from kb.store.reading import reading, scan
 from kb.store.shards import ShardWriter, order, write_table
 
 TABLE = "shared/annotations"
@@ -50,25 +51,22 @@ class Scores:
         or no such class.
 
         Of several precisions the exact one wins, so the result doesn't depend on what was scored
-        first.
+        first. Raises DamagedData.
         """
         if isinstance(hashes, pa.ChunkedArray):
             hashes = hashes.combine_chunks()
-        con = self._connect()
-        con.register(
-            "wanted",
-            pa.table({"place": pa.array(range(len(hashes)), pa.int64()), "text_hash": hashes}),
-        )
+        wanted = {"place": pa.array(range(len(hashes)), pa.int64()), "text_hash": hashes}
         names = ", ".join([*CATEGORIES, "precision"])
-        found: pa.Table = con.sql(
-            f"SELECT {', '.join('s.' + name for name in [*CATEGORIES, 'precision'])} FROM wanted w"
-            f" LEFT JOIN (  SELECT text_hash, {names} FROM {self._files()}"
-            "  WHERE model = $model AND revision = $revision AND text_hash IN (SELECT text_hash"
-            " FROM wanted)  QUALIFY row_number() OVER (PARTITION BY text_hash"
-            f" ORDER BY {_RANK}) = 1) s USING (text_hash) ORDER BY w.place",
-            params={"model": self.model, "revision": self.revision},
-        ).to_arrow_table()
-        con.close()
+        with self._reading() as con:
+            con.register("wanted", pa.table(wanted))
+            found: pa.Table = con.sql(
+                f"SELECT {', '.join('s.' + name for name in [*CATEGORIES, 'precision'])}"
+                f" FROM wanted w LEFT JOIN (  SELECT text_hash, {names} FROM {self._files()}"
+                "  WHERE model = $model AND revision = $revision AND text_hash IN (SELECT text_hash"
+                " FROM wanted)  QUALIFY row_number() OVER (PARTITION BY text_hash"
+                f" ORDER BY {_RANK}) = 1) s USING (text_hash) ORDER BY w.place",
+                params={"model": self.model, "revision": self.revision},
+            ).to_arrow_table()
         columns: list[tuple[str, pa.DataType]] = [(name, pa.float32()) for name in CATEGORIES]
         return found.cast(pa.schema([*columns, ("precision", pa.string())]))
 
@@ -105,13 +103,12 @@ class Scores:
 
     def precisions(self) -> dict[str, int]:
         """How many texts have a score in each precision."""
-        con = self._connect()
-        rows = con.execute(
-            f"SELECT precision, count(DISTINCT text_hash) FROM {self._files()}"
-            " WHERE model = $model AND revision = $revision GROUP BY 1 ORDER BY 1",
-            {"model": self.model, "revision": self.revision},
-        ).fetchall()
-        con.close()
+        with self._reading() as con:
+            rows = con.execute(
+                f"SELECT precision, count(DISTINCT text_hash) FROM {self._files()}"
+                " WHERE model = $model AND revision = $revision GROUP BY 1 ORDER BY 1",
+                {"model": self.model, "revision": self.revision},
+            ).fetchall()
         return dict(rows)
 
     def write(
@@ -151,7 +148,7 @@ class Scores:
         if not parts:
             return path if path.exists() else None
         # DuckDB sorts on disk when memory is short; rows come and go a batch at a time.
-        with self._connect() as con, ShardWriter(path, TABLE, in_order=True) as writer:
+        with self._reading() as con, ShardWriter(path, TABLE, in_order=True) as writer:
             rows = con.sql(
                 f"SELECT text_hash, model, revision, precision, {', '.join(CATEGORIES)}"
                 f" FROM {self._files()} QUALIFY row_number() OVER (PARTITION BY text_hash, model,"
@@ -164,9 +161,12 @@ class Scores:
             part.unlink()
         return path
 
-    def _connect(self) -> duckdb.DuckDBPyConnection:
-
-        return database.connect(Path(self.folder))
+    @contextlib.contextmanager
+    def _reading(self) -> Iterator[duckdb.DuckDBPyConnection]:
+        """A connection for the files of scores. Raises DamagedData for one that can't be read."""
+        files = sorted(Path(self.folder).glob("*.parquet"))
+        with reading(files), database.connect(Path(self.folder)) as con:
+            yield con
 
     def _files(self) -> str:
         """SQL of all rows; files of an earlier version may lack a category."""

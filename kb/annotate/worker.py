@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
+from kb.annotate import memory
 from kb.annotate.backends import REACH, choose_device, open_runner
 from kb.annotate.checkpoint import Checkpoint
 from kb.annotate.runner import Runner
@@ -33,10 +34,10 @@ class Job(NamedTuple):
 def score_chunk(job: Job, texts: Sequence[str]) -> dict[str, Any]:
     """Scores of a chunk, in its order; runs in a worker.
 
-    Near the threshold a reduced score is made exact.
+    Near the threshold a reduced score is made exact. Raises FatalError when memory is too short.
     """
     # A Dask worker with several threads takes several chunks: one at a time, with all threads.
-    with _ONE:
+    with _ONE, memory.needing():
         return _score_chunk(job._replace(threads=job.threads or _worker_threads()), texts)
 
 

@@ -127,10 +127,11 @@ def warn(message: str) -> None:
 
 def show_summary(summary: dict[str, Any], as_json: bool) -> None:
     """What a command did, on stdout: a JSON object as the last line, or a line for a person."""
+    from kb.core import terminal
+
     if as_json:
-        print(json.dumps(summary, default=str, ensure_ascii=False), flush=True)
+        print(terminal.json(json.dumps(summary, default=str, ensure_ascii=False)), flush=True)
     else:
-        from kb.core import terminal
         from kb.core.verdict import Summary
 
         shown = Summary(summary)

@@ -133,7 +133,8 @@ def keywords(
     count = total = alone = 0
     typer.echo("keyword\tkind\trule\tmatches\talone")
     for line in keyword_lines(run, examples, kind, unused, videos):
-        typer.echo(f"{line.keyword}\t{line.kind}\t{line.rule}\t{line.matches}\t{line.alone}")
+        cells = line.keyword, line.kind, line.rule, line.matches, line.alone
+        typer.echo("\t".join(terminal.one_line(str(cell)) for cell in cells))
         for example in line.examples:
             typer.echo(f"    {terminal.one_line(example)}")
         count, total, alone = count + 1, total + line.matches, alone + line.alone

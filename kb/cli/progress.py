@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from kb.cli.as_typed import as_typed
+from kb.core import terminal
 from kb.core.progress import Counted, Plain, Silent
 
 if TYPE_CHECKING:
@@ -47,8 +48,6 @@ class Bars:
 
     def say(self, text: str) -> None:
         """One line above the bars."""
-        from kb.core import terminal
-
         shown = terminal.one_line(as_typed(text))
         if self._live is not None:
             self._live.console.print(shown, highlight=False, markup=False)
@@ -91,7 +90,9 @@ class BarTask(Counted):
     ) -> None:
         super().__init__(name, total, unit, waiting)
         self._live = live
-        self._number = live.add_task(name, total=self.total, figures="", facts="")
+        self._number = live.add_task(
+            terminal.one_line(name), total=self.total, figures="", facts=""
+        )
         self._show()
 
     def _show(self) -> None:
@@ -100,7 +101,7 @@ class BarTask(Counted):
             self._number,
             completed=self.done,
             figures="  ".join(filter(None, (figures, self.rate(), self.time_left()))),
-            facts="  ".join(self.facts()),
+            facts=terminal.one_line("  ".join(self.facts())),
             **({} if self.total is None else {"total": self.total}),
         )
 

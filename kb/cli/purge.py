@@ -33,10 +33,13 @@ def _purge(run: Run, source: str, ids: Path | None, plan: bool) -> Summary:
     if not plan:
         summary: Summary = pipeline(run, "purge").purge(run, source, ids)
         return summary
+    from kb.core import terminal
+
     counts: Summary = pipeline(run, "purge").plan(run, source, ids)
     typer.echo("folder\twhat\tcount")
     for line in counts["lines"]:
-        typer.echo(f"{line['folder']}\t{line['what']}\t{line['count']}")
+        cells = line["folder"], line["what"], line["count"]
+        typer.echo("\t".join(terminal.one_line(str(cell)) for cell in cells))
     return counts
 
 

@@ -14,13 +14,13 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from typing import Any
 
 from kb.core import signals
 from kb.core.arrow import without_pandas
 from kb.core.dask_engine import dask_executor
-from kb.core.errors import SettingError
+from kb.core.errors import FatalError, SettingError
 
 
 class Inline(Executor):
@@ -55,6 +55,11 @@ def make_executor(
         with ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker) as pool:
             try:
                 yield pool
+            except BrokenExecutor as error:
+                raise FatalError(
+                    "a worker process was killed, most often as memory ran out",
+                    hint="try fewer --workers; the same command goes on where it stopped",
+                ) from error
             except BaseException:
                 pool.shutdown(wait=True, cancel_futures=True)
                 raise

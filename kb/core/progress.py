@@ -215,7 +215,7 @@ class PlainTask(Counted):
         self._last = clock.monotonic()
         count = f"{self.name}: {self.figures()}" + (f" {self.unit}" if self.unit else "")
         parts = [count, self.rate(), self.time_left(), *self.facts()]
-        print(", ".join(filter(None, parts)), file=self._stream, flush=True)
+        print(terminal.one_line(", ".join(filter(None, parts))), file=self._stream, flush=True)
 
 
 class Plain:

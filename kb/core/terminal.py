@@ -22,6 +22,7 @@ def _escape(number: int) -> str:
 _ACTS = [*range(0x20), *range(0x7F, 0xA0), *map(ord, _DIRECTION + _BREAKS), *range(0xD800, 0xE000)]
 _ONE_LINE = {number: _escape(number) for number in _ACTS}
 _LINES = {number: text for number, text in _ONE_LINE.items() if chr(number) not in "\n\t"}
+_JSON = {number: f"\\u{number:04x}" for number in _LINES}
 
 
 def one_line(text: str) -> str:
@@ -32,3 +33,8 @@ def one_line(text: str) -> str:
 def lines(text: str) -> str:
     """The same where line breaks are the program's own, as in a traceback."""
     return text.translate(_LINES)
+
+
+def json(text: str) -> str:
+    """JSON with the same written as JSON itself escapes it: its values stay what they are."""
+    return text.translate(_JSON)

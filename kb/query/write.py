@@ -11,6 +11,7 @@ from typing import IO
 
 import pyarrow as pa
 
+from kb.core import terminal
 from kb.core.errors import UsageError
 from kb.query.box import as_box
 from kb.query.text import as_csv, as_json, as_ndjson, as_table
@@ -88,7 +89,12 @@ def _to_stdout(answer: pa.RecordBatchReader, format: str) -> None:
     if format == "parquet":
         _parquet(answer, sys.stdout.buffer)
         return
-    sys.stdout.writelines(for_people(answer) if format == "table" else _LINES[format](answer))
+    lines = for_people(answer) if format == "table" else _LINES[format](answer)
+    if sys.stdout.isatty():
+        # The tables are for people anyway; files and pipes get the data exactly.
+        shown = terminal.json if format in ("json", "ndjson") else terminal.lines
+        lines = map(shown, lines)
+    sys.stdout.writelines(lines)
     sys.stdout.flush()
 
 

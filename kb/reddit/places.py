@@ -18,7 +18,7 @@ from pathlib import Path
 import msgspec
 
 from kb.core import signals
-from kb.store import rawlog
+from kb.store import notes, rawlog
 from kb.store.atomic import sync_folder, write_bytes
 from kb.store.layout import Layout
 from kb.store.rawlog import SUFFIX
@@ -26,6 +26,7 @@ from kb.store.rawlog import SUFFIX
 KIND = "dumps"
 PART = ".part"
 _LEASE = ".lease"
+_MEND = "delete it; the dump is read once more, and what is here already counts once"
 
 
 class Place(msgspec.Struct):
@@ -65,12 +66,8 @@ def load(root: Path, name: str, file: str = "", round: str = "") -> Place:
     """Where an import was left: at the beginning when there is no note, or one of another round of
     `--again`.
     """
-    path = _folder(root) / f"{name}.json"
-    place = (
-        msgspec.json.decode(path.read_bytes(), type=Place)
-        if path.exists()
-        else Place(file, round=round)
-    )
+    noted = notes.read(_folder(root) / f"{name}.json", Place, mend=_MEND)
+    place = noted or Place(file, round=round)
     return place if place.round == round or not round else Place(file, round=round)
 
 
@@ -130,10 +127,9 @@ def begin_round(root: Path, names: Sequence[str]) -> str:
     """
     path = _folder(root) / f"{_ROUND}.json"
     wanted = sorted(names)
-    if path.exists():
-        begun, of = msgspec.json.decode(path.read_bytes(), type=tuple[str, list[str]])
-        if of == wanted:
-            return begun
+    noted = notes.read(path, tuple[str, list[str]], mend=_MEND)
+    if noted and noted[1] == wanted:
+        return str(noted[0])
     begun = uuid.uuid4().hex[:8]
     write_bytes(path, msgspec.json.encode((begun, wanted)))
     return begun

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO, Any
 from urllib.parse import quote
 
+import msgspec
 import requests
 
 from kb.core import clock, signals
@@ -31,6 +32,51 @@ LONGEST_LIMIT = 366 * 86_400  # seconds: what asks for more is no time to come b
 PAGE = 100
 _GO_ON = "the same command goes on where it stopped"
 _SCOPES = "it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own"
+
+
+class _Deposit(msgspec.Struct):
+    """What is read of a deposit; the rest of its answer is kept as it came."""
+
+    id: int
+    submitted: bool = False
+    metadata: dict[str, Any] = {}
+    links: dict[str, Any] = {}
+    files: list[Any] = []
+
+
+class _Described(msgspec.Struct):
+    """What is read of the answer to new metadata."""
+
+    metadata: dict[str, Any] = {}
+
+
+class _File(msgspec.Struct):
+    """What is read of an uploaded file."""
+
+    filename: str
+    id: str
+    checksum: str = ""
+
+
+class _Sent(msgspec.Struct):
+    """What a bucket says of a file that it received."""
+
+    checksum: str = ""
+
+
+class _Wrong(msgspec.Struct):
+    """A field that was refused."""
+
+    field: str = "?"
+    message: str | None = None
+    messages: list[Any] = []
+
+
+class _Refusal(msgspec.Struct):
+    """What an error answer says."""
+
+    message: str = ""
+    errors: list[_Wrong] = []
 
 
 class Gone(FatalError):
@@ -64,25 +110,25 @@ class Zenodo:
     def create(self, metadata: dict[str, Any]) -> dict[str, Any]:
         """A new draft. Not sent twice: a draft whose answer was lost is found by `drafts`."""
         made: dict[str, Any] = self._json(
-            "POST", self._base, json={"metadata": metadata}, once=True
+            "POST", self._base, shape=_Deposit, json={"metadata": metadata}, once=True
         )
         return made
 
     def drafts(self) -> list[dict[str, Any]]:
         """The newest unpublished deposits of the account."""
         found: list[dict[str, Any]] = self._json(
-            "GET", self._base, params={"status": "draft", "size": PAGE}
+            "GET", self._base, shape=list[_Deposit], params={"status": "draft", "size": PAGE}
         )
         return found
 
     def get(self, number: int) -> dict[str, Any]:
         """A deposit. Raises Gone."""
-        found: dict[str, Any] = self._json("GET", f"{self._base}/{number}")
+        found: dict[str, Any] = self._json("GET", f"{self._base}/{number}", shape=_Deposit)
         return found
 
     def files(self, number: int) -> dict[str, dict[str, Any]]:
         """Name → {"id", "checksum" (md5, hexadecimal), "filesize"} of what was uploaded."""
-        found = self._json("GET", f"{self._base}/{number}/files")
+        found = self._json("GET", f"{self._base}/{number}/files", shape=list[_File])
         return {one["filename"]: one for one in found}
 
     def remove(self, number: int, file: str) -> None:
@@ -103,6 +149,7 @@ class Zenodo:
                 answer = self._request(
                     "PUT",
                     f"{bucket}/{quote(path.name)}",
+                    shape=_Sent,
                     data=_Watched(file, size) if size else b"",
                     headers={"Content-Type": "application/octet-stream"},
                 )
@@ -125,7 +172,7 @@ class Zenodo:
         takes another licence.
         """
         answer: dict[str, Any] = self._json(
-            "PUT", f"{self._base}/{number}", json={"metadata": metadata}
+            "PUT", f"{self._base}/{number}", shape=_Described, json={"metadata": metadata}
         )
         taken = answer.get("metadata", {}).get("license")
         if str(taken).lower() != metadata["license"]:
@@ -140,7 +187,7 @@ class Zenodo:
         """Publish a draft: can't be undone. When the answer is lost, the deposit itself tells."""
         try:
             url = f"{self._base}/{number}/actions/publish"
-            published: dict[str, Any] = self._json("POST", url, once=True)
+            published: dict[str, Any] = self._json("POST", url, shape=_Deposit, once=True)
             return published
         except (Unreachable, FatalError):
             now = self.get(number)
@@ -154,17 +201,19 @@ class Zenodo:
         The service refuses a second draft while one is open; that one is used then.
         """
         try:
-            answer = self._json("POST", f"{self._base}/{number}/actions/newversion", once=True)
+            url = f"{self._base}/{number}/actions/newversion"
+            latest = _latest(self._json("POST", url, shape=_Deposit, once=True))
         except FatalError:
-            answer = self.get(number)
-            if not answer["links"].get("latest_draft", "").startswith(self._base):
+            latest = _latest(self.get(number))
+            if not latest.startswith(self._base):
                 raise
-        draft: dict[str, Any] = self._json("GET", answer["links"]["latest_draft"])
+        draft: dict[str, Any] = self._json("GET", latest, shape=_Deposit)
         return draft
 
     # -- requests ----------------------------------------------------------------------------------
 
     def _json(self, method: str, url: str, *, once: bool = False, **what: Any) -> Any:
+        """The answer, of the `shape` that is given."""
         return self._attempt(lambda: self._request(method, url, **what), once=once)
 
     def _attempt(self, call: Callable[[], Any], *, once: bool = False) -> Any:
@@ -185,7 +234,13 @@ class Zenodo:
         return attempt(guarded, tries=TRIES, patience=math.inf, service="the deposit service")
 
     def _request(
-        self, method: str, url: str, *, headers: dict[str, str] | None = None, **what: Any
+        self,
+        method: str,
+        url: str,
+        *,
+        shape: Any = Any,
+        headers: dict[str, str] | None = None,
+        **what: Any,
     ) -> Any:
         if host_of(url) != host_of(self.root):
             raise stray(url)
@@ -229,9 +284,11 @@ class Zenodo:
                 hint="correct that, then run the same command again",
             )
         try:
-            return answer.json() if answer.content else {}
-        except ValueError:
-            raise Retryable("an answer that is no JSON", unreachable=True) from None
+            body = answer.json() if answer.content else {}
+            msgspec.convert(body, shape)
+        except (ValueError, RecursionError):
+            raise Retryable("an answer that is none of the deposit API", unreachable=True) from None
+        return body
 
     def _limited(self, headers: Any) -> Exception:
         """A short wait is waited out, a long one ends the run with the time to come back (or
@@ -277,14 +334,19 @@ def md5(path: Path) -> str:
     return digest(path, "md5")
 
 
+def _latest(deposit: dict[str, Any]) -> str:
+    """The address of a record's open draft, "" when it names none."""
+    return str(deposit.get("links", {}).get("latest_draft", ""))
+
+
 def _message(answer: Any) -> str:
     """What an error answer says, with every field it names."""
     try:
         body = answer.json()
-    except ValueError:
+        said = msgspec.convert(body, _Refusal)
+    except (ValueError, RecursionError):
         return answer.reason or "no message"
     fields = [
-        f"{one.get('field', '?')}: {one.get('message') or ' '.join(one.get('messages', []))}"
-        for one in body.get("errors") or []
+        f"{one.field}: {one.message or ' '.join(map(str, one.messages))}" for one in said.errors
     ]
-    return "; ".join([str(body.get("message", "")).strip(), *fields])[:600]
+    return "; ".join([said.message.strip(), *fields])[:600]

@@ -297,6 +297,7 @@ class _Upload:
     def _files(self, draft: dict[str, Any]) -> int:
         """Make the draft hold exactly the folder's files; how many were sent."""
         there = self.service.files(draft["id"])
+        bucket = str(draft.get("links", {}).get("bucket", ""))
         local = self._local()
         for name in sorted(set(there) - {path.name for path in local}):
             self.service.remove(draft["id"], there[name]["id"])
@@ -308,7 +309,7 @@ class _Upload:
                 if path.name in there and _md5_of(there[path.name]) == checksum:
                     task.advance(path.stat().st_size)
                     continue
-                self.service.upload(draft["links"]["bucket"], path, checksum, task.advance)
+                self.service.upload(bucket, path, checksum, task.advance)
                 sent += 1
         return sent
 

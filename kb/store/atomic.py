@@ -14,8 +14,8 @@ from kb.core.errors import DiskFull
 from kb.store import process
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-_HINT = "free some space and run the same command again"
-_SQLITE_FULL = {
+FULL_HINT = "free some space and run the same command again"
+SQLITE_FULL = {
     "SQLITE_FULL",
     "SQLITE_IOERR_WRITE",
     "SQLITE_IOERR_FSYNC",
@@ -33,11 +33,11 @@ def full_disk_is_resumable(path: Path) -> Iterator[None]:
         if error.errno in _FULL or any(
             f"[errno {number}]" in str(error).lower() for number in _FULL
         ):
-            raise DiskFull(f"no room to write {path}", hint=_HINT) from error
+            raise DiskFull(f"no room to write {path}", hint=FULL_HINT) from error
         raise
     except Exception as error:
-        if getattr(error, "sqlite_errorname", "") in _SQLITE_FULL:
-            raise DiskFull(f"no room to write {path}", hint=_HINT) from error
+        if getattr(error, "sqlite_errorname", "") in SQLITE_FULL:
+            raise DiskFull(f"no room to write {path}", hint=FULL_HINT) from error
         raise
 
 

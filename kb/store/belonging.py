@@ -13,10 +13,10 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from kb.core.errors import DamagedData, OtherService, ProfileError
+from kb.core.errors import OtherService, ProfileError
 from kb.core.profile import Profile, is_shipped, load_profile
 from kb.core.sources import SOURCES
-from kb.store import identity, rawlog
+from kb.store import identity, notes, rawlog
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
 
@@ -96,16 +96,8 @@ def note_if_stored(root: Path, profile: Profile) -> None:
 
 
 def _read(root: Path) -> Remembered | None:
-    path = Layout(root).profile
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=Remembered)
-    except FileNotFoundError:
-        return None
-    except (msgspec.DecodeError, UnicodeDecodeError):
-        raise DamagedData(
-            f"{path} can't be read",
-            hint="delete it, then name the profile once: --profile NAME|FILE",
-        ) from None
+    mend = "delete it, then name the profile once: --profile NAME|FILE"
+    return notes.read(Layout(root).profile, Remembered, mend=mend)
 
 
 def _holds_data(root: Path) -> bool:

@@ -18,6 +18,7 @@ import msgspec
 
 from kb.core import clock
 from kb.core.errors import DamagedData
+from kb.store import sqlite
 from kb.store.atomic import full_disk_is_resumable, writing
 
 VERSION = 2
@@ -42,6 +43,7 @@ CREATE TABLE offsets (kind TEXT NOT NULL, segment TEXT NOT NULL, offset INTEGER 
 MIGRATIONS = {1: "CREATE INDEX items_by_order ON items (kind, seq);"}
 # Asked at each `add`: without an index that answers it, a million keys take hours.
 LAST = "SELECT coalesce(max(seq), 0) FROM items WHERE kind = ?"
+_UNREADABLE = (msgspec.DecodeError, TypeError, RecursionError, UnicodeDecodeError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,32 +75,21 @@ class Frontier:
         }
         self._lock = threading.RLock()
         self._depth = 0
+        if readonly:
+            self._db = sqlite.connect(path, readonly=True)
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._db = sqlite.connect(path)
         try:
-            if readonly:
-                self._db = sqlite3.connect(
-                    f"{path.absolute().as_uri()}?mode=ro",
-                    uri=True,
-                    check_same_thread=False,
-                    timeout=30,
-                )
-                self._db.isolation_level = None
-                return
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._db = sqlite3.connect(
-                path, check_same_thread=False, timeout=30, isolation_level=None
-            )
-            with full_disk_is_resumable(path):
-                self._db.execute("PRAGMA journal_mode = WAL")
-                self._db.execute("PRAGMA synchronous = FULL")
-                self._db.execute("PRAGMA secure_delete = ON")  # what is removed leaves its page
-                self._prepare()
-                # Whatever was in flight when the last writer ended is asked again.
-                self._db.execute("UPDATE items SET status = 'todo' WHERE status = 'in_progress'")
-        except sqlite3.DatabaseError as error:
-            raise DamagedData(
-                f"the state {path} can't be read: {error}",
-                hint="move it away; the next run rebuilds it from the raw data",
-            ) from None
+            self._db.execute("PRAGMA journal_mode = WAL")
+            self._db.execute("PRAGMA synchronous = FULL")
+            self._db.execute("PRAGMA secure_delete = ON")  # what is removed leaves its page
+            self._prepare()
+            # Whatever was in flight when the last writer ended is asked again.
+            self._db.execute("UPDATE items SET status = 'todo' WHERE status = 'in_progress'")
+        except BaseException:
+            self._db.close()
+            raise
 
     def _prepare(self) -> None:
         version = self._db.execute("PRAGMA user_version").fetchone()[0]
@@ -109,6 +100,8 @@ class Frontier:
         if version == 0:
             self._db.executescript(f"BEGIN; {_TABLES} PRAGMA user_version = {VERSION}; COMMIT;")
             return
+        if version < 0:
+            raise self._damaged(f"its version is {version}")
         while version < VERSION:
             self._back_up(self.path.with_name(f"{self.path.name}.v{version}.bak"))
             self._db.executescript(
@@ -141,7 +134,7 @@ class Frontier:
         """All or nothing; may be nested (the outermost one commits)."""
         with self._lock, full_disk_is_resumable(self.path):
             if self._depth == 0:
-                self._execute("BEGIN IMMEDIATE")
+                self._db.execute("BEGIN IMMEDIATE")
             self._depth += 1
             try:
                 yield
@@ -152,7 +145,7 @@ class Frontier:
             self._depth -= 1
             if self._depth == 0:
                 try:
-                    self._execute("COMMIT")
+                    self._db.execute("COMMIT")
                 except BaseException:
                     self._rollback()
                     raise
@@ -162,13 +155,8 @@ class Frontier:
         if self._depth == 0 and self._db.in_transaction:
             self._db.execute("ROLLBACK")
 
-    def _execute(self, sql: str, values: Any = ()) -> sqlite3.Cursor:
-        try:
-            return self._db.execute(sql, values)
-        except sqlite3.OperationalError as error:
-            if "full" in str(error) or "disk I/O" in str(error):
-                raise OSError(28, str(error), str(self.path)) from error
-            raise
+    def _damaged(self, why: str) -> DamagedData:
+        return DamagedData(f"the state {self.path} can't be read: {why}", hint=sqlite.REBUILT)
 
     def add(self, kind: str, keys: Iterable[str | tuple[str, Any]]) -> int:
         """Add keys that are not known yet; how many were new.
@@ -270,11 +258,8 @@ class Frontier:
         try:
             decoder = self._decoders.get(kind)
             return decoder.decode(payload) if decoder else msgspec.json.decode(payload)
-        except (msgspec.DecodeError, msgspec.ValidationError) as error:
-            raise DamagedData(
-                f"the state {self.path} holds an unreadable item of {kind}: {error}",
-                hint="move it away; the next run rebuilds it from the raw data",
-            ) from None
+        except _UNREADABLE as error:
+            raise self._damaged(f"an item of {kind}: {error}") from None
 
     def remove(self, kind: str, keys: Iterable[str]) -> None:
         """Forget items (purge)."""
@@ -286,7 +271,7 @@ class Frontier:
     def replace(self, kind: str, keys: Iterable[str | tuple[str, Any]]) -> int:
         """Forget all items of a kind and add these instead, as one change; how many there are."""
         with self.transaction():
-            self._execute("DELETE FROM items WHERE kind = ?", (kind,))
+            self._db.execute("DELETE FROM items WHERE kind = ?", (kind,))
             return self.add(kind, keys)
 
     def counts(self, kind: str) -> dict[str, int]:
@@ -326,11 +311,19 @@ class Frontier:
             found.setdefault(kind, {})[status] = n
         return found
 
-    def cursor(self, name: str, default: Any = None) -> Any:
-        """A value that a source keeps (a page token, a round, a date)."""
+    def cursor(self, name: str, default: Any = None, of: Any = None) -> Any:
+        """A value that a source keeps (a page token, a round, a date).
+
+        It is one of the type `of`, else of its default's. Raises DamagedData when it is not.
+        """
         with self._lock:
-            row = self._execute("SELECT value FROM cursors WHERE name = ?", (name,)).fetchone()
-        return default if row is None else msgspec.json.decode(row[0])
+            row = self._db.execute("SELECT value FROM cursors WHERE name = ?", (name,)).fetchone()
+        try:
+            value = default if row is None else msgspec.json.decode(row[0])
+            kind = Any if default is None else type(default)
+            return msgspec.convert(value, kind if of is None else of)
+        except _UNREADABLE as error:
+            raise self._damaged(f"the value of {name}: {error}") from None
 
     def set_cursor(self, name: str, value: Any) -> None:
         """Keep a value; None forgets it."""
@@ -389,13 +382,19 @@ class Frontier:
             row = self._db.execute(
                 "SELECT offset FROM offsets WHERE kind = ? AND segment = ?", (kind, segment)
             ).fetchone()
-        return 0 if row is None else int(row[0])
+        return 0 if row is None else self._number(row[0])
 
     def offsets(self) -> dict[tuple[str, str], int]:
         """How far each raw segment was taken in, by (kind, segment)."""
         with self._lock:
             rows = self._db.execute("SELECT kind, segment, offset FROM offsets").fetchall()
-        return {(kind, segment): int(offset) for kind, segment, offset in rows}
+        return {(kind, segment): self._number(offset) for kind, segment, offset in rows}
+
+    def _number(self, value: Any) -> int:
+        """An offset. Raises DamagedData."""
+        if not isinstance(value, int) or value < 0:
+            raise self._damaged(f"an offset is {value!r}")
+        return value
 
     def drop_offset(self, kind: str, segment: str) -> None:
         """Forget a raw segment that is no longer there."""

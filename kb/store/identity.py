@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 import msgspec
 
 from kb.core.errors import OtherService
-from kb.store import rawlog
+from kb.store import notes, rawlog
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
 
@@ -36,9 +36,9 @@ def remember(root: Path, source: str, **facts: str) -> None:
 
 
 def noted(root: Path, source: str) -> dict[str, str]:
-    """What was noted of a source; empty when nothing was."""
-    path = Layout(root).identity(source)
-    return msgspec.json.decode(path.read_bytes()) if path.exists() else {}
+    """What was noted of a source; empty when nothing was. Raises DamagedData."""
+    mend = "delete it; the next crawl notes its services again"
+    return notes.read(Layout(root).identity(source), dict[str, str], mend=mend) or {}
 
 
 def _host(value: str) -> str:

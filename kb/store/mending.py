@@ -28,6 +28,7 @@ from kb.store.rawlog import Envelope
 Apply = Callable[[Frontier, str, Envelope], None]
 DUMPS = "dumps"  # the one raw kind that no crawl can ask for: its files have to be imported again
 _LOST, _SUSPECTS = "lost", "suspects"  # cursors of the frontier
+_PAIRS = list[tuple[str, str]]
 _NAMED = 3  # items that a message names
 
 
@@ -50,7 +51,7 @@ class Lost(msgspec.Struct):
 
 def suspect(frontier: Frontier, found: Iterable[tuple[str, str]]) -> None:
     """Note (kind, segment) for the next command that writes raw data to look into."""
-    known = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [])}
+    known = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [], of=_PAIRS)}
     frontier.set_cursor(_SUSPECTS, sorted(known | set(found)))
 
 
@@ -81,7 +82,7 @@ def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False
     `every` all of them. Call it under the writer's lock, before open segments are closed. Raises
     DiskFull.
     """
-    suspects = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [])}
+    suspects = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [], of=_PAIRS)}
     suspects |= {(lost.kind, lost.segment) for lost in _load(frontier) if lost.items is None}
     known = frontier.offsets()
     for kind in rawlog.kinds(root, source):
@@ -276,7 +277,8 @@ def _note(frontier: Frontier, new: list[Lost]) -> None:
 
 
 def _load(frontier: Frontier) -> list[Lost]:
-    return msgspec.convert(frontier.cursor(_LOST, []), list[Lost])
+    known: list[Lost] = frontier.cursor(_LOST, [], of=list[Lost])
+    return known
 
 
 def _save(frontier: Frontier, found: list[Lost]) -> None:

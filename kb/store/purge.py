@@ -17,7 +17,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.store import lock, mending, parquet, rawlog, tombstones
+from kb.store import lock, mending, notes, parquet, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout, parquet_files
@@ -72,10 +72,8 @@ def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:
 
 def left_over(root: Path, source: str) -> dict[str, str]:
     """The list of a purge that was cut off, {} when none was."""
-    path = Layout(root).purge(source)
-    if not path.exists():
-        return {}
-    return msgspec.json.decode(path.read_bytes(), type=dict[str, str])
+    mend = f"delete it, then run the `kb purge {source}` again that was cut off"
+    return notes.read(Layout(root).purge(source), dict[str, str], mend=mend) or {}
 
 
 def finish(root: Path, source: str) -> None:

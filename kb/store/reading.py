@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-import sqlite3
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -22,7 +21,6 @@ import pyarrow as pa
 from kb.core.errors import DamagedData
 from kb.store import parquet
 from kb.store.advice import advice
-from kb.store.atomic import full_disk_is_resumable
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 
@@ -74,7 +72,7 @@ def filtered(root: Path, source: str) -> dict[str, Any]:
         return {}
     try:
         said = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         said, why = None, str(error)
     else:
         why = "it is no object"
@@ -105,22 +103,11 @@ def escaped(path: str) -> str:
 def state(
     path: Path, payloads: Mapping[str, type[msgspec.Struct]] | None = None
 ) -> Iterator[Frontier]:
-    """A source's state, read beside a running crawl; `payloads` as there. Raises DamagedData."""
-    try:
-        # Even to read it SQLite may need room for a file beside it.
-        with (
-            full_disk_is_resumable(path),
-            contextlib.closing(Frontier(path, readonly=True, payloads=payloads)) as frontier,
-        ):
-            yield frontier
-    except sqlite3.DatabaseError as error:
-        busy = getattr(error, "sqlite_errorname", "").startswith(("SQLITE_BUSY", "SQLITE_LOCKED"))
-        hint = (
-            "try again in a moment"
-            if busy
-            else "move it away; the next run rebuilds it from the raw data"
-        )
-        raise DamagedData(f"the state {path} can't be read: {error}", hint=hint) from None
+    """A source's state, read beside a running crawl; `payloads` as there. Raises DamagedData,
+    DiskFull: even to read it SQLite may need room for a file beside it.
+    """
+    with contextlib.closing(Frontier(path, readonly=True, payloads=payloads)) as frontier:
+        yield frontier
 
 
 def _a_readers(error: Exception) -> bool:

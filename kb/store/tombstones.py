@@ -18,11 +18,11 @@ from typing import Any, cast
 import pyarrow as pa
 
 from kb.core import clock
+from kb.core.errors import DamagedData
 from kb.schema.tables import table
 from kb.store import parquet
 from kb.store.atomic import sync_folder
 from kb.store.layout import Layout
-from kb.store.reading import reading
 from kb.store.shards import write_table
 
 _TABLE = "shared/tombstones"
@@ -34,23 +34,21 @@ def path(root: Path, source: str) -> Path:
 
 
 def keys(root: Path, source: str) -> set[str]:
-    """The purged keys of a source."""
+    """The purged keys of a source. Raises DamagedData."""
     found: set[str] = set()
     for file in _files(root, source):
-        with reading([file]):
-            column = parquet.read_table(file, columns=["key"])["key"]
+        column = _load(file)["key"]
         found.update(cast("list[str]", column.to_pylist()))
     return found
 
 
 def read(root: Path, source: str) -> pa.Table:
     """Every tombstone of a source once, by key, as shared/tombstones declares;
-    of several the oldest.
+    of several the oldest. Raises DamagedData.
     """
     files, schema = _files(root, source), table(_TABLE).arrow()
     if len(files) == 1:
-        with reading(files):
-            return parquet.read_table(files[0])
+        return _load(files[0])
     return pa.Table.from_pylist(_union(files), schema)
 
 
@@ -113,15 +111,51 @@ def _files(root: Path, source: str) -> list[Path]:
     """The files to read: each content once."""
     found: list[Path] = []
     for file in (*Layout(root).tombstones(source), *_beside(root, source)):
-        if file.exists() and not any(filecmp.cmp(file, other, shallow=False) for other in found):
+        if not file.exists():
+            continue
+        if file.is_dir() or not any(_equal(file, other) for other in found):
             found.append(file)
     return found
 
 
+def _equal(file: Path, other: Path) -> bool:
+    return not other.is_dir() and filecmp.cmp(file, other, shallow=False)
+
+
+def _load(file: Path) -> pa.Table:
+    """The rows of one file. Raises DamagedData: one that can't be read is no empty one."""
+    found, why = _read(file)
+    if found is not None:
+        return found
+    source = file.parent.name
+    places = Layout(file.parents[2]).tombstones(source)
+    whole = next((place for place in places if place != file and _read(place)[0] is not None), None)
+    raise DamagedData(
+        f"{file} can't be read: {why}",
+        hint=f"remove it: {whole} holds the purged keys as well"
+        if whole
+        else "put it back from a copy: without it, what was purged would come back",
+    )
+
+
+def _read(file: Path) -> tuple[pa.Table | None, str]:
+    """The rows, or why there are none."""
+    schema = table(_TABLE).arrow()
+    try:
+        with parquet.open_file(file) as opened:
+            found = opened.read()
+    except (DamagedData, pa.ArrowException, OSError) as error:
+        return None, (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
+    if any(field.name not in found.schema.names for field in schema) or any(
+        found.schema.field(field.name).type != field.type for field in schema
+    ):
+        return None, "it is no table of tombstones"
+    return found, ""
+
+
 def _union(files: list[Path]) -> list[dict[str, Any]]:
 
-    with reading(files):
-        rows = [row for file in files for row in parquet.read_table(file).to_pylist()]
+    rows = [row for file in files for row in _load(file).to_pylist()]
     if len(files) > 1:
         rows.sort(key=lambda row: (row["removed_at"], row["reason"]), reverse=True)
         rows = list({row["key"]: row for row in rows}.values())

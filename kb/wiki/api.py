@@ -135,7 +135,7 @@ class Api:
             ) from None
         try:
             value = msgspec.json.decode(answer.body)
-        except msgspec.DecodeError:
+        except (msgspec.DecodeError, RecursionError):
             what = answers.quoted(answer.body[:1000].decode("utf-8", "replace"))
             raise Retryable(f"{self.endpoint} gives no JSON but {what}") from None
         refusal = value.get("error") if isinstance(value, dict) else None

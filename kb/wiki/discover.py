@@ -64,7 +64,8 @@ def end(frontier: Frontier, root: Path, tag: str) -> None:
 
 
 def _round(frontier: Frontier, cursor: str) -> Round:
-    return msgspec.convert(frontier.cursor(cursor, {}), Round)
+    known: Round = frontier.cursor(cursor, {}, of=Round)
+    return known
 
 
 def unlisted(frontier: Frontier, number: int) -> list[str]:

@@ -98,7 +98,7 @@ class Api:
             self._frontier.outcome(row, str(error.resp.status))
             after = retry_after(error.resp.get("retry-after"), error.resp.get("date"))
             raise meaning(int(error.resp.status), _json(error.content), bucket, after) from None
-        except (requests.RequestException, OSError, ValueError) as error:
+        except (requests.RequestException, OSError, ValueError, RecursionError) as error:
             self._frontier.outcome(row, type(error).__name__)
             broken = failure(error, endpoint)
             unreachable = isinstance(broken, Retryable) and broken.unreachable
@@ -116,5 +116,5 @@ class Api:
 def _json(content: Any) -> Any:
     try:
         return json.loads(content)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RecursionError):
         return None

@@ -6,12 +6,15 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from kb.core.errors import DamagedData
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store import tombstones
+from kb.store.layout import Layout
 from tests.youtube.job import Job
 
 
@@ -109,3 +112,41 @@ def ids(job: Job, keys: Iterable[str]) -> str:
     path = job.place / "ids.txt"
     path.write_text("".join(f"{key}\n" for key in keys))
     return str(path)
+
+
+@pytest.mark.parametrize("how", ["empty", "cut", "binary", "another table", "a folder"])
+def test_a_damaged_file_is_no_empty_one(tmp_path: Path, how: str) -> None:
+    """What was purged would come back."""
+    tombstones.add(tmp_path, "youtube", [("v1", "purged"), ("v2", "gone")])
+    first, copy = Layout(tmp_path).tombstones("youtube")
+    data = first.read_bytes()
+    another = pa.BufferOutputStream()
+    pq.write_table(pa.table({"key": [1]}), another)
+    damaged = {
+        "empty": b"",
+        "cut": data[:-9],
+        "binary": b"PAR1" * 40,
+        "another table": another.getvalue().to_pybytes(),
+    }
+
+    def spoil(path: Path) -> None:
+        path.unlink()
+        if how == "a folder":
+            path.mkdir()
+        else:
+            path.write_bytes(damaged[how])
+
+    spoil(first)
+    for use in (
+        lambda: tombstones.keys(tmp_path, "youtube"),
+        lambda: tombstones.read(tmp_path, "youtube"),
+        lambda: tombstones.add(tmp_path, "youtube", [("v3", "purged")]),
+        lambda: tombstones.heal(tmp_path, "youtube"),
+    ):
+        with pytest.raises(DamagedData, match=f"{first} can't be read") as error:
+            use()
+        assert error.value.hint == f"remove it: {copy} holds the purged keys as well"
+    spoil(copy)
+    with pytest.raises(DamagedData, match="can't be read") as error:
+        tombstones.keys(tmp_path, "youtube")
+    assert error.value.hint.startswith("put it back from a copy")

@@ -70,6 +70,8 @@ def check_file(path: Path) -> Checked:
     except tomllib.TOMLDecodeError as error:
         named = tuple(re.findall(r'"([^"\n/]+\.tsv)"', text))
         return Checked(path, None, named, False, [_syntax(path, text, str(error))])
+    except RecursionError:
+        return _unread(path, "is nested too deep to be read", "write its tables in their own lines")
     lines = key_lines(text)
 
     def at(level: str, key: str, what: str, mend: str) -> Finding:

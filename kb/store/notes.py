@@ -1,0 +1,30 @@
+"""Small notes that a data root keeps in JSON: read as their type, damage told by name and mend."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, TypeVar, overload
+
+import msgspec
+
+from kb.core.errors import DamagedData
+
+Note = TypeVar("Note")
+
+
+@overload
+def read(path: Path, kind: type[Note], *, mend: str) -> Note | None: ...
+@overload
+def read(path: Path, kind: Any, *, mend: str) -> Any: ...
+def read(path: Path, kind: Any, *, mend: str) -> Any:
+    """The note, None where there is none.
+
+    Raises DamagedData with `mend`, what to do about a note that can't be read.
+    """
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=kind)
+    except FileNotFoundError:
+        return None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, IsADirectoryError) as error:
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        raise DamagedData(f"{path} can't be read: {why}", hint=mend) from None

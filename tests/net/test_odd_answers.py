@@ -1,0 +1,54 @@
+"""Answers of services that no service gives: one line with what to do, never "unexpected"."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from kb.net import retry
+from kb.sandbox.server import Sandbox
+from kb.sandbox.world import World
+from tests.inprocess import Here
+
+DEEP = "[" * 100_000 + "]" * 100_000
+
+
+@pytest.fixture(scope="module")
+def sandbox() -> Iterator[Sandbox]:
+    with Sandbox(World()) as running:
+        yield running
+
+
+@pytest.mark.parametrize("status", [200, 400])
+@pytest.mark.parametrize(
+    ("source", "path"),
+    [
+        ("youtube", "/youtube/v3/"),
+        ("reddit", "/api/v1/access_token"),
+        ("reddit", "/r/"),
+        ("wiki", "/api.php"),
+    ],
+    ids=["Data API", "Reddit's token", "Reddit's API", "MediaWiki's API"],
+)
+def test_an_answer_nested_too_deep_is_one_line(
+    sandbox: Sandbox,
+    here: Here,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    source: str,
+    path: str,
+    status: int,
+) -> None:
+    monkeypatch.setattr(retry, "FIRST_S", 0.0001)
+    monkeypatch.setattr("kb.wiki.web.TRIES", 2)
+    sandbox.faults.clear()
+    headers = {"Content-Type": "application/json"}
+    sandbox.faults.add(path, service=source, status=status, times=None, body=DEEP, headers=headers)
+    settings = sandbox.settings() | {"KB_DATA": str(tmp_path / "data")}
+    done = here(source, "crawl", "--limit", "1", env=settings)
+    assert done.code in (1, 3), done.err
+    assert done.said
+    assert "unexpected" not in done.err
+    assert "Traceback" not in done.err
