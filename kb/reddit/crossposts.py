@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from kb.store.reading import reading
 from kb.store.shards import ShardWriter
 
 # Copied by Reddit from the parent. Addresses hold the title of a text post, and the id of a
@@ -88,7 +89,7 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
 
     changed = 0
     for path in sorted(folder.glob("*.parquet")):
-        with pq.ParquetFile(path) as file:
+        with reading([path]), pq.ParquetFile(path) as file:
             hits = sum(
                 hit(batch).true_count
                 for batch in file.iter_batches(

@@ -34,6 +34,7 @@ from kb.store import mending, purge, purge_plan, tombstones
 from kb.store.frontier import Frontier
 from kb.store.purge import Place
 from kb.store.rawlog import Envelope
+from kb.store.reading import reading
 from kb.store.shards import check_columns, write_table
 
 BASES = ("clean/reddit", str(OUT))
@@ -142,7 +143,8 @@ def mend(root: Path, keys: Collection[str]) -> None:
     failed.
     """
     for path in sorted((root / "clean" / "reddit" / "failed").glob("*.parquet")):
-        rows = pq.read_table(path)
+        with reading([path]):
+            rows = pq.read_table(path)
         held = cast("list[str]", rows["key"].to_pylist())
         left = [key.partition("/")[0] not in keys for key in held]
         if not all(left):

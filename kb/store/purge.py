@@ -24,6 +24,7 @@ from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout, parquet_files
 from kb.store.rawlog import Envelope
+from kb.store.reading import reading
 from kb.store.shards import ShardWriter
 
 Strip = Callable[[str, Envelope, Collection[str]], "Envelope | None"]
@@ -174,8 +175,11 @@ def drop_annotations(root: Path, source: str, used: pa.Array[Any] | pa.ChunkedAr
 def _keep(
     path: Path, declared: str, column: str, good: Callable[[pa.Array[Any]], pa.Array[Any]]
 ) -> int:
-    """Keep the rows that `good` says of a file; how many went. A batch at a time."""
-    with pq.ParquetFile(path) as file:
+    """Keep the rows that `good` says of a file; how many went. A batch at a time.
+
+    Raises DamagedData for a file that can't be read: it is no empty one.
+    """
+    with reading([path]), pq.ParquetFile(path) as file:
         kept = [
             good(batch.column(0).cast(pa.string())) for batch in file.iter_batches(columns=[column])
         ]
