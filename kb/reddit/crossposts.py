@@ -16,6 +16,7 @@ import pyarrow.compute as pc
 
 from kb.schema import raw
 from kb.store import parquet
+from kb.store.reading import reading
 from kb.store.shards import ShardWriter
 
 _ADDRESS = r"/(?:comments|gallery)/(?P<key>[0-9a-z]+)"
@@ -81,7 +82,7 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
 
     changed = 0
     for path in sorted(folder.glob("*.parquet")):
-        with parquet.open_file(path) as file:
+        with reading([path]), parquet.open_file(path) as file:
             hits = sum(
                 hit(batch).true_count
                 for batch in file.iter_batches(

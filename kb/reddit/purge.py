@@ -33,6 +33,7 @@ from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import Place, verdicts_of
 from kb.store.rawlog import Envelope
+from kb.store.reading import reading
 from kb.store.shards import check_columns, write_table
 
 BASES = (BELOW.clean("reddit"), BELOW.reconstructed)
@@ -138,7 +139,8 @@ def mend(root: Path, keys: Collection[str]) -> None:
     failed.
     """
     for path in sorted(Layout(root).clean("reddit", "failed").glob("*.parquet")):
-        rows = parquet.read_table(path)
+        with reading([path]):
+            rows = parquet.read_table(path)
         held = cast("list[str]", rows["key"].to_pylist())
         left = [key.partition("/")[0] not in keys for key in held]
         if not all(left):

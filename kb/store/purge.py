@@ -181,7 +181,10 @@ def drop_annotations(root: Path, source: str, used: pa.Array[Any] | pa.ChunkedAr
 def _keep(
     path: Path, declared: str, column: str, good: Callable[[pa.Array[Any]], pa.Array[Any]]
 ) -> int:
-    """Keep the rows that `good` says of a file; how many went. A batch at a time."""
+    """Keep the rows that `good` says of a file; how many went. A batch at a time.
+
+    Raises DamagedData for a file that can't be read: it is no empty one.
+    """
     with reading([path]), parquet.open_file(path) as file:
         kept = [
             good(batch.column(0).cast(pa.string())) for batch in file.iter_batches(columns=[column])

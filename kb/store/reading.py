@@ -19,6 +19,7 @@ import msgspec
 import pyarrow as pa
 
 from kb.core.errors import DamagedData
+from kb.schema.tables import table, tables
 from kb.store import parquet
 from kb.store.advice import advice
 from kb.store.frontier import Frontier
@@ -46,7 +47,8 @@ def reading(files: Iterable[Path | str]) -> Iterator[None]:
 def broken(files: Iterable[Path | str]) -> DamagedData | None:
     """The first file that can't be read, as an error; None when all can.
 
-    Checksums and footers first, then every page, a batch at a time.
+    Checksums and footers first, then every page, a batch at a time, then whether it is the table
+    that its place says.
     """
     paths = [Path(file) for file in files]
     for deep in (False, True):
@@ -62,7 +64,41 @@ def broken(files: Iterable[Path | str]) -> DamagedData | None:
             except (pa.ArrowException, OSError) as error:
                 what = str(error).splitlines()[0] if str(error) else type(error).__name__
                 return DamagedData(f"{path} can't be read: {what.rstrip('.')}", hint=advice(path))
+    for path in paths:
+        if what := _other(path):
+            return DamagedData(f"{path} can't be read: {what}", hint=advice(path))
     return None
+
+
+def _other(path: Path) -> str:
+    """In what a file's columns are not those that its place in a data root promises."""
+    name = _declared(path)
+    if name not in tables():
+        return ""
+    with parquet.open_file(path) as file:
+        held = file.schema_arrow
+    for field in table(name).arrow():
+        if field.name not in held.names:
+            return f"it has no column {field.name}"
+        if _plain(held.field(field.name).type) != _plain(field.type):
+            return f"its column {field.name} is {held.field(field.name).type}, not {field.type}"
+    return ""
+
+
+def _declared(path: Path) -> str:
+    """The table that a file of a data root should be, "" for one that is elsewhere."""
+    match path.parts[::-1]:
+        case (_, name, source, "clean", *_):
+            return f"{source}/{name}" if f"{source}/{name}" in tables() else f"shared/{name}"
+        case (_, "pairs", *_):
+            return "pairs/pairs"
+        case (_, _, "annotations", *_):
+            return "shared/annotations"
+    return ""
+
+
+def _plain(kind: pa.DataType) -> pa.DataType:
+    return kind.value_type if isinstance(kind, pa.DictionaryType) else kind
 
 
 def filtered(root: Path, source: str) -> dict[str, Any]:
@@ -112,12 +148,12 @@ def state(
 
 def _a_readers(error: Exception) -> bool:
     """Whether a library may say so of a broken file: Arrow and DuckDB have errors of their own,
-    and OSErrors without a number.
+    OSErrors without a number, and KeyErrors for columns.
     """
     kinds = [
         getattr(sys.modules.get(name), kind, None)
         for name, kind in (("pyarrow", "ArrowException"), ("duckdb", "Error"))
     ]
     return isinstance(error, tuple(kind for kind in kinds if kind)) or (
-        isinstance(error, OSError) and error.errno is None
+        isinstance(error, KeyError) or (isinstance(error, OSError) and error.errno is None)
     )

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import duckdb
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import DamagedData
+from kb.store import purge
 from kb.store.frontier import Frontier
 from kb.store.merge import Merge
 from kb.store.reading import advice, reading, scan, state
@@ -99,3 +101,35 @@ def test_state_is_read_where_it_is(tmp_path: Path) -> None:
     ):
         read.kinds()
     assert "the next run rebuilds it" in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"key": ["a"], "stage": ["x"]}, "it has no column reason"),
+        (
+            {"key": [1], "stage": ["x"], "reason": ["y"], "value": ["1"], "threshold": ["2"]},
+            "its column key is int64, not string",
+        ),
+    ],
+)
+def test_a_file_that_is_another_table_is_named(
+    tmp_path: Path, wrong: dict[str, list[object]], said: str
+) -> None:
+    path = tmp_path / "clean" / "youtube" / "rejected" / "part-00000.parquet"
+    path.parent.mkdir(parents=True)
+    pq.write_table(pa.table(wrong), path)
+    with pytest.raises(DamagedData, match=said) as caught, reading([path]):
+        pc.starts_with(pq.read_table(path, columns=["key", "reason"])["key"], "a")
+        pa.table({}).schema.field("reason")
+    assert caught.value.hint == "run `kb youtube filter` again"
+
+
+@pytest.mark.parametrize("how", ["empty", "cut"])
+def test_a_purge_takes_no_damaged_table_for_an_empty_one(tmp_path: Path, how: str) -> None:
+    path = tmp_path / "clean" / "reddit" / "posts" / "part-00000.parquet"
+    a_file(path)
+    path.write_bytes(b"" if how == "empty" else path.read_bytes()[:-9])
+    place = purge.Place("clean/reddit/posts", "reddit/posts", "post_id", "t3_")
+    with pytest.raises(DamagedData, match=f"{path} can't be read"):
+        purge.drop_rows(tmp_path, [place], ["t3_a"])
