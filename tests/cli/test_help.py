@@ -117,7 +117,7 @@ APPLIES = {
     "wiki crawl": {"workers", "limit", "wait", "again", "pipeline"},
     "reddit crawl": {"limit", "wait", "again"},
     "reddit import": {*CLUSTER, "limit", "again"},
-    "reddit reconstruct": {"limit", "wait", "again"},
+    "reddit reconstruct": {"workers", "limit", "wait", "again"},
     **{f"{source} filter": {*CLUSTER, "limit", "pipeline"} for source in SOURCES},
     **{f"annotate {source}": {*CLUSTER, "limit", "pipeline"} for source in SOURCES},
     **{f"{source} export": {"engine", "scheduler", "pipeline"} for source in SOURCES},
