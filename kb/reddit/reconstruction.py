@@ -154,7 +154,7 @@ def rebuild(
     else:
         need_key(run)
     wanted, sources = asked_for(ids, run.root / "release" / "reddit")
-    digest = _digest(wanted, dumps)
+    digest = _digest(wanted, dumps, gone)
     tables.check_place(out)
     with writer(out / LOCK, "reddit"):
         earlier.settle(out)
@@ -203,11 +203,11 @@ def need_key(run: Run) -> None:
             raise
 
 
-def _digest(wanted: Wanted, dumps: Sequence[Path]) -> str:
-    """Tells what is wanted, and of which dumps, from anything else."""
-    if not dumps:
+def _digest(wanted: Wanted, dumps: Sequence[Path], gone: Collection[str]) -> str:
+    """Tells what is wanted, of which dumps, and without what, from anything else."""
+    if not dumps and not gone:
         return wanted.digest()
-    names = sorted(places.name_of(file, 0.0, math.inf) for file in dumps)
+    names = [*sorted(places.name_of(file, 0.0, math.inf) for file in dumps), *sorted(gone)]
     return hashlib.sha256(" ".join([wanted.digest(), *names]).encode()).hexdigest()[:16]
 
 

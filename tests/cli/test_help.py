@@ -127,6 +127,7 @@ APPLIES = {
     "release publish": {"wait", "pipeline"},
     "report": {"workers"},
     "query": {"limit"},
+    "restore": {"workers", "limit", "wait", "again"},
     "refresh youtube": {"limit", "wait"},
     "refresh reddit": {*CLUSTER, "limit", "wait", "again"},
     "demo": CLUSTER,
