@@ -20,6 +20,7 @@ TREE = {
     "youtube": ("kb.cli.youtube", "Channels, videos and transcripts: crawl, filter, export."),
     "wiki": ("kb.cli.wiki", "Wiki pages as a browser shows them: crawl, filter, export."),
     "reddit": ("kb.cli.reddit", "Posts and comments: crawl, import, filter, export, reconstruct."),
+    "restore": ("kb.cli.restore", "The content of a downloaded release, with your own keys."),
     "models": ("kb.cli.models", "The toxicity model's files: fetch."),
     "annotate": ("kb.cli.annotate", "Toxicity scores for text that has none yet."),
     "pairs": ("kb.cli.pairs", "Keyword-matched video-text pairs."),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
+from kb.cli.dumps import Dumps, DumpsCommand
 from kb.cli.options import CLUSTER, Plan, exported
 
 if TYPE_CHECKING:
@@ -136,8 +137,9 @@ def export(
 
 @command(
     app,
-    uses=("limit", "wait", "again"),
-    planned=("ids",),
+    uses=("workers", "limit", "wait", "again"),
+    planned=("ids", "dumps"),
+    cls=DumpsCommand,
     examples=[
         "kb reddit reconstruct                                 the data root's own release",
         "kb reddit reconstruct --ids release/reddit            a release, posts and comments",
@@ -145,6 +147,10 @@ def export(
         (
             "kb reddit reconstruct --ids reddit.json --out full    MineDojo's published list:"
             " whole trees"
+        ),
+        (
+            "kb reddit reconstruct --ids release/reddit --dumps RS_*.zst RC_*.zst"
+            "    without a key or network"
         ),
     ],
 )
@@ -168,20 +174,23 @@ def reconstruct(
             help="Where the tables go. [default: export/reconstructed in the data root]",
         ),
     ] = None,
+    dumps: Dumps = None,
     plan: Plan = False,
 ) -> Summary:
-    """Bring back full posts and comments from released ids, with your own app's key.
+    """Bring back full posts and comments from released ids, with your own app's key or from dumps.
 
     100 ids a request. What is gone is listed in missing.parquet. What is in --out already is added
-    to. Cut off, the same command goes on.
+    to; what was removed stays removed, whatever an older dump holds. Cut off, the same command goes
+    on.
     """
     from kb.reddit.plan import plan_rebuild
     from kb.reddit.reconstruction import rebuild
     from kb.store.layout import Layout
 
     if plan:
-        return plan_rebuild(run, ids or None)
-    return rebuild(run, ids or None, (out or Layout(run.root).reconstructed).absolute())
+        return plan_rebuild(run, ids or None, dumps or ())
+    out = (out or Layout(run.root).reconstructed).absolute()
+    return rebuild(run, ids or None, out, dumps=dumps or ())
 
 
 def _span(since: str | None, until: str | None) -> tuple[datetime | None, datetime | None]:

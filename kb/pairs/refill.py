@@ -7,10 +7,12 @@ released number of tokens; another transcript (edited since, another language) g
 from __future__ import annotations
 
 import json
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import cast
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.core import signals
@@ -27,7 +29,7 @@ from kb.schema.conform import conform
 from kb.schema.tables import table
 from kb.store import parquet
 from kb.store.atomic import replacing_folder, write_text
-from kb.store.layout import Layout
+from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.shards import sorted_shards, write_table
 
@@ -38,7 +40,24 @@ def refill(run: Run, index: Path) -> Summary:
     `index` is a released Parquet file or its folder. Holds the index in memory, transcripts a batch
     at a time. Raises SettingError, DamagedData, FatalError without transcripts.
     """
-    rows, files = _read(index), source.parts(run.root, index=index)
+    files = source.parts(run.root, index=index)
+    return fill(run, _read(index), files, Layout(run.root).pairs)
+
+
+def restore(run: Run, index: Path, removed: Collection[str]) -> Summary:
+    """The same from restored transcripts into restored/pairs/, without pairs of `removed` videos.
+
+    Without transcripts every text is null. Raises SettingError, DamagedData.
+    """
+    rows, at = _read(index), Layout(run.root)
+    gone = pa.array(sorted(removed), pa.string())
+    rows = rows.filter(pc.invert(pc.is_in(rows["video_id"].cast(pa.string()), value_set=gone)))
+    transcripts = parquet_files(at.restored("youtube", "transcripts"))
+    return fill(run, rows, transcripts, at.restored("pairs"))
+
+
+def fill(run: Run, rows: pa.Table, files: Sequence[Path], out: Path) -> Summary:
+    """Rows of an index with the texts of these transcripts → `out`."""
     counter = make_tools(run.profile.section("pairs"), run.seed, Keywords((), (), ())).tokens
     places: dict[str, list[int]] = {}
     videos = cast("list[str]", rows["video_id"].to_pylist())
@@ -66,7 +85,7 @@ def refill(run: Run, index: Path) -> Summary:
                         else:
                             differing += 1
                 task.advance(len(batch), filled=found)
-        _write(run, rows, texts)
+        _write(run, rows, texts, out)
     return Summary(
         command="pairs",
         source="pairs",
@@ -74,7 +93,7 @@ def refill(run: Run, index: Path) -> Summary:
         filled=found,
         differing=differing,
         missing=rows.num_rows - found - differing,
-        path=str(Layout(run.root).pairs),
+        path=str(out),
     )
 
 
@@ -111,9 +130,9 @@ def _wanted(batch: Text, places: dict[str, list[int]]) -> list[tuple[str, str]]:
     ]
 
 
-def _write(run: Run, rows: pa.Table, texts: list[str | None]) -> None:
+def _write(run: Run, rows: pa.Table, texts: list[str | None], out: Path) -> None:
 
-    with replacing_folder(Layout(run.root).pairs) as fresh:
+    with replacing_folder(out) as fresh:
         part = fresh / ".filled.parquet"
         write_table(part, rows.append_column("text", pa.array(texts, pa.string())), "pairs/pairs")
         sorted_shards(

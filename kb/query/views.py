@@ -88,8 +88,25 @@ def _kept_aside(root: Path, source: str) -> Iterator[View]:
 
 
 def _restored(root: Path) -> Iterator[View]:
-    """What a reconstruction brought back: in its usual place, or `root` is its `--out` itself."""
-    for place in (Layout(root).reconstructed, root):
+    """What `kb restore` and a reconstruction brought back."""
+    at = Layout(root)
+    for short in ("videos", "transcripts"):
+        doc = table(f"youtube/{short}").doc
+        place = at.restored("youtube", short)
+        yield from _view("restored", f"youtube_{short}", place, "*.parquet", doc)
+    yield from _rebuilt(root)
+    doc = table("pairs/pairs").doc
+    yield from _view("restored", "pairs", at.restored("pairs"), "*.parquet", doc)
+    doc = table("shared/missing").doc
+    yield from _view("restored", "missing", at.restored(), "missing.parquet", doc)
+
+
+def _rebuilt(root: Path) -> Iterator[View]:
+    """Posts and comments: restored, or of a reconstruction in its usual place, or `root` is its
+    `--out` itself.
+    """
+    at = Layout(root)
+    for place in (at.restored("reddit"), at.reconstructed, root):
         if not (place / "missing.parquet").is_file():
             continue
         for short in ("posts", "comments"):

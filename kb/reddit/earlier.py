@@ -1,16 +1,19 @@
 """What earlier runs of `kb reddit reconstruct` brought into a folder, and how a new run adds to it.
 
 By id the newest answer wins. What Reddit now says is gone leaves the tables; what only could not be
-had this time (failed, forbidden, malformed) leaves the older row as it is.
+had this time (failed, forbidden, malformed, not in these dumps) leaves the older row as it is. A
+removal is undone by what was read later alone: never by an older dump, nor by one that does not
+say when it was read.
 
     out/.done.json     which lists of ids were answered whole, and how many rows the tables have
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import msgspec
 import pyarrow as pa
@@ -29,8 +32,21 @@ from kb.store.shuffle import Shuffle
 DONE, MISSING = ".done.json", "missing.parquet"
 NAMES = ("posts", "comments")
 GONE = ("deleted", "removed", "missing", "purged")  # Reddit's or the user's own last word
+FOREVER = datetime(9999, 1, 1, tzinfo=UTC)  # when what nobody can undo was said
 _SINCE = "writes"  # in a work folder: how often the tables had been written when it began
 _ROWS = 65_536
+
+
+class Lost(NamedTuple):
+    """Why something is in no table; `at`: when the source said so, None where it did not say."""
+
+    reason: str
+    at: datetime | None = None
+
+    @property
+    def gone(self) -> bool:
+        """Whether it is a last word."""
+        return self.reason in GONE
 
 
 class Done(msgspec.Struct):
@@ -88,15 +104,18 @@ def size(out: Path) -> int:
         return sum(pq.read_metadata(path).num_rows for path in paths)
 
 
-def missing(out: Path) -> dict[str, str]:
-    """Key → reason of what earlier runs did not get. Raises DamagedData."""
+def missing(out: Path) -> dict[str, Lost]:
+    """Key → why, of what earlier runs did not get. Raises DamagedData."""
     path = out / MISSING
     if not path.exists():
         return {}
     with reading([path]):
-        rows = parquet.read_table(path, columns=["key", "reason"])
-    keys = cast("list[str]", rows["key"].to_pylist())
-    return dict(zip(keys, cast("list[str]", rows["reason"].to_pylist()), strict=True))
+        rows = parquet.read_table(path)
+    keys, reasons = (cast("list[str]", rows[name].to_pylist()) for name in ("key", "reason"))
+    times: list[Any] = [None] * len(keys)
+    if "said_at" in rows.column_names:  # tables of an earlier version have no times
+        times = rows["said_at"].to_pylist()
+    return {key: Lost(*rest) for key, *rest in zip(keys, reasons, times, strict=True)}
 
 
 def spread(out: Path, folder: Path, buckets: int) -> None:
@@ -113,23 +132,56 @@ def spread(out: Path, folder: Path, buckets: int) -> None:
                     shuffle.write(rows, rows["post_id"])
 
 
-def merged(
-    name: str, number: int, folder: Path, fresh: pa.Table, gone: Collection[str]
-) -> pa.Table:
-    """The rows of a bucket: `fresh` ones and what `spread` put there, by id the one that was read
-    last.
+class Verdicts(NamedTuple):
+    """What the last words are about: full names, and the time of each.
 
-    Full names in `gone` are in no table any more.
+    `old` ones leave fresh rows alone when this run's answers are `newer` than all that is in the
+    tables; `new` ones then take out every row.
+    """
+
+    old: pa.Table
+    new: pa.Table
+    newer: bool
+
+
+def verdicts(old: Mapping[str, Lost], new: Mapping[str, Lost], *, newer: bool) -> Verdicts:
+    """Of what earlier runs and this one did not get."""
+    return Verdicts(_last_words(old.items()), _last_words(new.items()), newer)
+
+
+def _last_words(lost: Iterable[tuple[str, Lost]]) -> pa.Table:
+    rows = [(key, one.at) for key, one in lost if one.gone]
+    times = pa.array([at for _, at in rows], pa.timestamp("us", "UTC"))
+    return pa.table({"key": pa.array([key for key, _ in rows], pa.string()), "at": times})
+
+
+def merged(name: str, number: int, folder: Path, fresh: pa.Table, said: Verdicts) -> pa.Table:
+    """The rows of a bucket: `fresh` ones and what `spread` put there, by id the one that was read
+    last, without what a later last word is about.
     """
     path, key = folder / str(number) / f"old-{name}.arrow", table(f"reddit/{name}").key[0]
-    parts = [_declared(fresh, fresh.schema)]
+    prefix = "t3_" if name == "posts" else "t1_"
+    fresh = _declared(fresh, fresh.schema)
+    if not said.newer:
+        fresh = _without(fresh, key, prefix, said.old, whenever=False)
+    parts = [fresh]
     if path.exists():
         with pa.ipc.open_file(str(path)) as file:
-            parts.insert(0, _declared(file.read_all(), fresh.schema))
-    rows = newest(pa.concat_tables(parts), [key], ["fetched_at"])
-    prefix = "t3_" if name == "posts" else "t1_"
-    out = [full.removeprefix(prefix) for full in gone if full.startswith(prefix)]
-    return rows.filter(pc.invert(pc.is_in(rows[key], value_set=pa.array(out, pa.string()))))
+            old = _declared(file.read_all(), fresh.schema)
+        parts.insert(0, _without(old, key, prefix, said.new, whenever=said.newer))
+    return newest(pa.concat_tables(parts), [key], ["fetched_at"])
+
+
+def _without(rows: pa.Table, key: str, prefix: str, said: pa.Table, *, whenever: bool) -> pa.Table:
+    """The rows that no last word is about; or, not `whenever`, that were read after it."""
+    of = said.filter(pc.starts_with(said["key"], prefix))
+    bare = pc.utf8_slice_codeunits(of["key"], len(prefix)).combine_chunks()
+    place = pc.index_in(rows[key], value_set=bare)
+    left = pc.is_null(place)
+    if not whenever:
+        later = pc.greater(rows["fetched_at"], of["at"].combine_chunks().take(place))
+        left = pc.or_(left, pc.fill_null(later, False))
+    return rows.filter(left)
 
 
 def deep(comments: pa.Table) -> pa.Table:
@@ -141,22 +193,18 @@ def deep(comments: pa.Table) -> pa.Table:
     return comments.set_column(place, "depth", pc.coalesce(comments["depth"], found))
 
 
-def reasons(
-    old: Mapping[str, str], new: Mapping[str, str], *, stale: bool
-) -> tuple[dict[str, str], set[str]]:
-    """Why things are missing after both, and which of them leave the tables.
-
-    `stale`: other runs have written since the new answers were read, so no removal is undone by
-    them.
-    """
+def reasons(old: Mapping[str, Lost], new: Mapping[str, Lost], *, newer: bool) -> dict[str, Lost]:
+    """Why things are missing after both. `newer` as in `Verdicts`: else the later word counts."""
     why = {**old, **new}
-    for key, reason in old.items():
-        if reason in GONE and (stale or why[key] not in GONE):
-            why[key] = reason
-    gone = {key for key, reason in new.items() if reason in GONE}
-    if stale:
-        gone |= {key for key, reason in old.items() if reason in GONE}
-    return why, gone
+    for key, before in old.items():
+        now = why[key]
+        if before.gone and not (now.gone and (newer or _is_later(now, before))):
+            why[key] = before
+    return why
+
+
+def _is_later(one: Lost, other: Lost) -> bool:
+    return one.at is not None and (other.at is None or one.at > other.at)
 
 
 def _declared(rows: pa.Table, schema: pa.Schema) -> pa.Table:

@@ -25,6 +25,7 @@ from kb.core.verdict import Summary
 from kb.crawl.session import open_session
 from kb.reddit import places
 from kb.reddit.authors import Scrubber, load_key
+from kb.reddit.byid import ById
 from kb.reddit.dumps import Chunk, Seen, chunks
 from kb.reddit.places import KIND, Place
 from kb.reddit.search import Search
@@ -42,6 +43,9 @@ THINGS = 100
 class Job(msgspec.Struct):
     """What a worker needs; plain values. Without a lease nobody can stop it before the
     file's end.
+
+    `ids` is a folder of kb.reddit.byid: these records instead of the subreddit's. `home` is the
+    data root whose key and tombstones count, where `root` is a work folder.
     """
 
     root: str
@@ -53,6 +57,8 @@ class Job(msgspec.Struct):
     segment_bytes: int = SEGMENT_BYTES
     round: str = ""
     lease: str = ""
+    ids: str = ""
+    home: str = ""
 
 
 def import_dumps(
@@ -66,26 +72,27 @@ def import_dumps(
     can't be read, LimitReached and Interrupted (exit 3; the same command goes on), DiskFull.
     """
     section = run.profile.section("reddit")
-    for file in files:
-        _readable(file)
+    check_readable(files)
     with open_session(run, Dumps(run)) as session:
         load_key(run.root)
         span = (since.timestamp() if since else 0.0, until.timestamp() if until else math.inf)
         root = str(run.root.absolute())
         jobs = [
             Job(root, str(file.absolute()), section.subreddit, *span, run.limit or 0)
-            for file in _different(run, files, span)
+            for file in different(run, files, span)
         ]
         try:
-            found = _import(run, jobs)
+            found = import_jobs(run, jobs)
             mending.asked_again(session.frontier, imported=run.again)
         finally:
             for path in rawlog.segments(run.root, "reddit", KIND):
                 session.frontier.set_offset(KIND, rawlog.base_name(path), path.stat().st_size)
-    return _summary(found)
+    return summary_of(found)
 
 
-def _different(run: Run, files: Sequence[Path], span: tuple[float, float]) -> list[Path]:
+def different(
+    run: Run, files: Sequence[Path], span: tuple[float, float] = (0.0, math.inf)
+) -> list[Path]:
     """The files without those that are given twice, under whatever path."""
     named: dict[str, Path] = {}
     for file in files:
@@ -96,9 +103,10 @@ def _different(run: Run, files: Sequence[Path], span: tuple[float, float]) -> li
     return list(named.values())
 
 
-def _import(run: Run, jobs: list[Job]) -> list[Place]:
-    """The places of all files. Whatever stops it, what was imported until then is in the error's
-    summary.
+def import_jobs(run: Run, jobs: list[Job]) -> list[Place]:
+    """Import these files below `run.root`; their places.
+
+    Whatever stops it, what was imported until then is in the error's summary.
     """
     names = [_name(job) for job in jobs]
     round = places.begin_round(run.root, names) if run.again else ""
@@ -131,7 +139,7 @@ def _import(run: Run, jobs: list[Job]) -> list[Place]:
         if todo:
             _run(run, todo)
     except Stopped as error:
-        error.summary = _summary(now())
+        error.summary = summary_of(now())
         raise
     if run.again:
         places.end_round(run.root)
@@ -204,7 +212,8 @@ def _tasks(jobs: list[Job], done: list[Place]) -> Iterator[tuple[Job]]:
         )
 
 
-def _summary(found: list[Place]) -> Summary:
+def summary_of(found: list[Place]) -> Summary:
+    """What an import did, by the places of its files."""
     return Summary(
         command="reddit import",
         source="reddit",
@@ -227,12 +236,16 @@ def import_file(job: Job) -> Place:
     place.fresh = 0
     if place.done:
         return place
-    scrubber, gone = Scrubber(load_key(root)), tombstones(root, "reddit")
+    home = Path(job.home or job.root)
+    scrubber, gone = Scrubber(load_key(home)), tombstones(home, "reddit")
     seen = Seen(place.lines, place.bad_lines, place.first_bad)
     out = Segments(root, file, name, place, job.segment_bytes)
     waiting: list[dict[str, Any]] = []
     offset, taken = place.offset, 0
     search = Search(job.subreddit)
+    if job.ids:
+        search = ids = ById(Path(job.ids))
+        gone |= ids.gone
     with full_disk_is_resumable(root):
         for chunk in chunks(
             file, seen, place.offset, lambda: not job.lease or Path(job.lease).exists()
@@ -295,6 +308,12 @@ def _made(record: dict[str, Any]) -> float | None:
     except (TypeError, ValueError):
         return None
     return at if 0 <= at < 253402300800 else None
+
+
+def check_readable(files: Sequence[Path]) -> None:
+    """Raise SettingError for what is no dump, before anything is read."""
+    for file in files:
+        _readable(file)
 
 
 def _readable(file: Path) -> None:

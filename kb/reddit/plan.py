@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
 
 import pyarrow.parquet as pq
 
@@ -11,6 +13,7 @@ from kb.core.context import Run
 from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
 from kb.reddit.client import IDS, ROOT
+from kb.reddit.importing import check_readable
 from kb.reddit.known import known
 from kb.reddit.reduce import PAGES
 from kb.reddit.refresh import due_parts, oldest_due
@@ -25,6 +28,7 @@ NEW_A_LISTING = 0.25  # of a listing's posts that no other one has
 REQUESTS_A_POST = 2.0  # its page, and what that only names
 BYTES_A_POST = 8_000
 BYTES_AN_ID = 600
+DUMP_BYTES_AN_HOUR = 20e6 * 3600  # compressed, of one core
 
 
 def plan_crawl(run: Run) -> Summary:
@@ -74,9 +78,18 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
     return Summary(_of_ids(run, "refresh reddit", [("posts and comments to refresh", due)]))
 
 
-def plan_rebuild(run: Run, ids: Ids) -> Summary:
-    """What a reconstruction of these ids would ask for. Raises SettingError."""
+def plan_rebuild(run: Run, ids: Ids, dumps: Sequence[Path] = ()) -> Summary:
+    """What a reconstruction of these ids would ask for, or read. Raises SettingError."""
+    if dumps:
+        check_readable(dumps)
     wanted, _ = asked_for(ids, Layout(run.root).release("reddit"))
+    if dumps:
+        size = sum(file.stat().st_size for file in dumps)
+        items = len(wanted.names) + len(wanted.trees)
+        hours, gb = size / DUMP_BYTES_AN_HOUR / run.workers, items * BYTES_AN_ID / 1e9
+        phases = [Phase("posts and comments", items, hours=hours, gb=gb)]
+        assumed = [f"{DUMP_BYTES_AN_HOUR / 3600 / 1e6:g} MB of dumps a second and core"]
+        return Summary(plan("reddit reconstruct", "reddit", phases, assumed))
     return Summary(
         _of_ids(
             run,

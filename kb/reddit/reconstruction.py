@@ -1,4 +1,5 @@
-"""`kb reddit reconstruct`: full posts and comments again from ids, with the user's own key.
+"""`kb reddit reconstruct`: full posts and comments again from ids, with the user's own key or out
+of archive dumps.
 
 Known ids go through `info`, 100 full names a request, posts and comments together. Posts of the
 published `reddit.json` have no comment ids: their whole trees are read, with every nested reply.
@@ -8,39 +9,47 @@ brought into the same folder stays (kb.reddit.earlier).
 
     out/posts/*.parquet  out/comments/*.parquet     the clean tables' columns, scores of models null
     out/missing.parquet                             key, reason: missing, deleted, removed, purged,
-                                                    forbidden, malformed, failed
+                                                    forbidden, malformed, failed, not in these
+                                                    dumps; and when the source said so
 """
 
 from __future__ import annotations
 
+import hashlib
+import math
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
+
 from kb.core import vocabulary
 from kb.core.context import Run
-from kb.core.errors import KbError
+from kb.core.errors import KbError, MissingCredential
 from kb.core.profile import DEFAULT, load_profile
 from kb.core.settings import load_settings
 from kb.core.verdict import Summary
 from kb.crawl import job
 from kb.crawl.loop import Loop
 from kb.crawl.session import Session
-from kb.crawl.source import Answer, Phase
+from kb.crawl.source import Answer, Opened, Phase
 from kb.net import redact
-from kb.reddit import earlier, tables
+from kb.reddit import byid, earlier, places, tables
+from kb.reddit.authors import load_key
+from kb.reddit.importing import Job, check_readable, different, import_jobs, summary_of
 from kb.reddit.reduce import PAYLOADS
 from kb.reddit.source import INFO, MORE, THREAD, TREE, Reddit
 from kb.reddit.wanted import Ids, Wanted, asked_for, released
-from kb.store import parquet, reading
+from kb.store import parquet, reading, tombstones
 from kb.store.frontier import Frontier, Item
 from kb.store.layout import Layout
 from kb.store.lock import writer
 
 LOCK = ".lock"  # in the folder of the tables: one run at a time adds to them
+NOT_THERE = "not in these dumps"
 _WHY = {"404": "missing", "410": "missing", "purged": "purged"}
 
 
@@ -92,20 +101,22 @@ def reconstruct(
     out: Path | str | None = None,
     run: Run | None = None,
     profile: str | None = None,
+    dumps: Sequence[Path | str] = (),
     **settings: Any,
 ) -> Iterator[Post | Comment | Missing]:
     """Typed rows of released ids, for a notebook: `for row in
     kb.reddit.reconstruct("posts-00000-of-00001.parquet"): …`
 
     `ids`: a file or folder as for `--ids`, several of them, or full names; by default the data
-    root's own release. What `out` has already is added to, and comes as well. `settings` are names
-    of kb.core.settings (`reddit_client_id="…"`, `kb_data="…"`); the environment and `.env` count as
-    for the command. Everything is read first (cut off, the same call goes on), then posts, comments
-    and what is missing come in order. Raises as `rebuild`.
+    root's own release. `dumps` are read instead of asking Reddit: no key, no network. What `out`
+    has already is added to, and comes as well. `settings` are names of kb.core.settings
+    (`reddit_client_id="…"`, `kb_data="…"`); the environment and `.env` count as for the command.
+    Everything is read first (cut off, the same call goes on), then posts, comments and what is
+    missing come in order. Raises as `rebuild`.
     """
     run = run or _run(profile, settings)
     place = Path(out) if out else Layout(run.root).reconstructed
-    rebuild(run, ids, place)
+    rebuild(run, ids, place, dumps=[Path(file) for file in dumps])
     return rows(place)
 
 
@@ -120,35 +131,50 @@ def rows(out: Path) -> Iterator[Post | Comment | Missing]:
         yield Missing(row["key"], row["reason"])
 
 
-def rebuild(run: Run, ids: Ids, out: Path) -> Summary:
+def rebuild(
+    run: Run,
+    ids: Ids,
+    out: Path,
+    *,
+    dumps: Sequence[Path] = (),
+    gone: Collection[str] = (),
+) -> Summary:
     """Read everything, add it to the tables in `out`. With `--again` what was answered before is
     read anew.
 
-    Raises SettingError (also where the tables would take the place of other files) and
-    MissingCredential before anything is sent (exit 2); LimitReached, Blocked, Unreachable and
-    Interrupted (exit 3;
-    the same command goes on); CredentialRefused and WriterLocked (exit 1).
+    `dumps` are read instead of asking Reddit. `gone` are full names that were purged elsewhere:
+    like the data root's own tombstones they are never asked for. Raises SettingError (also where
+    the tables would take the place of other files) and MissingCredential before anything is sent
+    (exit 2); LimitReached, Blocked, Unreachable and Interrupted (exit 3; the same command goes
+    on); CredentialRefused and WriterLocked (exit 1).
     """
-    for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
-        run.settings.need(name)
+    if dumps:
+        check_readable(dumps)
+    else:
+        need_key(run)
     wanted, sources = asked_for(ids, Layout(run.root).release("reddit"))
-    digest = wanted.digest()
+    digest = _digest(wanted, dumps, gone)
     tables.check_place(out)
     with writer(out / LOCK, "reddit"):
         earlier.settle(out)
         done, work = earlier.load(out), out / f"{tables.WORK}{digest}"
         if digest in done.answered and not run.again:
             shutil.rmtree(work, ignore_errors=True)
-            run.progress.say(f"{out}: every id was answered before; --again reads them anew")
+            said = "these dumps were read" if dumps else "every id was answered"
+            run.progress.say(f"{out}: {said} before; --again reads them anew")
             return Summary(**{**done.answered[digest], **_counts(out, done), "requests": 0})
         stale = earlier.begin(work, done)
-        source = Rebuild(run, wanted)
-        summary = job.work(run, source, source.summary, place=work, facts=source.facts)
-        try:
+        gone = {*gone, *tombstones.keys(run.root, "reddit")}
+        answers = tables.Answers(work, wanted, {}, released(sources), stale, gone)
+        if dumps:
+            summary = _read_dumps(run, wanted, dumps, work, gone)
+            answers = answers._replace(stale=True, otherwise=NOT_THERE)
+        else:
+            source = Rebuild(run, wanted, gone)
+            summary = job.work(run, source, source.summary, place=work, facts=source.facts)
             unanswered = _unanswered(Layout(work).state("reddit"))
-            answers = tables.Answers(
-                work, wanted, unanswered, released(sources), stale, source.opened.gone
-            )
+            answers = answers._replace(unanswered=unanswered)
+        try:
             done.answered.pop(digest, None)
             done.counts = tables.write(answers, out, run.profile.section("reddit").links)
             done.writes += 1
@@ -165,11 +191,58 @@ def rebuild(run: Run, ids: Ids, out: Path) -> Summary:
     return summary
 
 
+def need_key(run: Run) -> None:
+    """Raise MissingCredential, naming the way without a key."""
+    for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
+        try:
+            run.settings.need(name)
+        except MissingCredential as error:
+            way = "or read archive dumps instead, without a key: --dumps FILE…"
+            error.hint = f"{error.hint}; {way}" if error.hint else way
+            raise
+
+
+def _digest(wanted: Wanted, dumps: Sequence[Path], gone: Collection[str]) -> str:
+    """Tells what is wanted, of which dumps, and without what, from anything else."""
+    if not dumps and not gone:
+        return wanted.digest()
+    names = [*sorted(places.name_of(file, 0.0, math.inf) for file in dumps), *sorted(gone)]
+    return hashlib.sha256(" ".join([wanted.digest(), *names]).encode()).hexdigest()[:16]
+
+
+def _read_dumps(
+    run: Run, wanted: Wanted, dumps: Sequence[Path], work: Path, gone: Collection[str]
+) -> Summary:
+    """What is wanted of the dumps → raw answers in the work folder, as an import writes them."""
+    ids, notes = work / "ids", work / "state" / "reddit-import"
+    if run.again and not notes.exists():
+        run = replace(run, again=False)  # nothing was read yet that could be read anew
+    places.settle(work)
+    load_key(run.root)
+    if not ids.is_dir():
+        with run.progress.task("ids", unit="steps"):
+            byid.keep(wanted.names, wanted.trees, ids, gone)
+    job_ = Job(str(work), "", "", 0.0, math.inf, run.limit or 0, ids=str(ids), home=str(run.root))
+    files = different(run, dumps)
+    jobs = [msgspec.structs.replace(job_, file=str(file.absolute())) for file in files]
+    try:
+        summary = summary_of(import_jobs(replace(run, root=work), jobs))
+    except KbError as error:
+        if error.summary is not None:
+            error.summary = _of_dumps(error.summary)
+        raise
+    return _of_dumps(summary)
+
+
+def _of_dumps(summary: Mapping[str, Any]) -> Summary:
+    return Summary({**summary, "command": "reddit reconstruct", "failed": 0, "pending": 0})
+
+
 def _counts(out: Path, done: earlier.Done) -> dict[str, int]:
     """Rows of the tables as they are now; what failed is not `missing`, as it is asked for
     again.
     """
-    failed = sum(reason == "failed" for reason in earlier.missing(out).values())
+    failed = sum(one.reason == "failed" for one in earlier.missing(out).values())
     return {
         **{name: done.counts[name] for name in earlier.NAMES},
         "missing": done.counts[earlier.MISSING] - failed,
@@ -181,10 +254,15 @@ class Rebuild(Reddit):
 
     phases = (replace(INFO, name="reddit reconstruct"), MORE, THREAD, TREE)
 
-    def __init__(self, run: Run, wanted: Wanted) -> None:
+    def __init__(self, run: Run, wanted: Wanted, gone: Collection[str] = ()) -> None:
         super().__init__(run)
-        self.wanted = wanted
+        self.wanted, self.gone = wanted, gone
         self.answered = 0
+
+    def begin(self, opened: Opened) -> None:
+        """What was purged elsewhere counts as purged here."""
+        opened.gone.update(self.gone)
+        super().begin(opened)
 
     def identity(self) -> dict[str, str]:
         """The host; ids are of any subreddit."""

@@ -72,12 +72,8 @@ class Search:
             hits.add(first)
             if record is None:
                 bad.append(first)
-            # The name may stand in a title: only the field decides.
-            elif str(record.get("subreddit", "")).lower() == self._name:
+            elif self._takes(record):
                 records.append((offset + stop - begin, record))
-                self._learn(record)
-            elif str(record.get("subreddit_id")) in self._exact:
-                self._ids_tell = False  # not of this file
         every = offset < CHECKED or 2 * len(records) >= lines
         if len(hits) < lines and (every or whole < lines):
             at = begin
@@ -91,6 +87,15 @@ class Search:
                     bad.append(at)
                 at += len(line)
         return Found(lines, len(bad), offset + min(bad) - begin if bad else None, records)
+
+    def _takes(self, record: dict[str, Any]) -> bool:
+        """Whether a record is wanted. The name may stand in a title: only the field decides."""
+        if str(record.get("subreddit", "")).lower() == self._name:
+            self._learn(record)
+            return True
+        if str(record.get("subreddit_id")) in self._exact:
+            self._ids_tell = False  # not of this file
+        return False
 
     def _learn(self, record: dict[str, Any]) -> None:
         key = record.get("subreddit_id")

@@ -19,7 +19,8 @@ from kb.core.errors import SettingError
 from kb.core.profile.reddit import Links
 from kb.reddit import earlier, parse
 from kb.reddit.assemble import assemble, newest_of
-from kb.reddit.earlier import DONE, MISSING, NAMES
+from kb.reddit.earlier import DONE, MISSING, NAMES, Lost, Verdicts
+from kb.reddit.places import KIND
 from kb.reddit.threads import counted
 from kb.reddit.wanted import Released, Wanted
 from kb.schema.tables import Table, table
@@ -59,8 +60,8 @@ def check_place(out: Path) -> None:
 class Answers(NamedTuple):
     """What one run knows: `unanswered` full name → reason; `released` fills in what no answer says.
 
-    `stale`: other runs have written the tables since these answers were read. `purged` are
-    tombstones.
+    `stale`: other runs may have written what is newer than these answers, as always with dumps.
+    `purged` are tombstones. `otherwise` is why what nothing is said of is missing.
     """
 
     work: Path
@@ -69,6 +70,7 @@ class Answers(NamedTuple):
     released: Released
     stale: bool = False
     purged: Collection[str] = ()
+    otherwise: str = "missing"
 
 
 def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
@@ -87,21 +89,21 @@ def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
         spread.mkdir(parents=True)
         _spread(work, spread, buckets, links)
         earlier.spread(out, spread, buckets)
-        gone = dict(answers.unanswered)
+        gone = {key: Lost(reason) for key, reason in answers.unanswered.items()}
         for number in range(buckets):
             gone |= _answered(spread, number, answers)
-        gone |= dict.fromkeys(answers.purged, "purged")
-        why, out_of = earlier.reasons(earlier.missing(out), gone, stale=answers.stale)
-        for name in answers.purged:  # they go, but nobody asked for them
-            why.pop(name)
+        gone |= dict.fromkeys(answers.purged, Lost("purged", earlier.FOREVER))
+        before, newer = earlier.missing(out), not answers.stale
+        why = earlier.reasons(before, gone, newer=newer)
         fresh = {name: folders.enter_context(replacing_folder(out / name)) for name in NAMES}
-        counts = _write_tables(spread, fresh, buckets, out_of)
-        lost = _lost(spread, fresh, wanted, why)
+        said = earlier.verdicts(before, gone, newer=newer)
+        counts = _write_tables(spread, fresh, buckets, said)
+        lost = _lost(spread, fresh, answers, why)
         write_table(out / MISSING, lost, "reddit/missing")
     return {**counts, MISSING: lost.num_rows}
 
 
-def _answered(spread: Path, number: int, answers: Answers) -> dict[str, str]:
+def _answered(spread: Path, number: int, answers: Answers) -> dict[str, Lost]:
     """The rows of a bucket that this run got → `spread/new-<name>-<number>.arrow`; why others are
     not there.
     """
@@ -112,7 +114,7 @@ def _answered(spread: Path, number: int, answers: Answers) -> dict[str, str]:
     }
     if not found:
         return {}
-    gone: dict[str, str] = {}
+    gone: dict[str, Lost] = {}
     made = assemble(found)
     posts = made["reddit/posts"]
     for name, rows in (
@@ -128,13 +130,16 @@ def _answered(spread: Path, number: int, answers: Answers) -> dict[str, str]:
             kept = _filled(kept, "post_id", "comments_unread", answers.released.unread)
         else:
             kept = _filled(kept, "comment_id", "depth", answers.released.depths)
+            posts_gone = [name[3:] for name in answers.purged if name.startswith("t3_")]
+            of_gone = pc.is_in(kept["post_id"], pa.array(posts_gone, pa.string()))
+            kept = kept.filter(pc.invert(of_gone))
         with pa.ipc.new_file(str(_new(spread, name, number)), kept.schema) as file:
             file.write_table(kept)
     return gone
 
 
 def _write_tables(
-    spread: Path, fresh: dict[str, Path], buckets: int, gone: Collection[str]
+    spread: Path, fresh: dict[str, Path], buckets: int, said: Verdicts
 ) -> dict[str, int]:
     """Old and new rows, bucket by bucket → part files; how many rows each table has."""
     counts = dict.fromkeys(NAMES, 0)
@@ -145,7 +150,7 @@ def _write_tables(
             if (path := _new(spread, name, number)).exists():
                 with pa.ipc.open_file(str(path)) as file:
                     rows = file.read_all()
-            whole[f"reddit/{name}"] = earlier.merged(name, number, spread, rows, gone)
+            whole[f"reddit/{name}"] = earlier.merged(name, number, spread, rows, said)
         whole["reddit/comments"] = earlier.deep(whole["reddit/comments"])
         for name, rows in counted(whole).items():
             short = table(name).short
@@ -159,13 +164,12 @@ def _new(spread: Path, name: str, number: int) -> Path:
     return spread / f"new-{name}-{number}.arrow"
 
 
-def _lost(
-    scratch: Path, made: dict[str, Path], wanted: Wanted, reasons: dict[str, str]
-) -> pa.Table:
+def _lost(scratch: Path, made: dict[str, Path], answers: Answers, why: dict[str, Lost]) -> pa.Table:
     """What is in no table and was asked for, or has a reason. All that was asked for stays
     on disk.
     """
     scratch.mkdir(parents=True, exist_ok=True)
+    wanted = answers.wanted
     names = chain(wanted.names, (f"t3_{key}" for key in wanted.trees))
     with parquet.writing(scratch / "asked.parquet", pa.schema([("key", pa.string())])) as file:
         while part := list(islice(names, IDS)):
@@ -175,8 +179,14 @@ def _lost(
             "reasons",
             pa.table(
                 {
-                    "key": pa.array(reasons.keys(), pa.string()),
-                    "reason": pa.array(reasons.values(), pa.string()),
+                    "key": pa.array(why.keys(), pa.string()),
+                    "reason": pa.array([one.reason for one in why.values()], pa.string()),
+                    "said_at": pa.array(
+                        [None if one.at == earlier.FOREVER else one.at for one in why.values()],
+                        pa.timestamp("us", "UTC"),
+                    ),
+                    # What was purged is named where somebody asks for it, not otherwise.
+                    "named": pa.array([key not in answers.purged for key in why], pa.bool_()),
                 }
             ),
         )
@@ -184,11 +194,14 @@ def _lost(
             "WITH there AS ("
             " SELECT 't3_' || post_id AS key FROM read_parquet($posts) UNION ALL SELECT"
             " 't1_' || comment_id FROM read_parquet($comments)),"
-            " asked AS (SELECT key FROM read_parquet($asked) UNION SELECT key FROM reasons)"
-            " SELECT key, coalesce(reason, 'missing') AS reason FROM asked ANTI JOIN there"
+            " asked AS (SELECT key FROM read_parquet($asked)"
+            " UNION SELECT key FROM reasons WHERE named)"
+            " SELECT key, coalesce(reason, $otherwise) AS reason, said_at"
+            " FROM asked ANTI JOIN there"
             " USING (key) LEFT JOIN reasons USING (key)",
             params={
                 "asked": str(scratch / "asked.parquet"),
+                "otherwise": answers.otherwise,
                 **{name: [str(path) for path in folder.iterdir()] for name, folder in made.items()},
             },
         ).to_arrow_table()
@@ -213,10 +226,26 @@ def _spread(work: Path, spread: Path, buckets: int, links: Links) -> None:
 def _read(path: Path) -> pa.Table:
 
     with pa.ipc.open_file(str(path)) as file:
-        return newest_of({"info": file.read_all()})
+        rows = file.read_all()
+    if path.stem == KIND:
+        rows = _in_order(rows)
+    return newest_of({"info": rows})
 
 
-def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, str]) -> pa.Table:
+def _in_order(rows: pa.Table) -> pa.Table:
+    """Records of dumps, of which the last one counts where times are equal: a removal rather than
+    what was there, then the later dump. A removal that does not say when it was read is newer than
+    anything: nothing shows that it was undone.
+    """
+    gone = pc.is_valid(rows["gone"])
+    undated = pc.and_(gone, pc.is_null(rows["fetched_at"]))
+    forever = pa.scalar(earlier.FOREVER, rows.schema.field("fetched_at").type)
+    rows = _put(rows, "fetched_at", pc.if_else(undated, forever, rows["fetched_at"]))
+    rows = rows.append_column("is_gone", gone)
+    return rows.sort_by([("is_gone", "ascending"), ("dump", "ascending")]).drop_columns("is_gone")
+
+
+def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, Lost]) -> pa.Table:
     """The rows that are there and whole, with the table's columns; the rest is noted in `gone`."""
     states = cast("list[str]", rows["state"].to_pylist())
     reasons = [
@@ -235,9 +264,11 @@ def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, str]) ->
         if needed
         else reasons
     )
-    for name, reason in zip(cast("list[str]", rows["fullname"].to_pylist()), reasons, strict=True):
+    times = [None if at == earlier.FOREVER else at for at in rows["fetched_at"].to_pylist()]
+    names = cast("list[str]", rows["fullname"].to_pylist())
+    for name, reason, at in zip(names, reasons, times, strict=True):
         if reason is not None:
-            gone[name] = reason  # noqa: PERF403  the reasons of other tables stay
+            gone[name] = Lost(reason, at)  # the reasons of other tables stay
     kept = rows.filter(pa.array([reason is None for reason in reasons], pa.bool_()))
     for field in declared.arrow():
         if field.name not in kept.column_names:

@@ -9,6 +9,7 @@ pairs/                     video-text pairs
 release/<source>/          what can be published
 export/<format>/           other projects' layouts
 report/                    figures and their page
+restored/<source>/         what `kb restore` brought back from a release's ids; restored/pairs/ too
 links/                     tables that name the same things in two sources
 """
 
@@ -17,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-TOP = ("raw", "state", "annotations", "clean", "pairs", "release", "export", "report")
+TOP = ("raw", "state", "annotations", "clean", "pairs", "release", "export", "report", "restored")
 """The folders that commands write, in the order of the data's way."""
 
 
@@ -147,6 +148,12 @@ class Layout:
     def reconstructed(self) -> Path:
         """Where `kb reddit reconstruct` writes by default."""
         return self.export("reconstructed")
+
+    def restored(self, source: str = "", table: str = "") -> Path:
+        """What was brought back of a source, or one of its tables; what could not be had lies in
+        `missing.parquet` there and above.
+        """
+        return self.root / "restored" / source / table
 
     @property
     def report(self) -> Path:

@@ -1,0 +1,57 @@
+"""A release that somebody made, and the services that its content is still on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.core import pipeline
+from kb.filters.clean import run_clean
+from kb.release.build import describe
+from kb.sandbox.server import Sandbox
+from kb.sandbox.subreddit import Subreddit
+from kb.sandbox.world import World
+from tests.reddit.work import NOW, Work
+
+
+def room(name: str) -> Any:
+    """A shipped pipeline."""
+    return pipeline.load(str(pipeline.locate(name)))
+
+
+class Made:
+    """The maker's data root, released without a model; tests must not change it."""
+
+    def __init__(self, sandbox: Sandbox, place: Path) -> None:
+        self.sandbox = sandbox
+        work = Work(sandbox, place, listings=("new",), search=())
+        work.crawl()
+        run = work.run()
+        room("youtube").crawl(run, None, None, None)
+        for source in ("youtube", "reddit"):
+            run_clean(run, source)
+            room(source).export(run, "parquet")
+        room("pairs").pairs(run, "parquet")
+        describe(run)
+        self.work, self.root = work, work.root
+        self.release = self.root / "release"
+
+
+def small() -> World:
+    world = World(n_channels=4, n_videos=70)
+    world.reddit = Subreddit(0, 24, width=130, depth=12)
+    return world
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Made]:
+    """Crawled, filtered, exported and described once."""
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        Sandbox(small(), services=["youtube", "reddit"]) as sandbox,
+    ):
+        patch.setenv("KB_NOW", NOW)
+        yield Made(sandbox, tmp_path_factory.mktemp("made"))
