@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from kb.cli.app import TREE
+from kb.core.sources import SOURCES
 
 ROOT = Path(__file__).resolve().parent.parent
-SOURCES = {"youtube", "wiki", "reddit"}
-ROOMS = SOURCES | {"annotate", "filters", "pairs", "export", "release", "report"}
+ROOMS = {*SOURCES, "annotate", "filters", "pairs", "export", "release", "report"}
 GROUND = {"net", "store", "schema"}
 ASKING = {"query"}  # over the ground alone; only commands and pipelines ask it
 

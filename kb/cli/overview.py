@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from kb.cli.as_typed import completed
 from kb.core import clock, vocabulary
-from kb.core.sources import SOURCES
+from kb.core.sources import SORTED, SOURCES
 from kb.store.layout import TOP, Layout, parquet_files
 
 if TYPE_CHECKING:
@@ -106,13 +106,12 @@ def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:
 
 def _crawled(source: str, frontier: Any) -> int:
     """What the crawls of all runs have read, as their summaries count it."""
-    module = {"reddit": "kb.reddit.state"}.get(source, f"kb.{source}.reduce")
-    return int(importlib.import_module(module).crawled(frontier))
+    return int(importlib.import_module(f"kb.{source}.reduce").crawled(frontier))
 
 
 def _answers(root: Path, source: str) -> dict[str, Any]:
     """The four answers of the last filter, together and by table; nothing before the first."""
-    from kb.store.tally import SORTED, tally
+    from kb.store.tally import tally
 
     found = tally(Layout(root).clean(source), SORTED[source])
     names = ("crawled", "kept", "rejected", "failed", "pending", "missing")

@@ -11,8 +11,9 @@ from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import Session
 from kb.reddit.discover import KINDS
+from kb.reddit.reduce import crawled, outside
 from kb.reddit.source import Reddit
-from kb.reddit.state import crawled, outside, unread_parts
+from kb.reddit.state import unread_parts
 
 
 def crawl(run: Run, since: datetime | None = None, until: datetime | None = None) -> Summary:

@@ -155,3 +155,14 @@ def _stubs(frontier: Frontier, post: str, response: Any) -> None:
             frontier.add("more", [(key, Stub(post)) for key in tree.stub_ids(thing.data)])
             if tree.is_continuation(thing.data):
                 frontier.add("thread", [f"{post}/{tree.bare(thing.data['parent_id'])}"])
+
+
+def outside(frontier: Frontier) -> int:
+    """Posts that lie outside of the dates of the last crawl."""
+    return sum(reason == OUTSIDE for _, _, reason, _ in frontier.items("tree", "skipped"))
+
+
+def crawled(frontier: Frontier) -> int:
+    """Posts that were answered for in all runs, missing ones among them."""
+    counts = frontier.counts("tree")
+    return counts.get("done", 0) + counts.get("skipped", 0) - outside(frontier)

@@ -1,4 +1,4 @@
-"""What the state of a crawl tells: how many posts were read, and which parts were not."""
+"""What the state of a crawl tells: which parts of posts were not read."""
 
 from __future__ import annotations
 
@@ -11,17 +11,6 @@ from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 
 COMMENTS, REPLIES = "comments", "replies"  # parts that failed, behind the name of what they are of
-
-
-def outside(frontier: Frontier) -> int:
-    """Posts that lie outside of the dates of the last crawl."""
-    return sum(reason == OUTSIDE for _, _, reason, _ in frontier.items("tree", "skipped"))
-
-
-def crawled(frontier: Frontier) -> int:
-    """Posts that were answered for in all runs, missing ones among them."""
-    counts = frontier.counts("tree")
-    return counts.get("done", 0) + counts.get("skipped", 0) - outside(frontier)
 
 
 def unread_parts(frontier: Frontier) -> dict[str, str]:

@@ -11,12 +11,6 @@ from kb.store.database import connect
 from kb.store.layout import parquet_files
 from kb.store.reading import reading, scan
 
-# The sorted tables of each source, and what their keys begin with in rejected, failed and pending.
-SORTED: dict[str, dict[str, str]] = {
-    "youtube": {"videos": ""},
-    "wiki": {"pages": ""},
-    "reddit": {"posts": "t3_", "comments": "t1_"},
-}
 VERDICTS = ("rejected", "failed", "pending")
 
 
@@ -30,8 +24,8 @@ def rows(folder: Path) -> int:
 def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
     """By table: crawled, kept, rejected, failed, pending, and `missing` of the rejected ones.
 
-    `clean` is the folder of a source, `tables` as in SORTED. Tables that are not there are left
-    out. Raises DamagedData.
+    `clean` is the folder of a source, `tables` as in kb.core.sources.SORTED. Tables that are not
+    there are left out. Raises DamagedData.
     """
     found = {}
     verdicts = {verdict: _keys(clean / verdict, tables) for verdict in VERDICTS}

@@ -6,8 +6,8 @@ GET /notes/<id>      {"id": "a", "text": "…"}; 404 for a note that was taken b
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, ClassVar
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import msgspec
 import requests
@@ -28,12 +28,15 @@ class Page(msgspec.Struct):
     number: int
 
 
+PAYLOADS: Mapping[str, type[msgspec.Struct]] = {"pages": Page}
+
+
 class Feed(Plain):
     """The feed at one address."""
 
     name = "feed"
     phases = (NOTES, PAGES)
-    payloads: ClassVar[dict[str, type[msgspec.Struct]]] = {"pages": Page}
+    payloads = PAYLOADS
 
     def __init__(self, settings: Any, root: str) -> None:
         self._root, self._session = root, Session(settings)

@@ -1,0 +1,92 @@
+"""CONTRIBUTING.md: its examples run, and what it names is there."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+from kb.core.context import Run
+from kb.core.profile import load_profile
+from kb.core.settings import load_settings
+from kb.core.sources import SOURCES
+from kb.store.layout import Layout
+from kb.store.shards import write_table
+
+ROOT = Path(__file__).resolve().parents[2]
+GUIDES = ("CONTRIBUTING.md", "schemas/WRITING.md")
+TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+NAMED = sorted(
+    {word for name in GUIDES for word in re.findall(r"`([^`\n]+)`", (ROOT / name).read_text())}
+)
+
+
+@pytest.fixture
+def example(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The example in which a name is defined, as a module."""
+
+    def load(name: str) -> ModuleType:
+        blocks = re.findall(r"^```python\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
+        (code,) = [
+            block for block in blocks if re.search(rf"^(class|def) {name}\b", block, re.MULTILINE)
+        ]
+        module = ModuleType("example")
+        monkeypatch.setitem(sys.modules, "example", module)
+        exec(compile(code, "CONTRIBUTING.md", "exec"), module.__dict__)
+        return module
+
+    return load
+
+
+def test_the_filter_rejects_with_value_and_threshold(example: Any) -> None:
+    stage = example("NoLongerThan").NoLongerThan("title", 4, "length")
+    judged = stage.judge(pa.table({"title": ["four", "fives", None]}))
+    assert judged.reason.to_pylist() == [None, "longer", "absent"]
+    assert (judged.value.to_pylist(), judged.threshold) == ([None, "5", None], "4")
+    assert stage.reads == {"title"}
+
+
+def test_the_export_writes_what_is_kept(example: Any, make_rows: Any, tmp_path: Path) -> None:
+    rows = make_rows("youtube/videos", 3)
+    write_table(
+        Layout(tmp_path).table("youtube/videos") / "part-00000.parquet", rows, "youtube/videos"
+    )
+    settings = load_settings(dotenv=False, kb_data=tmp_path)
+    path = example("write").write(Run(settings, load_profile("minecraft"), tmp_path))
+    with path.open(newline="", encoding="utf-8") as file:
+        written = list(csv.DictReader(file))
+    assert path == Layout(tmp_path).export("csv", "videos.csv")
+    wanted = rows.select(["video_id", "title"]).to_pylist()
+    assert sorted(written, key=str) == sorted(wanted, key=str)
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_what_is_named_is_there(name: str) -> None:
+    """Files, for `<name>` those of each source, and names in modules."""
+    if re.match(r"(kb|tests|schemas|pipelines|data|docs)/", name):
+        for source in SOURCES if "<name>" in name else ("",):
+            pattern = re.sub(r"<\w+>", "*", name.replace("<name>", source))
+            assert list(ROOT.glob(pattern.rstrip("/"))), f"{name}: no {pattern}"
+    elif name.startswith("kb."):
+        assert resolved(name), f"{name} is not there"
+
+
+def resolved(name: str) -> bool:
+    """Whether a dotted name is a module, or something in one."""
+    parts = name.split(".")
+    for length in range(len(parts), 0, -1):
+        try:
+            value: Any = importlib.import_module(".".join(parts[:length]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[length:]:
+            value = getattr(value, part, None)
+        return value is not None
+    return False
