@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -9,16 +10,24 @@ import sys
 import psutil
 import pytest
 
+from kb.core import engine
 from kb.core.engine import make_executor, map_in_order
 
 PROGRAM = """
 import os, time
+from kb.core import engine
 from kb.core.engine import make_executor
 if __name__ == "__main__":
     with make_executor("local", 2) as pool:
         print(*{pool.submit(os.getpid).result() for _ in range(8)}, flush=True)
         time.sleep(60)
 """
+
+
+@pytest.fixture(autouse=True)
+def _as_shipped(monkeypatch):
+    """Other tests fork their pools (tests/conftest.py); these are started as a user's are."""
+    monkeypatch.setattr(engine, "multiprocessing", multiprocessing)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
