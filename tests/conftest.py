@@ -5,6 +5,7 @@ and what to do when something is not installed.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
 from typing import NoReturn
@@ -12,7 +13,8 @@ from typing import NoReturn
 import hypothesis
 import pytest
 
-from kb.core import clock
+from kb.core import clock, engine
+from tests import forked
 
 # A slow machine is no defect; the same examples everywhere, so that a failure can be seen again.
 hypothesis.settings.register_profile("lorebase", deadline=None, derandomize=True)
@@ -22,10 +24,28 @@ ROOT = Path(__file__).resolve().parent.parent
 pytest_plugins = ["tests.installed", "tests.inprocess"]
 
 
+SLOW = ("wheel", "dask", "crash", "mediawiki")  # marks; pyproject.toml says what they mean
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files of slow kinds first: a worker that took a long one last would leave the others idle."""
+    slow = {item.path for item in items if any(item.get_closest_marker(name) for name in SLOW)}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture(autouse=True)
 def _no_time_has_passed(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a test waited for by a date that is set counts for that test alone."""
     monkeypatch.setattr(clock, "_passed", timedelta())
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _pools_are_forked() -> Iterator[None]:
+    """A pool's processes come from the server of tests/forked.py, which has imported `kb`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(engine, "multiprocessing", forked.seam())
+        yield
 
 
 def skip_or_fail(reason: str) -> NoReturn:

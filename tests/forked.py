@@ -4,12 +4,18 @@ The first `run` of a test process starts a server (multiprocessing's forkserver)
 what commands import; each command is then a fork of it, with its own environment, folder, streams,
 signals and exit code, as a user's process has them. Only the modules are there already: tests of
 what is imported, of signals and of kills start Python themselves (`Job.start`, subprocess).
+
+Worker processes of a pool (`--workers 2`) come from the same server, those of commands and those of
+a test that calls a room in its own process.
 """
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 import multiprocessing
 import os
+import pkgutil
 import runpy
 import subprocess
 import sys
@@ -20,6 +26,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import kb
+
 _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(["tests.preloaded"])
 # Settings of Lorebase are read by each command; of what else stands in the environment, something
@@ -27,6 +35,14 @@ _CONTEXT.set_forkserver_preload(["tests.preloaded"])
 _OURS = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_", "SOURCE_DATE_EPOCH", "PYTEST_")
 _BY_COMMANDS = {"PYTHONWARNINGS", "RAYON_NUM_THREADS"}  # set by those that ran in this process
 _ENVIRONMENT = dict(os.environ)
+
+
+def import_kb() -> None:
+    """Import every module of `kb`: what is forked from here on needn't."""
+    for found in pkgutil.walk_packages(kb.__path__, "kb."):
+        if not found.name.endswith("__main__"):
+            with contextlib.suppress(ImportError):  # of an extra that is not installed
+                importlib.import_module(found.name)
 
 
 def run(
@@ -93,6 +109,13 @@ class _Pools(type(_CONTEXT)):  # type: ignore[misc]
     Process = _Worker
 
 
+def seam() -> Any:
+    """What stands for `multiprocessing` in kb/core/engine.py while pools are forked."""
+    made = SimpleNamespace(**vars(multiprocessing))
+    made.get_context = lambda method: _Pools()
+    return made
+
+
 def _pools_from_the_server() -> None:
     """`--workers N` of this command forks N processes of the server that it came from.
 
@@ -106,9 +129,7 @@ def _pools_from_the_server() -> None:
     server = getattr(forkserver, "_forkserver", None)
     if getattr(server, "_forkserver_address", None):
         server.ensure_running = lambda: None  # it is the parent
-        seam = SimpleNamespace(**vars(multiprocessing))
-        seam.get_context = lambda method: _Pools()
-        engine.multiprocessing = seam  # type: ignore[assignment]
+        engine.multiprocessing = seam()
 
 
 def _command(words: list[str], env: dict[str, str], cwd: Path, out: Path, err: Path) -> None:

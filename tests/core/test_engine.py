@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -9,12 +10,14 @@ import sys
 import psutil
 import pytest
 
+from kb.core import engine
 from kb.core.engine import make_executor, map_in_order
 from kb.store.frontier import Frontier
 from kb.store.recorder import Recorder
 
 PROGRAM = """
 import os, time
+from kb.core import engine
 from kb.core.engine import make_executor
 if __name__ == "__main__":
     with make_executor("local", 2) as pool:
@@ -68,6 +71,12 @@ def test_a_worker_of_a_filter_loads_neither_pandas_nor_any_model(tmp_path):
 
 def never(*_):
     """Nothing is known of the answer's keys."""
+
+
+@pytest.fixture(autouse=True)
+def _as_shipped(monkeypatch):
+    """Other tests fork their pools (tests/conftest.py); these are started as a user's are."""
+    monkeypatch.setattr(engine, "multiprocessing", multiprocessing)
 
 
 @pytest.mark.parametrize("workers", [1, 2])

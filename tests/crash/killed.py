@@ -27,6 +27,7 @@ from kb.filters.clean import run_clean
 from kb.pairs.build import build
 from kb.store import rawlog
 from tests.filters.made import MONDAY, listing, put, run_at, transcript, video
+from tests.forked import import_kb
 
 GONE, OTHER = "AAAAAAAAAA1", "AAAAAAAAAA2"
 TRACES = (GONE.encode(), b"marmalade", b"quinquereme")
@@ -128,6 +129,7 @@ def _contents(path: Path) -> Iterator[bytes]:
 
 def main(place: Path, step: str, kills: int) -> int:
     """How it ended: 0 when nothing was left over."""
+    import_kb()  # once, and not in each process
     base, root = place / "base", place / "root"
     status, _ = forked(lambda: make(base))
     assert status == 0

@@ -10,25 +10,20 @@ from pathlib import Path
 
 import pytest
 
+from tests import forked
 from tests.cli.conftest import clean_environment
 from tests.pairs.made import fill, tables
 
 pytestmark = pytest.mark.crash
 
 
-def command(root: Path) -> list[str]:
-    return [sys.executable, "-m", "kb", "pairs", "--data", str(root), "--workers", "1", "--quiet"]
+def words(root: Path) -> list[str]:
+    return ["pairs", "--data", str(root), "--workers", "1", "--quiet"]
 
 
 def finish(root: Path) -> dict[str, bytes]:
-    subprocess.run(
-        command(root),
-        cwd=root.parent,
-        env=clean_environment(),
-        check=True,
-        timeout=120,
-        capture_output=True,
-    )
+    done = forked.run(words(root), env=clean_environment(), cwd=root.parent, timeout=120)
+    assert done.returncode == 0, done.stderr
     return {
         str(path.relative_to(root)): path.read_bytes()
         for folder in ("pairs", "release/pairs")
@@ -55,7 +50,7 @@ def test_goes_on_after_a_kill(
     root = tmp_path / "data"
     fill(root, *made, make_rows, files=15)
     process = subprocess.Popen(
-        command(root),
+        [sys.executable, "-m", "kb", *words(root)],
         cwd=tmp_path,
         env=clean_environment(),
         stdout=subprocess.DEVNULL,

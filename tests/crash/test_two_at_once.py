@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from kb.core.resources import folder
+from tests import forked
 from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT
 from tests.crash.killed import GONE, make, traces
@@ -52,17 +53,26 @@ def root(base: Path, tmp_path: Path) -> Path:
     return tmp_path / "data"
 
 
-def start(root: Path, *words: str, pause: str = "") -> subprocess.Popen[str]:
-    program = ["-c", PAUSED, pause] if pause else ["-m", "kb"]
-    env = {"KB_PROFILE": str(root.parent / "profile" / "profile.toml"), "PYTHONPATH": str(ROOT)}
+def environment(root: Path) -> dict[str, str]:
+    return clean_environment() | {"KB_PROFILE": str(root.parent / "profile" / "profile.toml")}
+
+
+def start(root: Path, *words: str, pause: str) -> subprocess.Popen[str]:
+    """A command that stops itself when it makes what is named."""
     return subprocess.Popen(
-        [sys.executable, *program, *words, "--data", str(root)],
+        [sys.executable, "-c", PAUSED, pause, *words, "--data", str(root)],
         cwd=root.parent,
-        env=clean_environment() | env,
+        env=environment(root) | {"PYTHONPATH": str(ROOT)},
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )
+
+
+def kb(root: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """A command, finished."""
+    words = (*words, "--data", str(root))
+    return forked.run(words, env=environment(root), cwd=root.parent, timeout=120)
 
 
 @pytest.mark.parametrize(
@@ -86,15 +96,14 @@ def test_the_second_names_the_first_and_nothing_comes_back(
     try:
         _, status = os.waitpid(child.pid, os.WUNTRACED)
         assert os.WIFSTOPPED(status), child.communicate()
-        other = start(root, *second, *named.get(second[0], ()))
-        said = other.communicate(timeout=120)[1]
-        assert other.returncode == 1, said
-        assert f"another process (pid {child.pid}) writes to" in said
+        other = kb(root, *second, *named.get(second[0], ()))
+        assert other.returncode == 1, other.stderr
+        assert f"another process (pid {child.pid}) writes to" in other.stderr
     finally:
         os.kill(child.pid, signal.SIGCONT)
     said = child.communicate(timeout=120)[1]
     assert child.returncode == 0, said
-    assert start(root, *second, *named.get(second[0], ())).wait(120) == 0
+    assert kb(root, *second, *named.get(second[0], ())).returncode == 0
     if "purge" in (first[0], second[0]):
         assert traces(root) == []
     else:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
 from kb.youtube.ids import read_ids
+from tests import forked
 from tests.cli.conftest import clean_environment
 from tests.pairs.made import fill, tables
 
@@ -23,16 +23,8 @@ def root(tmp_path_factory, make_rows) -> Path:  # type: ignore[no-untyped-def]
 
 
 def kb(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "kb", *arguments, "--data", str(root), "--quiet"],
-        cwd=root.parent,
-        env=clean_environment(),
-        capture_output=True,
-        text=True,
-        timeout=120,
-        stdin=subprocess.DEVNULL,
-        check=False,
-    )
+    words = [*arguments, "--data", str(root), "--quiet"]
+    return forked.run(words, env=clean_environment(), cwd=root.parent, timeout=120)
 
 
 def test_pairs_from_the_shell(root: Path) -> None:
