@@ -49,12 +49,7 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
 
 
 def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str] | None) -> Summary:
-    found = [folder for folder in exported(run) if not only or folder.source in only]
-    if not found:
-        raise UsageError(
-            f"there is no folder {', '.join(only or [])} to deposit",
-            hint=f"exported: {', '.join(folder.source for folder in exported(run))}",
-        )
+    found = exported(run, only or ())
     loopback = urlsplit(endpoint).hostname in LOOPBACK
     if urlsplit(endpoint).scheme != "https" and not loopback:
         raise UsageError("KB_ZENODO_ENDPOINT is not https: the token would be sent in the clear")
