@@ -17,11 +17,11 @@ from kb.core.verdict import Summary
 from kb.release.publish import publish as upload
 
 
-def release(run: Run) -> Summary:
+def release(run: Run, only: list[str]) -> Summary:
     """Gate, then everything around the data."""
     from kb.release.build import release
 
-    return release(run)
+    return release(run, only)
 
 
 def publish(run: Run, to: str, publish: bool, only: list[str]) -> Summary:

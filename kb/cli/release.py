@@ -18,6 +18,14 @@ if TYPE_CHECKING:
     from kb.core.verdict import Summary
 
 app = group("Checks, metadata and checksums around release/; publish.")
+Only = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--only",
+        metavar="SOURCE",
+        help="This folder alone (youtube, wiki, reddit, pairs); may be repeated.",
+    ),
+]
 
 
 class Target(StrEnum):
@@ -39,14 +47,14 @@ class Target(StrEnum):
         "kb release publish --to zenodo-sandbox   a draft of each folder, to look at",
     ],
 )
-def release(run: Run) -> Summary:
+def release(run: Run, only: Only = None) -> Summary:
     """Check what the exports wrote and make each folder whole: card, datasheet, metadata, sample,
     checksums.
 
     Whatever speaks against publishing is listed at once, one line each, and nothing is made (exit
     1).
     """
-    return _listed(run, "release")
+    return _listed(run, "release", only or [])
 
 
 @command(
@@ -68,14 +76,7 @@ def publish(
     publish: Annotated[
         bool, typer.Option("--publish", help="Publish the drafts: can't be undone.")
     ] = False,
-    only: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--only",
-            metavar="SOURCE",
-            help="Deposit this folder alone (youtube, wiki, reddit, pairs); may be repeated.",
-        ),
-    ] = None,
+    only: Only = None,
 ) -> Summary:
     """Upload each folder of release/ as one deposit: a draft, until --publish makes it public.
 

@@ -28,7 +28,7 @@ import duckdb
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
-from kb.store import database, parquet
+from kb.store import complete, database, parquet
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 from kb.store.reading import reading, scan
@@ -75,7 +75,8 @@ def export(run: Run) -> Summary:
     The same rows give the same bytes.
     """
     at = Layout(run.root)
-    posts, comments = at.rows("reddit/posts"), at.rows("reddit/comments")
+    posts = complete.rows(run.root, "reddit/posts")
+    comments = complete.rows(run.root, "reddit/comments")
     if not posts:
         raise FatalError(
             "nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first"

@@ -16,6 +16,7 @@ import re
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
+from kb.store import complete
 from kb.store.atomic import writing
 from kb.store.layout import Layout
 from kb.store.merge import Merge
@@ -45,7 +46,7 @@ def youtube(run: Run) -> Summary:
 
     Memory is bounded by the rows read ahead. Raises FatalError without clean rows, and DiskFull.
     """
-    parts = Layout(run.root).rows("youtube/videos")
+    parts = complete.rows(run.root, "youtube/videos")
     if not parts:
         raise FatalError(
             "nothing to export: clean/youtube/videos has no rows",

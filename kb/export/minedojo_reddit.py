@@ -14,7 +14,7 @@ from typing import cast
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
-from kb.store import parquet
+from kb.store import complete, parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout
 from kb.store.reading import reading
@@ -28,7 +28,7 @@ def export(run: Run) -> Summary:
 
     Raises FatalError without clean rows, DamagedData, DiskFull.
     """
-    parts = Layout(run.root).rows("reddit/posts")
+    parts = complete.rows(run.root, "reddit/posts")
     if not parts:
         raise FatalError(
             "nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first"

@@ -31,7 +31,7 @@ from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.export.wiki_tar import rows
-from kb.store import sidefiles
+from kb.store import complete, sidefiles
 from kb.store.atomic import replacing_folder
 from kb.store.inside import inside
 from kb.store.layout import Layout
@@ -44,7 +44,7 @@ def wiki(run: Run) -> Summary:
     """Writes wiki_full from clean/wiki, one page at a time. Raises FatalError without clean rows,
     and DiskFull.
     """
-    if not Layout(run.root).rows("wiki/pages"):
+    if not complete.rows(run.root, "wiki/pages"):
         raise FatalError(
             "nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first"
         )
@@ -143,7 +143,7 @@ class _Grouped:
     """Rows of a table by page, read along with the pages; both are in order of page_id."""
 
     def __init__(self, root: Path, name: str, columns: list[str], by: list[str]) -> None:
-        held = rows(root, name, columns, by) if Layout(root).rows(name) else iter(())
+        held = rows(root, name, columns, by) if complete.rows(root, name) else iter(())
         self._groups = groupby(held, key=lambda row: row["page_id"])
         self._next: tuple[int, Iterator[Row]] | None = next(self._groups, None)
 

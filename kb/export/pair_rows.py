@@ -8,6 +8,7 @@ from typing import Any
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.schema.tables import table
+from kb.store import complete
 from kb.store.layout import Layout
 from kb.store.merge import Merge
 from kb.store.shards import order
@@ -19,7 +20,7 @@ def pair_rows(run: Run, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
     Raises FatalError when there is no index.
     """
     declared = table("pairs/pairs")
-    parts = Layout(run.root).rows(declared.name)
+    parts = complete.rows(run.root, declared.name)
     if not parts:
         raise FatalError(
             f"nothing to export: {Layout(run.root).pairs} has no index", hint="run `kb pairs` first"

@@ -19,7 +19,7 @@ from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.schema.tables import tables
-from kb.store import shards
+from kb.store import complete, shards
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 
@@ -52,7 +52,7 @@ def export(
         for declared in tables().values()
         if declared.source == source and declared.released
     ]
-    found = {declared.name: at.rows(declared.name) for declared in released}
+    found = {declared.name: complete.rows(run.root, declared.name) for declared in released}
     if not any(found.values()):
         place = at.table(released[0].name)
         made_by = "kb pairs" if source == "pairs" else f"kb {source} filter"
@@ -106,6 +106,7 @@ def export(
                 task.advance(1, rows=rows)
         if beside is not None:
             beside(fresh)
+        complete.note_export(run.root, source)
     return Summary(
         command=f"{source} export" if source != "pairs" else "pairs",
         source=source,

@@ -28,9 +28,8 @@ from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.export import parquet
 from kb.schema.tables import table
-from kb.store import sidefiles
+from kb.store import complete, sidefiles
 from kb.store.inside import inside
-from kb.store.layout import Layout
 from kb.store.merge import Merge
 
 TAR_BYTES = 1 << 30
@@ -65,7 +64,7 @@ def export(run: Run) -> Summary:
     Raises FatalError, DamagedData, DiskFull.
     """
     pages = table("wiki/pages")
-    if not Layout(run.root).rows(pages.name):
+    if not complete.rows(run.root, pages.name):
         raise FatalError(
             "nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first"
         )
@@ -107,7 +106,7 @@ def export(run: Run) -> Summary:
 
 def rows(root: Path, name: str, columns: list[str], by: list[str]) -> Iterator[dict[str, Any]]:
     """Clean rows of a table in order, a piece at a time in memory."""
-    merge = Merge(Layout(root).rows(name), by, columns)
+    merge = Merge(complete.rows(root, name), by, columns)
     try:
         for piece in merge:
             yield from piece.to_pylist()

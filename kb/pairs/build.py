@@ -18,12 +18,14 @@ import pyarrow as pa
 
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
-from kb.core.errors import LimitReached
+from kb.core.errors import DamagedData, LimitReached
 from kb.core.profile.pairs import Pairs
 from kb.core.verdict import Summary
 from kb.pairs import keywords as lists
 from kb.pairs import source
 from kb.pairs.index import Counts, Tools, make_tools, pairs_of
+from kb.store import complete
+from kb.store.advice import advice
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
@@ -65,6 +67,7 @@ def build(run: Run) -> Summary:
         mark = source.fingerprint(run.root, _RULES, plan)
         known = read_summary(run.root)
         if known.get("fingerprint") == mark and known.get("complete") and not run.again:
+            _all_there(run.root)
             run.progress.say("pairs are made of all transcripts; nothing is new")
             return _summary(known, run.root)
         work = Layout(run.root).pairing / mark
@@ -74,12 +77,12 @@ def build(run: Run) -> Summary:
             if other != work:
                 shutil.rmtree(other, ignore_errors=True)
         write_text(work / "plan.json", plan)
-        complete = _work(run, work)
-        counts = _finish(run, work, keywords, mark, complete)
-        if complete:
+        done = _work(run, work)
+        counts = _finish(run, work, keywords, mark, done)
+        if done:
             shutil.rmtree(work)
     summary = _summary(counts, run.root)
-    if not complete:
+    if not done:
         error = LimitReached(f"--limit {run.limit} transcripts are done")
         error.summary = summary
         raise error
@@ -92,6 +95,16 @@ def read_summary(root: Path) -> dict[str, Any]:
         return dict(json.loads((Layout(root).pairs / SUMMARY).read_text()))
     except (OSError, ValueError):
         return {}
+
+
+def _all_there(root: Path) -> None:
+    """Raises DamagedData where pairs that were made have lost a file."""
+    folder = Layout(root).pairs
+    complete.check(folder)
+    if not parquet_files(folder):
+        raise DamagedData(
+            f"{folder} has lost its files, {SUMMARY} alone is there", hint=advice(folder / SUMMARY)
+        )
 
 
 class Stretch(NamedTuple):
@@ -108,7 +121,7 @@ class Stretch(NamedTuple):
 
 def _work(run: Run, work: Path) -> bool:
     """Do what is left, up to the limit; whether all is done."""
-    todo, complete = _todo(run, work)
+    todo, everything = _todo(run, work)
     pairs = words = 0
     with (
         run.progress.task(
@@ -122,7 +135,7 @@ def _work(run: Run, work: Path) -> bool:
         ):
             pairs, words = pairs + more, words + more_words
             task.advance(videos, words=words, pairs=pairs)
-    return complete
+    return everything
 
 
 def _todo(run: Run, work: Path) -> tuple[list[Stretch], bool]:
@@ -195,7 +208,7 @@ def _plain(keywords: lists.Keywords) -> dict[str, Any]:
 
 
 def _finish(
-    run: Run, work: Path, keywords: lists.Keywords, mark: str, complete: bool
+    run: Run, work: Path, keywords: lists.Keywords, mark: str, done: bool
 ) -> dict[str, Any]:
     """Merge what is done into pairs/, with the counts beside it."""
     import numpy as np
@@ -209,7 +222,7 @@ def _finish(
                 {what: np.asarray(hits) for what, hits in data["hits"].items()},
             )
         )
-    known: dict[str, Any] = {"fingerprint": mark, "complete": complete}
+    known: dict[str, Any] = {"fingerprint": mark, "complete": done}
     known |= {name: counts.totals[name] for name in _TOTALS}
     found = [(keyword.name, counts.of(number)) for number, keyword in enumerate(keywords.every)]
     known["keywords"] = dict(

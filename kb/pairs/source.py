@@ -14,8 +14,8 @@ import pyarrow.parquet as pq
 
 from kb.core.errors import FatalError
 from kb.pairs.text import Text
-from kb.store import parquet, rawlog
-from kb.store.layout import Layout, parquet_files
+from kb.store import complete, parquet, rawlog
+from kb.store.layout import parquet_files
 from kb.store.reading import reading
 
 _ROWS = 512  # transcripts in memory at once: about two million words
@@ -28,7 +28,7 @@ def parts(root: Path, table: str = "transcripts", *, index: Path | None = None) 
 
     `index`: the released pairs whose transcripts are wanted, for the advice.
     """
-    found = Layout(root).rows(f"youtube/{table}")
+    found = complete.rows(root, f"youtube/{table}")
     if not found and table == "transcripts":
         raise FatalError("there are no transcripts in clean/youtube", hint=_how(root, index))
     return found

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from kb.core.errors import DamagedData
 from kb.core.sources import PUBLISHED
 from kb.schema.tables import Table, table, tables
-from kb.store import database
+from kb.store import complete, database
 from kb.store.advice import advice
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import escaped, reading, scan
@@ -147,6 +147,8 @@ def connect(root: Path | None, views: Sequence[View] | None = None) -> duckdb.Du
     con = database.connect(root)
     if views is None:
         views = list(found(root.absolute())) if root else []
+        for folder in complete.tables(root.absolute()) if root else ():
+            complete.check(folder)
     _make(con, views)
     folders = {f"{view.files[0].parent}/" for view in views}
     # The pattern is checked, then the file.
@@ -164,6 +166,7 @@ def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View]) -> None:
         con.execute(f"CREATE SCHEMA {schema}")
     for view in views:
         try:
+            complete.check(view.files[0].parent)
             with reading(view.files):
                 con.execute(f"CREATE VIEW {view.full} AS FROM {scan(view.files)}")
         except duckdb.Error as error:

@@ -12,7 +12,8 @@ import duckdb
 import pyarrow as pa
 
 from kb.core.context import Run
-from kb.core.errors import DamagedData, ReleaseRefused
+from kb.core.errors import DamagedData, ReleaseRefused, UsageError
+from kb.core.profile.release import SOURCES
 from kb.core.progress import Task
 from kb.core.verdict import Summary
 from kb.release import check, checksums, folders, measure, sample
@@ -24,21 +25,24 @@ from kb.release.metadata import deposit
 from kb.release.pages import card, citation, datasheet, law
 from kb.release.problem import Problem
 from kb.schema import table
-from kb.store import tombstones
+from kb.store import complete, tombstones
 from kb.store.atomic import write_text
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES, taking
 from kb.store.shards import write_table
 
 
-def release(run: Run) -> Summary:
-    """Check and describe every exported folder. Raises ReleaseRefused with `.problems`."""
+def release(run: Run, only: Sequence[str] = ()) -> Summary:
+    """Check and describe every exported folder, or `only` those of some sources.
+
+    Raises ReleaseRefused with `.problems`, UsageError.
+    """
     with taking(run.root, *RELEASES):
-        return _release(run)
+        return _release(run, only)
 
 
-def _release(run: Run) -> Summary:
-    found = exported(run)
+def _release(run: Run, only: Sequence[str]) -> Summary:
+    found = exported(run, only)
     refuse(check.check(run, found))
     facts = [write(run, folder) for folder in found]
     refuse(check.check_made(run, [folders.read(folder.path, folder.source) for folder in found]))
@@ -61,15 +65,38 @@ def describe(run: Run, sources: Sequence[str] = ()) -> None:
             write(run, folder)
 
 
-def exported(run: Run) -> list[Folder]:
-    """The folders to release. Raises ReleaseRefused when nothing was exported."""
-    found = folders.find(run.root)
+def exported(run: Run, only: Sequence[str] = ()) -> list[Folder]:
+    """The folders to release, or `only` those of some sources.
+
+    Raises ReleaseRefused when nothing was exported, or a folder that was has lost its data;
+    UsageError for a source that was not exported.
+    """
+    at, found = Layout(run.root), folders.find(run.root)
+    there = {folder.source for folder in found}
+    wanted = only or SOURCES
+    refuse(
+        [
+            Problem("missing", str(at.release(source)), _lost(source))
+            for source in wanted
+            if source not in there and complete.exported(run.root, source)
+        ]
+    )
     if not found:
         raise ReleaseRefused(
-            f"there is nothing to release under {Layout(run.root).release()}",
+            f"there is nothing to release under {at.release()}",
             hint="run an export first, such as `kb youtube export`",
         )
-    return found
+    if strange := sorted(set(only) - there):
+        raise UsageError(
+            f"there is no folder {', '.join(strange)} in {at.release()}",
+            hint=f"exported: {', '.join(folder.source for folder in found)}",
+        )
+    return [folder for folder in found if folder.source in wanted]
+
+
+def _lost(source: str) -> str:
+    made = "kb pairs" if source == "pairs" else f"kb {source} export"
+    return f"was exported and is not there; run `{made}`, or name the other folders with --only"
 
 
 def refuse(problems: Sequence[Problem]) -> None:

@@ -26,7 +26,7 @@ from kb.release.measure import folder_licence, page_licences
 from kb.release.metadata import Document
 from kb.release.problem import Problem, damaged
 from kb.schema import Table
-from kb.store import database, parquet
+from kb.store import complete, database, parquet
 from kb.store.layout import Layout
 
 
@@ -157,6 +157,10 @@ def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
 def _clean(root: Path, declared: Table) -> list[Problem]:
     """Clean files that can't be read: nothing can be compared with them."""
     found = []
+    try:
+        complete.check(Layout(root).table(declared.name))
+    except DamagedData as error:
+        return [Problem("damaged", declared.name, f"{error}; {error.hint}")]
     for path in Layout(root).rows(declared.name):
         try:
             parquet.check(path)
@@ -212,7 +216,7 @@ def _licence(run: Run, folder: Folder) -> list[Problem]:
             f"the pages name {', '.join(foreign[:3])}, which is no licence that a release can"
             f" carry (known: {', '.join(sorted(KNOWN))})"
         )
-        return [Problem("licence", where, f"{what}; remove release/wiki to release the rest")]
+        return [Problem("licence", where, f"{what}; name the others with --only to release those")]
     found = []
     if named and unnamed:
         found.append(

@@ -21,7 +21,7 @@ from kb.release.gaps import gaps
 from kb.release.licences import KNOWN
 from kb.release.personal import personal_counts
 from kb.schema import Column, Table
-from kb.store import database, parquet, tombstones
+from kb.store import complete, database, parquet, tombstones
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import SANDBOX_MODEL, filtered
 from kb.store.tally import VERDICTS
@@ -113,7 +113,7 @@ class Facts:
 def measure(run: Run, folder: Folder) -> Facts:
     """Read the folder, and what clean/ says about how it came to be."""
     shards = [shard for part in folder.parts for shard in part.shards]
-    verdicts = [Layout(run.root).rows(f"{folder.source}/{verdict}") for verdict in VERDICTS]
+    verdicts = [complete.rows(run.root, f"{folder.source}/{verdict}") for verdict in VERDICTS]
     parquet.check(*shards, *chain.from_iterable(verdicts))
     con = database.connect(run.root)
     tables = tuple(_table(con, part) for part in folder.parts)

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 from kb.core import signals
 from kb.core.addresses import is_loopback
 from kb.core.context import Run
-from kb.core.errors import DamagedData, KbError, UsageError
+from kb.core.errors import DamagedData, KbError
 from kb.core.verdict import Summary
 from kb.net.session import Session, host_of
 from kb.release import check
@@ -49,12 +49,7 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
 
 
 def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str] | None) -> Summary:
-    found = [folder for folder in exported(run) if not only or folder.source in only]
-    if not found:
-        raise UsageError(
-            f"there is no folder {', '.join(only or [])} to deposit",
-            hint=f"exported: {', '.join(folder.source for folder in exported(run))}",
-        )
+    found = exported(run, only or ())
     loopback = is_loopback(endpoint)
     refuse(
         [

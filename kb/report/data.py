@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from kb.core.context import Run
 from kb.schema import table
-from kb.store import database, parquet
+from kb.store import complete, database, parquet
 from kb.store.layout import Layout
 from kb.store.reading import reading, scan, state
 
@@ -75,7 +75,7 @@ class Data:
 
     def files(self, name: str) -> list[str]:
         """The clean files of a table ("youtube/videos", "pairs/pairs", "youtube/rejected")."""
-        return [str(path) for path in Layout(self.root).rows(name)]
+        return [str(path) for path in complete.rows(self.root, name)]
 
     def rows(self, name: str, sql: str, *values: object) -> list[tuple[Any, ...]]:
         """Rows of a query in which {t} stands for the table; nothing when there are no files.

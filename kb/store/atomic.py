@@ -80,8 +80,10 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     """A fresh temporary folder that takes the place of `path` when the block ends well.
 
     A crash between the two renames leaves the old folder as `.NAME.old`, which `settle_folder`
-    (called here first) puts back or clears away.
+    (called here first) puts back or clears away. A link to a folder stays; what it leads to is
+    replaced.
     """
+    path = followed(path)
     settle_folder(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     fresh, old = _fresh(path), _old(path)
@@ -108,13 +110,21 @@ def replacing_folder(path: Path) -> Iterator[Path]:
 
 def settle_folder(path: Path) -> None:
     """Finish or undo a `replacing_folder` that was cut off."""
+    path = followed(path)
     old = _old(path)
-    if old.exists():
-        if path.exists():
-            shutil.rmtree(old)
-        else:
+    if os.path.lexists(old):
+        if not path.exists():
             os.rename(old, path)
+        elif old.is_symlink():
+            old.unlink()
+        else:
+            shutil.rmtree(old)
     shutil.rmtree(_fresh(path), ignore_errors=True)
+
+
+def followed(path: Path) -> Path:
+    """Where a folder is: on another disk, say, with a link in its place."""
+    return path.resolve() if path.is_symlink() else path
 
 
 def _fresh(path: Path) -> Path:

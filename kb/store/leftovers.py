@@ -13,7 +13,7 @@ import shutil
 from pathlib import Path
 
 from kb.store import database, process
-from kb.store.atomic import settle_folder
+from kb.store.atomic import followed, settle_folder
 from kb.store.layout import Layout
 
 _FILE = re.compile(r"\..+\.(tmp|filled\.parquet)|\.filled\.parquet")
@@ -24,10 +24,13 @@ def sweep(root: Path, name: str) -> None:
     """Clear what is left where the lock `name` allows to write. Call it under that lock."""
     _spilled(root)
     _ended(Layout(root).profile)
+    for folder in _read_whole(Layout(root), name):
+        settle_folder(folder)
     for path in _places(Layout(root), name):
-        _beside(path)
-        if path.is_dir() and not path.is_symlink():
-            _below(path)
+        for place in dict.fromkeys((path, followed(path))):
+            _beside(place)
+            if place.is_dir() and not place.is_symlink():
+                _below(place)
 
 
 def _places(at: Layout, name: str) -> tuple[Path, ...]:
@@ -52,6 +55,17 @@ def _places(at: Layout, name: str) -> tuple[Path, ...]:
             return at.release("pairs"), at.export("minedojo", "pairs.json"), *clips
     folders = at.raw(name), at.annotations(name), at.clean(name), at.state_folder(name)
     return *folders, at.importing(name)
+
+
+def _read_whole(at: Layout, name: str) -> tuple[Path, ...]:
+    """Folders that nobody replaces while the lock `name` is held (kb.store.lock.of_clean).
+
+    Whoever holds it reads them: one whose replacement was cut off is put back first.
+    """
+    if name == "pairs":
+        return (at.clean("youtube"),)
+    sources = ("youtube", "wiki", "reddit")
+    return tuple(at.clean(source) for source in sources if name == f"release-{source}")
 
 
 def _beside(path: Path) -> None:

@@ -316,8 +316,8 @@ def test_changed_release_becomes_a_new_version(root: Path, service: Sandbox) -> 
     others = [root / "release" / name for name in ("youtube", "wiki", "reddit")]
     for folder in others:
         shutil.rmtree(folder)
-    release(run)
-    summary = publish(run, "zenodo-sandbox", publish=True)
+    release(run, ["pairs"])
+    summary = publish(run, "zenodo-sandbox", publish=True, only=["pairs"])
     second = store(service).by_id[summary["sources"]["pairs"]["id"]]
     assert second.id != first
     assert second.concept == store(service).by_id[first].concept

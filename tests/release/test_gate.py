@@ -490,7 +490,7 @@ def test_damaged_files_are_lines(tmp_path: Path, text: str, file: str) -> None:
     lines = refused(tmp_path)
     assert any(
         line.startswith(f"damaged: {file.removeprefix('release/')}: can't be read")
-        and " again" in line
+        and "again" in line
         for line in lines
     )
 
