@@ -10,7 +10,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import msgspec
@@ -18,11 +18,12 @@ import pyarrow as pa
 
 from kb.core.errors import DamagedData
 from kb.core.profile.reddit import Links
-from kb.reddit import fields, tree
+from kb.reddit import fields, plain, tree
 from kb.reddit.dumps import retrieved
 from kb.reddit.types import is_crosspost, link_classifier, poll_options, post_type, removal
 from kb.schema.coerce import times
 from kb.schema.decode import holdable, problems
+from kb.schema.tables import table
 from kb.store.buckets import Kind
 
 ROWS = 8_192
@@ -48,15 +49,77 @@ def raw_kind(kind: str, links: Links) -> Kind:
 
 def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
     """Envelopes of one raw kind → tables of about 8,192 rows with the columns of `schema()`."""
-    read = Reader(kind, links)
-    waiting: list[Row] = []
+    batch = Batch(kind, links)
     for line in lines:
-        waiting += read.envelope(line, marks=True)
-        if len(waiting) >= ROWS:
-            yield to_table(waiting)
-            waiting = []
-    if waiting:
-        yield to_table(waiting)
+        batch.add(line)
+        if len(batch) >= ROWS:
+            yield batch.table()
+            batch = Batch(kind, links)
+    if len(batch):
+        yield batch.table()
+
+
+class Batch:
+    """Rows of some answers, in their order: plain comments as columns, all else field by field."""
+
+    def __init__(self, kind: str, links: Links) -> None:
+        self._kind, self._live = kind, kind != "dumps"
+        self._read = Reader(kind, links)
+        self._plain = plain.Comments()
+        self._rows: list[Row] = []
+        self._places: list[int] = []  # of `_rows`
+        self._size = 0
+
+    def __len__(self) -> int:
+        return self._size
+
+    def add(self, line: bytes) -> None:
+        """Read one envelope. Raises DamagedData when it is none."""
+        page = plain.page(line, self._kind)
+        if page is None:
+            self._careful(self._read.envelope(line, marks=True))
+        else:
+            self._page(page)
+
+    def _careful(self, found: list[Row]) -> None:
+        self._places += range(self._size, self._size + len(found))
+        self._rows += found
+        self._size += len(found)
+
+    def _page(self, page: plain.Page) -> None:
+        params, dump = page.params, self._read.dump(page.endpoint, page.params)
+        about = _about(params)
+        quick: list[Any] = []
+        places: list[int] = []
+        known: set[str] = set()
+        stubs: list[tree.Thing] = []
+        escaped = not self._live
+        for one in page.things:
+            kind, record = one.kind, one.data
+            if kind == tree.COMMENT and plain.is_plain(record, escaped=escaped):
+                quick.append(record)
+                places.append(self._size)
+                self._size += 1
+                continue
+            thing = tree.Thing(kind, plain.fields_of(record))
+            if kind not in (tree.COMMENT, tree.POST):
+                stubs.append(thing)
+            found = list(self._read.of_thing(thing, about))
+            known.update(row["fullname"] for row in found)
+            self._careful(self._read.told(found, page.fetched_at, dump))
+        self._plain.add(places, quick, page.fetched_at, dump)
+        known.update(f"t1_{record.id}" for record in quick)
+        asked = asked_for(self._kind, params, 200)
+        found = [_row(name, post, "missing") for name, post in asked if name not in known]
+        found += _marks(self._kind, stubs, params, 200)
+        self._careful(self._read.told(found, page.fetched_at, dump))
+
+    def table(self) -> pa.Table:
+        """The rows, with the columns of `schema()`."""
+        columns = self._plain.table(schema(), live=self._live)
+        if not self._rows:
+            return columns
+        return plain.in_order((columns, to_table(self._rows)), (self._plain.places, self._places))
 
 
 class Reader:
@@ -83,9 +146,9 @@ class Reader:
             envelope["request"]["params"],
             envelope["status"],
         )
-        # Stubs don't say which post they are of; the request does.
-        about = params.get("article") or tree.bare(params.get("link_id"))
-        found = list(self._things(envelope["response"], about)) if status == 200 else []
+        things = list(tree.things(envelope["response"])) if status == 200 else []
+        about = _about(params)
+        found = [row for thing in things for row in self.of_thing(thing, about)]
         if self._kind == "listings":
             # A crawl of a span of time leaves out what its listings show of other times.
             found = [
@@ -99,12 +162,15 @@ class Reader:
         asked = asked_for(self._kind, params, status)
         found += [_row(name, post, "missing") for name, post in asked if name not in known]
         if marks:
-            found += _marks(self._kind, envelope["response"], params, status)
-        dump = (
-            ""
-            if self._live
-            else f"{envelope['request']['endpoint']}/{params.get('offset', 0):020d}"
-        )
+            found += _marks(self._kind, things, params, status)
+        return self.told(found, fetched_at, self.dump(envelope["request"]["endpoint"], params))
+
+    def dump(self, endpoint: str, params: dict[str, Any]) -> str:
+        """Where a record of a dump stands; empty for live answers."""
+        return "" if self._live else f"{endpoint}/{params.get('offset', 0):020d}"
+
+    def told(self, found: list[Row], fetched_at: str | None, dump: str) -> list[Row]:
+        """The rows with what the envelope says of all of them."""
         for row in found:
             # A dump's envelope holds records that were read at different times; each says it
             # itself, or nobody knows.
@@ -112,14 +178,15 @@ class Reader:
             row["live"], row["dump"] = self._live, dump
         return found
 
-    def _things(self, response: Any, about: str) -> Iterator[Row]:
-        for kind, data in tree.things(response):
-            if kind == tree.POST:
-                yield self.post(data)
-            elif kind == tree.COMMENT:
-                yield self.comment(data)
-            else:
-                yield from (_row(f"t1_{key}", about, "stub") for key in tree.stub_ids(data))
+    def of_thing(self, thing: tree.Thing, about: str) -> Iterator[Row]:
+        """The rows of a post, a comment or a stub; `about`: the post that stubs are of."""
+        kind, data = thing
+        if kind == tree.POST:
+            yield self.post(data)
+        elif kind == tree.COMMENT:
+            yield self.comment(data)
+        else:
+            yield from (_row(f"t1_{key}", about, "stub") for key in tree.stub_ids(data))
 
     def post(self, data: dict[str, Any]) -> Row:
         """The row of a post (a submission's fields of any year)."""
@@ -191,7 +258,14 @@ def asked_for(kind: str, params: dict[str, Any], status: int) -> list[tuple[str,
     return []
 
 
-def _marks(kind: str, response: Any, params: dict[str, Any], status: int) -> Iterator[Row]:
+def _about(params: dict[str, Any]) -> str:
+    """The post that an answer is of: stubs don't say it, the request does."""
+    return params.get("article") or tree.bare(params.get("link_id"))
+
+
+def _marks(
+    kind: str, things: Iterable[tree.Thing], params: dict[str, Any], status: int
+) -> Iterator[Row]:
     """Rows that say which parts of a tree are known: `read` the page of a post or of a comment's
     thread, `open` the comment whose replies are behind "continue this thread".
     """
@@ -201,45 +275,44 @@ def _marks(kind: str, response: Any, params: dict[str, Any], status: int) -> Ite
         yield _row(f"t1_{comment}" if comment else f"t3_{post}", post, READ)
     if kind not in ("comments", "morechildren") or status != 200:
         return
-    for thing in tree.things(response):
+    for thing in things:
         if thing.kind != "more" or not tree.is_continuation(thing.data):
             continue
         if thing.data["parent_id"].startswith("t1_"):
             yield _row(thing.data["parent_id"], post, OPEN)
 
 
+@cache
 def schema() -> pa.Schema:
-    """Columns of `rows`."""
-    text, number, flag = pa.string(), pa.int64(), pa.bool_()
-    columns: list[tuple[str, pa.DataType]] = [
-        ("fullname", text),
-        ("post_id", text),
-        ("state", text),
-        ("fetched_at", pa.timestamp("us", "UTC")),
-        ("live", flag),
-        ("dump", text),
-        ("type", text),
-        ("link_kind", text),
-        ("source_url", text),
-        ("is_crosspost", flag),
-        ("poll_options", pa.list_(text)),
-        ("over_18", flag),
-        ("title", text),
-        ("text", text),
-        ("author_hash", text),
-        ("score", number),
-        ("num_comments", number),
-        ("upvote_ratio", pa.float64()),
-        ("created_utc", pa.timestamp("us", "UTC")),
-        ("parent_id", text),
-        ("gone", text),
-        ("gone_value", text),
-        (
-            "problems",
-            pa.list_(pa.struct([("column", text), ("reason", text), ("value", text)])),
-        ),
-    ]
-    return pa.schema(columns)
+    """Columns of `rows`: those of the tables as declared, and what only stages read."""
+    text, flag = pa.string(), pa.bool_()
+    problem = pa.struct([("column", text), ("reason", text), ("value", text)])
+    return pa.schema(
+        [
+            ("fullname", text),
+            _declared("post_id"),
+            ("state", text),
+            _declared("fetched_at"),
+            ("live", flag),
+            ("dump", text),
+            *map(_declared, ("type", "link_kind", "source_url", "is_crosspost", "poll_options")),
+            ("over_18", flag),
+            _declared("title"),
+            ("text", _declared("body")[1]),
+            *map(_declared, ("author_hash", "score", "num_comments", "upvote_ratio")),
+            _declared("created_utc"),
+            _declared("parent_id"),
+            ("gone", text),
+            ("gone_value", text),
+            ("problems", pa.list_(problem)),
+        ]
+    )
+
+
+def _declared(name: str) -> tuple[str, pa.DataType]:
+    """A column of posts or comments with its type."""
+    of = "posts" if name in table("reddit/posts").names() else "comments"
+    return name, table(f"reddit/{of}").column(name).parsed.arrow()
 
 
 def to_table(found: list[Row]) -> pa.Table:
@@ -297,13 +370,11 @@ def _common(row: Row, data: dict[str, Any]) -> Row:
     row |= {
         "score": fields.integer(row, data, "score"),
         "created_utc": fields.integer(row, data, "created_utc"),
-        "author_hash": author
-        if isinstance(author, str) and author not in ("", "[deleted]", "[removed]")
-        else None,
+        "author_hash": author if isinstance(author, str) and author not in plain.NOBODY else None,
         "gone": gone[0] if gone else None,
         "gone_value": gone[1] if gone else None,
     }
-    if row["created_utc"] is not None and not 0 <= row["created_utc"] < 253402300800:
+    if row["created_utc"] is not None and not 0 <= row["created_utc"] < plain.LATEST:
         row["found"].append(("created_utc", "malformed", str(data.get("created_utc"))))
         row["created_utc"] = None
     return row
