@@ -13,8 +13,8 @@ import pyarrow as pa
 
 from kb.core.context import Run
 from kb.core.errors import DamagedData, ReleaseRefused, UsageError
-from kb.core.profile.release import SOURCES
 from kb.core.progress import Task
+from kb.core.sources import PUBLISHED
 from kb.core.verdict import Summary
 from kb.release import check, checksums, folders, measure, sample
 from kb.release.croissant import croissant
@@ -73,7 +73,7 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[Folder]:
     """
     at, found = Layout(run.root), folders.find(run.root)
     there = {folder.source for folder in found}
-    wanted = only or SOURCES
+    wanted = only or PUBLISHED
     refuse(
         [
             Problem("missing", str(at.release(source)), _lost(source))
