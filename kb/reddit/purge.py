@@ -36,7 +36,8 @@ from kb.store.purge import Place
 from kb.store.rawlog import Envelope
 from kb.store.shards import check_columns, write_table
 
-BASES = ("clean/reddit", str(OUT))
+RESTORED = "restored/reddit"
+BASES = ("clean/reddit", str(OUT), RESTORED)
 ROWS = (
     *(
         place
@@ -48,6 +49,8 @@ ROWS = (
         )
     ),
     Place(str(OUT), "reddit/missing", "key"),
+    Place(RESTORED, "reddit/missing", "key"),
+    Place("restored", "shared/missing", "key"),
     *(
         Place(f"clean/reddit/{verdict}", f"shared/{verdict}", "key")
         for verdict in ("rejected", "failed", "pending")
@@ -123,15 +126,16 @@ def _take_out(run: Run, frontier: Frontier, keys: dict[str, str]) -> None:
         drop_parents(run.root / base / "posts", crossposts, keys)
     _forget(frontier, keys)
     # Answers of a reconstruction that was cut off; it asks again.
-    for work in (run.root / OUT).glob(".work-*"):
-        shutil.rmtree(work)
+    for base in (OUT, RESTORED):
+        for work in (run.root / base).glob(".work-*"):
+            shutil.rmtree(work)
 
 
 def _check(root: Path) -> None:
     """Raise FatalError where tables are of an earlier version: rows can't be taken out of those."""
-    for base, hint in zip(
-        BASES, ("run `kb reddit filter`", "run `kb reddit reconstruct --again`"), strict=True
-    ):
+    hints = ("kb reddit filter", "kb reddit reconstruct --again", "kb restore --again")
+    for base, command in zip(BASES, hints, strict=True):
+        hint = f"run `{command}`"
         for name in ("posts", "comments"):
             parts = sorted((root / base / name).glob("*.parquet"))
             check_columns(parts, table(f"reddit/{name}"), hint)

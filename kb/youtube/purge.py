@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Collection
 from pathlib import Path
 
@@ -10,10 +11,12 @@ from kb.core.verdict import Summary
 from kb.crawl import purge
 from kb.crawl.purge import Keys
 from kb.store import purge_plan, rawlog
+from kb.store.layout import Layout
 from kb.store.purge import Place
 from kb.youtube import parse
 from kb.youtube.ids import read_ids
 from kb.youtube.reduce import RAW_TRANSCRIPTS, RAW_VIDEOS, REFRESH, TRANSCRIPTS, VIDEOS
+from kb.youtube.restored import WORK
 from kb.youtube.source import YouTube
 
 ROWS = (
@@ -26,6 +29,13 @@ ROWS = (
         for verdict in ("rejected", "failed", "pending")
     ),
     Place("pairs", "pairs/pairs", "video_id"),
+    *(
+        Place(f"restored/youtube/{name}", f"youtube/{name}", "video_id")
+        for name in ("videos", "transcripts")
+    ),
+    Place("restored/youtube", "shared/missing", "key"),
+    Place("restored/pairs", "pairs/pairs", "video_id"),
+    Place("restored", "shared/missing", "key"),
 )
 
 
@@ -48,13 +58,17 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
     Raises SettingError before anything is written.
     """
     named, said = _named(ids)
-    return purge.purge_raw(
+    keys = purge.purge_raw(
         run,
         YouTube(run),
         lambda session: Keys(collect(run, named), said),
         kinds=(VIDEOS, TRANSCRIPTS, REFRESH),
         exact=(RAW_VIDEOS, RAW_TRANSCRIPTS),
     )
+    if keys:
+        # Answers of a restoration that was cut off; it asks again.
+        shutil.rmtree(Layout(run.root).restored("youtube", WORK), ignore_errors=True)
+    return keys
 
 
 def _named(ids: Path | None) -> tuple[list[str], dict[str, int]]:
