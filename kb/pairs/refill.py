@@ -27,7 +27,7 @@ from kb.pairs.text import Text
 from kb.pairs.tokens import ENDS
 from kb.schema.conform import conform
 from kb.schema.tables import table
-from kb.store import parquet
+from kb.store import parquet, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
@@ -50,7 +50,7 @@ def restore(run: Run, index: Path, removed: Collection[str]) -> Summary:
     Without transcripts every text is null. Raises SettingError, DamagedData.
     """
     rows, at = _read(index), Layout(run.root)
-    gone = pa.array(sorted(removed), pa.string())
+    gone = pa.array(sorted({*removed, *tombstones.keys(run.root, "youtube")}), pa.string())
     rows = rows.filter(pc.invert(pc.is_in(rows["video_id"].cast(pa.string()), value_set=gone)))
     transcripts = parquet_files(at.restored("youtube", "transcripts"))
     return fill(run, rows, transcripts, at.restored("pairs"))

@@ -36,7 +36,7 @@ from kb.store.rawlog import Envelope
 from kb.store.reading import reading
 from kb.store.shards import check_columns, write_table
 
-BASES = (BELOW.clean("reddit"), BELOW.reconstructed)
+BASES = (BELOW.clean("reddit"), BELOW.reconstructed, BELOW.restored("reddit"))
 ROWS = (
     *(
         place
@@ -47,7 +47,8 @@ ROWS = (
             Place(str(base / "comments"), "reddit/comments", "post_id", "t3_"),
         )
     ),
-    Place(str(BELOW.reconstructed), "reddit/missing", "key"),
+    *(Place(str(base), "reddit/missing", "key") for base in BASES[1:]),
+    Place(str(BELOW.restored()), "shared/missing", "key"),
     *verdicts_of("reddit"),
 )
 
@@ -120,15 +121,16 @@ def _take_out(run: Run, frontier: Frontier, keys: dict[str, str]) -> None:
         drop_parents(run.root / base / "posts", crossposts, keys)
     _forget(frontier, keys)
     # Answers of a reconstruction that was cut off; it asks again.
-    for work in Layout(run.root).reconstructed.glob(".work-*"):
-        shutil.rmtree(work)
+    for base in BASES[1:]:
+        for work in (run.root / base).glob(".work-*"):
+            shutil.rmtree(work)
 
 
 def _check(root: Path) -> None:
     """Raise FatalError where tables are of an earlier version: rows can't be taken out of those."""
-    for base, hint in zip(
-        BASES, ("run `kb reddit filter`", "run `kb reddit reconstruct --again`"), strict=True
-    ):
+    hints = ("kb reddit filter", "kb reddit reconstruct --again", "kb restore --again")
+    for base, command in zip(BASES, hints, strict=True):
+        hint = f"run `{command}`"
         for name in ("posts", "comments"):
             parts = sorted((root / base / name).glob("*.parquet"))
             check_columns(parts, table(f"reddit/{name}"), hint)

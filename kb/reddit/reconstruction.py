@@ -214,7 +214,7 @@ def _read_dumps(
     run: Run, wanted: Wanted, dumps: Sequence[Path], work: Path, gone: Collection[str]
 ) -> Summary:
     """What is wanted of the dumps → raw answers in the work folder, as an import writes them."""
-    ids, notes = work / "ids", work / "state" / "reddit-import"
+    ids, notes = work / "ids", Layout(work).importing("reddit")
     if run.again and not notes.exists():
         run = replace(run, again=False)  # nothing was read yet that could be read anew
     places.settle(work)

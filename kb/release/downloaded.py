@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, cast
 
-import pyarrow.parquet as pq
-
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
 from kb.release import checksums
 from kb.release.folders import SUMS, TOMBSTONES
 from kb.schema import tables
+from kb.store import parquet
+from kb.store.layout import Layout
 from kb.store.reading import reading
 
 PROFILE = "profile.toml"
@@ -37,7 +37,9 @@ class Downloaded(NamedTuple):
         if not path.is_file():
             return set()
         with reading([path]):
-            return set(cast("list[str]", pq.read_table(path, columns=["key"])["key"].to_pylist()))
+            return set(
+                cast("list[str]", parquet.read_table(path, columns=["key"])["key"].to_pylist())
+            )
 
 
 def find(places: Sequence[Path]) -> list[Downloaded]:
@@ -62,7 +64,7 @@ def _of(place: Path) -> Iterator[Downloaded]:
     if one := _one(place):
         yield one
         return
-    for folder in (place, place / "release"):  # a data root's own
+    for folder in (place, Layout(place).release()):  # a data root's own
         some = [one for inner in sorted(folder.glob("*/")) if (one := _one(inner))]
         if some:
             yield from some

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Collection
 from pathlib import Path
 
@@ -10,16 +11,25 @@ from kb.core.verdict import Summary
 from kb.crawl import purge
 from kb.crawl.purge import Keys
 from kb.store import purge_plan, rawlog
-from kb.store.purge import place_of, verdicts_of
+from kb.store.layout import BELOW, Layout
+from kb.store.purge import Place, place_of, verdicts_of
 from kb.youtube import parse
 from kb.youtube.ids import read_ids
 from kb.youtube.reduce import RAW_TRANSCRIPTS, RAW_VIDEOS, REFRESH, TRANSCRIPTS, VIDEOS
+from kb.youtube.restored import WORK
 from kb.youtube.source import YouTube
 
 ROWS = (
     *(place_of(f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),
     *verdicts_of("youtube"),
     place_of("pairs/pairs", "video_id"),
+    *(
+        Place(str(BELOW.restored("youtube", name)), f"youtube/{name}", "video_id")
+        for name in ("videos", "transcripts")
+    ),
+    Place(str(BELOW.restored("youtube")), "shared/missing", "key"),
+    Place(str(BELOW.restored("pairs")), "pairs/pairs", "video_id"),
+    Place(str(BELOW.restored()), "shared/missing", "key"),
 )
 
 
@@ -42,13 +52,17 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
     Raises SettingError before anything is written.
     """
     named, said = _named(ids)
-    return purge.purge_raw(
+    keys = purge.purge_raw(
         run,
         YouTube(run),
         lambda session: Keys(collect(run, named), said),
         kinds=(VIDEOS, TRANSCRIPTS, REFRESH),
         exact=(RAW_VIDEOS, RAW_TRANSCRIPTS),
     )
+    if keys:
+        # Answers of a restoration that was cut off; it asks again.
+        shutil.rmtree(Layout(run.root).restored("youtube", WORK), ignore_errors=True)
+    return keys
 
 
 def _named(ids: Path | None) -> tuple[list[str], dict[str, int]]:
