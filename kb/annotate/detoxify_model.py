@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from kb.annotate.beside import tokenizer_files
 from kb.annotate.checkpoint import Checkpoint, need_extra
+from kb.annotate.model_files import tokenizer_files
 from kb.core.errors import MissingModel
 
 WINDOW = 512  # tokens that every published model reads at once
