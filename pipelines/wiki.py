@@ -19,7 +19,7 @@ from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.verdict import Summary
 from kb.export.minedojo_wiki import wiki
-from kb.filters.chain import Beside, Chain, Clean, Follow
+from kb.filters.chain import Chain, Clean, Follow, SideFiles
 from kb.filters.judgement import Predicate
 from kb.filters.predicates import AtLeast, AtMost, Present, Told, Waits
 from kb.store.buckets import Kind
@@ -85,7 +85,7 @@ def clean(p: Profile) -> Clean:
         ),
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
         scorer=toxicity,
-        beside=Beside(tables.read_pages, tables.size),
+        side_files=SideFiles(tables.read_pages, tables.size),
     )
 
 

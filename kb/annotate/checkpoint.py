@@ -16,8 +16,8 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from kb.annotate.beside import check_beside
 from kb.annotate.cache import cache_root
+from kb.annotate.model_files import check_model_files
 from kb.annotate.published import KNOWN, PUBLISHED, Published
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.settings import Settings
@@ -67,7 +67,7 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
     """The checkpoint of KB_TOXICITY_MODEL, verified. Loads nothing.
 
     Raises MissingModel (absent, cut off, another file, no digest, no configuration or tokenizer
-    beside it that goes with it), SettingError (KB_TOXICITY_SHA256 is none).
+    beside it that goes with it), SettingError (KB_TOXICITY_SHA256 is no digest).
     """
     chosen = settings.kb_toxicity_model.strip()
     if not chosen:
@@ -99,7 +99,7 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
             f"nothing says which file {path.name} should be; its name is no proof",
             hint=f"if you trust it, run `sha256sum {quoted} > {quoted}.sha256`",
         )
-    check_beside(
+    check_model_files(
         path.parent,
         "put the config.json and the tokenizer's files of its base model beside the checkpoint",
     )
@@ -142,7 +142,7 @@ def _fetched(model: Published) -> Checkpoint:
             raise MissingModel(
                 f"{beside} is missing or not the published file", hint=f"run `{command}` again"
             )
-    check_beside(folder, f"run `{command}` again")
+    check_model_files(folder, f"run `{command}` again")
     return Checkpoint(path, model.name, digest)
 
 

@@ -22,8 +22,8 @@ from typing import Any
 from unittest import mock
 
 from kb.annotate import memory
-from kb.annotate.beside import tokenizer_files
 from kb.annotate.checkpoint import Checkpoint, need_extra
+from kb.annotate.model_files import tokenizer_files
 from kb.core.errors import MissingModel
 
 WINDOW = 512  # tokens that every published model reads at once

@@ -12,8 +12,8 @@ from typing import Any
 
 import requests
 
-from kb.annotate.beside import problem_of
 from kb.annotate.checkpoint import models_folder, sha256_of
+from kb.annotate.model_files import problem_of
 from kb.annotate.published import PUBLISHED, Published
 from kb.core import signals
 from kb.core.context import Run

@@ -118,7 +118,7 @@ class Scores:
         precisions: Sequence[str],
         classes: Sequence[str],
     ) -> Path:
-        """Add a chunk as the next part; a category that is none of `classes` is null.
+        """Add a chunk as the next part; a category that is not one of `classes` is null.
 
         Raises DiskFull.
         """
@@ -140,7 +140,7 @@ class Scores:
         return path
 
     def merge(self) -> Path | None:
-        """All parts and the merged file as one sorted file without doubles;
+        """All parts and the merged file as one sorted file without duplicates;
         None when there is nothing.
         """
         parts = sorted(Path(self.folder).glob("part-*.parquet"))

@@ -142,7 +142,7 @@ class _Future(Future[Any]):
                 "several Dask workers died of the same task",
                 hint="they may need more memory; see their logs",
             ) from error
-        # What a task itself raises is none of these.
+        # What a task itself raises is not one of these.
         except (concurrent.futures.CancelledError, asyncio.CancelledError, CommClosedError):
             raise _lost(self._where) from None
 

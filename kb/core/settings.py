@@ -82,7 +82,7 @@ class Settings(BaseSettings):
     @field_validator("*", mode="before")
     @classmethod
     def _is_clean(cls, value: object, info: ValidationInfo) -> object:
-        """Spaces around a value are none of it, and an empty one is unset:
+        """Spaces around a value are dropped, and an empty one is unset:
         a line of `.env` that nobody filled in.
         """
         if isinstance(value, str):

@@ -1,4 +1,4 @@
-"""Names in `.env` and in the environment that look like settings of Lorebase and are none."""
+"""Names in `.env` and in the environment that look like settings of Lorebase but are unknown."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def unknown_names(*, dotenv: bool = True) -> list[str]:
     """
     lines = []
     if dotenv and Path(".env").is_file():
-        lines += _told(".env", dotenv_values(".env", interpolate=False), _OURS)
-    return lines + _told("the environment", os.environ, ("KB_",))
+        lines += _lines(".env", dotenv_values(".env", interpolate=False), _OURS)
+    return lines + _lines("the environment", os.environ, ("KB_",))
 
 
-def _told(where: str, names: Iterable[str], prefixes: tuple[str, ...]) -> list[str]:
+def _lines(where: str, names: Iterable[str], prefixes: tuple[str, ...]) -> list[str]:
     known = [name.upper() for name in Settings.model_fields]
     lines = []
     for name in names:

@@ -68,7 +68,7 @@ class Follow:
     on: str
 
 
-class Beside(NamedTuple):
+class SideFiles(NamedTuple):
     """Files that lie beside the raw log and that its answers name: captured pages.
 
     `read` gets the data root, what `assemble` gave, and whether the tables that follow are wanted
@@ -99,7 +99,7 @@ class Clean:
     scorer: Scorer | None = None
     unanswered: Callable[[Path], Iterable[tuple[str, str]]] | None = None
     ended_by_failure: tuple[str, ...] = ()
-    beside: Beside | None = None
+    side_files: SideFiles | None = None
     complete: Callable[[dict[str, pa.Table]], dict[str, pa.Table]] | None = None
     about: Callable[[Path], dict[str, Any]] | None = None
 

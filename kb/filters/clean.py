@@ -135,7 +135,9 @@ def _segments(root: Path, spec: Clean) -> list[tuple[str, Path]]:
 
 def _buckets(root: Path, spec: Clean, segments: list[tuple[str, Path]]) -> int:
     size = sum(path.stat().st_size for _, path in segments)
-    return buckets.how_many(size + (spec.beside.size(root) if spec.beside is not None else 0))
+    return buckets.how_many(
+        size + (spec.side_files.size(root) if spec.side_files is not None else 0)
+    )
 
 
 def _parse(run: Run, job: Job, segments: list[tuple[str, Path]], executor: Any) -> Counter[str]:

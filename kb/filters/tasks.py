@@ -139,8 +139,8 @@ def _assembled(
     for chain in spec.chains:
         if chain.table in rows:
             rows[chain.table] = _without(rows[chain.table], chain, gone)
-    if spec.beside is not None:
-        rows = spec.beside.read(Path(job.root), rows, whole)
+    if spec.side_files is not None:
+        rows = spec.side_files.read(Path(job.root), rows, whole)
     return rows, counts
 
 

@@ -61,7 +61,7 @@ class Session(requests.Session):
 
     `hosts` are the only ones that are asked, as `host_of` gives them; None allows any. Credentials
     are those of the settings alone, never of ~/.netrc; proxies of the environment are used. Raises
-    SettingError for a contact that is none.
+    SettingError for a malformed contact.
     """
 
     def __init__(

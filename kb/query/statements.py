@@ -96,7 +96,7 @@ def casts(relation: duckdb.DuckDBPyRelation, *, text: bool) -> str | None:
 
 
 def distinct(names: Sequence[str]) -> list[str]:
-    """Names of columns without doubles, told apart as DuckDB does it: a, a_1, a_2."""
+    """Names of columns without duplicates, told apart as DuckDB does it: a, a_1, a_2."""
     taken: set[str] = set()
     found = []
     for name in names:

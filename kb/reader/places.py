@@ -81,7 +81,7 @@ def _of(path: Path) -> list[Placed]:
 
 
 def _release(folder: Path) -> Iterator[Placed]:
-    """The tables of one release folder, whatever its name; nothing where it is none."""
+    """The tables of one release folder, whatever its name; nothing where it is not one."""
     if not folder.is_dir():
         return
     shards: dict[str, list[Path]] = {}
@@ -127,7 +127,7 @@ def _check(folder: Path) -> None:
 
 
 def _summed(folder: Path) -> Iterator[str]:
-    """Names in SHA256SUMS, where there is one; names of other folders are none of ours."""
+    """Names in SHA256SUMS, where there is one; names in other folders are left out."""
     sums = folder / SUMS
     if not sums.is_file():
         return

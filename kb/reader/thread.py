@@ -91,7 +91,7 @@ class Thread:
         first = self.orphans[0] if self.orphans else None
         for level, one in self.walk():
             if one is first:
-                lines.append(f"-- {_told(len(self.orphans))}")
+                lines.append(f"-- {_orphans(len(self.orphans))}")
             said = _line(one.body, one.missing)
             lines.append(f"{'  ' * (level + 1)}{one.comment_id} ({one.score}) {said}")
         return "\n".join(line.rstrip() for line in lines)
@@ -115,7 +115,7 @@ class Thread:
                 parts.append(f"<div><i>and {len(self) - _SHOWN:,} more</i></div>")
                 break
             if one is first:
-                parts.append(f"<div><i>{html.text(_told(len(self.orphans)))}</i></div>")
+                parts.append(f"<div><i>{html.text(_orphans(len(self.orphans)))}</i></div>")
             said = html.text(one.body if one.body is not None else one.missing, _TEXT)
             parts.append(
                 f'<div style="margin-left:{min(level, 20) * 1.5:.1f}em">'
@@ -222,6 +222,6 @@ def _line(text: str | None, missing: str | None) -> str:
     return terminal.one_line(" ".join(text.split()))
 
 
-def _told(number: int) -> str:
+def _orphans(number: int) -> str:
     are = "1 comment whose parent is" if number == 1 else f"{number:,} comments whose parents are"
     return f"{are} not here (deleted, or left out by a filter)"

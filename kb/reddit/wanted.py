@@ -107,7 +107,7 @@ def asked_for(ids: Ids, release: Path) -> tuple[Wanted, list[Path]]:
 
 
 def read_wanted(path: Path) -> Wanted:
-    """The ids of a file in its order, without doubles but for Parquet. Raises SettingError (exit
+    """The ids of a file in its order, without duplicates but for Parquet. Raises SettingError (exit
     2).
 
     Lines: a full name each. Parquet: `comment_id`, else `post_id`, else full names in `key`. JSON:
@@ -147,7 +147,7 @@ def _unreadable(path: Path) -> Iterator[None]:
 
 
 def read_names(lines: Iterable[str], where: str) -> Wanted:
-    """Full names, one a line. Raises SettingError naming the first line that is none."""
+    """Full names, one a line. Raises SettingError naming the first line that is no full name."""
     found = []
     for number, line in enumerate(lines, 1):
         name = line.strip().lower()

@@ -2,7 +2,7 @@
 
 A msgspec type with exactly those fields is derived from the TOML, so decoding skips all else. Its
 leaves take any value: a retyped field costs one value, never an envelope. An envelope whose
-objects are not objects, or whose text JSON can't hold, is read the slow and patient way.
+objects are not objects, or whose text JSON can't hold, is read the slow way, which takes more.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ class Place(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     beside: Place | None = None
 
     def text(self, value: Any) -> str | None:
-        """The name that `value` is at this place; None when it is none."""
+        """The name that `value` makes at this place; None when it is neither text nor a number."""
         if isinstance(value, bool) or not isinstance(value, (str, int)):
             return None
         return f"{self.prefix}{value}"

@@ -20,7 +20,7 @@ from pathlib import Path
 import msgspec
 
 from kb.core.errors import DamagedData
-from kb.store import rawlog, reading
+from kb.store import damage, rawlog, reading
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 from kb.store.rawlog import Envelope
@@ -68,7 +68,7 @@ def note(root: Path, source: str, frontier: Frontier, error: DamagedData, hint: 
         for path in paths
         if path is not None
         and path.parent.parent.resolve() == base
-        and rawlog.damage(path, path.stat().st_size)
+        and damage.gaps(path, path.stat().st_size)
     ]
     if found:
         suspect(frontier, found)
@@ -106,14 +106,14 @@ def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False
 
 def _take_out_of(path: Path, kind: str, committed: int, frontier: Frontier) -> None:
     name = rawlog.base_name(path)
-    if not (found := rawlog.damage(path, committed)):
+    if not (found := damage.gaps(path, committed)):
         return
-    named = [(start, end, rawlog.aside_name(path, start, end)) for start, end in found]
+    named = [(start, end, damage.aside_name(path, start, end)) for start, end in found]
     with frontier.transaction():
         _note(frontier, [Lost(kind, name, *stretch) for stretch in named])
         # Killed before the last line, the whole segment is read again, which changes nothing.
         frontier.set_offset(kind, name, 0)
-    rawlog.set_aside(path, named)
+    damage.set_aside(path, named)
     gone = sum(max(0, min(end, committed) - start) for start, end in found)
     frontier.set_offset(kind, name, max(0, committed - gone))
 
@@ -221,7 +221,7 @@ def drop_asides(
     """
     known = {lost.aside: lost for lost in _load(frontier) if lost.aside}
     gone = 0
-    for path in rawlog.asides(root, source):
+    for path in damage.asides(root, source):
         lost = known.get(path.name)
         held = {key for _, key in lost.items or ()} if lost is not None else set()
         if path.parent.name not in exact or not held or held & set(keys):

@@ -15,7 +15,7 @@ from __future__ import annotations
 import os
 import re
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -24,7 +24,7 @@ import zstandard
 
 from kb.core.errors import DamagedData
 from kb.net import redact
-from kb.store.atomic import full_disk_is_resumable, sync_folder, write_bytes, writing
+from kb.store.atomic import full_disk_is_resumable, sync_folder
 from kb.store.layout import Layout
 
 SUFFIX = ".ndjson.zst"
@@ -353,64 +353,3 @@ def recover(root: Path, source: str) -> list[str]:
                 os.rename(path, path.with_name(path.name.removesuffix(".open")))
             sync_folder(path.parent)
     return cut
-
-
-def damage(path: Path, committed: int) -> list[tuple[int, int]]:
-    """The stretches (start, end) of a segment that hold no readable answer.
-
-    A torn tail of an open segment counts where it begins before `committed`, the offset that the
-    state knows; behind it nothing was promised.
-    """
-    frames = Frames(path, mending=True, checked=True)
-    for _ in frames:
-        pass
-    found = list(frames.damaged)
-    if frames.torn and (not path.name.endswith(".open") or frames.good < committed):
-        found.append((frames.good, path.stat().st_size))
-    return found
-
-
-def aside_name(path: Path, start: int, end: int) -> str:
-    """The name of the file that gets the damaged bytes of a segment; no reader of raw takes it.
-
-    A file that has these bytes already, of a run that was killed, keeps them.
-    """
-    first = name = f"{base_name(path)}{SUFFIX}.damaged-{start}"
-    number = 1
-    with path.open("rb") as file:
-        file.seek(start)
-        data = file.read(end - start)
-    while (held := path.with_name(name)).exists() and held.read_bytes() != data:
-        number += 1
-        name = f"{first}-{number}"
-    return name
-
-
-def set_aside(path: Path, found: Sequence[tuple[int, int, str]]) -> None:
-    """Take stretches (start, end, name of the new file) out of a segment, which is written anew.
-
-    Raises DiskFull.
-    """
-    with path.open("rb") as file:
-        for start, end, name in found:
-            file.seek(start)
-            write_bytes(path.with_name(name), file.read(end - start))
-        with writing(path) as temporary, temporary.open("wb") as fresh:
-            at = 0
-            for start, end, _ in found:
-                _copy(file, fresh, at, start)
-                at = end
-            _copy(file, fresh, at, path.stat().st_size)
-
-
-def _copy(file: BinaryIO, fresh: BinaryIO, start: int, end: int) -> None:
-    file.seek(start)
-    left = end - start
-    while chunk := file.read(min(_CHUNK, left)):
-        fresh.write(chunk)
-        left -= len(chunk)
-
-
-def asides(root: Path, source: str) -> list[Path]:
-    """What was set aside of a source's segments."""
-    return sorted(Layout(root).raw(source).glob(f"*/*{SUFFIX}.damaged-*"))

@@ -61,7 +61,7 @@ def _about_pages(query: dict[str, Any]) -> str | None:
                 f"the API's answer holds a page that has neither title nor id: {quoted(repr(page))}"
             )
         if not isinstance(page.get("revisions", []), list) or not _all(page.get("revisions", [])):
-            return "the API's answer holds revisions that are none"
+            return "the API's answer holds revisions that are no objects"
     if not (
         _entries(query.get("normalized", []), "from", "to")
         and _entries(query.get("interwiki", []), "title")

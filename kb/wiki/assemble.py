@@ -29,10 +29,10 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
 
     A page is captured when its newest revision was shown under its newest title. Adds `key` (the
     id as text, or a title that has no page), `state` (what the wiki says of it), `of_page` (the id
-    of a page that is none but bears the title), `missing`, `robots` and `render` (reasons) and
-    `said` (what goes with the reason). Pages that are gone by the newest answer are left out: the
-    crawl writes their tombstones. `url` is the wiki's root, for raw data without an answer about
-    the site.
+    of a redirect or the like, which has the title and is no page), `missing`, `robots` and
+    `render` (reasons) and `said` (what goes with the reason). Pages that are gone by the newest
+    answer are left out: the crawl writes their tombstones. `url` is the wiki's root, for raw data
+    without an answer about the site.
     """
     rows = newest.get("pages", parse.schema("pages").empty_table())
     there = pc.equal(rows["state"], "there")

@@ -1,7 +1,6 @@
 """One headless Chromium with its driver: started, asked, ended as a whole.
 
-The driver is started by us, not by Selenium, so that its process group is ours to end. The
-browser gets a fresh profile and home folder, no environment of ours, and may resolve no host
+The browser gets a fresh profile and home folder, no environment of ours, and may resolve no host
 but the wiki's own.
 """
 
@@ -10,10 +9,6 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import select
-import shutil
-import subprocess
-import tempfile
 import threading
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -21,10 +16,10 @@ from urllib.parse import urlsplit
 
 from urllib3.exceptions import HTTPError
 
-from kb.core import clock
 from kb.core.errors import MissingExtra, Retryable
 from kb.wiki import guard
 from kb.wiki.chromium import INSTALL, Programs
+from kb.wiki.driver import START_SECONDS, DriverProcess
 from kb.wiki.errors import NotShown, PageTimeout
 
 # What Chromium would ask its maker by itself, and what pages may make it fetch ahead.
@@ -91,8 +86,6 @@ FLAGS = (
     "--use-mock-keychain",
     "--lang=en-US",
 )
-START_SECONDS = 30
-STARTS = 3  # of the driver, before it counts as one that doesn't start
 
 
 class Browser:
@@ -110,63 +103,20 @@ class Browser:
         page_seconds: float,
         before: str = "",
     ) -> None:
-        self.folder = tempfile.mkdtemp(prefix="lorebase-browser-")
-        self._watcher, self._page_seconds = watcher, page_seconds
+        self._page_seconds = page_seconds
         self._driver: Any = None
         self.overdue = False
-        port = self._listening(programs.driver)
+        self.process = DriverProcess(programs.driver, watcher)
         try:
-            self._open(programs, port, hosts, user_agent, viewport, page_seconds)
+            self._open(programs, hosts, user_agent, viewport, page_seconds)
             self._prepare(origins, viewport, before)
         except BaseException:
             self.end()
             raise
 
-    def _listening(self, driver: str) -> int:
-        """Start the driver; its port. Raises MissingExtra when no try succeeds."""
-        for _ in range(STARTS):
-            self._process = self._start(driver)
-            self._watcher.watch(self._process.pid, self.folder)
-            port = _port(self._process)
-            if port is not None:
-                return port
-            # It takes a free port, and ends when another program was faster.
-            guard.end(self._process.pid)
-            self._ended()
-        shutil.rmtree(self.folder, ignore_errors=True)
-        raise MissingExtra(f"{driver} does not start", hint=INSTALL)
-
-    def _start(self, driver: str) -> subprocess.Popen[bytes]:
-        keep = {
-            name: os.environ[name]
-            for name in ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH")
-            if name in os.environ
-        }
-        home = {
-            "HOME": self.folder,
-            "TMPDIR": self.folder,
-            "XDG_CONFIG_HOME": self.folder,
-            "XDG_CACHE_HOME": self.folder,
-            "LANG": "C.UTF-8",
-            "TZ": "UTC",
-        }
-        try:
-            return subprocess.Popen(
-                [driver, "--port=0"],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,
-                env={**keep, **home},
-                cwd=self.folder,
-            )
-        except OSError as error:
-            raise MissingExtra(f"{driver} does not start: {error}", hint=INSTALL) from None
-
     def _open(
         self,
         programs: Programs,
-        port: int,
         hosts: Sequence[str],
         user_agent: str,
         viewport: tuple[int, int],
@@ -195,24 +145,23 @@ class Browser:
             f"--window-size={viewport[0]},{viewport[1]}",
             f"--user-agent={user_agent}",
             f"--host-resolver-rules={rules}",
-            f"--user-data-dir={self.folder}/profile",
+            f"--user-data-dir={self.process.folder}/profile",
         ]
         if hasattr(os, "geteuid") and os.geteuid() == 0:
             flags.append("--no-sandbox")  # Chromium's own sandbox can't be set up by root
         for flag in flags:
             options.add_argument(flag)
+        address = f"http://127.0.0.1:{self.process.port}"
         # Selenium waits longer than the page may take: the driver's own limits answer first.
         config = ClientConfig(
-            remote_server_addr=f"http://127.0.0.1:{port}",
+            remote_server_addr=address,
             keep_alive=True,
             timeout=int(page_seconds) + 15,
         )
         try:
             with self.within(START_SECONDS + 15):
                 self._driver = WebDriver(
-                    command_executor=ChromeRemoteConnection(
-                        f"http://127.0.0.1:{port}", client_config=config
-                    ),
+                    command_executor=ChromeRemoteConnection(address, client_config=config),
                     options=options,
                 )
         except SessionNotCreatedException as error:
@@ -257,7 +206,7 @@ class Browser:
 
     def _late(self) -> None:
         self.overdue = True
-        guard.end(self._process.pid)
+        self.process.kill()
 
     def go(self, url: str) -> None:
         """Load an address. Raises Retryable."""
@@ -308,30 +257,7 @@ class Browser:
 
     def end(self) -> None:
         """End every process of the browser and remove its profile."""
-        guard.end(self._process.pid, self.folder)
-        self._ended()
-
-    def _ended(self) -> None:
-        self._process.wait()
-        if self._process.stdout:
-            self._process.stdout.close()
-        self._watcher.forget(self._process.pid)
-
-
-def _port(process: subprocess.Popen[bytes]) -> int | None:
-    """The port that the driver says it listens on; None when it says none."""
-    assert process.stdout is not None
-    end, said = clock.monotonic() + START_SECONDS, b""
-    while clock.monotonic() < end:
-        if not select.select([process.stdout], [], [], 1)[0]:
-            continue
-        part = os.read(process.stdout.fileno(), 4096)
-        said += part
-        if match := re.search(rb"successfully on port (\d+)", said):
-            return int(match[1])
-        if not part:
-            break
-    return None
+        self.process.end()
 
 
 def reach(url: str, others: Sequence[str]) -> tuple[list[str], list[str]]:

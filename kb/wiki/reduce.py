@@ -110,7 +110,7 @@ def _usable(page: dict[str, Any]) -> bool:
 
 
 def _gone(frontier: Frontier, key: str, reason: str) -> None:
-    """A known page that is none any more; others were never ours. `gone` stays when it is back."""
+    """A known page was deleted or moved; unknown ones are ignored. `gone` stays when it is back."""
     known = frontier.get("pages", key)
     if known is not None:
         frontier.payload("pages", key, replace(known[1], gone=True))

@@ -115,11 +115,11 @@ def _ask_plainly(web: Web, url: str, error: Retryable) -> ItemFinal | None:
     When the browser was told a time to come back, nothing is asked before. The answer that makes
     further tries useless, if it is one. Raises Unreachable, Blocked.
     """
-    told = [error] if error.after is not None else []
+    announced = [error] if error.after is not None else []
 
     def ask() -> None:
-        if told:
-            raise told.pop()
+        if announced:
+            raise announced.pop()
         web.get(url, {})
 
     try:

@@ -215,7 +215,7 @@ class WikiSource(Plain):
     # -- what was done ---------------------------------------------------------------------------
 
     def facts(self, phase: Phase) -> dict[str, object]:
-        """Beside the parts of the list that were read: how many titles they had."""
+        """The progress of the title lists also shows how many titles they had."""
         return {"titles": self.opened.frontier.waiting("info")} if phase is TITLES else {}
 
     def summary(self, session: Session, loop: Loop) -> Summary:

@@ -40,7 +40,7 @@ FINAL = {
 
 
 def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> KbError:
-    """The error to raise for an answer that is none: QuotaSpent, CredentialRefused, Blocked,
+    """The error to raise for an error answer: QuotaSpent, CredentialRefused, Blocked,
     ItemFinal or Retryable.
 
     ItemFinal for the named facts only; a refusal without a reason is no answer of the API, but of

@@ -17,7 +17,7 @@ _ID = re.compile(r"(?:^|[=/])([A-Za-z0-9_-]{11})(?:$|[?&#])")
 
 
 def read_ids(path: Path) -> tuple[list[str], int]:
-    """(ids in the file's order without doubles, lines without one).
+    """(ids in the file's order without duplicates, lines without one).
 
     Lines (ids or addresses), a Parquet file with `video_id`, MineDojo's JSON (objects with `id`),
     or the folder of a release. Raises SettingError.

@@ -36,7 +36,7 @@ from kb.youtube.reduce import (
 )
 
 # Used only where this data root has nothing to measure.
-CHANNELS_A_PAGE = 25  # results without doubles
+CHANNELS_A_PAGE = 25  # results without duplicates
 VIDEOS_A_CHANNEL = 200
 WORTH_A_TRANSCRIPT = 0.6  # of videos, pass category, views, aspect ratio, duration, age
 BYTES = {

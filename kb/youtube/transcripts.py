@@ -192,7 +192,7 @@ class Fetcher:
         """Sees every answer before the library does."""
         refused = refusal(response, SITE)
         if refused is not None and refused.throttled:
-            # The library calls every 429 a block; with a wish to wait it is none yet.
+            # The library calls every 429 a block; with --wait it is not one yet.
             raise Retryable("429 from YouTube", after=refused.after, throttled=True)
         shown = (
             urljoin(response.url, response.headers["Location"])

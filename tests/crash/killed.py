@@ -25,7 +25,7 @@ from kb.core.pipeline import load, locate
 from kb.export import minedojo, parquet
 from kb.filters.clean import run_clean
 from kb.pairs.build import build
-from kb.store import rawlog
+from kb.store import damage
 from tests.filters.made import MONDAY, listing, put, run_at, transcript, video
 from tests.forked import import_kb
 
@@ -151,7 +151,7 @@ def main(place: Path, step: str, kills: int) -> int:
         status, _ = forked(partial(purge, root, *keys))
         left = list(traces(root))
         left += [str(path) for path in root.rglob(".*") if path.name != ".gitkeep"]
-        left += [str(path) for path in rawlog.asides(root, "youtube")]
+        left += [str(path) for path in damage.asides(root, "youtube")]
         if status or left:
             bad += 1
             print(f"{step} killed before operation {moment} of {length}: {status} {left}")

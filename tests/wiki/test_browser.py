@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from kb.core.errors import MissingExtra, Retryable
-from kb.wiki.browser import STARTS, Browser
+from kb.wiki.browser import Browser
 from kb.wiki.chromium import Programs
+from kb.wiki.driver import STARTS
 from kb.wiki.pool import Pool
 
 

@@ -209,7 +209,7 @@ def test_scripts_in_svg_never_run(pages, look):
 def test_nothing_is_left_of_a_browser(programs, pages, pool):
     """Every process of the browser's session is gone after `end`, its profile too."""
     browser = pool.use(lambda held: held)
-    leader, folder = browser._process.pid, browser.folder
+    leader, folder = browser.process.pid, browser.process.folder
     assert len(guard.family(leader, folder)) > 3
     pool._idle.remove(browser)
     pool._drop(browser)

@@ -12,7 +12,7 @@ import pytest
 
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.store import rawlog
+from kb.store import damage, rawlog
 from tests.youtube.job import Job
 
 
@@ -123,7 +123,7 @@ def test_only_a_torn_tail_that_the_state_does_not_know_is_cut(plain: Job, job: J
     opened(path)
     assert job.done("youtube", "crawl")["left"] == 0
     assert segment(job, "transcripts").read_bytes() == whole
-    assert not rawlog.asides(job.root, "youtube")
+    assert not damage.asides(job.root, "youtube")
 
 
 def test_purge_keeps_both_sides_of_a_damaged_frame(job: Job) -> None:
@@ -157,7 +157,7 @@ def test_a_purge_leaves_no_damaged_bytes_that_may_hold_its_key(job: Job) -> None
     gone = job.place / "gone.txt"
     gone.write_text(video_of(line) + "\n")
     job.stopped("purge", "youtube", "--ids", str(gone), code=1)
-    assert not rawlog.asides(job.root, "youtube")
+    assert not damage.asides(job.root, "youtube")
     job.done("youtube", "crawl")
     assert video_of(line) not in {
         str(one["response"]["video_id"]) for one in job.raw("transcripts")

@@ -78,10 +78,10 @@ def check_file(path: Path) -> Checked:
         return Finding(level, path.name, line_of(lines, key), key, what, mend)
 
     profile, wrong = _understand(data, path)
-    findings = [at(ERROR, one.key, *_told(one, data)) for one in wrong]
+    findings = [at(ERROR, one.key, *_described(one, data)) for one in wrong]
     if profile is not None:
-        told = {one.key for one in wrong}
-        findings += [at(*one) for one in sense.look(profile, data) if one[1] not in told]
+        already = {one.key for one in wrong}
+        findings += [at(*one) for one in sense.look(profile, data) if one[1] not in already]
     return Checked(path, profile, _lists(data), not wrong, findings)
 
 
@@ -122,7 +122,7 @@ def _leave_out(data: dict[str, Any], keys: list[str]) -> None:
         keys = parents
 
 
-def _told(problem: Problem, data: dict[str, Any]) -> tuple[str, str]:
+def _described(problem: Problem, data: dict[str, Any]) -> tuple[str, str]:
     """What is wrong and how to mend it; of a whole section what is said is what is wrong."""
     if problem.what == f"'{problem.key}'":
         return problem.line(), ""

@@ -30,7 +30,7 @@ def tokenizer_files(folder: Path) -> list[Path]:
     return [folder / name for name in (*_VOCABULARIES, *_OPTIONS) if (folder / name).is_file()]
 
 
-def check_beside(folder: Path, what_to_do: str) -> None:
+def check_model_files(folder: Path, what_to_do: str) -> None:
     """Raise MissingModel when configuration or tokenizer are missing, can't be read,
     or don't go together.
     """
