@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import subprocess
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
+from kb.core.profile import load_profile
+from kb.sandbox.server import Sandbox
+from kb.sandbox.world import World
+from kb.store import belonging
 from tests.youtube.job import Job
 
 
@@ -26,17 +33,28 @@ def traces(job: Job, key: str) -> set[str]:
     return found
 
 
-@pytest.fixture
-def finished(job: Job) -> Job:
+@pytest.fixture(scope="module")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
     """A job whose videos are crawled, filtered, exported in two layouts, paired."""
-    for words in (
-        ("youtube", "crawl"),
-        ("youtube", "filter"),
-        ("youtube", "export"),
-        ("youtube", "export", "--format", "minedojo"),
-        ("pairs",),
-    ):
-        job.done(*words)
+    with Sandbox(World(n_channels=9, n_videos=30), services=["youtube"]) as sandbox:
+        job = Job(sandbox, tmp_path_factory.mktemp("once"))
+        for words in (
+            ("youtube", "crawl"),
+            ("youtube", "filter"),
+            ("youtube", "export"),
+            ("youtube", "export", "--format", "minedojo"),
+            ("pairs",),
+        ):
+            job.done(*words)
+        yield job
+
+
+@pytest.fixture
+def finished(once: Job, tmp_path: Path) -> Job:
+    """A copy of it on the same services; it knows where its profile is now."""
+    job = Job(once.sandbox, tmp_path)
+    shutil.copytree(once.root, job.root)
+    belonging.note(job.root, load_profile(job.env["KB_PROFILE"]))
     return job
 
 
