@@ -80,7 +80,8 @@ def purge_raw(
         if remove is not None:
             remove(session, keys)
         else:
-            purge.rewrite_raw(run.root, source.name, keys.keys(), strip_of(source.name), frontier)
+            strip = strip_of(source.name)
+            purge.rewrite_raw(run.root, source.name, keys.keys(), strip, frontier, sought=keys)
         for kind in kinds:
             frontier.remove(kind, keys)
         return keys

@@ -25,7 +25,7 @@ from kb.reddit import threads, tree
 from kb.reddit.crossposts import drop_parents, repeats
 from kb.reddit.known import known
 from kb.reddit.source import INFO, Reddit
-from kb.reddit.strip import strip
+from kb.reddit.strip import strip as without
 from kb.reddit.wanted import read_wanted
 from kb.schema import table
 from kb.store import mending, parquet, purge, purge_plan, tombstones
@@ -58,7 +58,9 @@ def plan(run: Run, ids: Path | None) -> Summary:
     with tempfile.TemporaryDirectory(prefix="lorebase-plan-") as scratch:
         found = collect(run, ids, Path(scratch, "known"))
     crossposts: set[str] = set()
-    return purge_plan.plan(run.root, "reddit", found, partial(_strip, crossposts), ROWS)
+    return purge_plan.plan(
+        run.root, "reddit", found, partial(_strip, crossposts), ROWS, sought=tree.bare
+    )
 
 
 def collect(run: Run, ids: Path | None, scratch: Path | None = None) -> dict[str, str]:
@@ -116,7 +118,10 @@ def _take_out(run: Run, frontier: Frontier, keys: dict[str, str]) -> None:
     """Keys leave raw answers, the state, and what crossposts show."""
     mending.drop_asides(run.root, "reddit", frontier, keys, ())
     crossposts: set[str] = set()
-    purge.rewrite_raw(run.root, "reddit", keys.keys(), partial(_strip, crossposts), frontier)
+    strip = partial(_strip, crossposts)
+    # A thing's own record has its id without the kind.
+    sought = map(tree.bare, keys)
+    purge.rewrite_raw(run.root, "reddit", keys.keys(), strip, frontier, sought)
     for base in BASES:
         drop_parents(run.root / base / "posts", crossposts, keys)
     _forget(frontier, keys)
@@ -159,7 +164,7 @@ def _strip(
     """
     posts = (thing.data for thing in tree.things(envelope.response) if thing.kind == tree.POST)
     crossposts.update(str(post.get("id")) for post in posts if repeats(post, keys))
-    return strip(kind, envelope, keys)
+    return without(kind, envelope, keys)
 
 
 def _forget(frontier: Frontier, names: Collection[str]) -> None:

@@ -59,12 +59,13 @@ def set_aside(path: Path, found: Sequence[tuple[int, int, str]]) -> None:
         with writing(path) as temporary, temporary.open("wb") as fresh:
             at = 0
             for start, end, _ in found:
-                _copy(file, fresh, at, start)
+                copy(file, fresh, at, start)
                 at = end
-            _copy(file, fresh, at, path.stat().st_size)
+            copy(file, fresh, at, path.stat().st_size)
 
 
-def _copy(file: BinaryIO, fresh: BinaryIO, start: int, end: int) -> None:
+def copy(file: BinaryIO, fresh: BinaryIO, start: int, end: int) -> None:
+    """Bytes `start` to `end` of one file at the end of another."""
     file.seek(start)
     left = end - start
     while chunk := file.read(min(_CHUNK, left)):

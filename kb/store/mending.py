@@ -204,8 +204,9 @@ def check(root: Path, source: str) -> None:
                 found.append(Lost(kind, name, size, committed))
             elif segment.name.endswith(".open"):
                 # Readers take its end for a torn one; the state knows better.
-                gaps = rawlog.damage(segment, committed)
-                found += [Lost(kind, name, start, end) for start, end in gaps]
+                found += [
+                    Lost(kind, name, start, end) for start, end in damage.gaps(segment, committed)
+                ]
     found += [Lost(*place, 0, committed) for place, committed in known.items() if committed]
     if found:
         raise _error(root, source, found)

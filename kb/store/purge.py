@@ -8,7 +8,7 @@ removed can come back meanwhile; then raw, then what was made of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
+from ahocorasick_rs import BytesAhoCorasick
 
-from kb.store import lock, mending, notes, parquet, rawlog, tombstones
+from kb.store import damage, lock, mending, notes, parquet, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout, parquet_files
@@ -92,51 +93,90 @@ def finish(root: Path, source: str) -> None:
             frontier.close()
 
 
+def finder(texts: Iterable[str]) -> Callable[[bytes], bool]:
+    """A function that says whether a raw line may hold one of these texts in some string or number.
+
+    Never False for a line that does; looking is many times cheaper than decoding. Lines are
+    searched as `rawlog.encode` writes them; one with an escaped character may hold anything.
+    """
+    needles = {msgspec.json.encode(text)[1:-1] for text in texts}
+    if not needles or b"" in needles:
+        return lambda line: bool(needles)
+    find = BytesAhoCorasick(sorted(needles)).find_matches_as_indexes
+    return lambda line: bool(find(line)) or b"\\u" in line
+
+
 def rewrite_raw(
-    root: Path, source: str, keys: Collection[str], strip: Strip, frontier: Frontier
+    root: Path,
+    source: str,
+    keys: Collection[str],
+    strip: Strip,
+    frontier: Frontier,
+    sought: Iterable[str] | None = None,
 ) -> int:
     """Write raw segments again without the keys; how many envelopes changed.
 
     Call it under the writer's lock, with every segment closed, taken into the frontier, and rid of
     what can't be read (a Recorder with `every`). A segment keeps its name and place in the order;
-    the new one takes the old one's place by a rename.
+    the new one takes the old one's place by a rename. `sought`: texts of which one stands in every
+    envelope that `strip` changes; the others are not even decoded.
     """
     changed = 0
+    holds = finder(sought) if sought is not None else None
     for kind in rawlog.kinds(root, source):
         for path in rawlog.segments(root, source, kind):
             # Shorter soon: a state that knows more than there is would take it for lost. Killed
             # before the last line, the segment is read again, which changes nothing.
             frontier.set_offset(kind, rawlog.base_name(path), 0)
-            changed += _rewrite(path, kind, keys, strip)
+            changed += _rewrite(path, kind, keys, strip, holds)
             frontier.set_offset(kind, rawlog.base_name(path), path.stat().st_size)
     return changed
 
 
-def _rewrite(path: Path, kind: str, keys: Collection[str], strip: Strip) -> int:
+def stripped(
+    path: Path,
+    kind: str,
+    keys: Collection[str],
+    strip: Strip,
+    holds: Callable[[bytes], bool] | None = None,
+) -> Iterator[tuple[int, int, Envelope | None]]:
+    """The frames (start, end) of a segment that hold keys, and what is left of each envelope."""
+    frames = rawlog.Frames(path)
+    for after, line in frames:
+        if holds is not None and not holds(line):
+            continue
+        envelope = rawlog.decode(line)
+        left = strip(kind, envelope, keys)
+        if left is not envelope:
+            yield frames.start, after, left
+
+
+def _rewrite(
+    path: Path,
+    kind: str,
+    keys: Collection[str],
+    strip: Strip,
+    holds: Callable[[bytes], bool] | None,
+) -> int:
     """A segment without the keys; how many envelopes changed.
 
-    An envelope at a time; a segment without the keys stays.
+    Frames without keys are copied as they stand; a segment without any stays.
     """
-    if not any(
-        strip(kind, envelope, keys) is not envelope
-        for envelope in map(rawlog.decode, (line for _, line in rawlog.Frames(path)))
-    ):
-        return 0
-    changed = 0
     engine = rawlog.compressor()
+    changes = [
+        (start, after, b"" if left is None else engine.compress(rawlog.encode(left)))
+        for start, after, left in stripped(path, kind, keys, strip, holds)
+    ]
+    if not changes:
+        return 0
     with writing(path) as temporary, path.open("rb") as old, temporary.open("wb") as fresh:
-        frames = rawlog.Frames(path)
-        for after, line in frames:
-            envelope = rawlog.decode(line)
-            old.seek(frames.start)
-            frame = old.read(after - frames.start)
-            left = strip(kind, envelope, keys)
-            changed += left is not envelope
-            if left is envelope:
-                fresh.write(frame)
-            elif left is not None:
-                fresh.write(engine.compress(rawlog.encode(left)))
-    return changed
+        at = 0
+        for start, after, frame in changes:
+            damage.copy(old, fresh, at, start)
+            fresh.write(frame)
+            at = after
+        damage.copy(old, fresh, at, path.stat().st_size)
+    return len(changes)
 
 
 def drop_rows(root: Path, places: Iterable[Place], keys: Collection[str]) -> int:

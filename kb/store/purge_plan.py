@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -51,15 +51,22 @@ def state(
 
 
 def plan(
-    root: Path, source: str, found: dict[str, str], strip: Strip, places: Iterable[Place]
+    root: Path,
+    source: str,
+    found: dict[str, str],
+    strip: Strip,
+    places: Iterable[Place],
+    sought: Callable[[str], str] | None = None,
 ) -> Summary:
     """Counts of what would go for `found` (key to reason) and what an unfinished purge has left.
 
     `lines` has what each folder loses: raw answers that are changed or removed, rows, and files
-    that are made again. Raises DamagedData.
+    that are made again. `sought` says which text stands in every answer that holds a key. Raises
+    DamagedData.
     """
     keys = purge.left_over(root, source) | found
-    lines = [*_raw(root, source, keys, strip)]  # without keys too: keys were read out of them
+    holds = purge.finder(map(sought, keys)) if sought is not None else None
+    lines = [*_raw(root, source, keys, strip, holds)]
     seen = set()
     for place in (*places, *_released(places)) if keys else ():
         if place not in seen:
@@ -82,11 +89,18 @@ def plan(
     )
 
 
-def _raw(root: Path, source: str, keys: Collection[str], strip: Strip) -> Iterator[Line]:
+def _raw(
+    root: Path,
+    source: str,
+    keys: Collection[str],
+    strip: Strip,
+    holds: Callable[[bytes], bool] | None,
+) -> Iterator[Line]:
     for kind in rawlog.kinds(root, source):
         changed = sum(
-            strip(kind, envelope, keys) is not envelope
-            for envelope in rawlog.read(root, source, kind)
+            1
+            for path in rawlog.segments(root, source, kind)
+            for _ in purge.stripped(path, kind, keys, strip, holds)
         )
         yield Line(str(BELOW.raw(source, kind)), "answers", changed)
 

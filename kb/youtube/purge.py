@@ -5,6 +5,9 @@ from __future__ import annotations
 import shutil
 from collections.abc import Collection
 from pathlib import Path
+from typing import Any
+
+import msgspec
 
 from kb.core.context import Run
 from kb.core.verdict import Summary
@@ -42,7 +45,7 @@ def plan(run: Run, ids: Path | None) -> Summary:
     """What `kb purge youtube` would remove, counted. Changes nothing."""
     named, said = _named(ids)
     strip = purge.strip_of("youtube")
-    counts = purge_plan.plan(run.root, "youtube", collect(run, named), strip, ROWS)
+    counts = purge_plan.plan(run.root, "youtube", collect(run, named), strip, ROWS, sought=str)
     return Summary(counts, **said)
 
 
@@ -73,15 +76,45 @@ def _named(ids: Path | None) -> tuple[list[str], dict[str, int]]:
     return named, {"bad_lines": bad_lines}
 
 
+class _Item(msgspec.Struct, gc=False):
+    id: Any = None
+
+
+class _Items(msgspec.Struct, gc=False):
+    items: list[_Item] = []
+
+
+class _Answer(msgspec.Struct, gc=False):
+    """Of an envelope, which videos were asked for and returned."""
+
+    fetched_at: str | None
+    request: rawlog.Request
+    response: _Items
+
+
 def vanished(root: Path) -> set[str]:
     """Videos whose newest answer leaves them out."""
     newest: dict[str, tuple[str, bool]] = {}
+    decoder = msgspec.json.Decoder(_Answer)
     for path in rawlog.segments(root, "youtube", RAW_VIDEOS):
         for _, line in rawlog.Frames(path):
-            envelope = rawlog.decode(line)
-            gone = set(parse.missing(envelope.request.params, envelope.response))
-            for key in parse.requested(envelope.request.params):
-                at = envelope.fetched_at or ""
+            at, params, gone = _not_returned(decoder, line)
+            for key in parse.requested(params):
                 if newest.get(key, ("", False))[0] <= at:
                     newest[key] = (at, key in gone)
     return {key for key, (_, gone) in newest.items() if gone}
+
+
+def _not_returned(
+    decoder: msgspec.json.Decoder[_Answer], line: bytes
+) -> tuple[str, dict[str, Any], set[str]]:
+    """When an answer was read, what was asked for, and which of it did not come back."""
+    try:
+        quick = decoder.decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError):  # of another form: looked at in full
+        envelope = rawlog.decode(line)
+        params = envelope.request.params
+        return envelope.fetched_at or "", params, set(parse.missing(params, envelope.response))
+    params = quick.request.params
+    there = {item.id for item in quick.response.items if isinstance(item.id, str)}
+    return quick.fetched_at or "", params, set(parse.requested(params)) - there

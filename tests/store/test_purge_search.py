@@ -1,0 +1,75 @@
+"""Purge reads what may hold a key and skips the rest, and finds as much as by reading all."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from kb.crawl.purge import strip_of
+from kb.store import purge, rawlog
+from kb.store.frontier import Frontier
+from kb.store.rawlog import Envelope, Request
+
+keys = st.text(min_size=1, max_size=4) | st.sampled_from(["a", "é", 'q"', "b\\c", "7", "x/y", "\n"])
+
+
+def envelope(asked: str, ids: list[Any]) -> Envelope:
+    response = {"items": [{"id": one, "snippet": {"title": "t"}} for one in ids]}
+    return Envelope("2026-01-01T00:00:00Z", Request("videos.list", {"id": asked}), 200, response)
+
+
+@given(st.lists(keys, max_size=3), st.lists(keys | st.integers(0, 99), max_size=3), st.lists(keys))
+@example(["é"], ["é"], ["é"])
+@example([], [7], ["7"])
+def test_no_answer_with_a_key_is_skipped(asked: list[str], ids: list[Any], gone: list[str]) -> None:
+    made = envelope(",".join(asked), ids)
+    _, line = rawlog.storable(made)
+    kept = rawlog.decode(line)
+    holds = purge.finder(gone)
+    if strip_of("youtube")("videos", kept, set(gone)) is not kept:
+        assert holds(line)
+        assert holds(json.dumps(json.loads(line)).encode())  # whatever else wrote it
+
+
+@pytest.fixture
+def segment(tmp_path: Path) -> Path:
+    writer = rawlog.Segment(rawlog.folder(tmp_path, "youtube", "videos"))
+    for number in range(60):
+        ids = [f"v{number:03d}", f"w{number:03d}"]
+        writer.append(rawlog.encode(envelope(",".join(ids), ids)), sync=False)
+    writer.close()
+    (path,) = rawlog.segments(tmp_path, "youtube", "videos")
+    return path
+
+
+def test_only_answers_that_may_hold_a_key_are_decoded(segment: Path, tmp_path: Path) -> None:
+    seen: list[str] = []
+
+    def strip(kind: str, one: Envelope, gone: Any) -> Envelope | None:
+        seen.append(one.request.params["id"])
+        return strip_of("youtube")(kind, one, gone)
+
+    before = segment.read_bytes()
+    frames = list(rawlog.Frames(segment))
+    frontier = Frontier(tmp_path / "state" / "youtube.sqlite")
+    gone = {"v007", "v040", "w040"}
+    assert purge.rewrite_raw(tmp_path, "youtube", gone, strip, frontier, sought=gone) == 2
+    assert seen == ["v007,w007", "v040,w040"]
+    left = [one for _, one in rawlog.Frames(segment)]
+    assert left[7] == rawlog.encode(envelope("w007", ["w007"]))
+    assert left == [one for n, (_, one) in enumerate(frames) if n not in (7, 40)][:7] + left[
+        7:8
+    ] + [one for n, (_, one) in enumerate(frames) if n > 7 and n != 40]
+    # Frames without a key are the same bytes.
+    assert segment.read_bytes().startswith(before[: frames[6][0]])
+    assert segment.read_bytes().endswith(before[frames[40][0] :])
+    assert frontier.offset("videos", rawlog.base_name(segment)) == segment.stat().st_size
+
+    again = segment.stat().st_mtime_ns
+    assert purge.rewrite_raw(tmp_path, "youtube", gone, strip, frontier, sought=gone) == 0
+    assert segment.stat().st_mtime_ns == again  # nothing to take out: not written again
