@@ -89,6 +89,7 @@ def _different(run: Run, files: Sequence[Path], span: tuple[float, float]) -> li
     """The files without those that are given twice, under whatever path."""
     named: dict[str, Path] = {}
     for file in files:
+        places.adopt(run.root, file, *span)
         name = places.name_of(file, *span)
         if name in named:
             run.progress.say(f"{file}: the same dump as {named[name]}, read once")
@@ -102,7 +103,10 @@ def _import(run: Run, jobs: list[Job]) -> list[Place]:
     """
     names = [_name(job) for job in jobs]
     round = places.begin_round(run.root, names) if run.again else ""
-    before = [places.load(run.root, name, round=round).things for name in names]
+    before = [
+        places.load(run.root, name, job.file, round).things
+        for name, job in zip(names, jobs, strict=True)
+    ]
 
     def now() -> list[Place]:
         """From the notes, not the workers' own counts: one that dies after its file is done is
@@ -267,7 +271,9 @@ def import_file(job: Job) -> Place:
                     return place
                 taken = 0
         out.write(waiting, offset)
-        place.done, place.truncated, place.problem = not seen.stopped, seen.truncated, seen.problem
+        place.truncated, place.problem = seen.truncated, seen.problem
+        if not seen.stopped:
+            places.ended(place, file)
         out.close(offset, taken, seen)
     return place
 
