@@ -10,14 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import zstandard
 
 # Several passes go over what one read swells to, so it should fit the processor's cache (measured
 # in the bench).
 CHUNK = 512 << 10  # decompressed bytes that zstd makes room for
-_BLOCK = 32 << 10  # compressed bytes of one read; they swell to 10 to 30 times as much
+_PIECE = 32 << 10  # compressed bytes of one go; they swell to 10 to 30 times as much
+_BLOCKS = 16  # of zstd in one go at most: a block swells to 128 KiB, whatever its size
+LONGEST = 64 << 20  # bytes of a line; Reddit's longest records have some hundred thousand
+
+
+_FRAME, _SKIPPED, _REPEATED = b"\x28\xb5\x2f\xfd", b"\x2a\x4d\x18", 1
 
 
 @dataclass
@@ -46,23 +51,65 @@ def pieces(path: Path, seen: Seen) -> Iterator[bytes]:
     """
     engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
     frame, fresh = engine.decompressobj(write_size=CHUNK), True
-    with path.open("rb") as file:
-        rest = file.read(_BLOCK)
-        while rest:
-            try:
-                data = frame.decompress(rest)
-            except zstandard.ZstdError as error:
-                seen.truncated, seen.problem = True, f"damaged frame: {error}"
-                return
-            fresh = False
-            if data:
-                yield data
-            rest = frame.unused_data if frame.eof else b""
-            if frame.eof:
-                frame, fresh = engine.decompressobj(write_size=CHUNK), True
-            rest = rest or file.read(_BLOCK)
+    with path.open("rb", buffering=1 << 20) as file:
+        for rest in _compressed(file):
+            while rest:
+                try:
+                    data = frame.decompress(rest)
+                except zstandard.ZstdError as error:
+                    seen.truncated, seen.problem = True, f"damaged frame: {error}"
+                    return
+                fresh = False
+                if data:
+                    yield data
+                rest = frame.unused_data if frame.eof else b""
+                if frame.eof:
+                    frame, fresh = engine.decompressobj(write_size=CHUNK), True
     if not fresh:
         seen.truncated, seen.problem = True, "the last frame is cut off"
+
+
+def _compressed(file: BinaryIO) -> Iterator[bytes]:
+    """The file in pieces of a few blocks: one of a single letter swells 30,000 times, and the
+    decompressor gives all at once.
+
+    What is no zstd comes as it is, for the decompressor to say so.
+    Source: https://www.rfc-editor.org/rfc/rfc8878#section-3.1
+    """
+    while head := file.read(4):
+        if head[1:] == _SKIPPED:
+            left = file.read(4)
+            yield head + left
+            end = file.tell() + int.from_bytes(left, "little")
+            while piece := file.read(min(_PIECE, end - file.tell())):
+                yield piece
+            continue
+        if head != _FRAME:
+            yield head
+            while piece := file.read(_PIECE):
+                yield piece
+            return
+        described = file.read(1)
+        flags = described[0] if described else 0
+        single, checksum = flags >> 5 & 1, 4 * (flags >> 2 & 1)
+        size = (1 - single) + (0, 1, 2, 4)[flags & 3] + (single, 2, 4, 8)[flags >> 6]
+        yield head + described + file.read(size)
+        head = file.read(3)
+        waiting, held = [head], 0
+        while len(head) == 3:
+            block = int.from_bytes(head, "little")
+            size = 1 if block >> 1 & 3 == _REPEATED else block >> 3
+            # The head of the next block comes along: one call for both, and no copy of a large one.
+            body = file.read(size + (checksum if block & 1 else 3))
+            waiting.append(body)
+            held += size
+            if block & 1:
+                break
+            if held >= _PIECE or len(waiting) == _BLOCKS:
+                yield body if len(waiting) == 1 else b"".join(waiting)
+                waiting, held = [], 0
+            head = body[-3:]
+        yield b"".join(waiting)
 
 
 class Chunk(NamedTuple):
@@ -83,7 +130,8 @@ def chunks(
     pieces comes by itself.
 
     A last line without line break is given when the file is whole; in a cut file it is a part of
-    a line and counts as damaged. `goes_on` is asked at every piece, also while skipping; when it
+    a line and counts as damaged, as does one of more than `LONGEST` bytes, of which nothing is
+    held. `goes_on` is asked at every piece, also while skipping; when it
     says no, `seen.stopped` is set and nothing more comes.
     """
     parts: list[bytes] = []  # a line that goes on in the next piece
@@ -101,19 +149,26 @@ def chunks(
         if end <= begin:
             parts.append(piece[begin:])
             held += len(parts[-1])
+            if held > LONGEST:
+                parts = []
             continue
-        if parts:
+        if held:
             begin = piece.find(b"\n") + 1
-            line = b"".join((*parts, piece[:begin]))
-            yield Chunk(at, line, 0, len(line))
-            at += len(line)
+            size = held + begin
+            if size > LONGEST:
+                seen.lines += 1
+                seen.damaged(1, at)
+                yield Chunk(at + size, b"", 0, 0)  # so far all is read
+            else:
+                yield Chunk(at, b"".join((*parts, piece[:begin])), 0, size)
+            at += size
         if begin < end:
             yield Chunk(at, piece, begin, end)
             at += end - begin
         held = len(piece) - end
         parts = [piece[end:]] if held else []
     rest = b"".join(parts)
-    if rest.strip() and seen.truncated:
+    if held > LONGEST or (rest.strip() and seen.truncated):
         seen.lines += 1
         seen.damaged(1, at)
     elif rest.strip():

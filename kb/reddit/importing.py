@@ -110,7 +110,10 @@ def import_jobs(run: Run, jobs: list[Job]) -> list[Place]:
     """
     names = [_name(job) for job in jobs]
     round = places.begin_round(run.root, names) if run.again else ""
-    before = [places.load(run.root, name, round=round).things for name in names]
+    before = [
+        places.load(run.root, name, job.file, round).things
+        for name, job in zip(names, jobs, strict=True)
+    ]
 
     def now() -> list[Place]:
         """From the notes, not the workers' own counts: one that dies after its file is done is
@@ -280,7 +283,9 @@ def import_file(job: Job) -> Place:
                     return place
                 taken = 0
         out.write(waiting, offset)
-        place.done, place.truncated, place.problem = not seen.stopped, seen.truncated, seen.problem
+        place.truncated, place.problem = seen.truncated, seen.problem
+        if not seen.stopped:
+            places.ended(place, file)
         out.close(offset, taken, seen)
     return place
 

@@ -26,6 +26,8 @@ from kb.store.rawlog import SUFFIX
 KIND = "dumps"
 PART = ".part"
 _LEASE = ".lease"
+_START = 1 << 16  # bytes of a dump that are compared at its beginning
+_BLOCKS, _BLOCK = 1024, 4096  # and behind it, as far from each other as its size asks for
 _MEND = "delete it; the dump is read once more, and what is here already counts once"
 
 
@@ -45,30 +47,54 @@ class Place(msgspec.Struct):
     fresh: int = 0  # things of this run
     first_bad: int | None = None  # offset of the first damaged line
     round: str = ""  # of --again
+    changed: int = 0  # when the dump was written (ns), as it was read to its end
+
+    @property
+    def damaged(self) -> bool:
+        """Whether the dump was cut off or had lines that could not be read."""
+        return self.truncated or self.bad_lines > 0
 
 
 def name_of(file: Path, since: float, until: float) -> str:
-    """The name of a dump's note: tells a dump by its name, size and beginning, wherever it lies,
-    and the span of time.
+    """The name of a dump's note: tells a dump by its name, size and what stands all over it,
+    wherever it lies, and the span of time.
     """
+    size = file.stat().st_size
+    whole = hashlib.sha256(f"{file.name}\0{size}\0".encode())
     with file.open("rb") as opened:
-        start = opened.read(1 << 16)
-    key = hashlib.sha256(f"{file.name}\0{file.stat().st_size}\0".encode() + start).hexdigest()[:16]
-    span = (
-        ""
-        if (since, until) == (0.0, float("inf"))
-        else "-" + hashlib.sha256(f"{since}\0{until}".encode()).hexdigest()[:8]
-    )
-    return key + span
+        whole.update(opened.read(_START))
+        step = max(_BLOCK, (size - _START - _BLOCK) // (_BLOCKS - 1))
+        for at in (*range(_START, size - _BLOCK, step), max(size - _BLOCK, _START)):
+            opened.seek(at)
+            whole.update(opened.read(_BLOCK))
+    return whole.hexdigest()[:16] + _span(since, until)
+
+
+def _span(since: float, until: float) -> str:
+    if (since, until) == (0.0, float("inf")):
+        return ""
+    return "-" + hashlib.sha256(f"{since}\0{until}".encode()).hexdigest()[:8]
 
 
 def load(root: Path, name: str, file: str = "", round: str = "") -> Place:
-    """Where an import was left: at the beginning when there is no note, or one of another round of
-    `--again`.
+    """Where an import was left: at the beginning when there is no note, one of another round of
+    `--again`, or one of a damaged `file` that was repaired since.
     """
     noted = notes.read(_folder(root) / f"{name}.json", Place, mend=_MEND)
     place = noted or Place(file, round=round)
-    return place if place.round == round or not round else Place(file, round=round)
+    repaired = file and place.done and place.damaged and place.changed != _changed(file)
+    if repaired or (round and place.round != round):
+        return Place(file, round=round)
+    return place
+
+
+def ended(place: Place, file: Path) -> None:
+    """The dump was read to its end."""
+    place.done, place.changed = True, _changed(str(file))
+
+
+def _changed(file: str) -> int:
+    return Path(file).stat().st_mtime_ns
 
 
 def save(root: Path, name: str, place: Place) -> None:

@@ -22,7 +22,7 @@ from kb.core.profile import load_profile
 from kb.core.profile.toxicity import Toxicity
 from kb.core.progress import Plain
 from kb.filters.clean import run_clean
-from kb.reddit import parse, places
+from kb.reddit import dumps, parse, places
 from kb.reddit.dumps import Chunk
 from kb.reddit.importing import Job, import_dumps, import_file
 from kb.reddit.search import CHECKED, DEEPEST, Search
@@ -157,6 +157,34 @@ def test_a_line_nested_without_end_is_damaged(tmp_path, depth, innermost):
     # The record itself is one level.
     bad = int(1 + depth > DEEPEST)
     assert (summary["crawled"], summary["bad_lines"]) == (2 - bad, bad)
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_a_line_without_end_is_not_held_and_counts_as_damaged(tmp_path, monkeypatch, last):
+    """One of 1.8 GB swells from a small file."""
+    monkeypatch.setattr(dumps, "LONGEST", 300_000)
+    long = b'{"subreddit": "Minecraft", "id": "' + b"x" * 40_000_000
+    lines = [post("a"), long, *([] if last else [post("b")])]
+    dump = write(tmp_path / "RS.zst", lines, frames=len(lines))
+    held = max_held(dumps.chunks(dump, dumps.Seen()))
+    assert held < 5_000_000
+    assert max(len(piece) for piece in dumps.pieces(dump, dumps.Seen())) < 5_000_000
+    done = import_dumps(run_in(tmp_path), [dump])
+    assert (done["lines"], done["bad_lines"]) == (len(lines), 1)
+    assert [data["id"] for _, data in imported(tmp_path)] == ["a"] + ["b"] * (not last)
+
+
+def max_held(chunks):
+    return max(len(chunk.data) for chunk in chunks)
+
+
+def test_frames_that_are_to_be_skipped_hold_nothing(tmp_path):
+    """As pzstd writes them."""
+    dump = write(tmp_path / "RS.zst", [post("a"), post("b")], frames=2)
+    extra = b"\x50\x2a\x4d\x18" + (70_000).to_bytes(4, "little") + bytes(70_000)
+    dump.write_bytes(extra + dump.read_bytes() + extra)
+    assert import_dumps(run_in(tmp_path), [dump])["truncated_files"] == 0
+    assert [data["id"] for _, data in imported(tmp_path)] == ["a", "b"]
 
 
 @pytest.mark.parametrize("made", ["nan", "inf", -5, None, "soon", [1]])

@@ -201,3 +201,35 @@ def test_what_a_killed_import_left_is_noted_or_gone_before_a_purge(tmp_path):
     assert len(ids(tmp_path)) == 299
     import_dumps(run_in(tmp_path), [dump])
     assert ids(tmp_path) == [f"p{n:05d}" for n in range(4_000) if n not in (1, 301)]
+
+
+def test_a_repaired_dump_of_the_same_size_and_beginning_is_read(tmp_path):
+    """Of the same name, too: what was broken far behind its beginning is told by what stands
+    there, or, where that is not looked at, by the time of a dump that was damaged.
+    """
+    noise = [post(f"n{n}", selftext=os.urandom(6_000).hex()) for n in range(60)]
+    dump = write(tmp_path / "RS.zst", noise, frames=60)
+    whole = dump.read_bytes()
+    assert len(whole) > 4 * places._START
+    for at in (len(whole) // 2, len(whole) - 700):
+        broken = bytearray(whole)
+        broken[at : at + 500] = bytes(500)
+        dump.write_bytes(broken)
+        root = tmp_path / str(at)
+        assert import_dumps(run_in(root), [dump])["crawled"] < len(noise)
+        dump.write_bytes(whole)
+        import_dumps(run_in(root), [dump])
+        assert len(set(ids(root))) == len(noise)
+        assert import_dumps(run_in(root), [dump])["crawled"] == 0
+
+
+def test_a_damaged_dump_that_was_written_again_is_read_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(places, "name_of", lambda file, since, until: "one")  # alike all over
+    dump = write(tmp_path / "RS.zst", [*DAYS, b"{ broken"])
+    bad = dump.stat()
+    assert import_dumps(run_in(tmp_path), [dump])["bad_lines"] == 1
+    assert import_dumps(run_in(tmp_path), [dump])["lines"] == len(DAYS) + 1  # the same one
+    write(dump, [*DAYS, post("mended")])
+    os.utime(dump, ns=(bad.st_atime_ns, bad.st_mtime_ns + 1))
+    assert import_dumps(run_in(tmp_path), [dump])["bad_lines"] == 0
+    assert "mended" in ids(tmp_path)
