@@ -126,8 +126,8 @@ def _take_out(run: Run, frontier: Frontier, keys: dict[str, str]) -> None:
         drop_parents(run.root / base / "posts", crossposts, keys)
     _forget(frontier, keys)
     # Answers of a reconstruction that was cut off; it asks again.
-    for base in (OUT, RESTORED):
-        for work in (run.root / base).glob(".work-*"):
+    for place in (str(OUT), RESTORED):
+        for work in (run.root / place).glob(".work-*"):
             shutil.rmtree(work)
 
 
