@@ -15,6 +15,7 @@ from typing import Any
 
 from kb.core.context import Run
 from kb.release.about import about
+from kb.release.first import first
 from kb.release.licences import licence
 from kb.release.measure import Facts, TableFacts
 from kb.release.render import render
@@ -46,6 +47,7 @@ def card(run: Run, facts: Facts) -> str:
         main=next((table for table in facts.tables if _is_main(table)), facts.tables[0]),
         stages=sorted(stages.items(), key=lambda item: (-item[1], item[0])),
         bibtex=bibtex(run, facts),
+        first=first(facts),
     )
 
 
