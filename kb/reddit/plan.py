@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,7 +21,6 @@ from kb.reddit.refresh import due_parts, oldest_due
 from kb.reddit.wanted import Ids, asked_for
 from kb.store import rawlog, reading, tombstones
 from kb.store.layout import Layout
-from kb.store.lock import writer
 
 LISTED = 100  # posts a page of a listing
 # Used only where this data root has nothing to measure.
@@ -69,10 +69,13 @@ def plan_crawl(run: Run) -> Summary:
 
 
 def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
-    """What a refresh would read again now. Reads all raw answers, under the writer's lock."""
+    """What a refresh would read again now. Reads all raw answers, also beside a running crawl."""
     days = run.profile.section("reddit").max_age_days if older_than is None else older_than
     oldest = oldest_due(days, older_than)
-    with writer(run.root, "reddit"), known(run) as things:
+    with (
+        tempfile.TemporaryDirectory(prefix="lorebase-plan-") as scratch,
+        known(run, Path(scratch, "known")) as things,
+    ):
         parts = due_parts(things, tombstones.keys(run.root, "reddit"), oldest, run.again)
         due = sum(pq.read_metadata(part).num_rows for part in parts)
     return Summary(_of_ids(run, "refresh reddit", [("posts and comments to refresh", due)]))

@@ -55,9 +55,14 @@ class Stub(msgspec.Struct):
 
 
 class Named(msgspec.Struct):
-    """The post that something belongs to which is read again; "" where nobody said."""
+    """What is read again.
+
+    post     the post that it belongs to, "" where nobody said
+    there    whether the last answer still had it
+    """
 
     post: str = ""
+    there: bool = True
 
 
 PAYLOADS: dict[str, type[msgspec.Struct]] = {

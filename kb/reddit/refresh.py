@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 
 from kb.core import clock, vocabulary
 from kb.core.context import Run
+from kb.core.errors import Retryable
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
@@ -37,8 +38,10 @@ from kb.store.merge import Merge
 from kb.store.shards import PAGE
 
 _ORDER = ["place", "fullname"]
+_COLUMNS = [*_ORDER, "there"]
 # Of at least so many ids nearly all missing: rather a closed subreddit than so many deletions.
 _MANY, _MOST = 100, 0.9
+_NONE_OF = 10  # of at least so many in one answer none is there: not believed
 _log = logging.getLogger("kb.reddit")
 
 
@@ -71,6 +74,7 @@ class Refresh(Reddit):
         self.older_than = older_than
         self.days = self.section.max_age_days if older_than is None else older_than
         self.answered = self.missing = 0
+        self._closed = False  # whether the last answer is not believed
 
     def begin(self, opened: Opened) -> None:
         """Look whether the same refresh was stopped, before what failed in it is opened again."""
@@ -90,12 +94,29 @@ class Refresh(Reddit):
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
         """Up to 100 names."""
         for answer in super().fetch(phase, items):
-            yield answer
             given = {
                 f"{thing.kind}_{thing.data.get('id')}" for thing in tree.things(answer.response)
             }
+            self._believe(items, given)
+            yield answer
             self.answered += len(items)
             self.missing += sum(item.key not in given for item in items)
+
+    def _believe(self, items: list[Item], given: Collection[str]) -> None:
+        """Raises Retryable for an answer without a single one of many that were there, and for
+        those behind it that give none either.
+
+        A subreddit that is closed for a day looks like that. Kept, the answer would say that all
+        of them are gone, and the next purge would remove them.
+        """
+        there = sum(item.payload is None or item.payload.there for item in items)
+        given_any = any(item.key in given for item in items)
+        self._closed = not given_any and there > 0 and (self._closed or there >= _NONE_OF)
+        if self._closed:
+            raise Retryable(
+                f"Reddit gave none of {len(items)} posts and comments that were there"
+                " (a closed subreddit?); nothing is taken for gone"
+            )
 
     def summary(self, session: Session, loop: Loop) -> Summary:
         """Figures of this run and what is left."""
@@ -128,11 +149,11 @@ class Refresh(Reddit):
         oldest = oldest_due(self.days, self.older_than)
         with known(self.run) as things:
             parts = due_parts(things, self.opened.gone, oldest, self.run.again)
-            with closing(Merge(parts, _ORDER, _ORDER)) as due, frontier.transaction():
+            with closing(Merge(parts, _ORDER, _COLUMNS)) as due, frontier.transaction():
                 frontier.replace(
                     INFO.kind,
                     (
-                        (row["fullname"], Named(row["place"][1:]))
+                        (row["fullname"], Named(row["place"][1:], row["there"]))
                         for rows in due
                         for row in rows.to_pylist()
                     ),
@@ -170,7 +191,7 @@ def due_parts(
         rows = rows.filter(pc.and_(due, pc.invert(pc.is_in(rows["fullname"], value_set=purged))))
         rank = pc.if_else(pc.starts_with(rows["fullname"], "t3_"), "0", "1")
         place = pc.binary_join_element_wise(rank, pc.fill_null(rows["post_id"], ""), "")
-        rows = pa.table([place, rows["fullname"]], names=_ORDER).sort_by(by)
+        rows = pa.table([place, rows["fullname"], rows["there"]], names=_COLUMNS).sort_by(by)
         parts.append(things.folder / f"due-{number:06d}.parquet")
         with full_disk_is_resumable(parts[-1]):
             marks = pq.SortingColumn.from_ordering(rows.schema, by, "at_end")

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from kb.core.errors import LimitReached
+from kb.reddit.plan import plan_refresh
 from kb.reddit.strip import strip
 from kb.sandbox.reddit import dumps
 from kb.sandbox.server import Sandbox
@@ -16,6 +17,7 @@ from kb.sandbox.subreddit import CASES
 from kb.store import purge as store
 from kb.store import tombstones
 from kb.store.layout import Layout
+from kb.store.lock import writer
 from kb.store.rawlog import Envelope, Request
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import listing
@@ -69,6 +71,41 @@ def test_what_is_old_is_read_again_by_the_hundred_and_the_newer_score_wins(
     row = next(row for row in tiny.table("clean", "reddit", "posts") if row["post_id"] == post)
     assert (row["score"], row["score_source"], row["fetched_at"].year) == (77_777, "live", 2027)
     assert tiny.refresh()["crawled"] == 0
+
+
+def test_an_answer_without_any_of_them_is_not_believed(
+    tiny: Work, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A subreddit that is closed for a day would be purged here."""
+    tiny.purge()  # what was gone before
+    tiny.filter()
+    before = tiny.table("clean", "reddit", "comments")
+    monkeypatch.setenv("KB_NOW", LATER)
+    nothing = {"kind": "Listing", "data": {"children": [], "after": None}}
+    fault = tiny.sandbox.faults.add("/api/info", status=200, body=nothing, times=None)
+    for again in (False, True):
+        done = tiny.refresh(again=again)
+        assert (done["crawled"], done["missing"]) == (0, 0)
+        assert done["failed"] > len(before)
+    assert fault.hits
+    assert tiny.purge()["purged"] == 0
+    tiny.filter()
+    assert tiny.table("clean", "reddit", "comments") == before
+    tiny.sandbox.faults.clear()
+    done = tiny.refresh(again=True)
+    assert (done["failed"], done["left"]) == (0, 0)
+    assert done["crawled"] > len(before)
+    assert done["missing"] < done["crawled"] / 2
+
+
+def test_a_plan_waits_for_no_writer(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("KB_NOW", LATER)
+    files = {path: path.stat().st_mtime_ns for path in tiny.root.rglob("*") if path.is_file()}
+    with writer(tiny.root, "reddit"):
+        planned = plan_refresh(tiny.run())
+    del files[tiny.root / "state" / "reddit.lock"]
+    assert planned["phases"][0]["items"] > 100
+    assert {path: path.stat().st_mtime_ns for path in files} == files
 
 
 def test_dumps_are_read_again_at_once(tmp_path: Path) -> None:
