@@ -8,7 +8,7 @@ KB := exec "$(HERE).ci/kb"
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
-	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct \
+	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct restore \
 	models annotate pairs release report status test test-fast lint types bench lock reference
 
 # What is no target: said in one line, before anything is set up.
@@ -43,6 +43,8 @@ reddit-export: setup      ## clean/reddit to release/reddit
 	@$(KB) reddit export $(ARGS)
 reddit-reconstruct: setup ## full posts and comments again from released ids, with your own key
 	@$(KB) reddit reconstruct $(ARGS)
+restore: setup            ## the content of a downloaded release: make restore ARGS="FOLDER --plan"
+	@$(KB) restore $(ARGS)
 models: setup             ## the published toxicity checkpoint, verified
 	@$(KB) models fetch $(ARGS)
 annotate: setup           ## toxicity scores for text that has none: make annotate ARGS=youtube

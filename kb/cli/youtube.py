@@ -93,6 +93,46 @@ def crawl(
 
 @command(
     app,
+    uses=("limit", "wait", "again"),
+    binds=False,
+    planned=("ids",),
+    examples=[
+        "kb youtube check --ids youtube_full.json --plan   units and days that it takes",
+        "kb youtube check --ids release/youtube            a release: there, changed, gone by year",
+    ],
+)
+def check(
+    run: Run,
+    ids: Annotated[
+        Path,
+        typer.Option(
+            "--ids",
+            metavar="FILE|FOLDER",
+            help="A published list: lines, a released Parquet file or the folder of a release,"
+            " or MineDojo's JSON.",
+        ),
+    ],
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Print what it costs; send nothing.")
+    ] = False,
+) -> Summary:
+    """Tell how much of a published list of videos is still there, has changed or is gone, by year.
+
+    Needs YOUTUBE_API_KEY: a unit for 50 videos. Changed: title or duration differ from the list's.
+    Only counts are kept. Stops with exit code 3 when the quota is spent; the same command goes on.
+    """
+    from kb.youtube import check as room
+
+    if plan:
+        return room.plan(run, ids)
+    summary = room.check(run, ids)
+    for line in room.lines(summary):
+        typer.echo(line)
+    return summary
+
+
+@command(
+    app,
     name="filter",
     uses=(*CLUSTER, "limit", "pipeline"),
     checks=True,

@@ -24,7 +24,7 @@ def read_ids(path: Path) -> tuple[list[str], int]:
     """
     try:
         if path.is_dir():
-            values = [key for shard in _released(path) for key in _parquet(shard)]
+            values = [key for shard in released_shards(path) for key in _parquet(shard)]
         elif path.suffix == ".parquet":
             values = _parquet(path)
         elif path.suffix == ".json":
@@ -56,7 +56,7 @@ def some_ids(path: Path) -> tuple[list[str], int]:
     return found, bad_lines
 
 
-def _released(folder: Path) -> list[Path]:
+def released_shards(folder: Path) -> list[Path]:
     """The shards of a release that name videos: its `videos`, else its `pairs`."""
     for name in ("videos", "pairs"):
         if shards := sorted(folder.glob(f"{name}-*-of-*.parquet")):

@@ -114,6 +114,7 @@ SOURCES = ("youtube", "wiki", "reddit")
 # What has an effect on each command, besides the common options; all else is refused.
 APPLIES = {
     "youtube crawl": {"workers", "limit", "wait", "again", "pipeline"},
+    "youtube check": {"limit", "wait", "again"},
     "wiki crawl": {"workers", "limit", "wait", "again", "pipeline"},
     "reddit crawl": {"limit", "wait", "again"},
     "reddit import": {*CLUSTER, "limit", "again"},
