@@ -1,12 +1,12 @@
 """Wiki (MineDojo paper, data collection appendix: "Wiki").
 
 Every page as a person sees it: a full-page screenshot with the boxes of its elements, texts,
-tables, pictures with captions, sprites, and all frames of what moves.
+tables, images with captions, sprites, and all frames of what moves.
 
     crawl      list the pages, ask for their revisions, show them in the browser, fetch the
                originals
     clean      missing, robots, render (facts of the crawl), then the filters below
-    export     tables with tar shards of screenshots and pictures, or MineDojo's layout
+    export     tables with tar shards of screenshots and images, or MineDojo's layout
 """
 
 from __future__ import annotations

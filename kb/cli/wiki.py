@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from kb.core.context import Run
     from kb.core.verdict import Summary
 
-app = group("Pages of the wiki: screenshots, elements with boxes, tables and pictures.")
+app = group("Pages of the wiki: screenshots, elements with boxes, tables and images.")
 
 
 class Format(StrEnum):
@@ -54,7 +54,7 @@ def crawl(
     """Show every content page in headless Chromium and keep what is seen.
 
     Needs KB_CONTACT, Chromium and chromedriver. A second crawl (--again) shows only what has
-    changed. robots.txt rules which pages and pictures are read, and its crawl-delay every request.
+    changed. robots.txt rules which pages and images are read, and its crawl-delay every request.
     The API is asked by MediaWiki's etiquette (a contact, maxlag, Retry-After) also where robots.txt
     bars its folder to all crawlers; rules for `lorebase` by name are kept there too.
     """
@@ -94,5 +94,5 @@ def export(
         ),
     ] = Format.parquet,
 ) -> Summary:
-    """Write clean/wiki as the released tables with their pictures, or in another layout."""
+    """Write clean/wiki as the released tables with their images, or in another layout."""
     return exported(run, "wiki", format.value)

@@ -250,7 +250,7 @@ def _table(row: Row, cells: list[Row]) -> Row:
 
 
 def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
-    """One picture with its file beside the page; None where the wiki could not give the file."""
+    """One image with its file beside the page; None where the wiki could not give the file."""
     if not row["path"]:
         return None
     source = inside(root, row["path"])
@@ -283,7 +283,7 @@ def _crop(screenshot: Path, where: list[float | int], target: Path) -> None:
     limit, Image.MAX_IMAGE_PIXELS = (
         Image.MAX_IMAGE_PIXELS,
         None,
-    )  # our own picture, whose size the crawl has checked
+    )  # our own image, whose size the crawl has checked
     try:
         with Image.open(screenshot) as image:
             x, y, width, height = map(round, where)

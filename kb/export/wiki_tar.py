@@ -1,4 +1,4 @@
-"""Screenshots and pictures of the wiki as flat tar shards in the WebDataset layout, with an index.
+"""Screenshots and images of the wiki as flat tar shards in the WebDataset layout, with an index.
 
     screenshots-00000-of-0000N.tar   <page id>.png, <page id>.json
     images-00000-of-0000N.tar        <sha256>.<png|jpg|gif|svg|webp|…>, <sha256>.json

@@ -8,12 +8,12 @@
     data.clips("creeper")               clips of a keyword, with their videos and texts
 
 Nothing is written, sent or asked for: no key, no profile, no network. Folders are in `places`,
-tables in `rows`, HTML in `html`; pages in `page` and `picture`, the rest by its own name.
+tables in `rows`, HTML in `html`; pages in `page` and `image`, the rest by its own name.
 """
 
 from kb.reader.data import Data, load
+from kb.reader.image import Box
 from kb.reader.page import Boxes, Page
-from kb.reader.picture import Box
 from kb.reader.rows import Answer, Rows, Table
 from kb.reader.tables import Tables
 from kb.reader.thread import Comment, Thread

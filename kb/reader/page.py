@@ -9,17 +9,17 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, cast
 
 from kb.core.errors import KbError, UsageError
-from kb.reader import html, picture
+from kb.reader import html, image
 from kb.reader.hints import hinted
+from kb.reader.image import Box
 from kb.reader.opened import Opened
-from kb.reader.picture import Box
 from kb.reader.places import Placed
 from kb.reader.rows import Answer
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-_THUMBNAIL = (480, 640)  # px of a picture in a notebook, at most; what is below is cut off
+_THUMBNAIL = (480, 640)  # px of an image in a notebook, at most; what is below is cut off
 
 
 class Page:
@@ -71,10 +71,10 @@ class Page:
 
             data.page("Creeper").screenshot().save("creeper.png")
 
-        Raises MissingExtra without Pillow, DamagedData for a tar or picture that is missing or
+        Raises MissingExtra without Pillow, DamagedData for a tar or image that is missing or
         not what the release says.
         """
-        return picture.screenshot(self._placed.home, self.row)
+        return image.screenshot(self._placed.home, self.row)
 
     @hinted
     def boxes(self, kind: str | None = None, *, hidden: bool = False) -> Boxes:
@@ -85,8 +85,8 @@ class Page:
         Kinds are text, image, sprite, animation, table and cell; another raises UsageError.
         `hidden`: also those that the page does not show.
         """
-        if kind is not None and kind not in picture.COLOURS:
-            kinds = ", ".join(picture.COLOURS)
+        if kind is not None and kind not in image.COLOURS:
+            kinds = ", ".join(image.COLOURS)
             raise UsageError(f"no kind of element is {kind!r}", hint=f"one of {kinds}")
         found = [
             Box(*(row[name] for name in Box._fields))
@@ -130,7 +130,7 @@ class Boxes(list[Box]):
         Raises what `Page.screenshot` raises.
         """
         scale = self._page.row["device_pixel_ratio"]
-        return picture.outlined(self._page.screenshot(), self, scale)
+        return image.outlined(self._page.screenshot(), self, scale)
 
     def _repr_html_(self) -> str:
         said = html.text(f"{self._page.title}: {len(self):,} box{'' if len(self) == 1 else 'es'}")
@@ -169,11 +169,11 @@ def _by_title(wanted: str) -> list[tuple[str, int | str]]:
 
 
 def _thumbnail(page: Page, boxes: Boxes | None = None) -> str:
-    """A small picture inside of the HTML; one line where there is none."""
+    """A small image inside of the HTML; one line where there is none."""
     try:
         whole = page.screenshot() if boxes is None else boxes.draw()
     except KbError as error:
-        return f"<i>{html.text(f'no picture: {error} ({error.hint})', 400)}</i>"
+        return f"<i>{html.text(f'no image: {error} ({error.hint})', 400)}</i>"
     width, height = _THUMBNAIL
     shown = min(whole.height, whole.width * height // width)
     part = whole.crop((0, 0, whole.width, shown))

@@ -16,7 +16,7 @@ _KINDS = {"image": "image", "video": "video", "general": "link"}
 def link_classifier(links: Links) -> Callable[[str], str]:
     """A function from an address to "image", "video" or "general", by the profile's table.
 
-    Endings of the path decide first (imgur's `.gifv` is a film, its `.gif` a picture), then hosts.
+    Endings of the path decide first (imgur's `.gifv` is a video, its `.gif` an image), then hosts.
     """
     image_hosts, video_hosts = frozenset(links.image_hosts), frozenset(links.video_hosts)
     image_endings, video_endings = frozenset(links.image_endings), frozenset(links.video_endings)

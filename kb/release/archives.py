@@ -1,7 +1,7 @@
 """The wiki's archives: every file that a path column names is there, whole, by the index beside the
 tars.
 
-Tables and index are joined in DuckDB, so memory does not grow with the number of pictures.
+Tables and index are joined in DuckDB, so memory does not grow with the number of images.
 """
 
 from __future__ import annotations

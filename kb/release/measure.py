@@ -175,7 +175,7 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     Of a text's precisions the exact one decides. A clean folder that doesn't say its model: every
     model's scores.
     """
-    # Pairs and wiki pictures carry no scores of their own; a pair's videos were scored as YouTube.
+    # Pairs and wiki images carry no scores of their own; a pair's videos were scored as YouTube.
     source = "youtube" if source == "pairs" else source
     files = [str(file) for file in parquet_files(Layout(root).annotations(source))]
     said = filtered(root, source)

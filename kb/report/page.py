@@ -1,4 +1,4 @@
-"""index.html: one file that needs nothing else. Pictures and styles are inside, no script."""
+"""index.html: one file that needs nothing else. Images and styles are inside, no script."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def page(
 
 
 def _address(figure: Figure) -> str:
-    """The picture inside the page: as SVG, unless a screenshot makes that much the heavier."""
+    """The image inside the page: as SVG, unless a screenshot makes that much the heavier."""
     svg, png = figure.files["svg"], figure.files["png"]
     if len(svg) > _HEAVY and len(svg) > 2 * len(png):
         return f"data:image/png;base64,{base64.b64encode(png).decode()}"

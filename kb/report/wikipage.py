@@ -127,7 +127,7 @@ def page(data: Data, profile: Profile) -> tuple[Figure, ...]:
 
 
 def _chosen(data: Data) -> int | None:
-    """The page with the most kinds of elements, then the most pictures, near its top."""
+    """The page with the most kinds of elements, then the most images, near its top."""
     found = data.rows(
         "wiki/elements",
         "SELECT page_id FROM {t} WHERE visible AND y < 1600 GROUP BY 1"
@@ -173,9 +173,9 @@ def _screenshot(data: Data, shot: str, width: float, shown: float) -> Any:
     # A page may be 100,000 pixels high: its own pipeline made it, so Pillow's guard is not for it.
     Image.MAX_IMAGE_PIXELS = None
     try:
-        with Image.open(path) as picture:
-            high = min(picture.height, round(shown * picture.width / width))
-            return picture.crop((0, 0, picture.width, high)).convert("RGB")
+        with Image.open(path) as opened:
+            high = min(opened.height, round(shown * opened.width / width))
+            return opened.crop((0, 0, opened.width, high)).convert("RGB")
     except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for a damaged file
         hint = "put it back from a copy, or remove it: the figure then has the boxes alone"
         raise DamagedData(f"the screenshot {path} can't be read: {error}", hint=hint) from None

@@ -11,7 +11,7 @@ from kb.store.layout import Layout
 def is_inside(root: Path, path: str) -> bool:
     """Whether `path`, relative to the data root, leads into raw/wiki, links resolved.
 
-    Captured pages and pictures are there.
+    Captured pages and images are there.
     """
     return (root / path).resolve().is_relative_to(Layout(root).raw("wiki").resolve())
 

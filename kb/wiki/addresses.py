@@ -21,7 +21,7 @@ _GNU = re.compile(
 
 
 def original(src: str) -> str:
-    """The address of the original picture of a thumbnail, or `src` itself."""
+    """The address of the original image of a thumbnail, or `src` itself."""
     parts = urlsplit(src)
     path = parts.path
     if match := re.match(r"(.*?)/thumb(/.+)/[^/]+$", path):
@@ -33,7 +33,7 @@ def original(src: str) -> str:
 
 
 def file_title(src: str, file_page: str | None = None) -> str | None:
-    """ "File:Name.png" of a picture: by its link to the file page, else by its address."""
+    """ "File:Name.png" of an image: by its link to the file page, else by its address."""
     if file_page:
         parts = urlsplit(file_page)
         held = re.search(r"(?:/|title=)((?:File|Image):[^?&#]+)", f"{parts.path}?{parts.query}")

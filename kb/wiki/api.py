@@ -4,7 +4,7 @@ Every request says `maxlag=5`: a wiki whose database lags answers with an error 
 and is left alone that long. That, the contact in the User-Agent and one pace for all requests are
 what MediaWiki asks of API clients (https://www.mediawiki.org/wiki/API:Etiquette). robots.txt tells
 crawlers which pages to leave alone, and most wikis bar the folder of their scripts there; so it
-rules pages and pictures, and the API only where it names us (`Web.barred`).
+rules pages and images, and the API only where it names us (`Web.barred`).
 """
 
 from __future__ import annotations

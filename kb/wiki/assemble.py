@@ -25,7 +25,7 @@ HELPERS = (
 
 
 def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
-    """Pages and titles of one bucket as rows of wiki/pages, and the picture files that they name.
+    """Pages and titles of one bucket as rows of wiki/pages, and the image files that they name.
 
     A page is captured when its newest revision was shown under its newest title. Adds `key` (the
     id as text, or a title that has no page), `state` (what the wiki says of it), `of_page` (the id

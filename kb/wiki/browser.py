@@ -177,7 +177,7 @@ class Browser:
     def _prepare(self, origins: Sequence[str], viewport: tuple[int, int], before: str) -> None:
         self.devtools("Network.enable", {})
         # Ports and schemes too: the resolver's rules know hosts only.
-        # A tab's icon is in no picture of a page.
+        # A tab's icon is in no image of a page.
         patterns = [{"urlPattern": f"{origin}/favicon.ico", "block": True} for origin in origins]
         patterns += [{"urlPattern": f"{origin}/*", "block": False} for origin in origins]
         patterns += [

@@ -84,14 +84,14 @@ def at_once(after: float | None, within: float) -> bool:
 def capture(
     browser: Browser,
     url: str,
-    picture: Path,
+    shot: Path,
     rules: dict[str, Any],
     *,
     max_height: int,
     strict: bool = True,
     turn: Callable[[float | None, float], bool] = at_once,
 ) -> Captured:
-    """Load `url` and write its screenshot to `picture`.
+    """Load `url` and write its screenshot to `shot`.
 
     `strict` fails when a style sheet or script was not served; the last try takes the page as it
     is. `turn` waits until one more request may be sent, after the seconds that the service wished
@@ -133,7 +133,7 @@ def capture(
     }
     html = browser.script(_HTML)
     watch.lap("html")
-    sprites = screenshot.take(browser, picture, page["width"], page["height"], crops)
+    sprites = screenshot.take(browser, shot, page["width"], page["height"], crops)
     if browser.script(_MEASURE)[:2] != [page["width"], page["height"]]:
         raise Retryable("page_moved: its size changed while it was pictured")
     watch.lap("screenshot")

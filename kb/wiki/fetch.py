@@ -108,7 +108,7 @@ def page(api: Api, web: Web, section: Wiki, pool: Pool, item: Item) -> Iterator[
 def files(
     api: Api, web: Web, section: Wiki, threads: Executor, items: list[Item]
 ) -> Iterator[Answer]:
-    """The original pictures, with what the wiki says of them."""
+    """The original images, with what the wiki says of them."""
     known: dict[str, dict[str, Any]] = {}
     names = dict.fromkeys(item.payload.title for item in items if item.payload.title)
     for part in _parts(names):

@@ -1,4 +1,4 @@
-"""One original picture file, by the address that the wiki names, else where it was seen."""
+"""One original image file, by the address that the wiki names, else where it was seen."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from kb.core.errors import ItemFinal, Unreachable
 from kb.core.profile.wiki import Wiki
 from kb.store.frontier import Item
 from kb.store.layout import BELOW, Layout
-from kb.wiki import addresses, pictures
+from kb.wiki import addresses, images
 from kb.wiki.web import Web
 
 
@@ -26,7 +26,7 @@ def fetch_original(web: Web, section: Wiki, item: Item, page: dict[str, Any]) ->
         "description": info.get("descriptionurl"),
     }
     folder = Layout(web.run.root).images
-    inspect = partial(pictures.inspect, max_pixels=section.max_pixels)
+    inspect = partial(images.inspect, max_pixels=section.max_pixels)
     reason, value = "", None
     known = filter(None, (info.get("url"), item.key, item.payload.src))
     for url in dict.fromkeys(map(web.today, known)):
@@ -41,7 +41,7 @@ def fetch_original(web: Web, section: Wiki, item: Item, page: dict[str, Any]) ->
             reason, value = reason or error.reason, value or error.value
             continue
         except Unreachable as error:
-            # One picture that the server can't give is no reason to stop: the next run asks again.
+            # One image that the server can't give is no reason to stop: the next run asks again.
             return {**answer, "outcome": "failed", "reason": str(error)}
         return {
             **answer,

@@ -1,4 +1,4 @@
-"""Raw answers of the wiki → rows: what it says of pages, what became of showing them, pictures.
+"""Raw answers of the wiki → rows: what it says of pages, what became of showing them, images.
 
 A bad value of the wiki's own answers never raises: it is null and named in `problems`.
 """
@@ -42,14 +42,14 @@ def pages(lines: Iterable[bytes]) -> Iterator[pa.Table]:
 def renders(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     """What became of showing pages: `page_id`, `captured`, `revision_id`.
 
-    For a captured one also `title`, `folder` and `files` (addresses of its pictures), else
+    For a captured one also `title`, `folder` and `files` (addresses of its images), else
     `outcome`, `reason`, `value`, `url`. Raises DamagedData.
     """
     return _rows(lines, _render, "renders")
 
 
 def files(lines: Iterable[bytes]) -> Iterator[pa.Table]:
-    """Picture files by `key` (address): where and what they are, all null when not stored.
+    """Image files by `key` (address): where and what they are, all null when not stored.
 
     Raises DamagedData.
     """

@@ -6,7 +6,7 @@ titles    round:namespace  the list of a namespace's pages
 info      round:title      a title whose page is asked for
 gone      round            a round that is compared with the pages known; removed when it was
 pages     page id          a page, shown when its revision is not the one that was
-files     address          an original picture file
+files     address          an original image file
 
 A round of the whole list is "1", "2" …; one of named titles is "t1", "t2" … .
 """
@@ -56,7 +56,7 @@ class Page(msgspec.Struct):
 
 
 class File(msgspec.Struct):
-    """A picture: its address, its title on the wiki where it has one, and where it was seen."""
+    """An image: its address, its title on the wiki where it has one, and where it was seen."""
 
     key: str
     title: str | None = None

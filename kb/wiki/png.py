@@ -1,4 +1,4 @@
-"""Writes a tall PNG piece by piece, so that memory holds one tile and never the picture."""
+"""Writes a tall PNG piece by piece, so that memory holds one tile and never the image."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class PngWriter:
 
         width, height = tile.size
         if width != self._width or tile.mode != "RGB":
-            raise Retryable(f"screenshot_size: a tile of {width} in a picture of {self._width} px")
+            raise Retryable(f"screenshot_size: a tile of {width} in an image of {self._width} px")
         above = Image.new("RGB", tile.size)
         above.paste(tile, (0, 1))
         if self._last is not None:

@@ -1,4 +1,4 @@
-"""What of the wiki's raw data must go, and how a page leaves it: answers, captures, pictures."""
+"""What of the wiki's raw data must go, and how a page leaves it: answers, captures, images."""
 
 from __future__ import annotations
 

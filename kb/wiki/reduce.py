@@ -176,7 +176,7 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
 
 
 def _files(frontier: Frontier, envelope: Envelope) -> None:
-    """A picture file was fetched, or could not be."""
+    """An image file was fetched, or could not be."""
     answer = envelope.response
     key = answer["key"]
     if answer["outcome"] == "stored":

@@ -40,10 +40,10 @@ def snapped(box: Iterable[float]) -> Box:
 def take(
     browser: Browser, path: Path, width: int, height: int, crops: dict[int, Box] | None = None
 ) -> dict[int, bytes]:
-    """Write the picture to `path`; the PNG bytes of each crop.
+    """Write the image to `path`; the PNG bytes of each crop.
 
     `width` and `height` are the page's (CSS px, one image px each). Raises Retryable when the
-    picture is not the page.
+    image is not the page.
     """
     from PIL import Image
 

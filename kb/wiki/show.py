@@ -44,12 +44,12 @@ def show_page(web: Web, section: Wiki, pool: Pool, item: Item) -> dict[str, Any]
         full_disk_is_resumable(root),
         tempfile.TemporaryDirectory(prefix=SCRATCH, dir=pages_folder(root)) as scratch,
     ):
-        picture = Path(scratch) / "screenshot.png"
+        shot = Path(scratch) / "screenshot.png"
         for number in range(1, section.max_tries + 1):
             last = number == section.max_tries
             try:
-                found = _capture(web, section, pool, item, url, picture, strict=not last)
-                stored = _store(root, item, found, picture)
+                found = _capture(web, section, pool, item, url, shot, strict=not last)
+                stored = _store(root, item, found, shot)
                 return {**answer, "tries": number, **stored}
             except ItemFinal as error:
                 return {**answer, **_final(web, error), "tries": number}
@@ -67,14 +67,14 @@ def show_page(web: Web, section: Wiki, pool: Pool, item: Item) -> dict[str, Any]
 
 
 def _capture(
-    web: Web, section: Wiki, pool: Pool, item: Item, url: str, picture: Path, *, strict: bool
+    web: Web, section: Wiki, pool: Pool, item: Item, url: str, shot: Path, *, strict: bool
 ) -> Captured:
     """One try. Raises ItemFinal, Retryable."""
     found = pool.use(
         lambda browser: capture(
             browser,
             url,
-            picture,
+            shot,
             section.rules,
             max_height=section.max_page_height,
             strict=strict,
@@ -142,7 +142,7 @@ def sweep(root: Path) -> None:
         shutil.rmtree(left, ignore_errors=True)
 
 
-def _store(root: Path, item: Item, found: Captured, picture: Path) -> dict[str, Any]:
+def _store(root: Path, item: Item, found: Captured, shot: Path) -> dict[str, Any]:
     """Write the page's files in one step; what the envelope says about them."""
     watch = clock.monotonic()
     page = found.extraction["page"]
@@ -160,7 +160,7 @@ def _store(root: Path, item: Item, found: Captured, picture: Path) -> dict[str, 
     # Several sessions may show one page again: a folder is replaced as a whole or not at all.
     pack = rawlog.compressor()
     with replacing_folder(folder) as fresh:
-        shutil.move(picture, fresh / "screenshot.png")
+        shutil.move(shot, fresh / "screenshot.png")
         (fresh / "page.html.zst").write_bytes(pack.compress(found.html.encode("utf-8", "replace")))
         (fresh / "extraction.json.zst").write_bytes(
             pack.compress(_ENCODER.encode({**found.extraction, "sprites": sprites}))

@@ -5,7 +5,7 @@ titles   the titles of all content pages      raw kind titles
 info     revision, address, contributors      raw kind pages
 gone     what vanished becomes tombstones     raw kinds pages, imageinfo
 pages    each new revision in the browser     raw kind renders, raw/wiki/pages/
-files    the original pictures                raw kinds imageinfo, files, raw/wiki/images/
+files    the original images                raw kinds imageinfo, files, raw/wiki/images/
 """
 
 from __future__ import annotations

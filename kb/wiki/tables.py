@@ -193,7 +193,7 @@ def _columns(name: str, rows: list[Row]) -> pa.Table:
 
 
 def image_rows(page_id: int, extraction: Row, files: Files) -> list[Row]:
-    """Rows of wiki/images: the original file of every picture, one row a frame of what moves."""
+    """Rows of wiki/images: the original file of every image, one row a frame of what moves."""
     rows: list[Row] = []
     sprites = extraction.get("sprites", {})
     for element in extraction["elements"]:

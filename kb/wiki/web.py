@@ -1,4 +1,4 @@
-"""The wiki over plain HTTP, by the project's policy: its API, robots.txt and picture files."""
+"""The wiki over plain HTTP, by the project's policy: its API, robots.txt and image files."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ class Web:
     def download(
         self, url: str, folder: Path, limit: int, inspect: Callable[[bytes], Any]
     ) -> tuple[str, Any, int]:
-        """A picture file into `folder`, named by its SHA-256: (sha256, what `inspect` said, bytes).
+        """An image file into `folder`, named by its SHA-256: (sha256, what `inspect` said, bytes).
 
         Raises ItemFinal("too_large"), ItemFinal("not_a_picture") or Retryable. A file that is
         there already, and is whole, is not written again.

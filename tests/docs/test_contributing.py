@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md: its examples run, and what it names is there."""
+"""Guides for contributors: their examples run, and what they name is there."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from kb.store.layout import Layout
 from kb.store.shards import write_table
 
 ROOT = Path(__file__).resolve().parents[2]
-GUIDES = ("CONTRIBUTING.md", "schemas/WRITING.md")
+GUIDES = ("CONTRIBUTING.md", "schemas/WRITING.md", "docs/architecture.md")
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 NAMED = sorted(
     {word for name in GUIDES for word in re.findall(r"`([^`\n]+)`", (ROOT / name).read_text())}

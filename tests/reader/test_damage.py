@@ -96,7 +96,7 @@ def test_tars_that_are_not_there_or_not_what_they_were(demo: Path, tmp_path: Pat
     tar.write_bytes(bytes(held))
     with pytest.raises(DamagedData, match=rf"{tar.name} is damaged"):
         page.screenshot()
-    assert "no picture" in page._repr_html_()
+    assert "no image" in page._repr_html_()
     tar.unlink()
     with pytest.raises(DamagedData, match=rf"{tar.name} is missing"):
         page.screenshot()

@@ -17,7 +17,7 @@ from PIL import Image
 
 import kb
 from kb.core.errors import KbError, UsageError
-from kb.reader.picture import COLOURS
+from kb.reader.image import COLOURS
 from kb.store import tombstones
 
 RELEASED = {

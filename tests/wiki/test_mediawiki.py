@@ -130,7 +130,7 @@ def test_the_browser_asks_for_no_more_than_a_readers(mediawiki, programs, tmp_pa
                     show = partial(
                         capture.capture,
                         url=url,
-                        picture=tmp_path / "screenshot.png",
+                        shot=tmp_path / "screenshot.png",
                         rules=section.rules,
                         max_height=section.max_page_height,
                     )

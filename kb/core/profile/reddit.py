@@ -1,4 +1,4 @@
-"""[reddit]: which subreddit, which posts are kept, what links are pictures or films."""
+"""[reddit]: which subreddit, which posts are kept, what links are images or videos."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ class Links(Section):
     """How the address of a link post tells what it shows. Endings decide first, then hosts.
 
     A host counts with its subdomains `www`, `m`, `old`, `new` and `i`. `video_paths` are sites
-    where only some pages are films: the path starts with one of these.
+    where only some pages are videos: the path starts with one of these.
     """
 
     image_endings: tuple[str, ...] = Field(
-        ("jpg", "jpeg", "png", "gif", "webp", "bmp"), description="file endings of pictures"
+        ("jpg", "jpeg", "png", "gif", "webp", "bmp"), description="file endings of images"
     )
     video_endings: tuple[str, ...] = Field(
-        ("gifv", "mp4", "webm", "mov"), description="file endings of films"
+        ("gifv", "mp4", "webm", "mov"), description="file endings of videos"
     )
     image_hosts: tuple[str, ...] = Field(
         ("i.redd.it", "preview.redd.it", "i.reddituploads.com", "imgur.com"),
-        description="hosts that show pictures",
+        description="hosts that show images",
     )
     video_hosts: tuple[str, ...] = Field(
-        ("v.redd.it", "streamable.com", "gfycat.com"), description="hosts that show films"
+        ("v.redd.it", "streamable.com", "gfycat.com"), description="hosts that show videos"
     )
     video_paths: dict[str, tuple[str, ...]] = Field(
-        default_factory=dict, description="by host, the beginnings of paths that are films"
+        default_factory=dict, description="by host, the beginnings of paths that are videos"
     )
 
 

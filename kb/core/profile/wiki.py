@@ -57,7 +57,7 @@ class Wiki(Section):
 
     url: str = Field(description="the wiki's root; its API is found from the page's EditURI link")
     hosts: tuple[str, ...] = Field(
-        (), description="other hosts of the wiki's pictures, style sheets and scripts"
+        (), description="other hosts of the wiki's images, style sheets and scripts"
     )
     namespaces: tuple[int, ...] = Field(
         (), description="namespaces to read; default: those that the wiki calls content"
@@ -87,10 +87,10 @@ class Wiki(Section):
     max_pixels: int = Field(
         64_000_000,
         ge=1,
-        description="pictures of more pixels are stored as they are and never decoded",
+        description="images of more pixels are stored as they are and never decoded",
     )
     max_file_bytes: int = Field(
-        200_000_000, ge=1, description="picture files of more bytes are not fetched"
+        200_000_000, ge=1, description="image files of more bytes are not fetched"
     )
     max_tries: int = Field(
         3, ge=1, le=10, description="tries of one page before it counts as not captured"

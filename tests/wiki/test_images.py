@@ -10,7 +10,7 @@ from PIL import Image
 
 from kb.core.errors import Retryable
 from kb.wiki import screenshot
-from kb.wiki.pictures import inspect, media_type
+from kb.wiki.images import inspect, media_type
 from kb.wiki.png import PngWriter
 
 

@@ -1,4 +1,4 @@
-"""What a picture file is, by its bytes: media type, size, frames. Never by its name.
+"""What an image file is, by its bytes: media type, size, frames. Never by its name.
 
 Sizes come from headers. Only files within `max_pixels` are read further, for the frames of an
 animation; SVG is text and its scripts never run.
@@ -36,8 +36,8 @@ MAX_FRAMES = 5000
 
 
 @dataclass(frozen=True)
-class Picture:
-    """Sizes in px; `frames` are durations in ms, empty for a still picture."""
+class ImageFile:
+    """Sizes in px; `frames` are durations in ms, empty for a still image."""
 
     media_type: str
     width: int | None
@@ -51,7 +51,7 @@ class Picture:
 
 
 def media_type(data: bytes) -> str | None:
-    """The media type by the first bytes; None when they are no picture's."""
+    """The media type by the first bytes; None when they are no image's."""
     for magic, name in _MAGIC:
         if data.startswith(magic):
             return name
@@ -65,13 +65,13 @@ def media_type(data: bytes) -> str | None:
     return None
 
 
-def inspect(data: bytes, max_pixels: int) -> Picture | None:
-    """What the bytes are; None when they are no picture, or one with a broken header."""
+def inspect(data: bytes, max_pixels: int) -> ImageFile | None:
+    """What the bytes are; None when they are no image, or one with a broken header."""
     kind = media_type(data)
     if kind is None:
         return None
     if kind == "image/svg+xml":
-        return Picture(kind, *_svg_size(data[:4096]))
+        return ImageFile(kind, *_svg_size(data[:4096]))
     from PIL import Image, UnidentifiedImageError
 
     with warnings.catch_warnings():
@@ -82,15 +82,15 @@ def inspect(data: bytes, max_pixels: int) -> Picture | None:
             with Image.open(io.BytesIO(data)) as image:
                 width, height = image.size
                 frames = _frames(image) if width * height <= max_pixels else ()
-                return Picture(kind, width, height, frames)
+                return ImageFile(kind, width, height, frames)
         except Image.DecompressionBombError:
-            return Picture(kind, *_header_size(kind, data))
+            return ImageFile(kind, *_header_size(kind, data))
         except (UnidentifiedImageError, OSError, SyntaxError, ValueError, EOFError):
             return None
 
 
 def _frames(image: object) -> tuple[int | None, ...]:
-    """Durations of the frames of a GIF, APNG or WebP in ms; none for a still picture."""
+    """Durations of the frames of a GIF, APNG or WebP in ms; none for a still image."""
     count = getattr(image, "n_frames", 1)
     if count <= 1 or not getattr(image, "is_animated", False):
         return ()

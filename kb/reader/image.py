@@ -1,4 +1,4 @@
-"""Pictures out of a release's tars or a data root, and boxes on them. Needs Pillow."""
+"""Images out of a release's tars or a data root, and boxes on them. Needs Pillow."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Box(NamedTuple):
 def screenshot(home: Path, row: dict[str, Any]) -> Image:
     """The screenshot of a page's row. Raises MissingExtra and DamagedData.
 
-    However large: Pillow's limit for strange pictures is lifted for one that is as large as the
+    However large: Pillow's limit for strange images is lifted for one that is as large as the
     page's row says, and no other.
     """
     image = needs("PIL.Image", install="pillow")
@@ -62,7 +62,7 @@ def screenshot(home: Path, row: dict[str, Any]) -> Image:
     if size is None or any(
         abs(one - other) > 2 * scale for one, other in zip(size, wanted, strict=True)
     ):
-        raise DamagedData(f"{where} is no picture of {wanted[0]} × {wanted[1]} px", hint=_AGAIN)
+        raise DamagedData(f"{where} is no image of {wanted[0]} × {wanted[1]} px", hint=_AGAIN)
     limit, image.MAX_IMAGE_PIXELS = image.MAX_IMAGE_PIXELS, None
     try:
         opened = image.open(io.BytesIO(data), formats=["PNG"])
@@ -75,7 +75,7 @@ def screenshot(home: Path, row: dict[str, Any]) -> Image:
 
 
 def outlined(whole: Image, boxes: Iterable[Box], scale: float) -> Image:
-    """A copy with an outline for each box; what is outside of the picture is cut off."""
+    """A copy with an outline for each box; what is outside of the image is cut off."""
     draw = needs("PIL.ImageDraw", install="pillow")
     copy = whole.convert("RGB")
     pen = draw.Draw(copy)
