@@ -19,6 +19,7 @@ from kb.core.context import Run
 from kb.core.errors import MissingExtra
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
+from kb.net import retry
 from kb.wiki import capture, chromium
 from kb.wiki.browser import Browser, reach
 from kb.wiki.pool import Pool
@@ -44,6 +45,14 @@ class Quiet(WSGIRequestHandler):
 
     def log(self, type: str, message: str, *args: Any) -> None:
         """Nothing."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick() -> Iterator[None]:
+    """Tries follow each other at once; Retry-After is still heeded."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(retry, "FIRST_S", 0.001)
+        yield
 
 
 @pytest.fixture(scope="session")

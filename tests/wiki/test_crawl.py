@@ -333,18 +333,34 @@ def test_named_titles(make_run, tmp_path):
     assert [row["title"] for row in found["pages"]] == ["Lamp buoy"]
 
 
-def test_later_state_leaves_tombstones(whole, sandbox, tmp_path):
-    shutil.copytree(whole[0].root, tmp_path / "data")
-    run = dataclasses.replace(whole[0], root=tmp_path / "data", again=True)
+@pytest.fixture(scope="module")
+def crawled_later(whole, sandbox, tmp_path_factory):
+    """(run, summary): the whole crawl, and the changes of the later state."""
+    root = tmp_path_factory.mktemp("later") / "data"
+    shutil.copytree(whole[0].root, root)
+    run = dataclasses.replace(whole[0], root=root, again=True)
     sandbox.world.wiki_state = "later"
     try:
-        assert crawl(run)["crawled"] == 4
-        found = {row["title"]: row["page_id"] for row in tables(run)["pages"]}
-        assert {"Charts", "Lamp buoy"}.isdisjoint(found)
-        assert (found["Lamp float"], found["New jetty"]) == (28, 32)
-        assert tombstones.keys(run.root, "wiki") == {"24", "Lamp buoy"}
+        return run, crawl(run)
     finally:
         sandbox.world.wiki_state = "first"
+
+
+@pytest.fixture
+def later(crawled_later, tmp_path):
+    """A run on a copy of it, on the wiki of the first state."""
+    run, _ = crawled_later
+    shutil.copytree(run.root, tmp_path / "data")
+    return dataclasses.replace(run, root=tmp_path / "data")
+
+
+def test_later_state_leaves_tombstones(whole, crawled_later, later):
+    run = later
+    assert crawled_later[1]["crawled"] == 4
+    found = {row["title"]: row["page_id"] for row in tables(run)["pages"]}
+    assert {"Charts", "Lamp buoy"}.isdisjoint(found)
+    assert (found["Lamp float"], found["New jetty"]) == (28, 32)
+    assert tombstones.keys(run.root, "wiki") == {"24", "Lamp buoy"}
     # Deleted pages can come back, and pages be moved back: what the wiki shows again is shown
     # again.
     crawl(run)
@@ -352,14 +368,8 @@ def test_later_state_leaves_tombstones(whole, sandbox, tmp_path):
     assert tombstones.keys(run.root, "wiki") == {"32", "Lamp float"}
 
 
-def test_what_was_purged_after_its_deletion_stays_away_for_good(whole, sandbox, tmp_path):
-    shutil.copytree(whole[0].root, tmp_path / "data")
-    run = dataclasses.replace(whole[0], root=tmp_path / "data", again=True)
-    sandbox.world.wiki_state = "later"
-    try:
-        crawl(run)
-    finally:
-        sandbox.world.wiki_state = "first"
+def test_what_was_purged_after_its_deletion_stays_away_for_good(whole, later):
+    run = later
     assert load(str(locate("purge"))).purge(run, "wiki", None)["purged"] == 1
     for _ in range(2):
         crawl(run)
