@@ -17,7 +17,7 @@ from kb.cli.app import TREE
 from kb.core.sources import SOURCES
 
 ROOT = Path(__file__).resolve().parent.parent
-ROOMS = {*SOURCES, "annotate", "filters", "pairs", "export", "release", "report"}
+ROOMS = {*SOURCES, "annotate", "filters", "pairs", "export", "release", "report", "verify"}
 GROUND = {"net", "store", "schema"}
 ASKING = {"query"}  # over the ground alone; only commands and pipelines ask it
 
@@ -33,7 +33,7 @@ ALLOWED: dict[str, set[str]] = {
     "reader": {"query", "store", "schema", "core"},
     "sandbox": ROOMS | GROUND | {"core"},
     "cli": ROOMS | ASKING | GROUND | {"core", "sandbox"},
-    "pipelines": ROOMS | ASKING | GROUND | {"core", "sandbox"},
+    "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", "sandbox"},
 }
 
 # Standard library and light packages only: what `kb --help` may load.

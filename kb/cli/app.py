@@ -27,6 +27,7 @@ TREE = {
     "release": ("kb.cli.release", "Checks, metadata and checksums around release/; publish."),
     "report": ("kb.cli.report", "Figures and one HTML page of what was collected."),
     "status": ("kb.cli.status", "Progress, quota, age of the data, what is left."),
+    "verify": ("kb.cli.verify", "Every byte: whole, damaged, missing or foreign; --repair."),
     "profile": ("kb.cli.profile", "A new domain's profile; what is wrong with one."),
     "query": ("kb.cli.query", "SQL over the tables of the data root, by DuckDB."),
     "refresh": ("kb.cli.refresh", "Read again what the services' terms ask to keep fresh."),

@@ -42,15 +42,15 @@ def check(folder: Path) -> None:
 def tables(root: Path) -> list[Path]:
     """The folders of all tables that filters wrote, those of lost ones too. Raises DamagedData."""
     cleans = sorted(place.parent for place in Layout(root).clean().glob(f"*/{LIST}"))
-    return [clean / table for clean in cleans for table in _listed(clean)]
+    return [clean / table for clean in cleans for table in listed(clean)]
 
 
 def missing(folder: Path) -> list[Path]:
     """Files of a table's folder that were written and are not there, by name."""
-    listed = [folder / name for name in _listed(folder.parent).get(folder.name, ())]
+    written = [folder / name for name in listed(folder.parent).get(folder.name, ())]
     there = {path.name for path in parquet_files(folder)}
     numbered = [folder / name for name in siblings(there)]
-    return sorted({path for path in (*listed, *numbered) if path.name not in there})
+    return sorted({path for path in (*written, *numbered) if path.name not in there})
 
 
 def siblings(names: Iterable[str]) -> set[str]:
@@ -86,7 +86,7 @@ def _exported(root: Path, source: str) -> Path:
     return Layout(root).state_folder() / f"release-{source}.exported"
 
 
-def _listed(clean: Path) -> dict[str, list[str]]:
+def listed(clean: Path) -> dict[str, list[str]]:
     """What `write_list` noted, {} where nothing did. Raises DamagedData."""
     place = clean / LIST
     if not place.is_file():

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 
 from kb.store import database, process
@@ -18,6 +19,18 @@ from kb.store.layout import Layout
 
 _FILE = re.compile(r"\..+\.(tmp|filled\.parquet)|\.filled\.parquet")
 _FOLDER = re.compile(r"\.(?P<name>.+)\.(new|old)|\.(sort|shot)-.+")
+
+
+def is_left(parts: Iterable[str]) -> bool:
+    """Whether a path has a name in it that only what is on its way, or was left, has."""
+    return any(
+        _FILE.fullmatch(name)
+        or _FOLDER.fullmatch(name)
+        or name.endswith(".lease")
+        or name.startswith(f"{database.SPILL}-")
+        or (name.startswith(".") and name.endswith(".work"))
+        for name in parts
+    )
 
 
 def sweep(root: Path, name: str) -> None:

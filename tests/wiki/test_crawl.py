@@ -28,12 +28,14 @@ from kb.core.errors import (
     Unreachable,
 )
 from kb.core.pipeline import load, locate
+from kb.core.progress import Silent
 from kb.export import minedojo_wiki, wiki_tar
 from kb.filters.clean import run_clean
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store import rawlog, tombstones
 from kb.store.frontier import Frontier
+from kb.verify.root import verify
 from kb.wiki import chromium
 from kb.wiki.source import crawl
 
@@ -305,6 +307,31 @@ def test_lost_images_and_captures_are_in_no_release_and_asked_for_again(whole, c
     wiki_tar.export(copied)
     assert {path.name: path.read_bytes() for path in root.glob("release/wiki/*.tar")} == released
     assert crawl(copied)["requests"] == 0
+
+
+def test_verify_finds_them_and_repair_has_them_again(whole, copied):
+    """The crawl asks the service, as its settings are there."""
+    root = copied.root
+    wiki_tar.export(copied)
+    assert verify(root, Silent()).found == []
+    shots = sorted(root.glob("raw/wiki/pages/*/*/screenshot.png"))
+    pictures = sorted(root.glob("raw/wiki/images/*"))
+    segment = next(root.glob("raw/wiki/files/*.zst"))
+    emptied(shots[0])
+    shots[1].unlink()
+    for path in (*pictures[:2], segment):
+        changed(path)
+    pictures[2].unlink()
+    look = verify(root, Silent())
+    assert {(one.state, one.path) for one in look.found} == {
+        ("missing", shots[1]),
+        ("missing", pictures[2]),
+        *(("damaged", path) for path in (shots[0], *pictures[:2], segment)),
+    }
+    said = load(str(locate("verify", None))).repair(copied, look)
+    assert "`kb wiki crawl` was run" in said
+    assert verify(root, Silent()).found == []
+    assert tables(copied) == whole[2]
 
 
 @pytest.mark.parametrize("damage", [emptied, changed, Path.unlink])

@@ -1,0 +1,173 @@
+"""Raw answers against their checksums and the state; pages and images beside them."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import zstandard
+
+from kb.core.errors import DamagedData
+from kb.store import mending, rawlog, reading, sidefiles
+from kb.store.layout import Layout
+from kb.verify.found import Look
+
+_CAPTURE = ("extraction.json.zst", "page.html.zst", "screenshot.png")
+_STATE = "move it away; the next run rebuilds it from the raw data"
+
+
+class _Extraction(msgspec.Struct):
+    sprites: dict[str, str] = {}
+
+
+class Segments:
+    """The segments of a source. What the state knows is read first: a crawl may add meanwhile."""
+
+    def __init__(self, look: Look, root: Path, source: str) -> None:
+        self._look, self._root, self._source = look, root, source
+        self._known = self._offsets()
+        self._crawl = f"run `kb {source} crawl`: it asks again for what that held"
+
+    def file(self, path: Path) -> None:
+        """Read a segment in full."""
+        look, name, size = self._look, rawlog.base_name(path), path.stat().st_size
+        committed = self._known.pop((path.parent.name, name), 0)
+        found = rawlog.damage(path, committed)
+        look.advance(size)
+        if committed > size:
+            what = f"ends at byte {size:,}, {committed - size:,} bytes are missing"
+            look.damaged("raw answers", path, what, self._crawl)
+        elif found:
+            start, end = found[0]
+            more = f" (and {len(found) - 1:,} more places)" if len(found) > 1 else ""
+            what = f"{end - start:,} bytes at {start:,} can't be read{more}"
+            look.damaged("raw answers", path, what, f"run `kb verify --repair`, or {self._crawl}")
+        else:
+            look.whole("raw answers", path)
+
+    def end(self) -> None:
+        """What the state knows and is not there, and what was lost and not asked for again."""
+        gone = [place for place, committed in self._known.items() if committed]
+        for kind, name in gone:
+            path = rawlog.folder(self._root, self._source, kind) / f"{name}{rawlog.SUFFIX}"
+            self._look.missing("raw answers", path, self._crawl)
+        base = Layout(self._root).raw(self._source)
+        told = [one for one in self._look.of("raw answers") if base in one.path.parents]
+        if not told and self._state_is_whole():
+            try:
+                mending.check(self._root, self._source)
+            except DamagedData as error:
+                self._look.missing("raw answers", base, error.hint, str(error))
+
+    def _offsets(self) -> dict[tuple[str, str], int]:
+        path = Layout(self._root).state(self._source)
+        if not path.is_file():
+            return {}
+        try:
+            with reading.state(path) as frontier:
+                return dict(frontier.offsets())
+        except (DamagedData, sqlite3.Error):
+            return {}  # told with the state
+
+    def _state_is_whole(self) -> bool:
+        return not any(
+            one.path == Layout(self._root).state(self._source) for one in self._look.of("state")
+        )
+
+
+def state(look: Look, path: Path) -> None:
+    """A source's SQLite file, by its own check."""
+    try:
+        db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=30)
+        try:
+            said = [row[0] for row in db.execute("PRAGMA integrity_check(1)")]
+        finally:
+            db.close()
+    except sqlite3.Error as error:
+        said = [str(error)]
+    look.advance(path.stat().st_size)
+    if said == ["ok"]:
+        look.whole("state", path)
+    else:
+        look.damaged("state", path, f"can't be read: {said[0]}", _STATE)
+
+
+def side_file(look: Look, path: Path) -> None:
+    """A captured page's file or an image, by what it should be."""
+    kind = "images" if path.parent.name == "images" else "captures"
+    if path.name == sidefiles.SUMS or path.name in _CAPTURE or sidefiles.expected(path):
+        if sidefiles.is_whole(path, advance=look.advance) and _unpacks(path):
+            look.whole(kind, path)
+        else:
+            what = "is not what was stored" if path.stat().st_size else "is empty"
+            look.damaged(kind, path, what, _again())
+    else:
+        look.foreign(kind, path, "no crawl has written it", "move it away")
+
+
+def lost_side_files(look: Look, root: Path) -> None:
+    """Pages and images that answers speak of and that are not there."""
+    pages, images = _named(root)
+    for folder in pages.values():
+        names = sidefiles.sums(root / folder) or dict.fromkeys(_CAPTURE)
+        for name in sorted(names):
+            if not (root / folder / name).is_file():
+                look.missing("captures", root / folder / name, _again())
+        for sprite in _sprites(root / folder):
+            images.add(f"raw/wiki/images/{sprite}.png")
+    for path in sorted(images):
+        if not (root / path).is_file():
+            look.missing("images", root / path, _again())
+
+
+def _again() -> str:
+    return "run `kb verify --repair`, then `kb wiki crawl` and `kb wiki filter`"
+
+
+def _named(root: Path) -> tuple[dict[str, str], set[str]]:
+    """The folder of each page's newest capture, and the paths of stored images."""
+    pages: dict[str, str] = {}
+    images: dict[str, str] = {}
+    for answer in _answers(root, "renders"):
+        if answer.get("outcome") == "captured" and _inside(answer.get("folder"), "pages"):
+            pages[str(answer.get("page_id"))] = answer["folder"]
+    for answer in _answers(root, "files"):
+        if _inside(answer.get("path"), "images"):
+            images[str(answer.get("key"))] = answer["path"]
+    return pages, set(images.values())
+
+
+def _answers(root: Path, kind: str) -> Iterator[dict[str, Any]]:
+    for path in rawlog.segments(root, "wiki", kind):
+        for _, line in rawlog.Frames(path, mending=True, checked=True):
+            yield rawlog.decode(line).response
+
+
+def _inside(path: object, folder: str) -> bool:
+    return isinstance(path, str) and path.startswith(f"raw/wiki/{folder}/") and ".." not in path
+
+
+def _sprites(folder: Path) -> list[str]:
+    try:
+        packed = (folder / "extraction.json.zst").read_bytes()
+        text = zstandard.ZstdDecompressor().decompressobj().decompress(packed)
+        return sorted(msgspec.json.decode(text, type=_Extraction).sprites.values())
+    except (OSError, zstandard.ZstdError, msgspec.DecodeError):
+        return []  # told with the captures
+
+
+def _unpacks(path: Path) -> bool:
+    """Whether a packed file can be unpacked; a capture of before had no other checksum."""
+    if path.suffix != ".zst":
+        return True
+    try:
+        engine = zstandard.ZstdDecompressor().decompressobj()
+        with path.open("rb") as file:
+            while chunk := file.read(1 << 20):
+                engine.decompress(chunk)
+    except zstandard.ZstdError:
+        return False
+    return bool(engine.eof)

@@ -1,0 +1,120 @@
+"""A release folder against its SHA256SUMS, its metadata and the names of its shards."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from kb.store import complete, sidefiles
+from kb.verify import tables
+from kb.verify.found import Look
+
+CROISSANT = "croissant.json"
+_INDEX = "index.ndjson"
+_PLAIN = {".gitkeep"}
+
+
+def is_release(folder: Path) -> bool:
+    """Whether a folder holds a release: shards, or their checksums."""
+    return (folder / sidefiles.SUMS).is_file() or any(folder.glob("*-*-of-*.parquet"))
+
+
+def folder(look: Look, path: Path, advice: Callable[[Path], str], *, described: bool) -> None:
+    """Every file of a release folder; `described`: it should have SHA256SUMS."""
+    sums = path / sidefiles.SUMS
+    known = sidefiles.sums(path)
+    if sums.is_file() and (not known or len(known) != len(_lines(sums))):
+        look.damaged("release", sums, "is no list of checksums", advice(sums))
+    elif sums.is_file():
+        look.whole("release", sums)
+    elif described:
+        look.missing("release", sums, advice(sums))
+    there = {file.name: file for file in sorted(path.iterdir())}
+    for name, file in there.items():
+        if file == sums or name in _PLAIN:
+            continue
+        if file.is_symlink() or file.is_dir():
+            look.foreign(
+                "release", file, "a release is flat, with files of its own", "move it away"
+            )
+        elif known and name not in known:
+            look.foreign("release", file, f"is not in {sidefiles.SUMS}", "move it away")
+        else:
+            _file(look, file, known.get(name), advice(file))
+    for name in sorted((known.keys() | complete.siblings(there)) - there.keys()):
+        look.missing("release", path / name, advice(path / name))
+    if known:
+        _metadata(look, path / CROISSANT, known, advice)
+
+
+def _file(look: Look, path: Path, wanted: str | None, advice: str) -> None:
+    if wanted is not None:
+        held = sidefiles.digest(path, look.advance)
+        what = "" if held == wanted else f"differs from {sidefiles.SUMS}"
+    elif path.suffix == ".parquet":
+        what = tables.problem(path, look.advance)
+    elif path.suffix == ".tar":
+        look.advance(path.stat().st_size)
+        what = _tar(path)
+    else:
+        look.advance(path.stat().st_size)
+        what = ""
+    if what:
+        look.damaged("release", path, what, advice)
+    else:
+        look.whole("release", path)
+
+
+def _tar(path: Path) -> str:
+    """What is wrong with a tar by the index beside it, "" when nothing is."""
+    index = path.parent / _INDEX
+    if not index.is_file():
+        return ""
+    with path.open("rb") as tar, index.open(encoding="utf-8") as lines:
+        for line in lines:
+            try:
+                entry = json.loads(line)
+                if entry["tar"] != path.name:
+                    continue
+                if not _holds(tar, int(entry["offset"]), int(entry["size"]), entry["sha256"]):
+                    return f"{entry['member']} in it is not what {_INDEX} says"
+            except (ValueError, KeyError, TypeError):
+                return f"{_INDEX} beside it can't be read"
+    return ""
+
+
+def _holds(tar: Any, offset: int, size: int, wanted: str) -> bool:
+    reckoned = hashlib.sha256()
+    tar.seek(offset)
+    while size and (chunk := tar.read(min(size, 1 << 20))):
+        reckoned.update(chunk)
+        size -= len(chunk)
+    return not size and reckoned.hexdigest() == wanted
+
+
+def _metadata(look: Look, path: Path, known: dict[str, str], advice: Callable[[Path], str]) -> None:
+    """Croissant names files with their digests: the same as SHA256SUMS."""
+    if not path.is_file():
+        return
+    try:
+        said = {
+            one["contentUrl"]: one["sha256"]
+            for one in json.loads(path.read_text(encoding="utf-8"))["distribution"]
+            if "sha256" in one
+        }
+    except (ValueError, KeyError, TypeError):
+        said = None
+    if said is None:
+        look.damaged("release", path, "is no metadata", advice(path))
+        return
+    for name, value in sorted(said.items()):
+        if known.get(name, value) != value:
+            what = f"says another digest of {name} than {sidefiles.SUMS}"
+            look.damaged("release", path, what, advice(path))
+
+
+def _lines(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8", errors="replace").splitlines()

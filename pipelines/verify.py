@@ -1,0 +1,85 @@
+"""Verify (MineDojo paper, datasheet: maintenance): that what is kept is what was written.
+
+verify     every byte of a data root or a release
+repair     what is damaged is set aside and asked for again; what can be made from raw is made
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from kb.core.context import Run
+from kb.core.errors import DamagedData
+from kb.core.pipeline import load, locate
+from kb.crawl.session import open_session
+from kb.export import parquet
+from kb.filters.clean import run_clean
+from kb.pairs.build import build
+from kb.reddit.crawl import crawl as crawl_reddit
+from kb.reddit.source import Reddit
+from kb.release.build import release
+from kb.store import lock, mending
+from kb.store.layout import Layout
+from kb.verify import repair as mend
+from kb.verify.found import Look
+from kb.verify.repair import Step
+from kb.verify.root import verify as look_at
+from kb.wiki.source import WikiSource
+from kb.youtube.source import YouTube
+
+SOURCES = {"youtube": YouTube, "wiki": WikiSource, "reddit": Reddit}
+
+
+def verify(run: Run, folder: Path) -> Look:
+    """Read everything; changes nothing."""
+    return look_at(folder, run.progress)
+
+
+def repair(run: Run, look: Look) -> list[str]:
+    """Mend what can be; a line for each thing done, or left and how to go on."""
+    at = Layout(run.root)
+    with lock.taking(run.root, *lock.ORDER):  # which clears what killed commands left
+        said = mend.set_aside(run.root, look)
+        for source in SOURCES:
+            clean, fetched = at.clean(source), mend.fetched_by(run.root, look, source)
+            if fetched:
+                said += _set_aside(run, source)
+                said += mend.tried(f"kb {source} crawl", partial(_crawl, run, source))
+            if mend.made_again(look, "clean", clean) or (fetched and clean.is_dir()):
+                step: Step = partial(run_clean, run, source)
+                said += mend.make(look, f"kb {source} filter", clean, step)
+        if mend.made_again(look, "pairs", at.pairs):
+            step = partial(build, replace(run, again=True))
+            said += mend.make(look, "kb pairs --again", at.pairs, step)
+        for source in (*SOURCES, "pairs"):
+            if mend.made_again(look, "release", at.release(source)):
+                command = "kb pairs" if source == "pairs" else f"kb {source} export"
+                step = partial(_export, run, source)
+                said += mend.make(look, command, at.release(source), step)
+                said += mend.tried("kb release", partial(release, run, [source]))
+    return said
+
+
+def _set_aside(run: Run, source: str) -> list[str]:
+    """Damaged stretches of raw data leave their segments, and what they held is to do again."""
+    try:
+        with open_session(run, SOURCES[source](run), asks=False, every=True) as session:
+            mending.tell(run.root, source, session.frontier)
+    except DamagedData as error:
+        return [f"{error}; {error.hint}"]
+    return []
+
+
+def _crawl(run: Run, source: str) -> object:
+    if source == "reddit":
+        return crawl_reddit(run)
+    given = (None, None, None) if source == "youtube" else ()
+    return load(str(locate(source))).crawl(run, *given)
+
+
+def _export(run: Run, source: str) -> object:
+    if source == "pairs":
+        return parquet.export(run, "pairs")
+    return load(str(locate(source))).export(run, "parquet")
