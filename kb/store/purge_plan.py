@@ -67,9 +67,7 @@ def plan(
     """
     keys = purge.left_over(root, source) | found
     holds = purge.finder(map(sought, keys)) if sought is not None else None
-    lines = [
-        *_raw(root, source, keys, strip, holds)
-    ]
+    lines = [*_raw(root, source, keys, strip, holds)]
     seen = set()
     for place in (*places, *_released(places)) if keys else ():
         if place not in seen:
