@@ -105,8 +105,7 @@ def spread(kind: str, links: Links, segment: str, place: int, folder: str, numbe
 def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
 
     good = pa.array(["there", "missing"])
-    for rows in parse.rows(lines, kind, links):
-        rows = rows.select(_READ)
+    for rows in parse.rows(lines, kind, links, _READ):
         yield rows.filter(pc.is_in(rows["state"], value_set=good))
 
 

@@ -47,14 +47,18 @@ def raw_kind(kind: str, links: Links) -> Kind:
     )
 
 
-def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
-    """Envelopes of one raw kind → tables of about 8,192 rows with the columns of `schema()`."""
-    batch = Batch(kind, links)
+def rows(
+    lines: Iterable[bytes], kind: str, links: Links, only: tuple[str, ...] = ()
+) -> Iterator[pa.Table]:
+    """Envelopes of one raw kind → tables of about 8,192 rows with the columns of `schema()`, or
+    with `only` some of them.
+    """
+    batch = Batch(kind, links, only)
     for line in lines:
         batch.add(line)
         if len(batch) >= ROWS:
             yield batch.table()
-            batch = Batch(kind, links)
+            batch = Batch(kind, links, only)
     if len(batch):
         yield batch.table()
 
@@ -62,7 +66,8 @@ def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
 class Batch:
     """Rows of some answers, in their order: plain comments as columns, all else field by field."""
 
-    def __init__(self, kind: str, links: Links) -> None:
+    def __init__(self, kind: str, links: Links, only: tuple[str, ...] = ()) -> None:
+        self._schema = pa.schema([field for field in schema() if not only or field.name in only])
         self._kind, self._live = kind, kind != "dumps"
         self._read = Reader(kind, links)
         self._plain = plain.Comments()
@@ -115,11 +120,12 @@ class Batch:
         self._careful(self._read.told(found, page.fetched_at, dump))
 
     def table(self) -> pa.Table:
-        """The rows, with the columns of `schema()`."""
-        columns = self._plain.table(schema(), live=self._live)
+        """The rows, in their order."""
+        columns = self._plain.table(self._schema, live=self._live)
         if not self._rows:
             return columns
-        return plain.in_order((columns, to_table(self._rows)), (self._plain.places, self._places))
+        others = to_table(self._rows, self._schema)
+        return plain.in_order((columns, others), (self._plain.places, self._places))
 
 
 class Reader:
@@ -315,10 +321,11 @@ def _declared(name: str) -> tuple[str, pa.DataType]:
     return name, table(f"reddit/{of}").column(name).parsed.arrow()
 
 
-def to_table(found: list[Row]) -> pa.Table:
-    """Plain rows as a table of `schema()`."""
+def to_table(found: list[Row], made: pa.Schema | None = None) -> pa.Table:
+    """Plain rows as a table of `schema()`, or of some of its columns."""
     columns: dict[str, Any] = {}
-    for field in schema():
+    made = made or schema()
+    for field in made:
         if field.name == "fetched_at":
             columns[field.name] = times([row.get("fetched_at") for row in found])[0].cast(
                 field.type
@@ -338,7 +345,7 @@ def to_table(found: list[Row]) -> pa.Table:
             ).cast(field.type)
         else:
             columns[field.name] = pa.array([row.get(field.name) for row in found], field.type)
-    return pa.table(columns, schema=schema())
+    return pa.table(columns, schema=made)
 
 
 def _row(fullname: str, post: str, state: str) -> Row:

@@ -8,7 +8,7 @@ value is not what it should be, take the careful path, field by field, to the sa
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from typing import Any, Literal, NamedTuple
 
@@ -205,32 +205,48 @@ class Comments:
 
     def table(self, schema: pa.Schema, *, live: bool) -> pa.Table:
         """Their rows, with the columns of `schema`; what only posts have is null."""
-        records, size = self._records, len(self._records)
-        bodies = [one.body for one in records]
-        if not live:
-            bodies = [html.unescape(body) if "&" in body else body for body in bodies]
-        read = times(self._fetched_at)[0] if live else _moments(map(_retrieved, records))
-        own: dict[str, Any] = {
-            "fullname": pa.array([f"t1_{one.id}" for one in records], pa.string()),
-            "post_id": pa.array([_bare(one.link_id) for one in records], pa.string()),
-            "state": pa.repeat("there", size),
-            "fetched_at": read,
-            "live": pa.repeat(pa.scalar(live), size),
-            "dump": pa.array(self._dumps, pa.string()),
-            "text": pa.array(bodies, pa.string()),
-            "author_hash": pa.array([_author(one.author) for one in records], pa.string()),
-            "score": pa.array(
-                [None if one.score is UNSET else one.score for one in records], pa.int64()
-            ),
-            "created_utc": _moments(int(one.created_utc) for one in records),
-            "parent_id": pa.array([one.parent_id for one in records], pa.string()),
-            "problems": problems({}, size),
-        }
-        columns = [
-            own[field.name].cast(field.type) if field.name in own else pa.nulls(size, field.type)
-            for field in schema
-        ]
+        size = len(self._records)
+        columns = []
+        for field in schema:
+            make = _COLUMNS.get(field.name)
+            made = pa.nulls(size, field.type) if make is None else make(self, self._records, live)
+            columns.append(made.cast(field.type))
         return pa.table(columns, schema=schema)
+
+    def _when(self, records: list[Any], live: bool) -> pa.Array[Any]:
+        return times(self._fetched_at)[0] if live else _moments(map(_retrieved, records))
+
+
+def _texts(values: Iterable[str | None]) -> pa.Array[Any]:
+    return pa.array(values, pa.string())
+
+
+def _bodies(records: list[Any], live: bool) -> pa.Array[Any]:
+    bodies = (one.body for one in records)
+    if live:
+        return _texts(bodies)
+    return _texts(html.unescape(body) if "&" in body else body for body in bodies)
+
+
+def _scores(records: list[Any]) -> pa.Array[Any]:
+    return pa.array([None if one.score is UNSET else one.score for one in records], pa.int64())
+
+
+# How each column of a batch of comments is made: (comments, their records, whether they are live).
+_COLUMNS: dict[str, Callable[[Comments, list[Any], bool], pa.Array[Any]]] = {
+    "fullname": lambda _, records, live: _texts(f"t1_{one.id}" for one in records),
+    "post_id": lambda _, records, live: _texts(_bare(one.link_id) for one in records),
+    "state": lambda _, records, live: pa.repeat("there", len(records)),
+    "fetched_at": Comments._when,
+    "live": lambda _, records, live: pa.repeat(pa.scalar(live), len(records)),
+    "dump": lambda these, records, live: _texts(these._dumps),
+    "text": lambda _, records, live: _bodies(records, live),
+    "author_hash": lambda _, records, live: _texts(_author(one.author) for one in records),
+    "score": lambda _, records, live: _scores(records),
+    "created_utc": lambda _, records, live: _moments(int(one.created_utc) for one in records),
+    "parent_id": lambda _, records, live: _texts(one.parent_id for one in records),
+    "problems": lambda _, records, live: problems({}, len(records)),
+}
 
 
 def _moments(seconds: Iterable[int | None]) -> pa.Array[Any]:

@@ -109,13 +109,12 @@ class Reader:
             params, response = envelope["request"].get("params") or {}, envelope["response"]
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise DamagedData(f"a raw line is no envelope: {error!r}") from None
-        return self.decoded(fetched_at, params, status, response)
+        return self.decoded(fetched_at, holdable(params), status, holdable(response))
 
     def decoded(
         self, fetched_at: str | None, params: dict[str, Any], status: int, response: Any
     ) -> Answer:
-        """The answer of an envelope that was decoded before."""
-        params, response = holdable(params), holdable(response)
+        """The answer of a decoded envelope that was recorded, so that Arrow can hold it."""
         records: list[Any] = [response]
         if self._listed:
             items = response.get("items") if isinstance(response, dict) else None
