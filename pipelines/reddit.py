@@ -77,7 +77,15 @@ def clean(p: Profile) -> Clean:
         kinds={of: parse.raw_kind(of, p.section("reddit").links) for of in parse.KINDS},
         assemble=assemble,
         chains=(
-            Chain("reddit/posts", "post_id", posts(p), prefix="t3_", scores=POST, helpers=HELPERS),
+            Chain(
+                "reddit/posts",
+                "post_id",
+                posts(p),
+                prefix="t3_",
+                scores=POST,
+                helpers=HELPERS,
+                told=("type",),
+            ),
             Chain(
                 "reddit/comments",
                 "comment_id",

@@ -81,6 +81,7 @@ def clean(p: Profile) -> Clean:
                 scores={"text": "toxicity"},
                 helpers=HELPERS,
                 also=("title", "of_page"),
+                told=("title",),
             ),
         ),
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),

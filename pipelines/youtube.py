@@ -94,7 +94,16 @@ def clean(p: Profile) -> Clean:
             ),
         },
         assemble=partial(assemble, words=word_count_of_lists),
-        chains=(Chain("youtube/videos", "video_id", stages, scores=scored, helpers=helpers),),
+        chains=(
+            Chain(
+                "youtube/videos",
+                "video_id",
+                stages,
+                scores=scored,
+                helpers=helpers,
+                told=("title", "channel_id", "channel_title"),
+            ),
+        ),
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),
         scorer=toxicity,
         unanswered=unanswered,

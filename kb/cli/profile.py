@@ -154,6 +154,53 @@ def check(
         raise typer.Exit(code)
 
 
+@command(
+    app,
+    raw=True,
+    examples=[
+        "kb profile keywords --data data/gardening                    rows to stdout",
+        "kb profile keywords --data data/gardening --out more.tsv     into a file of its own",
+    ],
+)
+def keywords(
+    options: Options,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="The file to write. [default: stdout]"),
+    ] = None,
+) -> None:
+    """Propose rows of the keyword list from the crawled wiki's titles, redirects and categories.
+
+    For a person to strike from: a title is the keyword, redirects are its forms, a category is its
+    kind; everyday words get the rule near. What the profile's list has is left out. Sends nothing.
+    """
+    from kb.cli import outcome
+    from kb.cli.profile_keywords import proposed
+    from kb.core.errors import SettingError
+    from kb.core.verdict import Summary
+    from kb.store.atomic import write_text
+
+    run = options.make_run()
+    found = proposed(run)
+    text = found.text(run.profile.title)
+    if out is None:
+        typer.echo(text, nl=False)
+    else:
+        if out.exists() or out.is_symlink():
+            raise SettingError(f"{out} is there already, and is not overwritten")
+        write_text(out.expanduser().absolute(), text)
+    summary = Summary(
+        command="profile keywords",
+        keywords=len(found.rows),
+        not_proposed=found.left.total(),
+        not_proposed_by=dict(sorted(found.left.items())),
+    )
+    if options.json or out is not None:
+        outcome.show_summary(summary, options.json)
+    else:  # stdout is the list alone, ready to be sent into a file
+        typer.echo(summary.line(), err=True)
+
+
 def _usual(options: Options) -> Path:
     """The file of the profile that a command with these options would use."""
     from kb.core.profile import DEFAULT, find_profile

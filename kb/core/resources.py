@@ -10,6 +10,13 @@ from kb.core.errors import DamagedData
 _CHECKOUT = {"schemas": "schemas", "pipelines": "pipelines", "profiles": "data/profiles"}
 
 
+def lock_file() -> Path | None:
+    """The exact versions that Lorebase is tested with; None where they were not installed."""
+    package = Path(__file__).resolve().parent.parent
+    places = (package / "requirements.lock", package.parent / ".ci" / "requirements.lock")
+    return next((path for path in places if path.is_file()), None)
+
+
 @cache
 def folder(name: str) -> Path:
     """The folder "schemas", "pipelines" or "profiles". Raises DamagedData when it is gone."""

@@ -115,6 +115,12 @@ WORDS: dict[str, Word] = {
     "pairs": Word("Pairs of a clip and its text.", "{n} pairs"),
     "clips": Word("Clips.", "{n} clips"),
     "keywords": Word("Keywords that were looked for.", "{n} keywords"),
+    "profile keywords.keywords": Word("Rows that are proposed.", "{n} rows proposed"),
+    "not_proposed": Word(
+        "Titles of the wiki that can be no keyword, or are in the list already.",
+        "{n} titles left out",
+    ),
+    "not_proposed_by": Word("The same by reason."),
     "keywords_found": Word("Keywords with a match.", "{n} keywords found"),
     "words": Word("Words of the transcripts.", "{n} words"),
     "matches": Word("Places where a keyword stands.", "{n} matches"),

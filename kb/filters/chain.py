@@ -12,10 +12,11 @@ import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.errors import SchemaMismatch
-from kb.filters.judgement import Judgement, Predicate
+from kb.filters.judgement import Judgement, Predicate, one
 from kb.schema.tables import table
 from kb.store.buckets import Kind
 
+WHOSE = ("title", "channel_id", "channel_title", "type")  # columns of shared/rejected
 VERDICTS = ("rejected", "failed", "pending")
 
 
@@ -44,6 +45,7 @@ class Chain:
     scores are joined. `helpers` are columns that stages use and no table has. A tombstone names the
     key, or what is in one of the columns `also` (a page's title). `relate` gets the rows and the
     tables that were kept before, and adds what hangs on these (comments need to know their posts).
+    `told` are columns that a rejected row keeps, so that it says whose it was.
     """
 
     table: str
@@ -55,6 +57,7 @@ class Chain:
     helpers: tuple[str, ...] = ()
     also: tuple[str, ...] = ()
     relate: Callable[[pa.Table, Mapping[str, pa.Table]], pa.Table] | None = None
+    told: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -168,6 +171,9 @@ def _verdicts(
             "reason": judged.reason,
             "value": judged.value,
             "threshold": pa.repeat(pa.scalar(judged.threshold, pa.string()), size),
+            **{name: _told(rows, name, chain) for name in WHOSE},
+            "matched": _or_nothing(judged.matched, size),
+            "unmatched": _or_nothing(judged.unmatched, size),
         }
     )
     for verdict in VERDICTS:
@@ -182,6 +188,17 @@ def _verdicts(
         found = whole.filter(hit).select(schema.names)
         if found.num_rows:
             yield verdict, found.cast(schema)
+
+
+def _told(rows: pa.Table, name: str, chain: Chain) -> pa.Array[Any]:
+    """A column of the rows as text, where the chain tells it."""
+    if name not in chain.told or name not in rows.column_names:
+        return _or_nothing(None, rows.num_rows)
+    return one(rows, name).cast(pa.string())
+
+
+def _or_nothing(values: pa.Array[Any] | None, size: int) -> pa.Array[Any]:
+    return pa.nulls(size, pa.string()) if values is None else values
 
 
 def declared_columns(rows: pa.Table, chain: Chain) -> pa.Table:

@@ -14,13 +14,16 @@ class Judgement(NamedTuple):
     """One answer a row. `reason` is null where the row passes.
 
     `value` is text or null, `threshold` the same for every row. `verdict` is what becomes of rows
-    with a reason: "rejected", "pending" or "failed", one for all or one each.
+    with a reason: "rejected", "pending" or "failed", one for all or one each. `matched` and
+    `unmatched` say of several conditions which held, as text.
     """
 
     reason: pa.Array[Any]
     value: pa.Array[Any]
     threshold: str | None = None
     verdict: str | pa.Array[Any] = "rejected"
+    matched: pa.Array[Any] | None = None
+    unmatched: pa.Array[Any] | None = None
 
 
 class Predicate(Protocol):

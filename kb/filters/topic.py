@@ -120,7 +120,33 @@ class Topic:
             value,
             threshold,
             pc.if_else(waiting, pc.if_else(failed, "failed", "pending"), "rejected"),
+            *self._conditions(rows, off),
         )
+
+    def _conditions(
+        self, rows: pa.Table, off: pa.Array[Any]
+    ) -> tuple[pa.Array[Any], pa.Array[Any]]:
+        """Of each row that is `off` the conditions that hold, and those that don't, with what it
+        has instead.
+        """
+        label = pc.coalesce(one(rows, "game_label"), one(rows, "game_label_id"))
+        category = text(one(rows, "category_id"))
+        named, categorised = self._named(rows), self._categorised(rows)
+        places = self._places(rows, off)
+        found = pc.coalesce(
+            *(pc.if_else(hit, f"keyword in {name}", None) for name, hit in places.items())
+        )
+        matched = [
+            pc.if_else(pc.and_(named, self._ours(rows)), _with("label", label), None),
+            pc.if_else(categorised, _with("category", category), None),
+            found,
+        ]
+        unmatched = [
+            pc.if_else(pc.and_(named, pc.invert(self._ours(rows))), _with("label", label), None),
+            pc.if_else(categorised, None, pc.fill_null(_with("category", category), "category")),
+            pc.if_else(pc.is_valid(found), None, "keywords"),
+        ]
+        return _listed(matched), _listed(unmatched)
 
     def _named(self, rows: pa.Table) -> pa.Array[Any]:
 
@@ -143,14 +169,42 @@ class Topic:
         """Whether a keyword is in the title, else in the tags, else in the description;
         asked of candidates only.
         """
-        pattern = whole_words(self.keywords)
         found = pa.array([False] * rows.num_rows, pa.bool_())
+        for hit in self._places(rows, candidate).values():
+            found = pc.or_(found, hit)
+        return found
+
+    def _places(self, rows: pa.Table, candidate: pa.Array[Any]) -> dict[str, pa.Array[Any]]:
+        """Text → the candidates where a keyword stands in it and in none before it."""
+        pattern = whole_words(self.keywords)
+        nowhere = pa.array([False] * rows.num_rows, pa.bool_())
+        places: dict[str, pa.Array[Any]] = {}
+        open_ = candidate
         for name in ("title", "tags", "description"):
-            open_ = pc.and_(candidate, pc.invert(found))
             texts = one(rows, name).filter(open_)
             if pa.types.is_list(texts.type):
                 texts = pc.binary_join(texts, "\n")
+            places[name] = nowhere
             if len(texts):
                 hit = pc.fill_null(pc.match_substring_regex(texts, pattern), False)
-                found = pc.replace_with_mask(found, open_, hit)
-        return found
+                places[name] = pc.replace_with_mask(nowhere, open_, hit)
+                open_ = pc.and_(open_, pc.invert(places[name]))
+        return places
+
+
+def _with(what: str, values: pa.Array[Any]) -> pa.Array[Any]:
+    """`category 20`; null where the value is."""
+    joined: pa.Array[Any] = pc.binary_join_element_wise(what, values.cast(pa.string()), " ")
+    return joined
+
+
+def _listed(parts: list[pa.Array[Any]]) -> pa.Array[Any]:
+    """The parts that are there, with commas; null where there are none."""
+    ended = [
+        pc.fill_null(pc.binary_join_element_wise(part.cast(pa.string()), ", ", ""), "")
+        for part in parts
+    ]
+    joined = pc.utf8_slice_codeunits(pc.binary_join_element_wise(*ended, ""), 0, -2)
+    nothing_said = pa.scalar(None, pa.string())
+    listed: pa.Array[Any] = pc.if_else(pc.equal(joined, ""), nothing_said, joined)
+    return listed

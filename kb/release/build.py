@@ -6,6 +6,7 @@ describe(run)    the files around the data alone (also after a purge)
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 
 import duckdb
@@ -16,7 +17,7 @@ from kb.core.errors import DamagedData, ReleaseRefused, UsageError
 from kb.core.progress import Task
 from kb.core.sources import PUBLISHED
 from kb.core.verdict import Summary
-from kb.release import check, checksums, folders, measure, sample
+from kb.release import check, checksums, folders, history, measure, provenance, sample
 from kb.release.croissant import croissant
 from kb.release.folders import TOMBSTONES, Folder
 from kb.release.licences import KNOWN
@@ -31,6 +32,8 @@ from kb.store.layout import Layout
 from kb.store.lock import RELEASES, taking
 from kb.store.shards import write_table
 
+_log = logging.getLogger(__name__)
+
 
 def release(run: Run, only: Sequence[str] = ()) -> Summary:
     """Check and describe every exported folder, or `only` those of some sources.
@@ -44,6 +47,13 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
 def _release(run: Run, only: Sequence[str]) -> Summary:
     found = exported(run, only)
     refuse(check.check(run, found))
+    lacking = " and ".join(provenance.lacking(run.profile))
+    if lacking:
+        _log.warning(
+            "the profile names no %s; `kb release publish` will refuse what is made without:"
+            " add [[release.creators]] and release.contact to it",
+            lacking.replace("a ", "").replace(" and ", " and no "),
+        )
     facts = [write(run, folder) for folder in found]
     refuse(check.check_made(run, [folders.read(folder.path, folder.source) for folder in found]))
     return Summary(
@@ -113,7 +123,7 @@ def refuse(problems: Sequence[Problem]) -> None:
 
 def write(run: Run, folder: Folder) -> Facts:
     """Everything around one folder's data, the checksums last."""
-    with run.progress.task(f"release {folder.source}", total=9, unit="files") as task:
+    with run.progress.task(f"release {folder.source}", total=12, unit="files") as task:
         return _describe(run, folder, task)
 
 
@@ -129,8 +139,10 @@ def _describe(run: Run, folder: Folder, task: Task) -> Facts:
         ) from None
     for path in folder.path.glob("LICENSE-*.txt"):
         path.unlink()
+    version = run.profile.release.version
+    changed = history.changes(run.root, folder, facts, version)
     texts = {
-        "README.md": card(run, facts),
+        "README.md": card(run, facts, changed),
         "DATASHEET.md": datasheet(run, facts),
         "CITATION.cff": citation(run, facts),
         "LICENSE": law(run, facts),
@@ -141,13 +153,17 @@ def _describe(run: Run, folder: Folder, task: Task) -> Facts:
             for name, _ in facts.licences
             if name in KNOWN and name != facts.licence
         },
+        **provenance.files(run, folder.source, changed),
     }
+    if provenance.KEYWORDS not in texts:
+        (folder.path / provenance.KEYWORDS).unlink(missing_ok=True)
     for name, text in texts.items():
         write_text(folder.path / name, text)
         task.advance()
     _tombstones(run, folder)
     sample.write(folder, run.profile.release.sample_mb)
     checksums.write(folder)
+    history.note(run.root, folder, facts, version)
     task.advance(3)
     return facts
 

@@ -70,6 +70,8 @@ def check_made(run: Run, folders: list[Folder]) -> list[Problem]:
             "CITATION.cff",
             "LICENSE",
             "croissant.json",
+            "profile.toml",
+            "provenance.json",
             DEPOSIT,
             SUMS,
         ):

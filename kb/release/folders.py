@@ -27,6 +27,9 @@ MADE = (
     "croissant.json",
     DEPOSIT,
     TOMBSTONES,
+    "profile.toml",
+    "keywords.tsv",
+    "provenance.json",
     SUMS,
 )
 _ARCHIVE = re.compile(r"(screenshots|images)-\d{5}-of-\d{5}\.tar")

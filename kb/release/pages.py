@@ -13,9 +13,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from kb import __version__
 from kb.core.context import Run
+from kb.release import provenance
 from kb.release.about import about
 from kb.release.first import first
+from kb.release.history import Changes
 from kb.release.licences import licence
 from kb.release.measure import Facts, TableFacts
 from kb.release.render import render
@@ -32,7 +35,7 @@ _SIZES = (
 _MAIN = ("videos", "pages", "posts", "pairs")  # what a reader means who names no table
 
 
-def card(run: Run, facts: Facts) -> str:
+def card(run: Run, facts: Facts, changed: Changes) -> str:
     """The dataset card."""
     stages: dict[str, int] = {}
     for stage, _, n in facts.rejected:
@@ -48,6 +51,12 @@ def card(run: Run, facts: Facts) -> str:
         stages=sorted(stages.items(), key=lambda item: (-item[1], item[0])),
         bibtex=bibtex(run, facts),
         first=first(facts),
+        changed=changed,
+        rules=provenance.rules(run.profile, facts.source),
+        profile=run.profile,
+        software=__version__,
+        lock=provenance.lock_digest(),
+        listed=bool(provenance.keyword_text(run.profile)),
     )
 
 

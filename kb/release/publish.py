@@ -17,10 +17,10 @@ from urllib.parse import urlsplit
 from kb.core import signals
 from kb.core.addresses import is_loopback
 from kb.core.context import Run
-from kb.core.errors import DamagedData, KbError
+from kb.core.errors import DamagedData, KbError, ProfileError
 from kb.core.verdict import Summary
 from kb.net.session import Session, host_of
-from kb.release import check
+from kb.release import check, provenance
 from kb.release.build import exported, refuse
 from kb.release.checksums import digest
 from kb.release.deposit import TIMEOUT_S, Forbidden, Gone, Zenodo, md5, stray
@@ -40,7 +40,7 @@ MOST_FILES, MOST_BYTES = 100, 50 * 10**9  # a record at Zenodo
 def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None = None) -> Summary:
     """Deposit every folder of release/.
 
-    Raises ReleaseRefused, MissingCredential, CredentialRefused, Stopped.
+    Raises ProfileError, ReleaseRefused, MissingCredential, CredentialRefused, Stopped.
     """
     token = run.settings.need("zenodo_token")
     endpoint = run.settings.kb_zenodo_endpoint or HOSTS[to]
@@ -50,6 +50,7 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
 
 def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str] | None) -> Summary:
     found = exported(run, only or ())
+    _signed(run, found)
     loopback = is_loopback(endpoint)
     refuse(
         [
@@ -71,6 +72,25 @@ def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str]
                 error.summary = _summary(deposits)
                 raise
     return _summary(deposits)
+
+
+def _signed(run: Run, found: list[Folder]) -> None:
+    """Raises ProfileError where profile or folders don't say who made them and whom to write to."""
+    lacking = provenance.lacking(run.profile)
+    if lacking:
+        raise ProfileError(
+            f"the profile {run.profile.path} names no {' and no '.join(lacking).replace('a ', '')}",
+            hint="add [[release.creators]] with a name, and release.contact, an address for removal"
+            " requests; then run `kb release` again",
+        )
+    for folder in found:
+        used = folder.path / provenance.PROFILE
+        if used.is_file() and provenance.unsigned(used.read_text(encoding="utf-8")):
+            raise ProfileError(
+                f"release/{folder.source} was made before the profile named a creator and a"
+                " contact",
+                hint="run `kb release` again",
+            )
 
 
 def _session(run: Run, endpoint: str) -> Session:

@@ -169,7 +169,10 @@ def _details(query: dict[str, str], site: Recorded, later: bool, answer: dict[st
     found += [by_revision[key] for key in query.get("revids", "").split("|") if key in by_revision]
     if normalized:
         answer["query"]["normalized"] = normalized
-    answer["query"]["pages"] = found
+    props = query.get("prop", "")
+    answer["query"]["pages"] = [
+        {**page, **site.names(page, props)} if "revisions" in page else page for page in found
+    ]
 
 
 def _json(answer: dict[str, Any], root: str, headers: dict[str, str] | None = None) -> Response:

@@ -15,6 +15,8 @@ from werkzeug.security import safe_join
 
 DATA = Path(__file__).with_name("data") / "wiki"
 HOST = "http://wiki.example"
+TARGET = 20  # the page that the redirect leads to
+KINDS = ("Things", "Places", "Words")
 # Moved away and deleted in the later state: what the old addresses show then.
 _LATER = {"Lamp buoy": "lamp-float", "Charts": None}
 
@@ -86,6 +88,16 @@ class Recorded:
             }
         )
         return {page["title"]: page for page in pages}
+
+    def names(self, page: dict[str, Any], asked: str) -> dict[str, Any]:
+        """Redirects to a page and its categories, of what is asked for."""
+        said: dict[str, Any] = {}
+        if "redirects" in asked and page["pageid"] == TARGET:
+            said["redirects"] = [{"pageid": 27, "ns": self.namespace, "title": self.redirect}]
+        if "categories" in asked and not page.get("redirect"):
+            kind = KINDS[page["pageid"] % len(KINDS)]
+            said["categories"] = [{"ns": 14, "title": f"Category:{one}"} for one in ("All", kind)]
+        return said
 
 
 def name_of(title: str) -> str:

@@ -102,6 +102,10 @@ class Layout:
         """What was uploaded."""
         return self.state_folder() / "deposits.json"
 
+    def released(self, source: str) -> Path:
+        """Which keys each version of a source's release had."""
+        return self.state_folder("releases") / source
+
     def annotations(self, source: str) -> Path:
         """The scores of a source's texts."""
         return self.root / "annotations" / source

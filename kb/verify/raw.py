@@ -11,7 +11,7 @@ import msgspec
 import zstandard
 
 from kb.core.errors import DamagedData
-from kb.store import mending, rawlog, reading, sidefiles
+from kb.store import damage, mending, rawlog, reading, sidefiles
 from kb.store.layout import Layout
 from kb.verify.found import Look
 
@@ -35,7 +35,7 @@ class Segments:
         """Read a segment in full."""
         look, name, size = self._look, rawlog.base_name(path), path.stat().st_size
         committed = self._known.pop((path.parent.name, name), 0)
-        found = rawlog.damage(path, committed)
+        found = damage.gaps(path, committed)
         look.advance(size)
         if committed > size:
             what = f"ends at byte {size:,}, {committed - size:,} bytes are missing"

@@ -12,11 +12,12 @@ import duckdb
 
 from kb.core.errors import DamagedData, UsageError
 from kb.core.progress import Progress
+from kb.core.sources import SORTED
 from kb.store import complete, database, leftovers, rawlog, sidefiles
 from kb.store.advice import SOURCES, advice
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import scan
-from kb.store.tally import SORTED, VERDICTS
+from kb.store.tally import VERDICTS
 from kb.verify import raw, releases, tables
 from kb.verify.found import Look
 

@@ -25,10 +25,13 @@ from kb.wiki.web import Web
 BATCH = 50
 _AGAIN = ("maxlag", "readonly", "ratelimited", "internal_api_error")  # and what begins like them
 _DETAILS = {
-    "prop": "info|revisions|contributors",
+    "prop": "info|revisions|contributors|redirects|categories",
     "inprop": "url",
     "rvprop": "ids|timestamp|user|sha1|size",
     "pclimit": "500",
+    "rdlimit": "500",  # what `kb profile keywords` proposes from
+    "cllimit": "500",
+    "clshow": "!hidden",
 }
 _FILES = {
     "prop": "imageinfo|extlinks",
@@ -78,7 +81,7 @@ class Api:
         return Answer("titles", self.endpoint, {**params, **going, "round": number}, answer, status)
 
     def details(self, tag: str, *, titles: Sequence[str] = (), ids: Sequence[str] = ()) -> Answer:
-        """Revision, address and contributors of up to 50 pages."""
+        """Revision, address, contributors, redirects and categories of up to 50 pages."""
         by = {"titles": "|".join(titles)} if titles else {"pageids": "|".join(ids)}
         status, answer = self.whole({"action": "query", **by, **_DETAILS})
         return Answer("pages", self.endpoint, {**by, "round": tag}, answer, status)

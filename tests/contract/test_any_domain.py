@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb import query
+from kb.cli import main
 from kb.cli.demo import play
 from kb.cli.options import Options
 from kb.core.profile import load_profile
@@ -168,3 +169,45 @@ def test_a_science_and_another_game(name: str, tmp_path: Path) -> None:
     for where, text in texts(root / "release"):
         assert not MINECRAFT.findall(text), where
         assert name == "valley" or not GAMES.findall(text), where
+
+
+def test_keywords_are_proposed_from_the_crawled_wiki(
+    cooking: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Titles, redirects and categories of what the demo crawled, and a list that passes."""
+    path = tmp_path / "profile.toml"
+    path.write_text(
+        'name = "cooking"\ntitle = "Cooking"\n[pairs]\nkeyword_files = ["more.tsv"]\n'
+        '[reddit]\nsubreddit = "Cooking"\n[release]\ncontact = "me@example.org"\n'
+    )
+    mine = tmp_path / "more.tsv"
+    mine.write_text("keyword\tkind\trule\tforms\nFolding\ttechnique\n")
+    titles = [row["title"] for row in rows(cooking, "SELECT title FROM clean.wiki_pages")]
+    words = ["profile", "keywords", "--data", str(cooking), "--profile", str(path)]
+    assert called(*words) == 0
+    said = capsys.readouterr()
+    proposed = [line.split("\t") for line in said.out.splitlines() if line[0] != "#"][1:]
+    names = {row[0] for row in proposed}
+    assert len(names & set(titles)) >= 8
+    assert "Main Page" not in names
+    assert {row[1] for row in proposed} <= {"things", "places", "words"}
+    assert sum(len(row) == 4 for row in proposed) == 1  # the one redirect is another form
+    assert "rows proposed" in said.err
+    out = tmp_path / "proposed.tsv"
+    assert called(*words, "--out", str(out)) == 0
+    assert called(*words, "--out", str(out)) == 2
+    capsys.readouterr()
+    # What is proposed is a list; once it is the profile's own, nothing more is.
+    mine.write_text(out.read_text())
+    assert called("profile", "check", str(path)) == 0
+    assert "0 errors" in capsys.readouterr().out
+    assert called(*words, "--json") == 0
+    summary = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert summary["keywords"] == 0
+    assert summary["not_proposed_by"]["in the list already"] == len(proposed)
+
+
+def called(*words: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(list(words))
+    return int(ended.value.code or 0)

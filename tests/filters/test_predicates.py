@@ -191,8 +191,8 @@ def test_whole_words(text: str, found: bool) -> None:
 GAME, OTHER = "UCgame", "UCother"
 
 
-def topic(**change: Any) -> tuple[Any, Any, Any, Any]:
-    """(evidence, reason, value, verdict) of one video under the profile's rules."""
+def topic_row(**change: Any) -> tuple[pa.Table, Topic]:
+    """One video, and the stage by the profile's rules."""
     row = {
         "category_id": 20,
         "title": "a title",
@@ -214,7 +214,13 @@ def topic(**change: Any) -> tuple[Any, Any, Any, Any]:
     rows = pa.table(
         {name: pa.array([value], types.get(name, pa.string())) for name, value in row.items()}
     )
-    stage = Topic(game_ids, (20,), ("Minecraft",), (AtLeast("view_count", 100, stage="views"),))
+    gate = (AtLeast("view_count", 100, stage="views"),)
+    return rows, Topic(game_ids, (20,), ("Minecraft",), gate)
+
+
+def topic(**change: Any) -> tuple[Any, Any, Any, Any]:
+    """(evidence, reason, value, verdict) of one video under the profile's rules."""
+    rows, stage = topic_row(**change)
     rows = stage.fill(rows)
     judged = stage.judge(rows)
     verdict = judged.verdict if isinstance(judged.verdict, str) else judged.verdict[0].as_py()
@@ -224,6 +230,29 @@ def topic(**change: Any) -> tuple[Any, Any, Any, Any]:
         judged.value[0].as_py(),
         verdict,
     )
+
+
+@pytest.mark.parametrize(
+    ("change", "matched", "unmatched"),
+    [
+        ({"game_label_id": OTHER, "game_label": "Roblox", "title": "Minecraft"},
+         "category 20, keyword in title", "label Roblox"),
+        ({"game_label_id": OTHER, "category_id": 10}, None, "label UCother, category 10, keywords"),
+        ({"category_id": 10, "tags": ["a", "minecraft"]}, "keyword in tags", "category 10"),
+        ({"category_id": None, "description": "of Minecraft"}, "keyword in description",
+         "category"),
+        ({"title": "Minecraftesque"}, "category 20", "keywords"),
+    ],
+)  # fmt: skip
+def test_a_topic_that_fails_says_what_matched_and_what_did_not(
+    change: dict[str, Any], matched: str | None, unmatched: str
+) -> None:
+    rows, stage = topic_row(**change)
+    judged = stage.judge(stage.fill(rows))
+    assert judged.matched is not None
+    assert judged.unmatched is not None
+    assert judged.matched[0].as_py() == matched
+    assert judged.unmatched[0].as_py() == unmatched.replace("UCother", OTHER)
 
 
 @pytest.mark.parametrize(

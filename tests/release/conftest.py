@@ -12,6 +12,7 @@ from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.release.build import release
 from tests.release.made import build
+from tests.release.signed import signed
 
 SECRETS = {
     "youtube_api_key": "y-key-1234567",
@@ -21,11 +22,11 @@ SECRETS = {
 }
 
 
-def a_run(root: Path, profile: str | Path = "minecraft", **settings: object) -> Run:
+def a_run(root: Path, profile: str | Path | None = None, **settings: object) -> Run:
     """A run with invented secrets, so that the gate has something to look for."""
     return Run(
         load_settings(dotenv=False, **{**SECRETS, **settings}),
-        load_profile(profile),
+        load_profile(profile or signed()),
         root,
         workers=1,
     )

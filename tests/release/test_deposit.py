@@ -37,6 +37,7 @@ from kb.sandbox.zenodo import TOKEN, Deposits
 from tests.conftest import ROOT
 from tests.release.conftest import a_run
 from tests.release.made import build
+from tests.release.signed import LINES, signed
 
 
 @pytest.fixture
@@ -134,6 +135,8 @@ def test_a_killed_upload_goes_on_with_the_same_draft(root: Path, service: Sandbo
         "pairs",
         "--data",
         str(root),
+        "--profile",
+        str(signed()),
     ]
     environment = {**os.environ, **service.settings(), "KB_NOW": "2026-11-10T00:00:00Z"}
     process = subprocess.Popen(
@@ -310,7 +313,7 @@ def test_changed_release_becomes_a_new_version(root: Path, service: Sandbox) -> 
     profile = root / "mine.toml"
     profile.write_text(
         'name = "minecraft"\ntitle = "Minecraft"\n[release]\nversion ='
-        ' "1.1.0"\n[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\n'
+        f' "1.1.0"\n{LINES}[youtube]\nkeywords = ["x"]\ncategory_ids = [20]\n'
     )
     run = a_run(root, profile, kb_zenodo_endpoint=service.servers["zenodo"].url, zenodo_token=TOKEN)
     others = [root / "release" / name for name in ("youtube", "wiki", "reddit")]
@@ -381,7 +384,7 @@ def test_too_many_files_for_a_record(root: Path, service: Sandbox) -> None:
     with pytest.raises(ReleaseRefused) as caught:
         send(root, service)
     assert any(
-        line.startswith("size: pairs: 110 files, a record takes 100")
+        line.startswith("size: pairs: 113 files, a record takes 100")
         for line in caught.value.problems
     )  # type: ignore[attr-defined]
 
@@ -568,6 +571,8 @@ def test_command_says_where_each_draft_is(
                 "zenodo-sandbox",
                 "--data",
                 str(root),
+                "--profile",
+                str(signed()),
                 "--quiet",
                 "--only",
                 "pairs",

@@ -74,7 +74,11 @@ def ids_file(job: Job, *keys: str) -> str:
 def test_named_videos_leave_every_folder_and_stay_away(finished: Job) -> None:
     job, before = finished, kept(finished)
     paired = {row["video_id"] for row in job.rows("SELECT DISTINCT video_id FROM clean.pairs")}
-    named = [next(key for key in before if key in paired), before[-1]]
+    (fallen,) = job.rows(
+        "SELECT key, title FROM clean.youtube_rejected WHERE stage = 'views' LIMIT 1"
+    )
+    assert fallen["title"]
+    named = [next(key for key in before if key in paired), before[-1], fallen["key"]]
     assert traces(job, named[0])
     vanished = {
         row["key"]
@@ -85,6 +89,9 @@ def test_named_videos_leave_every_folder_and_stay_away(finished: Job) -> None:
     for key in (*named, *vanished):
         assert traces(job, key) == set()
     assert kept(job) == [key for key in before if key not in named]
+    left = "SELECT key, title FROM clean.youtube_rejected WHERE key = '{key}' OR title = '{title}'"
+    title = fallen["title"].replace("'", "''")
+    assert job.rows(left.format(key=fallen["key"], title=title)) == []
     reasons = {
         row["key"]: row["reason"] for row in job.rows("SELECT key, reason FROM youtube_tombstones")
     }

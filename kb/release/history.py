@@ -1,0 +1,105 @@
+"""What changed since the release before: rows added and gone, by table.
+
+`kb release` notes for each folder and version which keys it holds, as digests, in
+state/releases/<source>/<version>.parquet. A release is compared with the newest lower version that
+was noted, so that making the same version again changes nothing in it.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import msgspec
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from kb.core.errors import DamagedData
+from kb.release.folders import Folder
+from kb.release.measure import Facts
+from kb.store import database
+from kb.store.atomic import writing
+from kb.store.layout import Layout, parquet_files
+
+_ABOUT = b"lorebase"
+
+
+class Change(msgspec.Struct, frozen=True):
+    """One table since the release before."""
+
+    table: str
+    added: int
+    gone: int
+
+
+class Changes(msgspec.Struct, frozen=True):
+    """A folder since the release before; `version` empty: there is none."""
+
+    version: str = ""
+    built: str = ""
+    tables: tuple[Change, ...] = ()
+    tombstones: int = 0  # keys that were removed since
+
+
+def changes(root: Path, folder: Folder, facts: Facts, version: str) -> Changes:
+    """What is new and what is gone. Raises DamagedData for a note that can't be read."""
+    before = _before(root, folder.source, version)
+    if before is None:
+        return Changes()
+    try:
+        said = json.loads((pq.read_schema(before).metadata or {}).get(_ABOUT, b"{}"))
+        with database.connect() as con:
+            con.register("now", _keys(folder))
+            counted = con.execute(
+                """SELECT coalesce(n."table", o."table") AS t,
+                    count(*) FILTER (o.key IS NULL), count(*) FILTER (n.key IS NULL)
+                FROM now n FULL JOIN read_parquet(?) o ON n."table" = o."table" AND n.key = o.key
+                GROUP BY t ORDER BY t""",
+                [str(before)],
+            ).fetchall()
+    except (pa.ArrowInvalid, ValueError, OSError) as error:
+        raise DamagedData(
+            f"{before} can't be read: {error}",
+            hint="remove it: then what changed since that version is no longer known",
+        ) from None
+    return Changes(
+        version=before.stem,
+        built=said.get("built", ""),
+        tables=tuple(Change(*one) for one in counted),
+        tombstones=max(0, facts.tombstones - said.get("tombstones", 0)),
+    )
+
+
+def note(root: Path, folder: Folder, facts: Facts, version: str) -> None:
+    """Keep what this version holds, for the next one."""
+    about = {"built": facts.built.strftime("%Y-%m-%d"), "tombstones": facts.tombstones}
+    keys = _keys(folder).replace_schema_metadata({_ABOUT: json.dumps(about).encode()})
+    path = Layout(root).released(folder.source) / f"{version}.parquet"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with writing(path) as fresh:
+        pq.write_table(keys, fresh, compression="zstd")
+
+
+def _before(root: Path, source: str, version: str) -> Path | None:
+    noted = parquet_files(Layout(root).released(source))
+    lower = [path for path in noted if _number(path.stem) < _number(version)]
+    return max(lower, key=lambda path: _number(path.stem), default=None)
+
+
+def _number(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in version.split(".") if part.isdigit())
+
+
+def _keys(folder: Folder) -> pa.Table:
+    """table, key (a digest of the row's key) of every row, sorted."""
+    parts = []
+    with database.connect() as con:
+        for part in folder.parts:
+            columns = ", ".join(f'"{name}"::VARCHAR' for name in part.table.key)
+            found: pa.Table = con.sql(
+                f"""SELECT ? AS "table", md5_number_lower(concat_ws(chr(31), {columns})) AS key
+                FROM read_parquet(?) ORDER BY key""",
+                params=[part.table.short, [str(shard) for shard in part.shards]],
+            ).to_arrow_table()
+            parts.append(found)
+    return pa.concat_tables(parts)

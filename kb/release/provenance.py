@@ -1,0 +1,164 @@
+"""What a folder was made with: profile, keyword list, settings, seed, software.
+
+profile.toml       the profile as used; it names its list as it lies beside it
+keywords.tsv       the keyword lists as used, in one file
+provenance.json    the rest, and what changed since the release before
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import tomllib
+from functools import cache
+from typing import Any
+
+import msgspec
+
+from kb import __version__
+from kb.core.context import Run
+from kb.core.errors import ProfileError
+from kb.core.profile import Profile
+from kb.core.resources import lock_file
+from kb.release.history import Changes
+
+PROFILE, KEYWORDS, PROVENANCE = "profile.toml", "keywords.tsv", "provenance.json"
+_COLUMNS = "keyword\tkind\trule\tforms"
+# What decides which rows a folder has, by its section of the profile.
+_RULES = {
+    "youtube": (
+        "keywords",
+        "topic_keywords",
+        "game_ids",
+        "category_ids",
+        "search_pages",
+        "uploads",
+        "min_views",
+        "min_aspect_ratio",
+        "min_duration_s",
+        "transcripts",
+        "language",
+        "translate",
+    ),
+    "wiki": ("url", "namespaces", "min_words", "max_page_height", "max_elements"),
+    "reddit": ("subreddit", "search", "listings", "spans", "min_score"),
+    "pairs": (
+        "include",
+        "exclude",
+        "near_words",
+        "min_tokens",
+        "max_tokens",
+        "center",
+        "min_clip_s",
+        "max_clip_s",
+        "min_gap_s",
+        "max_pairs_per_video",
+    ),
+}
+
+
+def rules(profile: Profile, source: str) -> list[tuple[str, str]]:
+    """(key, value) of thresholds and search words of a source, as the profile has them."""
+    section = getattr(profile, source)
+    found = [] if section is None else [(name, getattr(section, name)) for name in _RULES[source]]
+    threshold = profile.toxicity.threshold("youtube" if source == "pairs" else source)
+    if source != "pairs":
+        found.append(("toxicity", "not dropped" if threshold is None else threshold))
+    return [
+        (f"{source}.{name}", _shown(value)) for name, value in found if value not in ((), [], "")
+    ]
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(map(str, value))
+    if isinstance(value, float):
+        return f"{value:g}"
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+@cache
+def lock_digest() -> str:
+    """SHA-256 of the file of locked dependencies; empty where the installation has none."""
+    path = lock_file()
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path is not None else ""
+
+
+def files(run: Run, source: str, changed: Changes) -> dict[str, str]:
+    """Name → text of what is written into the folder."""
+    made = {PROFILE: profile_text(run.profile)}
+    listed = keyword_text(run.profile)
+    if listed:
+        made[KEYWORDS] = listed
+    made[PROVENANCE] = provenance(run, source, changed)
+    return made
+
+
+def provenance(run: Run, source: str, changed: Changes) -> str:
+    """provenance.json as text."""
+    said = {
+        "software": {"name": "lorebase", "version": __version__, "lock_sha256": lock_digest()},
+        "profile": {
+            "name": run.profile.name,
+            "seed": run.profile.seed,
+            "sha256": hashlib.sha256(_file(run.profile).encode()).hexdigest(),
+        },
+        "version": run.profile.release.version,
+        "settings": dict(rules(run.profile, source)),
+        "changes": msgspec.to_builtins(changed) if changed.version else None,
+    }
+    return json.dumps(said, indent=1, ensure_ascii=False) + "\n"
+
+
+def profile_text(profile: Profile) -> str:
+    """The profile's file, with its lists named as they lie beside it in the folder."""
+    text = _file(profile)
+    lists = profile.pairs.keyword_files if profile.pairs else ()
+    if lists in ((), (KEYWORDS,)):
+        return text
+    pattern = r"(?ms)^((?:pairs\.)?keyword_files\s*=\s*)\[.*?\]"
+    return re.sub(pattern, rf'\g<1>["{KEYWORDS}"]', text, count=1)
+
+
+def keyword_text(profile: Profile) -> str:
+    """The keyword lists as they are, several of them one after the other under one header."""
+    names = profile.pairs.keyword_files if profile.pairs else ()
+    texts = [_read(profile, name) for name in names]
+    if len(texts) < 2:
+        return "".join(texts)
+    lines = [_COLUMNS]
+    for name, text in zip(names, texts, strict=True):
+        lines.append(f"# {name}")
+        lines += [line for line in text.splitlines() if line.rstrip() != _COLUMNS]
+    return "\n".join(lines) + "\n"
+
+
+def unsigned(text: str) -> list[str]:
+    """What a profile lacks to say who made a release: "a creator", "a contact"."""
+    section = tomllib.loads(text).get("release", {})
+    creators = any(one.get("name") for one in section.get("creators", []))
+    contact = section.get("contact") or section.get("homepage")
+    return ([] if creators else ["a creator"]) + ([] if contact else ["a contact"])
+
+
+def lacking(profile: Profile) -> list[str]:
+    """The same of a profile in use."""
+    section = profile.release
+    found = [] if "creators" in section.model_fields_set else ["a creator"]
+    return found + ([] if section.contact or section.homepage else ["a contact"])
+
+
+def _file(profile: Profile) -> str:
+    try:
+        return profile.path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ProfileError(f"profile {profile.path} can't be read: {error.strerror}") from None
+
+
+def _read(profile: Profile, name: str) -> str:
+    try:
+        text = profile.beside(name).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise ProfileError(f"the keyword list {name} can't be read: {error.strerror}") from None
+    return text if text.endswith("\n") else text + "\n"

@@ -1,0 +1,25 @@
+"""The shipped profile with a creator and a contact, without which nothing is published."""
+
+from __future__ import annotations
+
+import tempfile
+from functools import cache
+from pathlib import Path
+
+from kb.core.resources import folder
+
+LINES = """contact = "data@example.org"
+creators = [{ name = "Doe, Jane" }]
+"""
+
+
+@cache
+def signed() -> Path:
+    """Its file, with the keyword list beside it."""
+    shipped, place = folder("profiles") / "minecraft", Path(tempfile.mkdtemp())
+    (place / "keywords.tsv").write_bytes((shipped / "keywords.tsv").read_bytes())
+    text = (shipped / "profile.toml").read_text(encoding="utf-8")
+    (place / "profile.toml").write_text(
+        text.replace("[release]\n", f"[release]\n{LINES}", 1), encoding="utf-8"
+    )
+    return place / "profile.toml"

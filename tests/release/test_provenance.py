@@ -1,0 +1,132 @@
+"""What a folder was made with, what changed since the release before, and who made it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+from pathlib import Path
+
+import pytest
+
+from kb import __version__
+from kb.cli import main
+from kb.core.errors import ProfileError
+from kb.core.profile import load_profile
+from kb.pairs import keywords
+from kb.release.build import release
+from kb.release.publish import publish
+from kb.sandbox.server import Sandbox
+from tests.release.conftest import a_run
+from tests.release.made import build
+from tests.release.signed import LINES, signed
+
+LOCK = Path(__file__).resolve().parents[2] / ".ci" / "requirements.lock"
+HEADER = "keyword\tkind\trule\tforms\n"
+
+
+def test_every_folder_holds_what_made_it(released: Path) -> None:
+    profile = load_profile(signed())
+    lock = hashlib.sha256(LOCK.read_bytes()).hexdigest()
+    for source in ("youtube", "wiki", "reddit", "pairs"):
+        folder = released / "release" / source
+        assert (folder / "profile.toml").read_bytes() == signed().read_bytes()
+        listed = signed().with_name("keywords.tsv")
+        assert (folder / "keywords.tsv").read_bytes() == listed.read_bytes()
+        sums = (folder / "SHA256SUMS").read_text()
+        assert all(name in sums for name in ("profile.toml", "keywords.tsv", "provenance.json"))
+        said = json.loads((folder / "provenance.json").read_text())
+        assert said["software"] == {
+            "name": "lorebase", "version": __version__, "lock_sha256": lock
+        }  # fmt: skip
+        assert (said["profile"]["seed"], said["version"]) == (profile.seed, "1.0.0")
+        card = (folder / "README.md").read_text()
+        assert f"Lorebase {__version__}" in card
+        assert lock in card
+        assert "seed 0" in card
+        assert "This is the first version." in card
+    assert "| `youtube.min_views` | 100 |" in (released / "release/youtube/README.md").read_text()
+    youtube = (released / "release/youtube/README.md").read_text()
+    assert "Minecraft Walkthrough" in youtube
+    assert "redstone" in (released / "release/reddit/README.md").read_text()
+    assert "| `pairs.max_clip_s` | 16 |" in (released / "release/pairs/README.md").read_text()
+
+
+def test_the_profile_in_a_folder_works_with_the_list_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "lists").mkdir()
+    (tmp_path / "lists" / "a.tsv").write_text(f"# plants\n{HEADER}Saxifrage\tplant\n")
+    (tmp_path / "b.tsv").write_text(f"{HEADER}Trough\tplace\tnear:10\ttub\n")
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'name = "mine"\ntitle = "Mine"\n[pairs]\nkeyword_files = [\n  "lists/a.tsv",\n'
+        f'  "b.tsv",\n]\nnear_words = 7\n[release]\n{LINES}'
+    )
+    root = build(tmp_path / "root", sources=("pairs",), n=10)
+    release(a_run(root, path))
+    used = load_profile(root / "release" / "pairs" / "profile.toml")
+    assert keywords.load(used) == keywords.load(load_profile(path))
+    assert used.model_dump(exclude={"pairs"}) == load_profile(path).model_dump(exclude={"pairs"})
+    assert used.section("pairs").near_words == 7  # type: ignore[union-attr]
+
+
+def test_what_changed_since_the_release_before(tmp_path: Path) -> None:
+    root = build(tmp_path, sources=("pairs",), n=40)
+    path = tmp_path / "mine.toml"
+
+    def made(version: str, n: int) -> tuple[str, dict]:
+        path.write_text(f'name = "mine"\ntitle = "Mine"\n[release]\nversion = "{version}"\n{LINES}')
+        for file in (root / "release" / "pairs").glob("*"):
+            file.unlink()
+        for file in (root / "pairs").glob("*"):
+            file.unlink()
+        build(root, sources=("pairs",), n=n)
+        release(a_run(root, path))
+        folder = root / "release" / "pairs"
+        changes = json.loads((folder / "provenance.json").read_text())["changes"]
+        return (folder / "README.md").read_text(), changes
+
+    assert made("1.0.0", 40)[1] is None
+    card, changes = made("1.1.0", 70)
+    assert changes["version"] == "1.0.0"
+    assert changes["tables"] == [{"table": "pairs", "added": 60, "gone": 0}]
+    assert "Since version 1.0.0" in card
+    assert "| pairs | 60 | 0 |" in card
+    assert made("1.1.0", 70) == (card, changes)  # made again, nothing else is said
+    _, changes = made("1.10.0", 25)
+    assert (changes["version"], changes["tables"][0]["gone"]) == ("1.1.0", 90)
+
+
+def test_without_creator_and_contact_it_warns_and_is_not_published(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    root = build(tmp_path, sources=("pairs",), n=10)
+    path = tmp_path / "mine.toml"
+    bare = 'name = "mine"\ntitle = "Mine"\n[release]\nversion = "1.0.0"\n'
+    path.write_text(bare)
+    with caplog.at_level(logging.WARNING), Sandbox(services=["zenodo"]) as service:
+        release(a_run(root, path))
+        assert "names no creator and no contact" in caplog.text
+        for name, value in service.settings().items():
+            monkeypatch.setenv(name, value)
+        words = ["release", "publish", "--to", "zenodo-sandbox", "--data", str(root)]
+        with pytest.raises(SystemExit) as left:
+            main([*words, "--profile", str(path)])
+        assert left.value.code == 2
+        assert "names no creator and no contact" in capsys.readouterr().err
+        settings = {
+            "kb_zenodo_endpoint": service.servers["zenodo"].url,
+            "zenodo_token": service.settings()["ZENODO_TOKEN"],
+        }
+        path.write_text(bare + 'contact = "me@example.org"\n')
+        with pytest.raises(ProfileError, match="names no creator"):
+            publish(a_run(root, path, **settings), "zenodo-sandbox")
+        path.write_text(bare + LINES)
+        with pytest.raises(ProfileError, match="was made before") as old:
+            publish(a_run(root, path, **settings), "zenodo-sandbox")
+        assert "kb release" in old.value.hint
+        assert service.ledger.requests() == []
+        caplog.clear()
+        release(a_run(root, path))
+        assert not caplog.text
+        assert publish(a_run(root, path, **settings), "zenodo-sandbox")["drafts"] == 1
