@@ -1,0 +1,53 @@
+"""A page's images leave the raw answers with it, however their names are written in addresses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from kb.core.context import Run
+from kb.core.profile import load_profile
+from kb.core.settings import load_settings
+from kb.store import rawlog
+from kb.store.rawlog import Envelope, Request, Segment
+from kb.wiki import purge
+
+HOST = "https://minecraft.wiki"
+WHEN = "2026-01-01T00:00:00Z"
+
+
+def record(root: Path, kind: str, params: dict[str, Any], response: Any) -> None:
+    segment = Segment(rawlog.folder(root, "wiki", kind))
+    envelope = Envelope(WHEN, Request(f"{HOST}/api.php", params), 200, response)
+    segment.append(rawlog.encode(envelope))
+    segment.close()
+
+
+def shown(root: Path, page: int, *names: tuple[str, str]) -> None:
+    """A captured page with its image files: (address, title)."""
+    files = [{"key": key, "title": title, "src": key} for key, title in names]
+    fields = {"page_id": page, "title": f"Page {page}", "url": f"{HOST}/w/{page}"}
+    captured = {"outcome": "captured", "revision_id": page, "folder": f"raw/wiki/pages/{page}/1"}
+    record(root, "renders", {"page_id": str(page)}, fields | captured | {"files": files})
+
+
+def test_names_in_other_letters_and_forms_go_and_shared_ones_stay(tmp_path: Path) -> None:
+    own = f"{HOST}/images/Caf%C3%A9_chair.png", "File:Café chair.png"
+    small = f"{HOST}/images/Net.png", "File:net.png"
+    both = f"{HOST}/images/Sand.png", "File:Sand.png"
+    shown(tmp_path, 1, own, small, both)
+    shown(tmp_path, 2, both)
+    titles = [own[1], small[1], both[1]]
+    pages = [{"ns": 6, "title": title} for title in (own[1], "File:Net.png", both[1])]
+    change = {"fromencoded": False, "from": small[1], "to": "File:Net.png"}
+    query = {"normalized": [change], "pages": pages}
+    record(tmp_path, "imageinfo", {"titles": titles}, {"query": query})
+    ids = tmp_path / "ids.txt"
+    ids.write_text("1\n")
+    settings = load_settings(dotenv=False, kb_data=tmp_path, kb_contact="me@example.org")
+    keys = purge.purge_raw(Run(settings, load_profile("minecraft"), tmp_path), ids)
+    assert dict(keys) == {"1": "named"}
+    (left,) = rawlog.read(tmp_path, "wiki", "imageinfo")
+    assert left.request.params == {"titles": [both[1]]}
+    assert left.response == {"query": {"normalized": [], "pages": [pages[2]]}}
+    assert [one.response["page_id"] for one in rawlog.read(tmp_path, "wiki", "renders")] == [2]
