@@ -24,6 +24,11 @@ _WIDE_SPACES = (
     "\x85\xa0\u1680\u2000\u2001\u2002\u2003\u2004\u2005\u2006\u2007\u2008\u2009\u200a"
     "\u2028\u2029\u202f\u205f\u3000"
 )
+# The same as numbers, by how many bytes they have.
+_WIDE = {
+    size: [int.from_bytes(c.encode(), "big") for c in _WIDE_SPACES if len(c.encode()) == size]
+    for size in (2, 3)
+}
 _FAR = 1e9  # seconds; times beyond it are no times
 
 
@@ -133,10 +138,17 @@ class Text:
         codes = np.frombuffer(self.raw.translate(_SPACES), np.uint8)
         if not self._wide:
             return codes
-        data = codes.tobytes()
-        for char in _WIDE_SPACES:
-            data = data.replace(char.encode(), b" " * len(char.encode()))
-        return np.frombuffer(data, np.uint8)
+        # Only characters beyond ASCII are looked at, each once, by its first three bytes.
+        leads = np.flatnonzero(codes >= 0xC2)
+        ends = len(codes) - 1
+        second, third = (codes[np.minimum(leads + step, ends)].astype(np.int32) for step in (1, 2))
+        two = codes[leads].astype(np.int32) << 8 | second
+        spaces = [np.isin(two, _WIDE[2]), np.isin(two << 8 | third, _WIDE[3])]
+        codes = codes.copy()
+        for length, found in zip(_WIDE, spaces, strict=True):
+            for step in range(length):
+                codes[leads[found] + step] = 0x20
+        return codes
 
     @cached_property
     def _wide(self) -> bool:

@@ -273,13 +273,19 @@ def _transcripts(part: Part, chance: random.Random, words: Words) -> Iterator[An
 def _spoken(chance: random.Random, words: Words) -> dict[str, Any]:
     count = min(60_000, max(20, int(chance.lognormvariate(7.6, 0.9))))  # mean: WORDS
     said = words.some(count, PHRASES * count / WORDS)
+    automatic = chance.random() < 0.85
     cues, place, at = [], 0, 0.0
     while place < count:
         size = chance.randint(4, 11)
         length = round(size * 0.41 + chance.random(), 2)
-        cues.append([round(at, 2), length, " ".join(said[place : place + size])])
+        text = " ".join(said[place : place + size])
+        odd = chance.random()  # as in real tracks: music, an apostrophe that is no ASCII, two lines
+        if odd < 0.04:
+            text = ("[Music]", "♪ " + text + " ♪", text.replace(" ", "’s ", 1))[int(odd * 75)]
+        elif not automatic:
+            text = text.replace(" ", "\n", 1)
+        cues.append([round(at, 2), length, text])
         place, at = place + size, at + size * 0.38
-    automatic = chance.random() < 0.85
     kind = "asr" if automatic else "manual"
     return {"kind": kind, "language": "en", "original_kind": kind, "cues": cues}
 

@@ -1,0 +1,34 @@
+"""White space of every kind parts words, in as many bytes as it had."""
+
+from __future__ import annotations
+
+import sys
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kb.pairs.text import Text
+from tests.pairs.conftest import transcripts
+
+EVERY = [chr(code) for code in range(sys.maxunicode + 1) if chr(code).isspace()]
+# Neighbours of wide spaces in UTF-8: the same first bytes, and letters.
+texts = st.text(
+    st.sampled_from([*EVERY, *"a\xe9\u266a\u2019\u2014\u200b\u2027\u303f\u1681\U00012000\u0100"]),
+    max_size=12,
+)
+
+
+@given(st.lists(texts, max_size=4))
+def test_spaced_is_the_text_with_plain_spaces(cues: list[str]) -> None:
+    whole = Text(transcripts(("v", "asr", [(n, 1, text) for n, text in enumerate(cues)])))
+    spaced = whole.spaced.tobytes().decode()
+    plain = "".join(" " * len(c.encode()) if c.isspace() else c for c in whole.raw.decode())
+    assert spaced == plain
+    assert whole.word_count == sum(len(text.split()) for text in cues)
+    assert whole.raw.decode().split() == " ".join(cues).split()
+
+
+def test_transcripts_are_kept_apart() -> None:
+    whole = Text(transcripts(("v", "asr", [(0, 1, "a\u3000b")]), ("w", "asr", [(0, 1, "é\u0085")])))
+    assert whole.spaced.tobytes() == b" a   b \xff \xc3\xa9   "
+    assert whole.word_count == 3
