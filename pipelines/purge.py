@@ -50,7 +50,7 @@ def _purge(run: Run, source: str, ids: Path | None) -> Summary:
     room = importlib.import_module(f"kb.{source}.purge")
     keys = room.purge_raw(run, ids)
     said = getattr(keys, "said", {})
-    rows = store.drop_rows(run.root, room.ROWS, keys) if keys else 0
+    rows = store.drop_rows(run.root, source, room.ROWS, keys) if keys else 0
     if keys and hasattr(room, "mend"):
         room.mend(run.root, keys)
     scores = _scores(run, source) if keys else 0

@@ -87,8 +87,7 @@ def _signed(run: Run, found: list[Folder]) -> None:
         used = folder.path / provenance.PROFILE
         if used.is_file() and provenance.unsigned(used.read_text(encoding="utf-8")):
             raise ProfileError(
-                f"release/{folder.source} was made before the profile named a creator and a"
-                " contact",
+                f"{folder.path} was made before the profile named a creator and a contact",
                 hint="run `kb release` again",
             )
 

@@ -84,6 +84,10 @@ class Layout:
         """The keys of a purge that is not finished."""
         return self.state_folder() / f"{source}.purge.json"
 
+    def purged_rows(self, source: str) -> Path:
+        """How many rows a purge that is not finished has removed."""
+        return self.state_folder() / f"{source}.purged-rows.json"
+
     def importing(self, source: str) -> Path:
         """What an import of dumps keeps until it is done."""
         return self.state_folder() / f"{source}-import"

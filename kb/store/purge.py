@@ -88,6 +88,7 @@ def finish(root: Path, source: str) -> None:
         try:
             frontier.forget()
             Layout(root).purge(source).unlink(missing_ok=True)
+            Layout(root).purged_rows(source).unlink(missing_ok=True)
             mending.tell(root, source, frontier)
         finally:
             frontier.close()
@@ -179,24 +180,24 @@ def _rewrite(
     return len(changes)
 
 
-def drop_rows(root: Path, places: Iterable[Place], keys: Collection[str]) -> int:
-    """Write files of tables again without the rows of `keys`; how many rows went.
+def drop_rows(root: Path, source: str, places: Iterable[Place], keys: Collection[str]) -> int:
+    """Write files of tables again without the rows of `keys`; how many rows went, those included
+    that went before this purge was cut off.
 
     Files without such rows are not touched; order and way of writing stay.
     """
-    gone = 0
+    noted = Layout(root).purged_rows(source)
+    gone = notes.read(noted, int, mend="delete it; it counts rows, nothing more") or 0
     for place in places:
         wanted = pa.array(
             sorted(key.removeprefix(place.prefix) for key in keys if key.startswith(place.prefix)),
             pa.string(),
         )
         for path in sorted((root / place.folder).glob("*.parquet")):
-            gone += _keep(
-                path,
-                place.table,
-                place.column,
-                partial(_outside, wanted),
-            )
+            went = _keep(path, place.table, place.column, partial(_outside, wanted))
+            if went:
+                gone += went
+                write_bytes(noted, str(gone).encode())
     return gone
 
 

@@ -12,7 +12,7 @@ import zstandard
 
 from kb.core.errors import DamagedData
 from kb.store import damage, mending, rawlog, reading, sidefiles
-from kb.store.layout import Layout
+from kb.store.layout import BELOW, Layout
 from kb.verify.found import Look
 
 _CAPTURE = ("extraction.json.zst", "page.html.zst", "screenshot.png")
@@ -117,7 +117,7 @@ def lost_side_files(look: Look, root: Path) -> None:
             if not (root / folder / name).is_file():
                 look.missing("captures", root / folder / name, _again())
         for sprite in _sprites(root / folder):
-            images.add(f"raw/wiki/images/{sprite}.png")
+            images.add(str(BELOW.images / f"{sprite}.png"))
     for path in sorted(images):
         if not (root / path).is_file():
             look.missing("images", root / path, _again())
@@ -147,7 +147,9 @@ def _answers(root: Path, kind: str) -> Iterator[dict[str, Any]]:
 
 
 def _inside(path: object, folder: str) -> bool:
-    return isinstance(path, str) and path.startswith(f"raw/wiki/{folder}/") and ".." not in path
+    if not isinstance(path, str) or ".." in path:
+        return False
+    return Path(path).is_relative_to(BELOW.raw("wiki", folder))
 
 
 def _sprites(folder: Path) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import shutil
 from collections.abc import Collection
@@ -23,6 +24,7 @@ from kb.wiki.reduce import LEFT
 from kb.wiki.source import WikiSource
 from kb.wiki.titles import Titles, read_names
 
+_PURGED = "purged titles"  # cursor of the frontier
 ROWS = (
     *(place_of(f"wiki/{name}", "page_id") for name in ("pages", "elements", "cells", "images")),
     *verdicts_of("wiki"),
@@ -84,19 +86,35 @@ def _find(
         for key, *_ in frontier.items("info")
         if (title := key.partition(":")[2]) not in titles
     }
+    before = frontier.cursor(_PURGED, {}, of=dict[str, str])
+    purged = {mark: key for mark, key in before.items() if key in removed}
     known: set[str] = set()
     unknown: set[str] = set()
     bad = named.bad_lines
     for name in named.names:
         if name in pages or name in named.ids or name in removed:  # a number is an id first
             (known if name in pages or name in removed else unknown).add(name)
-        elif held := titles.get(name) or titles.get(name[:1].upper() + name[1:]):
+        elif held := _by_title(titles, purged, name):
             known.add(held)
         elif re.search(r"[\[\]{}<>#]", name):
             bad += 1
         else:
             unknown.add(name)
     return known, unknown, bad
+
+
+def _by_title(titles: dict[str, str], purged: dict[str, str], name: str) -> str | None:
+    """The key of a page by its title, which the wiki begins with a capital; of those that were
+    purged a digest alone is kept.
+    """
+    for title in (name, name[:1].upper() + name[1:]):
+        if key := titles.get(title) or purged.get(_mark(title)):
+            return key
+    return None
+
+
+def _mark(title: str) -> str:
+    return hashlib.sha256(title.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -152,6 +170,13 @@ def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
         if key.isdigit():
             shutil.rmtree(Layout(root).captures / key, ignore_errors=True)
     purge.rewrite_raw(root, "wiki", keys, others.strip(), frontier)
+    marks = {
+        _mark(title): key
+        for key, _, _, page in frontier.items("pages")
+        if key in keys
+        for title in (page.title, *page.former)
+    }
+    frontier.set_cursor(_PURGED, {**frontier.cursor(_PURGED, {}, of=dict[str, str]), **marks})
     frontier.remove("pages", keys)
     frontier.remove("files", others.files)
     asked = (key for key, *_ in frontier.items("info"))

@@ -275,19 +275,36 @@ def test_replies_to_a_purged_comment_stay(tiny: Work) -> None:
         assert rows.get(key) is None  # an ancestor is unknown
 
 
+def number_of_rows(work: Work) -> int:
+    folders = ("posts", "comments", "rejected", "failed", "pending")
+    return sum(len(work.table("clean", "reddit", name)) for name in folders)
+
+
 def test_a_purge_that_was_cut_off_goes_on(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
     post = next(iter(tiny.world.posts))
     tiny.filter()
     ids = tiny.place / "ids"
     ids.write_text(f"t3_{post}")
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            store, "drop_rows", lambda *arguments: (_ for _ in ()).throw(KeyboardInterrupt)
-        )
-        with pytest.raises(KeyboardInterrupt):
-            tiny.purge(ids)
+    before = number_of_rows(tiny)
+    keep = store._keep
+
+    def cut_off(*arguments: Any) -> int:
+        if keep(*arguments):
+            # Most of what goes is still there; it was noted before the next file.
+            monkeypatch.setattr(store, "_keep", stop)
+            return before - number_of_rows(tiny)
+        return 0
+
+    def stop(*arguments: Any) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(store, "_keep", cut_off)
+    with pytest.raises(KeyboardInterrupt):
+        tiny.purge(ids)
     assert Layout(tiny.root).purge("reddit").exists()
-    tiny.purge()
+    assert number_of_rows(tiny) < before
+    monkeypatch.setattr(store, "_keep", keep)
+    assert tiny.purge()["rows"] == before - number_of_rows(tiny)
     assert post not in {
         row["post_id"]
         for name in ("posts", "comments")

@@ -514,6 +514,10 @@ def test_purge_leaves_nothing(whole, make_run, sandbox, tmp_path):
     summary = purge.purge(run, "wiki", tmp_path / "ids.txt")
     assert summary["purged"] == 2
     assert tombstones.keys(root, "wiki") == {"22", "29"}
+    # By its title once more: the same page, not another one.
+    again = purge.purge(run, "wiki", tmp_path / "ids.txt")
+    assert again["unknown"] == 0
+    assert tombstones.keys(root, "wiki") == {"22", "29"}
     left = {
         page["title"] for page in pq.read_table(next(root.glob("release/wiki/pages-*"))).to_pylist()
     }
