@@ -16,7 +16,7 @@ import msgspec
 from kb.core.errors import OtherService, ProfileError
 from kb.core.profile import Profile, is_shipped, load_profile
 from kb.core.sources import SOURCES
-from kb.store import identity, notes, rawlog
+from kb.store import identity, lock, notes, rawlog
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
 
@@ -77,16 +77,34 @@ def note(root: Path, profile: Profile) -> None:
     """Remember the profile of what is about to be written; the file may be another one than before.
 
     A data root of before there was such a memory is bound too, where the rest it remembers agrees.
-    Raises OtherService.
+    What another command of this moment has noted binds before anything is stored. Raises
+    OtherService.
     """
     check(root, profile)
+    if _read(root) == _of(root, profile):
+        return
+    with lock.deciding(Layout(root).profile):
+        _note(root, profile)
+
+
+def _note(root: Path, profile: Profile) -> None:
+    check(root, profile)
     old = _read(root)
+    if old is not None and old.name != profile.name and (pid := lock.another(root)):
+        raise OtherService(
+            f"another process (pid {pid}) begins {root} with the profile {old.name!r},"
+            f" not {profile.name!r}",
+            hint="use another --data folder, or wait for it",
+        )
     if old is None and _holds_data(root) and not _agrees(root, profile):
         return
+    write_bytes(Layout(root).profile, msgspec.json.encode(_of(root, profile)))
+
+
+def _of(root: Path, profile: Profile) -> Remembered:
     file = None if profile.is_shipped or profile.path == Path() else str(profile.path)
-    new = Remembered(profile.name, file, os.path.relpath(file, root.absolute()) if file else None)
-    if new != old:
-        write_bytes(Layout(root).profile, msgspec.json.encode(new))
+    beside = os.path.relpath(file, root.absolute()) if file else None
+    return Remembered(profile.name, file, beside)
 
 
 def note_if_stored(root: Path, profile: Profile) -> None:

@@ -89,3 +89,33 @@ def taking(root: Path, *names: str) -> Iterator[None]:
                 _taken.add(path)
                 stack.callback(_taken.discard, path)
         yield
+
+
+def another(root: Path) -> str:
+    """The pid of another process that writes to any source of a data root now, "" for none."""
+    for name in SOURCES:
+        try:
+            descriptor = os.open(Layout(root).lock(name), os.O_RDONLY)
+        except FileNotFoundError:
+            continue
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.read(descriptor, 32).decode(errors="replace").strip() or "unknown"
+            if holder != str(os.getpid()):
+                return holder
+        finally:
+            os.close(descriptor)
+    return ""
+
+
+@contextlib.contextmanager
+def deciding(path: Path) -> Iterator[None]:
+    """One process at a time looks at a note and writes it: others wait, for moments only."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor = os.open(path.with_name(f"{path.stem}.lock"), os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

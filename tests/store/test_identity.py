@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,7 @@ from kb.core.errors import DamagedData, OtherService, ProfileError
 from kb.core.profile import load_profile
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.store import belonging, rawlog
+from kb.store import belonging, lock, rawlog
 from kb.store.identity import remember
 from kb.store.rawlog import Envelope, Request, Segment
 from tests.youtube.job import Job
@@ -85,6 +87,41 @@ def test_another_profile_is_refused_once_something_is_stored(tmp_path: Path) -> 
         belonging.note(root, load_profile("minecraft"))
     assert str(tmp_path / "stardew.toml") in refused.value.hint
     assert refused.value.exit_code == 2
+
+
+BEGINS = """
+import sys
+from pathlib import Path
+from kb.core.profile import load_profile
+from kb.store import belonging, lock
+root = Path(sys.argv[1])
+with lock.writer(root, "youtube"):
+    belonging.note(root, load_profile("minecraft"))
+    print("noted", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_two_first_crawls_with_different_profiles_are_not_both_begun(tmp_path: Path) -> None:
+    """Nothing is stored yet, so that neither would bind the other."""
+    root, mine = tmp_path / "root", load_profile(stardew(tmp_path))
+    other = subprocess.Popen(
+        [sys.executable, "-c", BEGINS, str(root)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert other.stdout and other.stdout.readline() == "noted\n"  # noqa: PT018
+        with lock.writer(root, "wiki"):
+            belonging.note(root, load_profile("minecraft"))  # the same one is fine
+            said = rf"another process \(pid {other.pid}\) begins .* 'minecraft', not 'stardew'"
+            with pytest.raises(OtherService, match=said):
+                belonging.note(root, mine)
+    finally:
+        other.communicate("")
+    belonging.note(root, mine)  # it stored nothing
+    assert '"stardew"' in (root / "state" / "profile.json").read_text()
 
 
 def test_a_file_that_moved_is_found_beside_the_root_or_asked_for(tmp_path: Path) -> None:
