@@ -55,7 +55,7 @@ class Loop:
         self.answered: Counter[str] = Counter()
         self._facts = facts or (lambda phase: {})
         self._limit = Limit(session.run.limit)
-        self._news = threading.Condition()
+        self._changed = threading.Condition()
         self._in_hand: Counter[str] = Counter()  # fetches by kind
         self._closed: dict[str, Stopped] = {}  # kind: why nothing more is asked of it
         self._end: BaseException | None = None  # why everything ends
@@ -129,20 +129,20 @@ class Loop:
         except BaseException as error:  # noqa: BLE001  raised again by the thread that called run
             self._end_all(error)
         finally:
-            with self._news:
-                self._news.notify_all()
+            with self._changed:
+                self._changed.notify_all()
 
     def _wait_for_turn(self, lane: str) -> Turn | None:
         """The next items of a lane; None when nothing is left for it in this run."""
         while True:
-            with self._news:
+            with self._changed:
                 if self._end is not None:
                     return None
                 turn = self._take(lane)
                 if turn is not None:
                     return turn
                 if self._may_come(lane):
-                    self._news.wait(timeout=0.2)
+                    self._changed.wait(timeout=0.2)
                     signals.stop.check()
                     continue
                 back = self._back(lane)
@@ -259,9 +259,9 @@ class Loop:
             self.frontier.release(phase.kind, *self._unanswered(phase, keys))
             self._stop(phase, error, len(items))
         finally:
-            with self._news:
+            with self._changed:
                 self._in_hand[phase.kind] -= 1
-                self._news.notify_all()
+                self._changed.notify_all()
 
     def _fetch(self, phase: Phase, items: list[Item]) -> bool:
         """Record all answers; whether they are whole. Raises what `fetch` raises."""
@@ -284,7 +284,7 @@ class Loop:
 
     def _count(self, phase: Phase, n: int, *, failed: str | None, whole: bool = True) -> None:
         """`n` items were answered or failed. A service that fails again and again is down."""
-        with self._news:
+        with self._changed:
             self.answered[phase.kind] += n
             self._failures[phase.lane] = 0 if failed is None else self._failures[phase.lane] + 1
             down = self._failures[phase.lane]
@@ -296,7 +296,7 @@ class Loop:
 
     def _stop(self, phase: Phase, error: BaseException, given_back: int) -> None:
         """Close what a stop concerns; anything else ends the run."""
-        with self._news:
+        with self._changed:
             if phase.limited:
                 self._limit.take(-given_back)
         if not isinstance(error, Stopped) or isinstance(error, _EVERYTHING):
@@ -306,17 +306,17 @@ class Loop:
             self.session.turned_away(phase.lane)
         if isinstance(error, (Blocked, Unreachable)):
             self.session.ended(phase.lane, error)
-        with self._news:
+        with self._changed:
             self._close(phase, error)
-            self._news.notify_all()
+            self._changed.notify_all()
 
     def _end_all(self, error: BaseException) -> None:
         """The run ends: threads finish what they have in hand, or stop waiting for it."""
         for lane in set(self._lanes.values()):
             self.session.ended(lane, error)
-        with self._news:
+        with self._changed:
             self._end = self._end or error
-            self._news.notify_all()
+            self._changed.notify_all()
 
     def _close(self, phase: Phase, stop: Stopped) -> None:
         for kind in together(self.phases, phase, stop):
@@ -325,7 +325,7 @@ class Loop:
     def _show(self, phase: Phase, n: int) -> None:
         if not phase.shown:
             return
-        with self._news:
+        with self._changed:
             bar = self._bars.get(phase.kind)
             if bar is None:
                 bar = self._bars[phase.kind] = self.session.run.progress.task(
@@ -356,7 +356,7 @@ class Loop:
         self.session.run.progress.say(said)
         clock.sleep_until(back)
         self.session.goes_on(lane)
-        with self._news:
+        with self._changed:
             for phase in self.phases:
                 stop = self._closed.get(phase.kind)
                 if phase.lane == lane and isinstance(stop, (QuotaSpent, Blocked)):

@@ -230,7 +230,7 @@ class Waits:
 
 
 def passes(predicates: Sequence[Predicate], rows: pa.Table) -> pa.Array[Any]:
-    """Which rows pass all of them: the crawl asks this before it fetches what is dear."""
+    """Which rows pass all of them: the crawl asks this before it spends requests on a row."""
     good = pa.array([True] * rows.num_rows, pa.bool_())
     for predicate in predicates:
         good = pc.and_(good, pc.is_null(predicate.judge(rows).reason))

@@ -167,8 +167,8 @@ def _settle(
                 continue
             tries[image] += 1
             # A server in trouble is left alone for a moment, also where it names no time.
-            wish = served.after if served.after is not None else 0.1 * tries[image]
-            if turn(wish, end - clock.monotonic()):
+            wait = served.after if served.after is not None else 0.1 * tries[image]
+            if turn(wait, end - clock.monotonic()):
                 browser.script(_AGAIN, image)
                 asked += 1
         if not asked:
@@ -177,8 +177,8 @@ def _settle(
 
 def _longest(network: Network, addresses: list[str]) -> float | None:
     """The longest Retry-After of some addresses."""
-    wishes = [served.after for url in addresses if (served := network.of(url))]
-    return max((wish for wish in wishes if wish is not None), default=None)
+    waits = [served.after for url in addresses if (served := network.of(url))]
+    return max((wait for wait in waits if wait is not None), default=None)
 
 
 def _wished(network: Network, url: str) -> float | None:

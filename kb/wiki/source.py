@@ -94,7 +94,7 @@ class WikiSource(Plain):
         return {"wiki": self.url}
 
     def begin(self, opened: Opened) -> None:
-        """Whoever waits between two tries hears when the run ends."""
+        """A wait between two tries ends with the run."""
         super().begin(opened)
         self._web.sleep = partial(opened.sleep, SITE.lane)
 
