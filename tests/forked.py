@@ -127,7 +127,9 @@ def _pools_from_the_server() -> None:
     from kb.core import engine
 
     server = getattr(forkserver, "_forkserver", None)
-    if getattr(server, "_forkserver_address", None):
+    address = getattr(server, "_forkserver_address", None)
+    key = getattr(server, "_forkserver_authkey", b"")  # of newer versions, and not handed down
+    if address and key is not None:
         server.ensure_running = lambda: None  # it is the parent
         engine.multiprocessing = seam()
 
