@@ -31,6 +31,7 @@ _FIELD = KEY + b"\x18\x08"  # in Thrift's compact form: the key, then a text of 
 _TAIL = 8  # the footer's length and the magic bytes
 _MOST = 64 << 20  # bytes of a footer
 _CHUNK = 1 << 20
+_NEAR, _BITS = 4096, 8  # where the name is looked for at the end of a footer, and how alike
 
 _checked: set[tuple[str, int, int, int]] = set()  # files that this process has read in full
 
@@ -129,9 +130,23 @@ def _place(file: BinaryIO) -> int | None:
     length = int.from_bytes(file.read(4), "little")
     start = max(0, size - _TAIL - min(length, _MOST))
     file.seek(start)
+    footer = file.read(size - start)
     # What the rows say (statistics) comes before it, so the last one is ours.
-    found = file.read(size - start).rfind(_FIELD)
+    found = footer.rfind(_FIELD)
+    if found < 0:
+        found = _nearly(footer)
     return None if found < 0 else start + found + len(_FIELD)
+
+
+def _nearly(footer: bytes) -> int:
+    """Where the name stands with a few bits changed, which must not hide it; -1: nowhere."""
+    wanted = int.from_bytes(_FIELD, "big")
+    last = len(footer) - len(_FIELD) - len(_ZEROS)
+    for at in range(last, max(-1, last - _NEAR), -1):
+        held = int.from_bytes(footer[at : at + len(_FIELD)], "big")
+        if (held ^ wanted).bit_count() <= _BITS:
+            return at
+    return -1
 
 
 def _reckoned(file: BinaryIO, at: int, advance: Callable[[int], None] | None = None) -> bytes:
