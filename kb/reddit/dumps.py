@@ -19,6 +19,10 @@ import zstandard
 CHUNK = 512 << 10  # decompressed bytes that zstd makes room for
 _BLOCK = 32 << 10  # compressed bytes of one read; they swell to 10 to 30 times as much
 
+_HEAD = 18  # bytes of the longest header of a frame
+_SKIPPED = b"\x2a\x4d\x18"  # a frame without content
+_ASIDE = 32 << 20  # bytes of what a chunk swells to
+
 
 @dataclass
 class Seen:
@@ -63,6 +67,22 @@ def pieces(path: Path, seen: Seen) -> Iterator[bytes]:
             rest = rest or file.read(_BLOCK)
     if not fresh:
         seen.truncated, seen.problem = True, "the last frame is cut off"
+
+
+def memory(path: Path) -> int:
+    """Bytes that reading a dump takes: its first frame's window (2 GiB in the archives' files), and
+    what a chunk of it swells to.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+        while head[1:4] == _SKIPPED and len(head) >= 8:
+            file.seek(int.from_bytes(head[4:8], "little") - len(head) + 8, 1)
+            head = file.read(_HEAD)
+    try:
+        window = zstandard.get_frame_parameters(head).window_size
+    except zstandard.ZstdError:
+        window = 0
+    return int(window) + _ASIDE
 
 
 class Chunk(NamedTuple):
