@@ -66,6 +66,11 @@ class Settings(BaseSettings):
     kb_toxicity_sha256: str | None = Field(
         None, description="sha256 of a checkpoint file of your own"
     )
+    kb_import_memory_gb: float = Field(
+        3,
+        gt=0,
+        description="GB that the dumps of an import may take together; one alone is always read",
+    )
     source_date_epoch: int | None = Field(
         None,
         ge=0,

@@ -24,6 +24,9 @@ LONGEST = 64 << 20  # bytes of a line; Reddit's longest records have some hundre
 
 _FRAME, _SKIPPED, _REPEATED = b"\x28\xb5\x2f\xfd", b"\x2a\x4d\x18", 1
 
+_HEAD = 18  # bytes of the longest header of a frame
+_ASIDE = 32 << 20  # bytes of what a chunk swells to
+
 
 @dataclass
 class Seen:
@@ -110,6 +113,22 @@ def _compressed(file: BinaryIO) -> Iterator[bytes]:
                 waiting, held = [], 0
             head = body[-3:]
         yield b"".join(waiting)
+
+
+def memory(path: Path) -> int:
+    """Bytes that reading a dump takes: its first frame's window (2 GiB in the archives' files), and
+    what a chunk of it swells to.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+        while head[1:4] == _SKIPPED and len(head) >= 8:
+            file.seek(int.from_bytes(head[4:8], "little") - len(head) + 8, 1)
+            head = file.read(_HEAD)
+    try:
+        window = zstandard.get_frame_parameters(head).window_size
+    except zstandard.ZstdError:
+        window = 0
+    return int(window) + _ASIDE
 
 
 class Chunk(NamedTuple):

@@ -26,7 +26,7 @@ from kb.crawl.session import open_session
 from kb.reddit import places
 from kb.reddit.authors import Scrubber, load_key
 from kb.reddit.byid import ById
-from kb.reddit.dumps import Chunk, Seen, chunks
+from kb.reddit.dumps import Chunk, Seen, chunks, memory
 from kb.reddit.places import KIND, Place
 from kb.reddit.search import Search
 from kb.reddit.segments import Segments
@@ -159,8 +159,9 @@ def _run(run: Run, jobs: list[Job]) -> None:
         run.progress.task("import", total=len(jobs), unit="files") as task,
     ):
         jobs = [msgspec.structs.replace(job, lease=str(lease.absolute())) for job in jobs]
+        most = int(run.settings.kb_import_memory_gb * 1e9)
         for place in _results(
-            executor, _tasks(jobs, done), window=1 if run.limit else 2 * run.workers
+            executor, _tasks(jobs, done), window=1 if run.limit else 2 * run.workers, most=most
         ):
             done.append(place)
             task.advance(
@@ -190,19 +191,27 @@ def _run(run: Run, jobs: list[Job]) -> None:
             )
 
 
-def _results(executor: Executor, tasks: Iterator[tuple[Job]], window: int) -> Iterator[Place]:
+def _results(
+    executor: Executor, tasks: Iterator[tuple[Job]], window: int, most: int
+) -> Iterator[Place]:
     """Places in the order of the jobs. When the run is asked to end, those that have begun are
     still waited for: they end soon.
+
+    Files are handed out while all that are read together take `most` bytes at most, the windows of
+    their frames included.
     """
-    waiting: deque[Future[Place]] = deque()
+    waiting: deque[tuple[Future[Place], int]] = deque()
     for task in tasks:
+        need = memory(Path(task[0].file))
+        while waiting and sum(taken for _, taken in waiting) + need > most:
+            yield waiting.popleft()[0].result()
         if signals.stop.requested():
             break
-        waiting.append(executor.submit(import_file, *task))
+        waiting.append((executor.submit(import_file, *task), need))
         if len(waiting) >= window:
-            yield waiting.popleft().result()
+            yield waiting.popleft()[0].result()
     while waiting:
-        yield waiting.popleft().result()
+        yield waiting.popleft()[0].result()
 
 
 def _tasks(jobs: list[Job], done: list[Place]) -> Iterator[tuple[Job]]:

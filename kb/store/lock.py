@@ -21,7 +21,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import WriterLocked
-from kb.core.sources import PUBLISHED
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.store import leftovers
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.layout import Layout
