@@ -19,7 +19,7 @@ hypothesis.settings.register_profile("lorebase", deadline=None, derandomize=True
 hypothesis.settings.load_profile("lorebase")
 
 ROOT = Path(__file__).resolve().parent.parent
-pytest_plugins = ["tests.installed"]
+pytest_plugins = ["tests.installed", "tests.inprocess"]
 
 
 @pytest.fixture(autouse=True)

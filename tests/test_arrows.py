@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import shutil
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -113,7 +114,7 @@ UPWARDS = {
     "core/clock.py": "from kb.store.layout import Layout",
     "core/signals.py": "import kb.net.retry",
     "schema/keys.py": "from kb.store import rawlog",
-    "schema/rows.py": "from ..net import retry",
+    "schema/types.py": "from ..net import retry",
     "net/retry.py": "from kb.schema import tables",
     "net/rate.py": "from kb.store.frontier import Frontier",
     "store/atomic.py": "from kb.crawl import loop",
@@ -147,6 +148,32 @@ def test_no_room_is_above_itself() -> None:
         assert lowest, f"a circle: {sorted(below)}"
         for room in lowest:
             del below[room]
+
+
+def file_imports(root: Path) -> dict[str, set[str]]:
+    """The modules of kb/ that each one imports, for types too."""
+    modules = {
+        ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in (root / "kb").rglob("*.py")
+    }
+    found: dict[str, set[str]] = {}
+    for name, path in modules.items():
+        named = [module for _, module in imported(ast.parse(path.read_text()), path, root)]
+        found[name] = {
+            module if module in modules else module.rpartition(".")[0] for module in named
+        } & modules.keys()
+    return found
+
+
+def test_no_file_imports_one_that_imports_it() -> None:
+    """Not for types either: what two files need has its place below both."""
+    below = {name: others - {name} for name, others in file_imports(ROOT).items()}
+    assert len(below) > 300
+    TopologicalSorter(below).prepare()  # a CycleError names the circle
+    below["kb.core.clock"] = {"kb.core.signals"}
+    below["kb.core.signals"] = {"kb.core.clock"}
+    with pytest.raises(CycleError):
+        TopologicalSorter(below).prepare()
 
 
 def test_every_room_has_its_arrows() -> None:

@@ -47,11 +47,6 @@ class Checkpoint:
     def folder(self) -> Path:
         return self.path.parent
 
-    @property
-    def is_sandbox(self) -> bool:
-        """Whether it is the sandbox's tiny model, whose scores mean nothing about real texts."""
-        return self.model == SANDBOX_MODEL
-
 
 def models_folder(name: str) -> Path:
     """The folder of a fetched model."""

@@ -18,7 +18,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.schema.tables import table
-from kb.store import database
+from kb.store import database, parquet
+from kb.store.layout import parquet_files
 from kb.store.reading import scan
 from kb.store.shards import ShardWriter, order, write_table
 
@@ -169,7 +170,8 @@ class Scores:
 
     def _files(self) -> str:
         """SQL of all rows; files of an earlier version may lack a category."""
-        files = sorted(Path(self.folder).glob("*.parquet"))
+        files = parquet_files(Path(self.folder))
+        parquet.check(*files)
         columns = ", ".join(
             f"NULL::{'FLOAT' if column.type == 'float32' else 'VARCHAR'} AS {column.name}"
             for column in table(TABLE).columns

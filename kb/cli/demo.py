@@ -14,6 +14,8 @@ from kb.cli.options import CLUSTER
 from kb.cli.options import pipeline as shipped
 
 if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
     from kb.cli.options import Options
     from kb.core.context import Run
     from kb.core.verdict import Summary
@@ -37,28 +39,42 @@ _FINISHED = "demo-finished"
             " a stopped one goes on"
         ),
         "kb demo --data /tmp/try     under /tmp/try/demo",
+        "kb demo --profile gardening/profile.toml     the same in a world made of that profile",
     ],
 )
 def demo(options: Options) -> Summary:
     """Crawl invented services with the real clients, and go all the way to a report and queries.
 
-    It filters, exports, pairs, releases and reports, then queries the shards.
+    It filters, exports, pairs, releases and reports, then queries the shards. Channels, pages and
+    threads speak of the profile's keywords; a source that the profile leaves out is skipped.
     Everything goes to DIR/demo. `.env` and credentials are ignored; nothing leaves this machine.
     """
+    return play(options)
+
+
+def play(options: Options, without: Collection[str] = (), **size: Any) -> Summary:
+    """The demo without some steps, in a world of that size (n_channels …; kb.sandbox.world)."""
+    from kb.cli.profile_check import refuse
+    from kb.core.profile import DEFAULT, load_profile
     from kb.core.settings import Settings
+    from kb.sandbox.domain import domain_of
     from kb.sandbox.reddit import dumps
     from kb.sandbox.server import Sandbox
+    from kb.sandbox.world import World
 
     for name in set(Settings.model_fields) - _KEPT:
         os.environ.pop(name.upper(), None)
-    with Sandbox() as services:
+    profile = load_profile(options.profile or DEFAULT)
+    refuse(profile)
+    with Sandbox(World(domain=domain_of(profile), **size)) as services:
         settings = services.settings() | _model(options)
         os.environ |= settings  # worker processes read them too
+        _begin(_root(options))
         run = _run(options, settings)
-        _begin(run.root)
         pipeline = shipped(run, "demo")
         given = {"reddit import": {"files": dumps(services.world.reddit, run.root / _DUMPS)}}
-        return _all(pipeline, run, services.ledger, given)
+        steps = [step for step in pipeline.STEPS if step not in without]
+        return _all(steps, pipeline.QUERIES, run, services.ledger, given)
 
 
 def _model(options: Options) -> dict[str, str]:
@@ -76,13 +92,20 @@ def _model(options: Options) -> dict[str, str]:
         return {}
 
 
-def _run(options: Options, settings: dict[str, str]) -> Run:
-    from dataclasses import replace
-
+def _root(options: Options) -> Path:
     from kb.core.settings import load_settings
 
     data = options.data or load_settings(dotenv=False).kb_data
-    run = replace(options, data=data / "demo", profile=options.profile).make_run(dotenv=False)
+    return data.expanduser().absolute() / "demo"
+
+
+def _run(options: Options, settings: dict[str, str]) -> Run:
+    from dataclasses import replace
+
+    from kb.core.profile import DEFAULT
+
+    given = options.profile or DEFAULT
+    run = replace(options, data=_root(options), profile=given).make_run(dotenv=False)
     if "KB_TOXICITY_MODEL" in settings:
         return run
     off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
@@ -99,7 +122,13 @@ def _begin(root: Path) -> None:
         (root / _FINISHED).unlink()
 
 
-def _all(pipeline: Any, run: Run, ledger: Any, given: dict[str, dict[str, Any]]) -> Summary:
+def _all(
+    steps: Sequence[str],
+    queries: list[tuple[str, str, list[str]]],
+    run: Run,
+    ledger: Any,
+    given: dict[str, dict[str, Any]],
+) -> Summary:
     """Every step, with the arguments `given` to some."""
     from kb.core.errors import MissingExtra
     from kb.core.verdict import Summary
@@ -107,7 +136,10 @@ def _all(pipeline: Any, run: Run, ledger: Any, given: dict[str, dict[str, Any]])
     from kb.store.layout import Layout
 
     done = Summary()
-    for step in pipeline.STEPS:
+    for step in steps:
+        if lacking := _lacking(run, step):
+            print(f"\n== kb {step}\nleft out: the profile has no [{lacking}]", flush=True)
+            continue
         print(f"\n== kb {step}", flush=True)
         try:
             summary = Summary(_command(step)(run, **given.get(step, {})) or {})
@@ -116,7 +148,7 @@ def _all(pipeline: Any, run: Run, ledger: Any, given: dict[str, dict[str, Any]])
             summary = Summary(left_out=f"{error}; {error.hint}")
         done[step] = dict(summary)
         print(summary.line(), flush=True)
-    _queries(pipeline.QUERIES, run.root)
+    _queries(queries, run.root)
     page = Layout(run.root).page
     print(f"\nTables, figures and releases are in {run.root}; open {page}")
     write_text(run.root / _FINISHED, "")
@@ -128,6 +160,16 @@ def _all(pipeline: Any, run: Run, ledger: Any, given: dict[str, dict[str, Any]])
             "root": str(run.root),
             **done,
         }
+    )
+
+
+def _lacking(run: Run, step: str) -> str | None:
+    """The section of the profile that a step goes by, where there is none."""
+    words = step.split()
+    needed = {"pairs": ("youtube", "pairs")}.get(step, tuple(words))
+    sections = ("youtube", "wiki", "reddit", "pairs")
+    return next(
+        (one for one in needed if one in sections and getattr(run.profile, one) is None), None
     )
 
 

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 from kb.cli.as_typed import completed
 from kb.core import clock, vocabulary
+from kb.core.sources import SOURCES
 from kb.store.layout import TOP, Layout, parquet_files
 
 if TYPE_CHECKING:
     from kb.core.context import Run
 
-SOURCES = ("youtube", "wiki", "reddit")
 _SOME = 20  # names of posts that are shown
 _LEFT = ("todo", "in_progress")  # what failed is counted by itself, as in a crawl's summary
 

@@ -11,7 +11,7 @@ import typer
 
 from kb.cli.command import command, group
 from kb.cli.dumps import Dumps, DumpsCommand
-from kb.cli.options import CLUSTER, Plan
+from kb.cli.options import CLUSTER, Plan, exported
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -132,14 +132,7 @@ def export(
     ] = Format.parquet,
 ) -> Summary:
     """Write clean/reddit as the released tables, or in another layout."""
-    from kb.core import pipeline
-    from kb.store.lock import taking
-
-    with taking(run.root, "release-reddit"):
-        summary: Summary = pipeline.load(str(pipeline.locate("reddit", run.pipeline))).export(
-            run, format.value
-        )
-        return summary
+    return exported(run, "reddit", format.value)
 
 
 @command(
@@ -191,11 +184,13 @@ def reconstruct(
     on.
     """
     from kb.reddit.plan import plan_rebuild
-    from kb.reddit.reconstruction import OUT, rebuild
+    from kb.reddit.reconstruction import rebuild
+    from kb.store.layout import Layout
 
     if plan:
         return plan_rebuild(run, ids or None, dumps or ())
-    return rebuild(run, ids or None, (out or run.root / OUT).absolute(), dumps=dumps or ())
+    place = (out or Layout(run.root).reconstructed).absolute()
+    return rebuild(run, ids or None, place, dumps=dumps or ())
 
 
 def _span(since: str | None, until: str | None) -> tuple[datetime | None, datetime | None]:

@@ -137,7 +137,7 @@ def profile_keys() -> str:
         "# Profiles\n",
         (
             "A profile is everything that Lorebase knows about a domain, in one TOML file."
-            " `minecraft/profile.toml` ships; `--profile FILE.toml` takes your own."
+            " `minecraft` and `cooking` ship; `--profile FILE.toml` takes your own."
             " A section whose source you don't collect may be left out.\n"
         ),
     ]

@@ -18,6 +18,7 @@ from kb.cli.command import command, group
 
 if TYPE_CHECKING:
     from kb.cli.options import Options
+    from kb.sandbox.domain import Domain
 
 app = group("Invented services on this machine, to try everything on.")
 
@@ -37,6 +38,7 @@ app = group("Invented services on this machine, to try everything on.")
             " and serve until SIGTERM"
         ),
         "kb sandbox --channels 50 --videos 5000             a larger world",
+        "kb sandbox --profile gardening -- kb youtube crawl     a world made of that profile",
     ],
 )
 def sandbox(
@@ -70,13 +72,15 @@ def sandbox(
 ) -> None:
     """Serve YouTube, wiki, Reddit and Zenodo of one small invented world on loopback.
 
+    The world is made of the profile: its keywords, labels, categories, subreddit and thresholds.
     Without COMMAND the settings are printed as NAME=value lines, stdout is closed, and the services
     run until SIGTERM.
     """
     from kb.sandbox.server import Sandbox
     from kb.sandbox.world import World
 
-    with Sandbox(World(seed, n_channels=channels, n_videos=videos)) as services:
+    world = World(seed, n_channels=channels, n_videos=videos, domain=_domain(options))
+    with Sandbox(world) as services:
         given = {
             "KB_DATA": options.data and str(options.data.absolute()),
             "KB_PROFILE": options.profile and _anywhere(options.profile),
@@ -96,6 +100,18 @@ def sandbox(
             threading.Event().wait()
         except KeyboardInterrupt:
             raise typer.Exit(0) from None
+
+
+def _domain(options: Options) -> Domain:
+    """What the world is about. Raises ProfileError for a profile that commands would refuse."""
+    from kb.cli.profile_check import refuse
+    from kb.core.profile import DEFAULT, load_profile
+    from kb.core.settings import load_settings
+    from kb.sandbox.domain import domain_of
+
+    profile = load_profile(load_settings(kb_profile=options.profile).kb_profile or DEFAULT)
+    refuse(profile)
+    return domain_of(profile)
 
 
 def _model(*, wanted: bool) -> dict[str, str]:

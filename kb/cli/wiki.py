@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
-from kb.cli.options import CLUSTER, Plan, pipeline
+from kb.cli.options import CLUSTER, Plan, exported, pipeline
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -95,8 +95,4 @@ def export(
     ] = Format.parquet,
 ) -> Summary:
     """Write clean/wiki as the released tables with their pictures, or in another layout."""
-    from kb.store.lock import taking
-
-    with taking(run.root, "release-wiki"):
-        summary: Summary = pipeline(run, "wiki").export(run, format.value)
-        return summary
+    return exported(run, "wiki", format.value)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
-from kb.cli.options import CLUSTER, Part, parse_part, pipeline
+from kb.cli.options import CLUSTER, Part, exported, parse_part, pipeline
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -157,11 +157,4 @@ def export(
     ] = Format.parquet,
 ) -> Summary:
     """Write clean/youtube as the released tables, or in another layout."""
-    from kb.core import pipeline
-    from kb.store.lock import taking
-
-    with taking(run.root, "release-youtube"):
-        summary: Summary = pipeline.load(str(pipeline.locate("youtube", run.pipeline))).export(
-            run, format.value
-        )
-        return summary
+    return exported(run, "youtube", format.value)

@@ -22,6 +22,7 @@ from typing import Any
 
 from kb import __version__
 from kb.core import clock, signals
+from kb.core.arrow import without_pandas
 from kb.core.errors import FatalError, KbError, MissingExtra, SettingError, Unreachable
 
 CONNECT_S, WORKERS_S = 15.0, 120.0  # a queue may take its time to start the first worker
@@ -252,6 +253,7 @@ def _call(
             os.environ.pop(name, None)
         else:
             os.environ[name] = value
+    without_pandas()
     return fn(*args, **kwargs)
 
 

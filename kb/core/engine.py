@@ -18,6 +18,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from typing import Any
 
 from kb.core import signals
+from kb.core.arrow import without_pandas
 from kb.core.dask_engine import dask_executor
 from kb.core.errors import SettingError
 
@@ -44,6 +45,7 @@ def make_executor(
     For "dask" the tasks go to the cluster at `scheduler`, or to one of `workers` processes on this
     machine.
     """
+    without_pandas()  # `Inline` is a worker too
     if engine == "local":
         if workers <= 1:
             yield Inline()
@@ -89,11 +91,12 @@ def map_in_order(
 
 def _begin_worker() -> None:
     """Ctrl-C reaches the whole process group, but only the parent decides what it means; and a
-    worker ends with it.
+    worker ends with it. It loads what its tasks use and no more.
 
     A worker holds both ends of its queue, so that the death of a killed parent never shows there.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    without_pandas()
     parent = multiprocessing.parent_process()
 
     def follow() -> None:

@@ -15,6 +15,7 @@ from pydantic import Field, SecretStr, ValidationError, ValidationInfo, field_va
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from kb.core import clock, wording
+from kb.core.addresses import NOT_HTTPS, in_the_clear
 from kb.core.errors import MissingCredential, SettingError
 
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
@@ -135,6 +136,8 @@ class Settings(BaseSettings):
             raise ValueError("must be a root, without ? or #")
         if not _has_port(parts):
             raise ValueError("must have a port from 1 to 65535, or none")
+        if in_the_clear(value):
+            raise ValueError(NOT_HTTPS)
         return value.rstrip("/")
 
     @field_validator("kb_now")

@@ -8,7 +8,7 @@ frontier   their items
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import msgspec
 
@@ -31,12 +31,17 @@ class Keys(dict[str, str]):
         self.said = said or {}
 
 
-def strip_of(source: str) -> Strip:
-    """How keys leave a source's answers, as the schemas of its raw kinds say."""
+def strip_of(source: str, others: Mapping[str, Collection[str]] | None = None) -> Strip:
+    """How keys leave a source's answers, as the schemas of its raw kinds say.
+
+    `others` are the other names of what goes, as `of` of the schemas calls them.
+    """
+    others = others or {}
 
     def without(kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | None:
         request, response = envelope.request, envelope.response
-        left = schema.without(f"{source}/{kind}", request.params, response, keys)
+        gone = {**others, "": keys}
+        left = schema.without(f"{source}/{kind}", request.params, response, gone)
         if left is None:
             return None
         if left[0] is request.params and left[1] is response:
@@ -60,8 +65,8 @@ def purge_raw(
     """Take keys out of a source's raw answers and frontier; the keys, for all that is made of them.
 
     `collect` says what is to go; nothing is sent. Items of the frontier's `kinds` go by their key.
-    `exact` are raw kinds with one answer a key, whose damaged bytes may stay. `remove` does what is
-    the source's own instead of rewriting by `strip_of`. Raises WriterLocked, DiskFull.
+    `exact` are raw kinds with one answer a key, whose damaged bytes may stay. `remove` rewrites the
+    raw answers where more than the keys' answers goes with them. Raises WriterLocked, DiskFull.
     """
     with open_session(run, source, asks=False, every=True) as session:
         # Opening it has set damage aside and taken in what was not read yet.

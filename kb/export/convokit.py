@@ -28,7 +28,7 @@ import duckdb
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
-from kb.store import database
+from kb.store import database, parquet
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 from kb.store.reading import reading, scan
@@ -124,6 +124,7 @@ def _rows(
 ) -> Iterator[dict[str, Any]]:
     """The rows of a query over these files; memory is bounded by a batch, DuckDB sorts on disk."""
     with reading(files):
+        parquet.check(*files)
         result = con.execute(query)
         names = [column[0] for column in result.description]
         while batch := result.fetchmany(4_096):

@@ -11,11 +11,10 @@ from __future__ import annotations
 import json
 from typing import cast
 
-import pyarrow.parquet as pq
-
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
+from kb.store import parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout
 from kb.store.reading import reading
@@ -37,7 +36,7 @@ def export(run: Run) -> Summary:
     found: list[tuple[str, str]] = []
     for part in parts:
         with reading([part]):
-            rows = pq.read_table(part, columns=["post_id", "type"], partitioning=None)
+            rows = parquet.read_table(part, columns=["post_id", "type"])
         ids = cast("list[str]", rows["post_id"].to_pylist())
         types = cast("list[str]", rows["type"].to_pylist())
         found += zip(ids, types, strict=True)

@@ -31,6 +31,7 @@ from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.export.wiki_tar import rows
+from kb.store import sidefiles
 from kb.store.atomic import replacing_folder
 from kb.store.inside import inside
 from kb.store.layout import Layout
@@ -93,7 +94,7 @@ def wiki(run: Run) -> Summary:
             taken.add(name.casefold())
             folder = fresh / name
             (folder / "images").mkdir(parents=True)
-            shutil.copyfile(inside(run.root, page["screenshot_path"]), folder / "screenshot.png")
+            _copy(run.root, page["screenshot_path"], folder / "screenshot.png")
             key = page["page_id"]
             data = _data(run.root, folder, page, elements.of(key), cells.of(key), images.of(key))
             (folder / "data.json").write_text(json.dumps(data, indent=2), encoding="ascii")
@@ -258,7 +259,7 @@ def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
         name = f"{row['sha256']}-{row['element_id']}.png"
         _crop(folder / "screenshot.png", box(element), folder / "images" / name)
     elif not (folder / "images" / name).exists():
-        shutil.copyfile(source, folder / "images" / name)
+        _copy(root, row["path"], folder / "images" / name)
     return {
         "src": row["src"],
         "path": f"images/{name}",
@@ -266,6 +267,14 @@ def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
         "caption": row["caption"] or None,
         "bbox": box(element),
     }
+
+
+def _copy(root: Path, path: str, target: Path) -> None:
+    """A file beside the raw log. Raises DamagedData for one that is not what was stored."""
+    file = inside(root, path)
+    if not sidefiles.is_whole(file):
+        raise sidefiles.lost(root, "wiki", [file])
+    shutil.copyfile(file, target)
 
 
 def _crop(screenshot: Path, where: list[float | int], target: Path) -> None:

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from kb.core.context import Run
 from kb.export.pair_rows import pair_rows
+from kb.store import parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout
 
@@ -45,7 +45,7 @@ def write(run: Run) -> Path:
     path = Layout(run.root).export("video2dataset", "pairs.parquet")
     with (
         writing(path) as temporary,
-        pq.ParquetWriter(temporary, schema(), compression="zstd") as file,
+        parquet.writing(temporary, schema()) as file,
     ):
         waiting: list[dict[str, Any]] = []
         for row in pair_rows(run, _COLUMNS):

@@ -24,10 +24,11 @@ from typing import Any
 import pyarrow as pa
 
 from kb.core.context import Run
-from kb.core.errors import DamagedData, FatalError
+from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.export import parquet
 from kb.schema.tables import table
+from kb.store import sidefiles
 from kb.store.inside import inside
 from kb.store.layout import Layout
 from kb.store.merge import Merge
@@ -38,13 +39,14 @@ _BLOCK = 512
 
 @dataclass(frozen=True)
 class Sample:
-    """One file of the data root and what is said about it."""
+    """One file of the data root and what is said about it; `sha256` where something says it."""
 
     name: str  # member name without its ending
     ending: str
     path: Path
     size: int
     about: bytes
+    sha256: str | None = None
 
     @property
     def member(self) -> str:
@@ -67,10 +69,13 @@ def export(run: Run) -> Summary:
         raise FatalError(
             "nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first"
         )
+    lost: set[Path] = set()
     plan = {
-        "screenshots": list(_shards(_screenshots(run.root))),
-        "images": list(_shards(_images(run.root))),
+        "screenshots": list(_shards(_screenshots(run.root, lost))),
+        "images": list(_shards(_images(run.root, lost))),
     }
+    if lost:
+        raise sidefiles.lost(run.root, "wiki", lost)
     places = {
         str(
             sample.path.relative_to(run.root)
@@ -88,8 +93,11 @@ def export(run: Run) -> Summary:
         with (folder / "index.ndjson").open("w", encoding="utf-8") as index:
             for kind, shards in plan.items():
                 for number, samples in enumerate(shards):
-                    for line in _write_tar(folder / _name(kind, number, len(shards)), samples):
+                    tar = folder / _name(kind, number, len(shards))
+                    for line in _write_tar(tar, samples, lost):
                         index.write(json.dumps(line, ensure_ascii=False) + "\n")
+        if lost:
+            raise sidefiles.lost(run.root, "wiki", lost)
 
     summary = parquet.export(run, "wiki", changes=changes, beside=write)
     path = summary.pop("path")
@@ -107,7 +115,7 @@ def rows(root: Path, name: str, columns: list[str], by: list[str]) -> Iterator[d
         merge.close()
 
 
-def _screenshots(root: Path) -> Iterator[Sample]:
+def _screenshots(root: Path, lost: set[Path]) -> Iterator[Sample]:
     names = [
         "page_id",
         "title",
@@ -121,10 +129,11 @@ def _screenshots(root: Path) -> Iterator[Sample]:
     ]
     for row in rows(root, "wiki/pages", [*names, "screenshot_path"], ["page_id"]):
         about = {name: row[name] for name in names}
-        yield _sample(root, f"{row['page_id']:09d}", row["screenshot_path"], about)
+        path = inside(root, row["screenshot_path"])
+        yield _sample(f"{row['page_id']:09d}", path, about, lost)
 
 
-def _images(root: Path) -> Iterator[Sample]:
+def _images(root: Path, lost: set[Path]) -> Iterator[Sample]:
     """Every file once, by its hash, with what the first row says about it."""
     names = ["sha256", "media_type", "width", "height", "src", "license"]
     found: dict[str, tuple[str, dict[str, Any]]] = {}
@@ -138,20 +147,17 @@ def _images(root: Path) -> Iterator[Sample]:
             found.setdefault(row["sha256"], (row["path"], {name: row[name] for name in names}))
     for sha256 in sorted(found):
         path, about = found[sha256]
-        yield _sample(root, sha256, path, about)
+        yield _sample(sha256, inside(root, path), about, lost)
 
 
-def _sample(root: Path, name: str, path: str, about: dict[str, Any]) -> Sample:
-    file = inside(root, path)
-    try:
-        size = file.stat().st_size
-    except OSError:
-        raise DamagedData(
-            f"{file} is not there, but clean/wiki names it",
-            hint="run `kb wiki crawl --again` and `kb wiki filter`",
-        ) from None
+def _sample(name: str, file: Path, about: dict[str, Any], lost: set[Path]) -> Sample:
+    """What goes into a tar; a file that is missing or empty is added to `lost`."""
+    size = file.stat().st_size if file.is_file() else 0
+    if not size:
+        lost.add(file)
     text = json.dumps(about, ensure_ascii=False, sort_keys=True).encode()
-    return Sample(name, file.suffix.removeprefix("."), file, size, text)
+    ending, sha256 = file.suffix.removeprefix("."), sidefiles.expected(file)
+    return Sample(name, ending, file, size, text, sha256)
 
 
 def _shards(samples: Iterator[Sample]) -> Iterator[list[Sample]]:
@@ -184,8 +190,8 @@ def _moved(column: str, places: dict[str, str]) -> parquet.Change:
     return parquet.Change(make, (column,))
 
 
-def _write_tar(path: Path, samples: list[Sample]) -> Iterator[dict[str, Any]]:
-    """Write one tar; the index lines of its members."""
+def _write_tar(path: Path, samples: list[Sample], lost: set[Path]) -> Iterator[dict[str, Any]]:
+    """Write one tar; the index lines of its members. What is not what it was goes to `lost`."""
     with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar:
         for sample in samples:
             for member, data in (
@@ -202,6 +208,8 @@ def _write_tar(path: Path, samples: list[Sample]) -> Iterator[dict[str, Any]]:
                 start = tar.offset + _BLOCK
                 with data.open("rb") if isinstance(data, Path) else io.BytesIO(data) as file:
                     tar.addfile(info, _Hashing(file, digest))
+                if isinstance(data, Path) and sample.sha256 not in (None, digest.hexdigest()):
+                    lost.add(data)
                 yield {
                     "tar": path.name,
                     "member": member,

@@ -21,7 +21,6 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.core import pipeline, vocabulary
 from kb.core.context import Run
@@ -31,7 +30,7 @@ from kb.core.verdict import Summary, Tally
 from kb.filters.chain import VERDICTS, Clean
 from kb.filters.tasks import Job, parse_segment, removed_keys, sort_bucket, spec_of, texts_of
 from kb.schema.tables import table
-from kb.store import buckets, mending, rawlog, tally, tombstones
+from kb.store import buckets, mending, parquet, rawlog, tally, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout, parquet_files
@@ -237,7 +236,7 @@ def _unanswered(run: Run, job: Job, spec: Clean) -> Counter[str]:
     ]
     for name, column, prefix in places if lost else ():
         for path in parquet_files(Path(job.out, table(name).short)):
-            for key in pq.read_table(path, columns=[column])[column].to_pylist():
+            for key in parquet.read_table(path, columns=[column])[column].to_pylist():
                 lost.pop(f"{prefix}{key}", None)
     for key in removed_keys(job.root, job.source, job.tombstones) if lost else ():
         lost.pop(key, None)
@@ -254,7 +253,7 @@ def _ended(pending: Path, reasons: tuple[str, ...], lost: Mapping[str, str]) -> 
     count = 0
     keys, of = pa.array(lost, pa.string()), pa.array(reasons, pa.string())
     for path in parquet_files(pending) if lost and reasons else ():
-        rows = pq.read_table(path)
+        rows = parquet.read_table(path)
         out = pc.and_(
             pc.is_in(rows["key"].cast(pa.string()), keys),
             pc.is_in(rows["reason"].cast(pa.string()), of),

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ipaddress
 import threading
-from urllib.parse import urlsplit
 
 from kb.core import clock
 
@@ -52,14 +50,3 @@ class Pace:
             self._next = start + self._seconds
         clock.sleep(start - clock.monotonic())
         return True
-
-
-def is_loopback(url: str) -> bool:
-    """Whether a root is on this machine: there only the limits that the service announces apply."""
-    host = urlsplit(url).hostname or ""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False

@@ -17,10 +17,11 @@ import requests
 from requests.adapters import HTTPAdapter
 
 from kb import __version__
+from kb.core.addresses import in_the_clear
 from kb.core.errors import FatalError, ItemFinal, KbError, Retryable
 from kb.core.settings import Settings
 from kb.net import redact
-from kb.net.rate import Pace, is_loopback
+from kb.net.rate import Pace
 from kb.net.retry import retry_after
 
 PRODUCT = "lorebase"  # our name in the User-Agent and in robots.txt
@@ -135,7 +136,7 @@ class Door(HTTPAdapter):
         """Raises when nothing may be sent to an address."""
         if self._hosts is not None and host_of(url) not in self._hosts:
             raise self._stray(url)
-        if urlsplit(url).scheme != "https" and not is_loopback(url):
+        if in_the_clear(url):
             raise self._stray(url)  # what we send and read is nobody else's on the way
 
     def pass_on(self, request: requests.PreparedRequest, *arguments: Any, **options: Any) -> Any:
@@ -214,7 +215,7 @@ def place(url: str) -> str:
 
 
 def _stray(url: str) -> FatalError:
-    why = "" if urlsplit(url).scheme == "https" else ", which is not https"
+    why = ", which is not https" if in_the_clear(url) else ""
     return FatalError(f"a service leads to {place(url)}{why}", hint="nothing was sent there")
 
 

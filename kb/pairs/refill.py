@@ -27,7 +27,7 @@ from kb.pairs.text import Text
 from kb.pairs.tokens import ENDS
 from kb.schema.conform import conform
 from kb.schema.tables import table
-from kb.store import tombstones
+from kb.store import parquet, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
@@ -113,9 +113,7 @@ def _read(index: Path) -> pa.Table:
             raise SettingError(
                 f"--from-index: {index} is no index of pairs, it has no column {lacking[0]!r}"
             )
-        rows = pa.concat_tables(
-            pq.read_table(file, columns=names, partitioning=None) for file in files
-        )
+        rows = pa.concat_tables(parquet.read_table(file, columns=names) for file in files)
     except (pa.ArrowInvalid, OSError) as error:
         raise DamagedData(
             f"the index {index} can't be read: {str(error).splitlines()[0]}"

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 
 from kb.core.errors import FatalError
 from kb.pairs.text import Text
-from kb.store import rawlog
+from kb.store import parquet, rawlog
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import reading
 
@@ -51,7 +51,7 @@ def rows(path: Path) -> int:
 def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text]:
     """Transcripts `first` up to `after` of a file, in batches, with the lengths of their videos."""
     lengths = _Lengths(path)
-    with reading([path]), pq.ParquetFile(path, pre_buffer=False, buffer_size=1 << 20) as file:
+    with reading([path]), parquet.open_file(path, pre_buffer=False, buffer_size=1 << 20) as file:
         after = file.metadata.num_rows if after is None else after
         at, groups = 0, []
         begin = 0
@@ -119,10 +119,7 @@ class _Lengths:
 def _read(files: list[Path]) -> pa.Table:
 
     with reading(files):
-        tables = [
-            pq.read_table(file, columns=["video_id", "duration_s"], partitioning=None)
-            for file in files
-        ]
+        tables = [parquet.read_table(file, columns=["video_id", "duration_s"]) for file in files]
     return (
         pa.concat_tables(tables)
         if tables

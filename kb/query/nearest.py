@@ -12,7 +12,8 @@ from pathlib import Path
 import duckdb
 
 from kb.core.errors import UsageError
-from kb.query.views import SCHEMAS, SOURCES, found, names
+from kb.core.sources import PUBLISHED
+from kb.query.views import SCHEMAS, found, names
 from kb.schema.tables import tables
 
 _TABLE = re.compile(r'Table with name "?([^"!]+?)"? does not exist')
@@ -90,7 +91,7 @@ def _how(short: str, schema: str) -> str:
     if schema == "restored":
         return "`kb reddit reconstruct` makes it"
     source = short.partition("_")[0]
-    known = {names(declared) for declared in tables().values() if declared.source in SOURCES}
+    known = {names(declared) for declared in tables().values() if declared.source in PUBLISHED}
     if short not in known:
         return ""
     if source == "pairs":

@@ -16,12 +16,13 @@ import duckdb
 import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
+from kb.core.sources import PUBLISHED
 from kb.schema.tables import Table, table, tables
 from kb.store import database
+from kb.store.advice import advice
 from kb.store.layout import Layout, parquet_files
-from kb.store.reading import advice, escaped, reading, scan
+from kb.store.reading import escaped, reading, scan
 
-SOURCES = ("youtube", "wiki", "reddit", "pairs")
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
 _VERDICTS = ("rejected", "failed", "pending")
 _SHARD = re.compile(r"([a-z][a-z0-9_]*?)(?:-[0-9]+(?:-of-[0-9]+)?)?\.parquet")
@@ -59,9 +60,9 @@ def names(declared: Table) -> str:
 def found(root: Path) -> Iterator[View]:
     """Every view that the data root has files for, in a fixed order."""
     for declared in tables().values():
-        if declared.source in SOURCES:
+        if declared.source in PUBLISHED:
             yield from _declared(root, declared)
-    for source in SOURCES:
+    for source in PUBLISHED:
         yield from _kept_aside(root, source)
     yield from _restored(root)
     yield from _links(root)

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import IO
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from kb.core.errors import UsageError
 from kb.query.box import as_box
 from kb.query.text import as_csv, as_json, as_ndjson, as_table
+from kb.store import parquet
 from kb.store.atomic import writing
 
 SUFFIXES = {
@@ -66,8 +66,11 @@ def write(answer: pa.RecordBatchReader, format: str, out: Path | None) -> None:
     """
     if out is None:
         _to_stdout(answer, format)
+    elif format == "parquet" and not _special(out):
+        with _opened(out) as path:
+            _parquet(answer, path)
     elif format == "parquet":
-        with _opened(out) as path, path.open("wb") as binary:
+        with out.open("wb") as binary:
             _parquet(answer, binary)
     else:
         with _opened(out) as path, path.open("w", encoding="utf-8") as file:
@@ -89,9 +92,9 @@ def _to_stdout(answer: pa.RecordBatchReader, format: str) -> None:
     sys.stdout.flush()
 
 
-def _parquet(answer: pa.RecordBatchReader, file: IO[bytes]) -> None:
+def _parquet(answer: pa.RecordBatchReader, file: Path | IO[bytes]) -> None:
     try:
-        with pq.ParquetWriter(file, answer.schema, compression="zstd") as writer:
+        with parquet.writing(file, answer.schema) as writer:
             for batch in answer:
                 writer.write_batch(batch)
     except pa.ArrowNotImplementedError as error:

@@ -12,7 +12,8 @@ tables in `rows`, HTML in `html`; pages in `page` and `picture`, the rest by its
 """
 
 from kb.reader.data import Data, load
-from kb.reader.page import Box, Boxes, Page
+from kb.reader.page import Boxes, Page
+from kb.reader.picture import Box
 from kb.reader.rows import Answer, Rows, Table
 from kb.reader.tables import Tables
 from kb.reader.thread import Comment, Thread

@@ -3,33 +3,31 @@
 from __future__ import annotations
 
 import difflib
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from kb.core.errors import UsageError
 from kb.query.views import View
+from kb.reader.opened import Opened
 from kb.reader.rows import Answer, Table
-
-if TYPE_CHECKING:
-    from kb.reader.data import Data
 
 _OF_VIDEO = ("title", "view_count", "like_count", "published_at")
 
 
-def find(data: Data, keyword: str) -> Answer:
+def find(opened: Opened, keyword: str) -> Answer:
     """The clips of a keyword, in any case of its letters, in order of video and start.
 
     Columns: pair_id, keyword, keyword_kind, video_id, title and figures of the video, the clip's
     start and end (s), `url` that starts there, `text` (null where it was not restored),
     token_count, transcript_kind. Raises UsageError where there are no pairs or no such keyword.
     """
-    ranked = [one.view for one in data.ranked("pairs")]
+    ranked = [one.view for one in opened.ranked("pairs")]
     if not ranked:
         raise UsageError("no pairs here", hint="load the folder of the release that holds them")
     pairs = ranked[0]
-    clips = Answer(data.rows(_sql(data, pairs, ranked), [keyword]))
+    clips = Answer(opened.rows(_sql(opened, pairs, ranked), [keyword]))
     if len(clips):
         return clips
-    listed = data.rows(f"SELECT DISTINCT keyword FROM {pairs.full}")["keyword"].to_pylist()
+    listed = opened.rows(f"SELECT DISTINCT keyword FROM {pairs.full}")["keyword"].to_pylist()
     known = cast("list[str]", listed)
     by_lower = {one.lower(): one for one in known}
     if keyword.lower() in by_lower:  # all of its clips were removed since
@@ -41,7 +39,7 @@ def find(data: Data, keyword: str) -> Answer:
     )
 
 
-def _sql(data: Data, pairs: View, ranked: list[View]) -> str:
+def _sql(opened: Opened, pairs: View, ranked: list[View]) -> str:
     joins, text = [], "NULL::VARCHAR"
     holding = [view for view in ranked if "text" in Table(view).schema.names]
     if pairs in holding:
@@ -49,14 +47,14 @@ def _sql(data: Data, pairs: View, ranked: list[View]) -> str:
     elif holding:
         joins.append(f"LEFT JOIN {holding[0].full} AS t USING (pair_id)")
         text = "t.text"
-    videos = data.ranked("youtube_videos")
+    videos = opened.ranked("youtube_videos")
     of_video = ", ".join(f"v.{name}" if videos else f"NULL AS {name}" for name in _OF_VIDEO)
     if videos:
         joins.append(f"LEFT JOIN {videos[0].view.full} AS v ON v.video_id = p.video_id")
     gone = [
         f"SELECT key FROM {one.view.full} WHERE source = '{source}'"
         for source in ("youtube", "pairs")
-        for one in data.ranked(f"{source}_tombstones")
+        for one in opened.ranked(f"{source}_tombstones")
     ]
     left = f"AND p.video_id NOT IN ({' UNION ALL '.join(gone)})" if gone else ""
     return f"""

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, NoReturn
-
-import duckdb
-import pyarrow as pa
+from typing import NoReturn
 
 from kb import query
 from kb.core.errors import UsageError
-from kb.query.views import SCHEMAS
 from kb.reader import clips, html, page, thread
 from kb.reader.hints import hinted
+from kb.reader.opened import Opened
 from kb.reader.places import Placed, look
 from kb.reader.rows import Answer, Table
 from kb.reader.tables import Tables
-from kb.store.reading import reading
 
 Place = str | os.PathLike[str]
 
@@ -45,10 +41,8 @@ class Data:
     """Tables, wiki pages, Reddit threads and clips; made by `kb.load`."""
 
     def __init__(self, placed: dict[str, Placed]) -> None:
-        self._placed = placed
-        self._views = [one.view for one in placed.values()]
-        self._con: duckdb.DuckDBPyConnection | None = None
-        self.tables = Tables(self._views)
+        self._opened = Opened(placed)
+        self.tables = Tables(self._opened.views)
 
     @hinted
     def __getitem__(self, name: str) -> Table:
@@ -70,7 +64,8 @@ class Data:
         Raises UsageError in one line for what is wrong with it, DamagedData for a broken file.
         """
         try:
-            return Answer(query.select(self._open(), query_, views=self._views).read_all())
+            found = query.select(self._opened.con, query_, views=self._opened.views)
+            return Answer(found.read_all())
         except UsageError as error:
             if "kb query --tables" in error.hint:
                 error.hint = "data.tables lists the tables"
@@ -83,7 +78,7 @@ class Data:
         data.page("Creeper").screenshot()
         data.page("Creeper").boxes("table").draw()
         """
-        return page.find(self, id_or_title)
+        return page.find(self._opened, id_or_title)
 
     @hinted
     def thread(self, post_id: str, /) -> thread.Thread:
@@ -93,7 +88,7 @@ class Data:
 
         Raises UsageError for an id that is not here.
         """
-        return thread.find(self, post_id)
+        return thread.find(self._opened, post_id)
 
     @hinted
     def clips(self, keyword: str, /) -> Answer:
@@ -103,7 +98,7 @@ class Data:
 
         `text` is null in a release alone. Raises UsageError with the nearest keywords.
         """
-        return clips.find(self, keyword)
+        return clips.find(self._opened, keyword)
 
     @hinted
     def search(self, words: str, /) -> NoReturn:
@@ -116,32 +111,12 @@ class Data:
             hint='make one with "kb index"; until then data.sql("… ILIKE …") finds words',
         )
 
-    def ranked(self, short: str) -> list[Placed]:
-        """The tables of one name, the fullest first: clean, release, restored."""
-        full = [f"{schema}.{short}" for schema in SCHEMAS]
-        return [self._placed[name] for name in full if name in self._placed]
-
-    def rows(self, sql: str, parameters: Sequence[Any] = ()) -> pa.Table:
-        """The rows of a query of our own, with values for its question marks."""
-        files = [path for view in self._views if view.name in sql for path in view.files]
-        with reading(files):
-            table: pa.Table = self._open().sql(sql, params=list(parameters)).to_arrow_table()
-            return table
-
-    def _open(self) -> duckdb.DuckDBPyConnection:
-        if self._con is None:
-            self._con = query.connect(None, self._views)
-        return self._con
-
-    def _folders(self) -> list[str]:
-        return sorted({str(one.home) for one in self._placed.values()})
-
     def _repr_html_(self) -> str:
         said = "data[name], data.sql(…), data.page(…), data.thread(…), data.clips(…)"
-        caption = f"<b>Lorebase</b> {html.text(', '.join(self._folders()), 400)}"
+        caption = f"<b>Lorebase</b> {html.text(', '.join(self._opened.folders()), 400)}"
         return html.block(
             self.tables._repr_html_() + f"<small>{html.text(said)}</small>", caption=caption
         )
 
     def __repr__(self) -> str:
-        return f"<kb data in {', '.join(self._folders())}: {', '.join(self.tables)}>"
+        return f"<kb data in {', '.join(self._opened.folders())}: {', '.join(self.tables)}>"

@@ -6,34 +6,20 @@ import base64
 import difflib
 import io
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from kb.core.errors import KbError, UsageError
 from kb.reader import html, picture
 from kb.reader.hints import hinted
+from kb.reader.opened import Opened
+from kb.reader.picture import Box
+from kb.reader.places import Placed
 from kb.reader.rows import Answer
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-    from kb.reader.data import Data
-    from kb.reader.places import Placed
-
 _THUMBNAIL = (480, 640)  # px of a picture in a notebook, at most; what is below is cut off
-
-
-class Box(NamedTuple):
-    """An element's box in CSS pixels of the screenshot's page."""
-
-    element_id: int
-    kind: str
-    tag: str
-    region: str
-    text: str | None
-    x: float
-    y: float
-    width: float
-    height: float
 
 
 class Page:
@@ -46,8 +32,8 @@ class Page:
     page.elements, page.cells, page.images      # the page's rows, as answers
     """
 
-    def __init__(self, data: Data, placed: Placed, row: dict[str, Any]) -> None:
-        self._data, self._placed, self.row = data, placed, row
+    def __init__(self, opened: Opened, placed: Placed, row: dict[str, Any]) -> None:
+        self._opened, self._placed, self.row = opened, placed, row
 
     @property
     def page_id(self) -> int:
@@ -111,10 +97,10 @@ class Page:
 
     def _rows(self, short: str, order: str) -> Answer:
         name = f"{self._placed.view.schema}.wiki_{short}"
-        if name not in self._data:
+        if name not in self._opened:
             raise UsageError(f"no table {name} here", hint="data.tables lists what is")
         sql = f"FROM {name} WHERE page_id = ? ORDER BY {order}"
-        return Answer(self._data.rows(sql, [self.page_id]))
+        return Answer(self._opened.rows(sql, [self.page_id]))
 
     def _repr_html_(self) -> str:
         size = f"{self.row['page_width']:,} × {self.row['page_height']:,} px"
@@ -151,9 +137,9 @@ class Boxes(list[Box]):
         return html.block(f"<div>{_thumbnail(self._page, self)}</div>", caption=said)
 
 
-def find(data: Data, wanted: int | str) -> Page:
+def find(opened: Opened, wanted: int | str) -> Page:
     """A page by its id, its title, or its title in another case. Raises UsageError."""
-    ranked = data.ranked("wiki_pages")
+    ranked = opened.ranked("wiki_pages")
     if not ranked:
         raise UsageError("no wiki pages here", hint="load a wiki release, or a data root with one")
     for placed in ranked:
@@ -161,9 +147,9 @@ def find(data: Data, wanted: int | str) -> Page:
         tries = [("page_id = ?", wanted)] if isinstance(wanted, int) else _by_title(wanted)
         for condition, value in tries:
             sql = f"FROM {name} WHERE {condition} ORDER BY page_id LIMIT 1"
-            if rows := data.rows(sql, [value]).to_pylist():
-                return Page(data, placed, rows[0])
-    listed = data.rows(f"SELECT title FROM {ranked[0].view.full}")["title"].to_pylist()
+            if rows := opened.rows(sql, [value]).to_pylist():
+                return Page(opened, placed, rows[0])
+    listed = opened.rows(f"SELECT title FROM {ranked[0].view.full}")["title"].to_pylist()
     titles = cast("list[str]", listed)
     near = difflib.get_close_matches(str(wanted), titles, 3)
     raise UsageError(

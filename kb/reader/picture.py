@@ -10,7 +10,7 @@ import tarfile
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kb.core.errors import DamagedData
 from kb.reader.rows import needs
@@ -18,8 +18,6 @@ from kb.store.inside import inside
 
 if TYPE_CHECKING:
     from PIL.Image import Image
-
-    from kb.reader.page import Box
 
 INDEX = "index.ndjson"
 COLOURS = {
@@ -33,6 +31,20 @@ COLOURS = {
 _LINE = 2  # CSS px
 _PNG = b"\x89PNG\r\n\x1a\n"
 _AGAIN = "download it again, into the same folder"
+
+
+class Box(NamedTuple):
+    """An element's box in CSS pixels of the screenshot's page."""
+
+    element_id: int
+    kind: str
+    tag: str
+    region: str
+    text: str | None
+    x: float
+    y: float
+    width: float
+    height: float
 
 
 def screenshot(home: Path, row: dict[str, Any]) -> Image:

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     import pandas
     import polars
 
+_PARQUET = ds.ParquetFileFormat(
+    default_fragment_scan_options=ds.ParquetFragmentScanOptions(page_checksum_verification=True)
+)
 _SHOWN = 5  # rows in a notebook
 
 
@@ -116,7 +119,7 @@ class Table(Rows):
         """The shards as a pyarrow Dataset. Raises DamagedData."""
         if self._dataset is None:
             with reading(self.view.files):
-                self._dataset = ds.dataset(list(map(str, self.view.files)), format="parquet")
+                self._dataset = ds.dataset(list(map(str, self.view.files)), format=_PARQUET)
         return self._dataset
 
     @property

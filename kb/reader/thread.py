@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kb.core import terminal
 from kb.core.errors import UsageError
 from kb.reader import html
-
-if TYPE_CHECKING:
-    from kb.reader.data import Data
+from kb.reader.opened import Opened
 
 _TEXT = 400  # characters of a body in a notebook
 _SHOWN = 100  # comments in a notebook
@@ -127,27 +125,28 @@ class Thread:
         return html.block("".join(parts))
 
 
-def find(data: Data, post_id: str) -> Thread:
+def find(opened: Opened, post_id: str) -> Thread:
     """The thread of a post, by its bare id or full name. Raises UsageError where it is not here."""
     key = post_id.removeprefix("t3_")
-    gone = _gone(data)
-    for spine in data.ranked("reddit_posts"):
-        rows = data.rows(f"FROM {spine.view.full} WHERE post_id = ?", [key]).to_pylist()
+    # What a later release removed stays out of an older copy.
+    gone = _reasons(opened, "reddit_tombstones")
+    for spine in opened.ranked("reddit_posts"):
+        rows = opened.rows(f"FROM {spine.view.full} WHERE post_id = ?", [key]).to_pylist()
         if not rows:
             continue
         if f"t3_{key}" in gone:
             raise UsageError(f"the post {key} was removed: {gone[f't3_{key}']}")
-        missing = _missing(data)
-        post = _filled(data, rows, "reddit_posts", "post_id", _POST, key)[0]
+        missing = _reasons(opened, "reddit_missing")
+        post = _filled(opened, rows, "reddit_posts", "post_id", _POST, key)[0]
         held = f"{spine.view.schema}.reddit_comments"
         comments = [
             row
-            for row in (_comments(data, held, key) if held in data else [])
+            for row in (_comments(opened, held, key) if held in opened else [])
             if f"t1_{row['comment_id']}" not in gone
         ]
-        filled = _filled(data, comments, "reddit_comments", "comment_id", _COMMENT, key)
+        filled = _filled(opened, comments, "reddit_comments", "comment_id", _COMMENT, key)
         return _nested(post, filled, missing)
-    if not data.ranked("reddit_posts"):
+    if not opened.ranked("reddit_posts"):
         raise UsageError("no posts here", hint="load a Reddit release, or a data root with one")
     raise UsageError(
         f"no post {key!r} here",
@@ -155,13 +154,13 @@ def find(data: Data, post_id: str) -> Thread:
     )
 
 
-def _comments(data: Data, view: str, key: str) -> list[dict[str, Any]]:
+def _comments(opened: Opened, view: str, key: str) -> list[dict[str, Any]]:
     sql = f"FROM {view} WHERE post_id = ? ORDER BY created_utc, comment_id"
-    return data.rows(sql, [key]).to_pylist()
+    return opened.rows(sql, [key]).to_pylist()
 
 
 def _filled(
-    data: Data,
+    opened: Opened,
     rows: list[dict[str, Any]],
     short: str,
     key: str,
@@ -169,28 +168,19 @@ def _filled(
     post_id: str,
 ) -> list[dict[str, Any]]:
     """Rows with their texts, out of the restored table where their own has none."""
-    if not rows or names[-1] in rows[0] or f"restored.{short}" not in data:
+    if not rows or names[-1] in rows[0] or f"restored.{short}" not in opened:
         return rows
     chosen = ", ".join([key, *names])
-    found = data.rows(f"SELECT {chosen} FROM restored.{short} WHERE post_id = ?", [post_id])
+    found = opened.rows(f"SELECT {chosen} FROM restored.{short} WHERE post_id = ?", [post_id])
     texts = {row[key]: row for row in found.to_pylist()}
     return [row | texts.get(row[key], {}) for row in rows]
 
 
-def _gone(data: Data) -> dict[str, str]:
-    """Removed keys with the reason: what a later release removed stays out of an older copy."""
+def _reasons(opened: Opened, short: str) -> dict[str, str]:
+    """Keys with their reasons, of every table of this name that is here."""
     found: dict[str, str] = {}
-    for one in data.ranked("reddit_tombstones"):
-        for row in data.rows(f"SELECT key, reason FROM {one.view.full}").to_pylist():
-            found[row["key"]] = row["reason"]
-    return found
-
-
-def _missing(data: Data) -> dict[str, str]:
-    """Why texts could not be restored, by full name."""
-    found: dict[str, str] = {}
-    for one in data.ranked("reddit_missing"):
-        for row in data.rows(f"SELECT key, reason FROM {one.view.full}").to_pylist():
+    for one in opened.ranked(short):
+        for row in opened.rows(f"SELECT key, reason FROM {one.view.full}").to_pylist():
             found[row["key"]] = row["reason"]
     return found
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from kb.reddit.tree import is_deeper
+
 # Lists and objects within each other: Python reads a thousand, its own calls included; a page of
 # Reddit's has 60.
 DEEPEST = 955
@@ -28,7 +30,7 @@ def problem(path: str, answer: Any) -> str:
             return f"error {first[0] if isinstance(first, list) and first else first}"
         if "error" in answer and "data" not in answer:
             return f"error {answer['error']}"
-    if _too_deep(answer):
+    if is_deeper(answer, DEEPEST):
         return "an answer nested too deep to be read"
     return (
         ""
@@ -86,17 +88,3 @@ def _inner(value: Any, *names: str) -> Any:
     for name in names:
         value = value.get(name) if isinstance(value, dict) else None
     return value
-
-
-def _too_deep(answer: Any) -> bool:
-    level = [answer]
-    for _ in range(DEEPEST):
-        level = [
-            inner
-            for value in level
-            for inner in (value.values() if isinstance(value, dict) else value)
-            if isinstance(inner, (dict, list))
-        ]
-        if not level:
-            return False
-    return True

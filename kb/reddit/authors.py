@@ -1,7 +1,8 @@
 """Names of people leave an answer before it is written: only keyed hashes stay.
 
 The key is made once in `state/reddit.key` (mode 0600) and never released, so that the hashes of a
-release can't be tried out against lists of names.
+release can't be tried out against lists of names. Beside it stands by what it is known again: with
+another key the same person would be two people in old and new rows.
 """
 
 from __future__ import annotations
@@ -10,12 +11,15 @@ import hashlib
 import hmac
 import re
 import secrets
+import shlex
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from kb.core.errors import DamagedData
+from kb.store import rawlog
 from kb.store.atomic import write_bytes
+from kb.store.layout import Layout
 
 # Besides everything that starts with "author": who wrote, moderated, reported, and what moderators
 # note of them.
@@ -54,18 +58,36 @@ _PERSON = re.compile(r"(?i)((?:https?://(?:[\w-]+\.)*reddit\.com)?/(?:user/|u/|r
 
 
 def load_key(root: Path) -> bytes:
-    """The data root's key; made when there is none. Raises DamagedData when it is cut off."""
-    path = root / "state" / "reddit.key"
+    """The data root's key; made when there are no names hashed with one yet.
+
+    Raises DamagedData when it is lost, cut off, or another one than the data were hashed with.
+    """
+    path, beside = Layout(root).key("reddit")
+    noted = beside.read_text(encoding="utf-8", errors="replace").strip() if beside.exists() else ""
     if not path.exists():
+        if noted or rawlog.any_answer(root, "reddit"):
+            raise _not_the_key(path, beside, "is lost")
         write_bytes(path, secrets.token_hex(32).encode(), mode=0o600)
     path.chmod(0o600)
     key = path.read_bytes().strip()
     if len(key) != 64:
-        raise DamagedData(
-            f"{path} is damaged",
-            hint="put the key of this data root back: hashes of other keys don't match",
-        )
+        raise _not_the_key(path, beside, "is damaged")
+    known = hashlib.sha256(key).hexdigest()
+    if not noted:  # a data root of before it was noted is bound to the key that it has
+        write_bytes(beside, f"{known}\n".encode())
+    elif noted != known:
+        raise _not_the_key(path, beside, "is another key than this data root's")
     return key
+
+
+def _not_the_key(path: Path, beside: Path, what: str) -> DamagedData:
+    anew = f"rm -f {shlex.quote(str(beside))} && openssl rand -hex 32 > {shlex.quote(str(path))}"
+    return DamagedData(
+        f"{path} {what}: the authors of what is here were hashed with it, and what is read with"
+        " another key never meets them",
+        hint=f"put the key back from a copy, or take another --data folder; `{anew}` gives up that"
+        " old and new rows of an author meet",
+    )
 
 
 class Scrubber:

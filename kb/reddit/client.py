@@ -18,9 +18,10 @@ from prawcore.requestor import Requestor
 from prawcore.sessions import FiniteRetryStrategy
 
 from kb.core import clock
+from kb.core.addresses import is_loopback
 from kb.core.errors import Blocked, Retryable
 from kb.core.settings import Settings
-from kb.net.rate import Pace, is_loopback
+from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt
 from kb.net.session import Ledger, Session, host_of
 from kb.reddit.answers import problem

@@ -7,37 +7,29 @@ address.
 from __future__ import annotations
 
 from collections.abc import Collection
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
+from kb.schema import raw
+from kb.store import parquet
 from kb.store.shards import ShardWriter
 
-# Copied by Reddit from the parent. Addresses hold the title of a text post, and the id of a
-# gallery.
-COPIED = frozenset(
-    (
-        "url",
-        "url_overridden_by_dest",
-        "domain",
-        "thumbnail",
-        "preview",
-        "post_hint",
-        "is_video",
-        "media",
-        "secure_media",
-        "media_embed",
-        "secure_media_embed",
-        "media_metadata",
-        "is_gallery",
-        "gallery_data",
-        "poll_data",
-    )
-)
 _ADDRESS = r"/(?:comments|gallery)/(?P<key>[0-9a-z]+)"
+
+
+@cache
+def _copied() -> frozenset[str]:
+    """The fields that Reddit copies from the parent.
+
+    Addresses hold the title of a text post, and the id of a gallery.
+    """
+    post = raw.at("reddit/dumps", "data.children[].data") or {}
+    fields = post.get("properties", {})
+    return frozenset(name for name, said in fields.items() if "x-copied-from" in said)
 
 
 def repeats(post: dict[str, Any], keys: Collection[str]) -> bool:
@@ -54,9 +46,10 @@ def without_parent(post: dict[str, Any], keys: Collection[str]) -> dict[str, Any
     is gone already.
     """
     listed = post.get("crosspost_parent_list")
-    if not listed and not COPIED & post.keys():
+    copied = _copied()
+    if not listed and not copied & post.keys():
         return post
-    left = {name: value for name, value in post.items() if name not in COPIED}
+    left = {name: value for name, value in post.items() if name not in copied}
     if isinstance(listed, list):
         left["crosspost_parent_list"] = [
             one for one in listed if not (isinstance(one, dict) and f"t3_{one.get('id')}" in keys)
@@ -88,7 +81,7 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
 
     changed = 0
     for path in sorted(folder.glob("*.parquet")):
-        with pq.ParquetFile(path) as file:
+        with parquet.open_file(path) as file:
             hits = sum(
                 hit(batch).true_count
                 for batch in file.iter_batches(

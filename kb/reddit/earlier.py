@@ -22,7 +22,9 @@ import pyarrow.parquet as pq
 
 from kb.reddit.tree import depths
 from kb.schema import table
+from kb.store import parquet
 from kb.store.atomic import settle_folder, write_bytes
+from kb.store.layout import parquet_files
 from kb.store.newest import newest
 from kb.store.reading import reading
 from kb.store.shuffle import Shuffle
@@ -97,7 +99,7 @@ def wrote(work: Path, done: Done) -> None:
 
 def size(out: Path) -> int:
     """Rows of the tables in `out`. Raises DamagedData."""
-    paths = [path for name in NAMES for path in _parts(out / name)]
+    paths = [path for name in NAMES for path in parquet_files(out / name)]
     with reading(paths):
         return sum(pq.read_metadata(path).num_rows for path in paths)
 
@@ -108,7 +110,7 @@ def missing(out: Path) -> dict[str, Lost]:
     if not path.exists():
         return {}
     with reading([path]):
-        rows = pq.read_table(path)
+        rows = parquet.read_table(path)
     keys, reasons = (cast("list[str]", rows[name].to_pylist()) for name in ("key", "reason"))
     times: list[Any] = [None] * len(keys)
     if "said_at" in rows.column_names:  # tables of an earlier version have no times
@@ -122,10 +124,10 @@ def spread(out: Path, folder: Path, buckets: int) -> None:
     """
     for name in NAMES:
         schema = table(f"reddit/{name}").arrow()
-        parts = _parts(out / name)
+        parts = parquet_files(out / name)
         with Shuffle(folder, f"old-{name}", buckets) as shuffle, reading(parts):
             for path in parts:
-                for batch in pq.ParquetFile(path).iter_batches(_ROWS):
+                for batch in parquet.open_file(path).iter_batches(_ROWS):
                     rows = _declared(pa.Table.from_batches([batch]), schema)
                     shuffle.write(rows, rows["post_id"])
 
@@ -220,13 +222,9 @@ def _are_whole(out: Path, counts: Mapping[str, int]) -> bool:
     """Whether the tables below `out` are all there, with so many rows."""
     try:
         for name in NAMES:
-            parts = _parts(out / name)
+            parts = parquet_files(out / name)
             if not parts or sum(pq.read_metadata(path).num_rows for path in parts) != counts[name]:
                 return False
         return pq.read_metadata(out / MISSING).num_rows == counts[MISSING]
     except (OSError, ValueError, KeyError):
         return False
-
-
-def _parts(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.glob("*.parquet") if not path.name.startswith("."))

@@ -232,7 +232,7 @@ def import_file(job: Job) -> Place:
     """
     root, file, name = Path(job.root), Path(job.file), _name(job)
     place = places.load(root, name, job.file, job.round)
-    places.complete(rawlog.folder(root, "reddit", KIND), place, name)
+    places.complete(rawlog.folder(root, "reddit", KIND), place)
     place.fresh = 0
     if place.done:
         return place

@@ -24,6 +24,7 @@ from kb.core.profile.reddit import Links
 from kb.reddit import parse
 from kb.store import buckets, rawlog
 from kb.store.atomic import full_disk_is_resumable
+from kb.store.layout import Layout
 from kb.store.newest import newest
 
 _READ = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "dump")
@@ -55,7 +56,7 @@ def known(run: Run, folder: Path | None = None) -> Iterator[Known]:
 
     Stubs and things without an id are left out. Raises DamagedData, DiskFull and Interrupted.
     """
-    folder = folder or run.root / "state" / ".reddit.known"
+    folder = folder or Layout(run.root).known("reddit")
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
     try:
         with (

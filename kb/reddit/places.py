@@ -20,6 +20,7 @@ import msgspec
 from kb.core import signals
 from kb.store import rawlog
 from kb.store.atomic import sync_folder, write_bytes
+from kb.store.layout import Layout
 from kb.store.rawlog import SUFFIX
 
 KIND = "dumps"
@@ -43,7 +44,6 @@ class Place(msgspec.Struct):
     fresh: int = 0  # things of this run
     first_bad: int | None = None  # offset of the first damaged line
     round: str = ""  # of --again
-    form: int = 1  # 2: parts are renamed before they are noted
 
 
 def name_of(file: Path, since: float, until: float) -> str:
@@ -105,7 +105,7 @@ def settle(root: Path) -> None:
         return
     for note in sorted(_folder(root).glob("*.json")):
         if note.stem != _ROUND:
-            complete(base, load(root, note.stem), note.stem)
+            complete(base, load(root, note.stem))
     for part in base.glob(f".*{PART}"):
         part.unlink()
     sync_folder(base)
@@ -113,9 +113,9 @@ def settle(root: Path) -> None:
         lease.unlink()  # workers of another machine that outlived their command end
 
 
-def complete(base: Path, place: Place, name: str) -> None:
+def complete(base: Path, place: Place) -> None:
     """Finish the rename that a note promises."""
-    part = written(base, place.segment) if place.form == 2 else begun(base, name)
+    part = written(base, place.segment)
     if place.segment and part.exists() and not (base / place.segment).exists():
         os.rename(part, base / place.segment)
         sync_folder(base)
@@ -172,4 +172,4 @@ def lease(root: Path) -> Iterator[Path]:
 
 
 def _folder(root: Path) -> Path:
-    return root / "state" / "reddit-import"
+    return Layout(root).importing("reddit")

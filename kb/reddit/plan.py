@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
+from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
-from kb.net.rate import is_loopback
 from kb.reddit.client import IDS, ROOT
 from kb.reddit.importing import check_readable
 from kb.reddit.known import known
@@ -19,6 +19,7 @@ from kb.reddit.reduce import PAGES
 from kb.reddit.refresh import due_parts, oldest_due
 from kb.reddit.wanted import Ids, asked_for
 from kb.store import rawlog, reading, tombstones
+from kb.store.layout import Layout
 from kb.store.lock import writer
 
 LISTED = 100  # posts a page of a listing
@@ -33,7 +34,7 @@ DUMP_BYTES_AN_HOUR = 20e6 * 3600  # compressed, of one core
 def plan_crawl(run: Run) -> Summary:
     """Listings, posts and requests that are left, by what this data root shows or by assumption."""
     kinds: dict[str, dict[str, int]] = {}
-    path = run.root / "state" / "reddit.sqlite"
+    path = Layout(run.root).state("reddit")
     if path.is_file():
         with reading.state(path) as frontier:
             kinds = frontier.kinds()
@@ -81,7 +82,7 @@ def plan_rebuild(run: Run, ids: Ids, dumps: Sequence[Path] = ()) -> Summary:
     """What a reconstruction of these ids would ask for, or read. Raises SettingError."""
     if dumps:
         check_readable(dumps)
-    wanted, _ = asked_for(ids, run.root / "release" / "reddit")
+    wanted, _ = asked_for(ids, Layout(run.root).release("reddit"))
     if dumps:
         size = sum(file.stat().st_size for file in dumps)
         items = len(wanted.names) + len(wanted.trees)

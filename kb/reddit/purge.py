@@ -17,7 +17,6 @@ from typing import cast
 import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.core.context import Run
 from kb.core.verdict import Summary
@@ -25,36 +24,33 @@ from kb.crawl.session import open_session
 from kb.reddit import threads, tree
 from kb.reddit.crossposts import drop_parents, repeats
 from kb.reddit.known import known
-from kb.reddit.reconstruction import OUT
 from kb.reddit.source import INFO, Reddit
 from kb.reddit.strip import strip
 from kb.reddit.wanted import read_wanted
 from kb.schema import table
-from kb.store import mending, purge, purge_plan, tombstones
+from kb.store import mending, parquet, purge, purge_plan, tombstones
 from kb.store.frontier import Frontier
-from kb.store.purge import Place
+from kb.store.layout import BELOW, Layout
+from kb.store.purge import Place, verdicts_of
 from kb.store.rawlog import Envelope
 from kb.store.shards import check_columns, write_table
 
-RESTORED = "restored/reddit"
-BASES = ("clean/reddit", str(OUT), RESTORED)
+RESTORED = BELOW.restored("reddit")
+REBUILT = (BELOW.reconstructed, RESTORED)
+BASES = (BELOW.clean("reddit"), *REBUILT)
 ROWS = (
     *(
         place
         for base in BASES
         for place in (
-            Place(f"{base}/posts", "reddit/posts", "post_id", "t3_"),
-            Place(f"{base}/comments", "reddit/comments", "comment_id", "t1_"),
-            Place(f"{base}/comments", "reddit/comments", "post_id", "t3_"),
+            Place(str(base / "posts"), "reddit/posts", "post_id", "t3_"),
+            Place(str(base / "comments"), "reddit/comments", "comment_id", "t1_"),
+            Place(str(base / "comments"), "reddit/comments", "post_id", "t3_"),
         )
     ),
-    Place(str(OUT), "reddit/missing", "key"),
-    Place(RESTORED, "reddit/missing", "key"),
-    Place("restored", "shared/missing", "key"),
-    *(
-        Place(f"clean/reddit/{verdict}", f"shared/{verdict}", "key")
-        for verdict in ("rejected", "failed", "pending")
-    ),
+    *(Place(str(base), "reddit/missing", "key") for base in REBUILT),
+    Place(str(BELOW.restored()), "shared/missing", "key"),
+    *verdicts_of("reddit"),
 )
 
 
@@ -126,8 +122,8 @@ def _take_out(run: Run, frontier: Frontier, keys: dict[str, str]) -> None:
         drop_parents(run.root / base / "posts", crossposts, keys)
     _forget(frontier, keys)
     # Answers of a reconstruction that was cut off; it asks again.
-    for place in (str(OUT), RESTORED):
-        for work in (run.root / place).glob(".work-*"):
+    for base in REBUILT:
+        for work in (run.root / base).glob(".work-*"):
             shutil.rmtree(work)
 
 
@@ -145,8 +141,8 @@ def mend(root: Path, keys: Collection[str]) -> None:
     """What rows say of other rows, after those of `keys` went: counts, missing parents, parts that
     failed.
     """
-    for path in sorted((root / "clean" / "reddit" / "failed").glob("*.parquet")):
-        rows = pq.read_table(path)
+    for path in sorted(Layout(root).clean("reddit", "failed").glob("*.parquet")):
+        rows = parquet.read_table(path)
         held = cast("list[str]", rows["key"].to_pylist())
         left = [key.partition("/")[0] not in keys for key in held]
         if not all(left):

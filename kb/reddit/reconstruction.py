@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
-import pyarrow.parquet as pq
 
 from kb.core import vocabulary
 from kb.core.context import Run
@@ -44,12 +43,12 @@ from kb.reddit.importing import Job, check_readable, different, import_jobs, sum
 from kb.reddit.reduce import PAYLOADS
 from kb.reddit.source import INFO, MORE, THREAD, TREE, Reddit
 from kb.reddit.wanted import Ids, Wanted, asked_for, released
-from kb.store import reading, tombstones
+from kb.store import parquet, reading, tombstones
 from kb.store.frontier import Frontier, Item
+from kb.store.layout import Layout
 from kb.store.lock import writer
 
 LOCK = ".lock"  # in the folder of the tables: one run at a time adds to them
-OUT = Path("export", "reconstructed")  # below the data root
 NOT_THERE = "not in these dumps"
 _WHY = {"404": "missing", "410": "missing", "purged": "purged"}
 
@@ -116,7 +115,7 @@ def reconstruct(
     missing come in order. Raises as `rebuild`.
     """
     run = run or _run(profile, settings)
-    place = Path(out) if out else run.root / OUT
+    place = Path(out) if out else Layout(run.root).reconstructed
     rebuild(run, ids, place, dumps=[Path(file) for file in dumps])
     return rows(place)
 
@@ -125,10 +124,10 @@ def rows(out: Path) -> Iterator[Post | Comment | Missing]:
     """The rows of a finished reconstruction."""
     for name, make in (("posts", Post), ("comments", Comment)):
         for path in sorted((out / name).glob("*.parquet")):
-            with pq.ParquetFile(path) as file:
+            with parquet.open_file(path) as file:
                 for batch in file.iter_batches(8_192, columns=list(make._fields)):
                     yield from (make(**row) for row in batch.to_pylist())
-    for row in pq.read_table(out / "missing.parquet").to_pylist():
+    for row in parquet.read_table(out / "missing.parquet").to_pylist():
         yield Missing(row["key"], row["reason"])
 
 
@@ -153,7 +152,7 @@ def rebuild(
         check_readable(dumps)
     else:
         need_key(run)
-    wanted, sources = asked_for(ids, run.root / "release" / "reddit")
+    wanted, sources = asked_for(ids, Layout(run.root).release("reddit"))
     digest = _digest(wanted, dumps, gone)
     tables.check_place(out)
     with writer(out / LOCK, "reddit"):
@@ -173,7 +172,7 @@ def rebuild(
         else:
             source = Rebuild(run, wanted, gone)
             summary = job.work(run, source, source.summary, place=work, facts=source.facts)
-            unanswered = _unanswered(work / "state" / "reddit.sqlite")
+            unanswered = _unanswered(Layout(work).state("reddit"))
             answers = answers._replace(unanswered=unanswered)
         try:
             done.answered.pop(digest, None)

@@ -30,6 +30,7 @@ from kb.reddit import tree
 from kb.reddit.known import Known, known
 from kb.reddit.reduce import Named
 from kb.reddit.source import INFO, Reddit
+from kb.store import parquet
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.frontier import ROUND, Frontier, Item, going_on
 from kb.store.merge import Merge
@@ -175,11 +176,10 @@ def due_parts(
             marks = pq.SortingColumn.from_ordering(rows.schema, by, "at_end")
             # Pages are small, as a merge has one of every part in memory; a dictionary of unique
             # names is as large as they are.
-            pq.write_table(
-                rows,
+            parquet.write(
                 parts[-1],
+                rows,
                 sorting_columns=marks,
-                compression="zstd",
                 use_dictionary=False,
                 data_page_size=PAGE,
             )

@@ -18,9 +18,10 @@ import pyarrow.compute as pc
 from ahocorasick_rs import BytesAhoCorasick
 
 from kb.reddit.dumps import Chunk
+from kb.reddit.tree import is_deeper
 
 CHECKED = 1 << 20  # decompressed bytes at the beginning of which every line is read
-DEEPEST = 200  # levels of nesting; what Reddit says has about ten
+DEEPEST = 200  # lists and objects within each other; what Reddit says has about ten
 
 
 class Found(NamedTuple):
@@ -201,20 +202,8 @@ def _read(line: bytes) -> dict[str, Any] | None:
             value = json.loads(line)
         except (ValueError, RecursionError):
             return None
-    return None if not isinstance(value, dict) or _is_deep(line, value) else value
-
-
-def _is_deep(line: bytes, value: Any) -> bool:
-    if line.count(b"[") + line.count(b"{") <= DEEPEST:
-        return False
-    level = [value]
-    for _ in range(DEEPEST):
-        inner = (
-            list(outer.values()) if isinstance(outer, dict) else outer
-            for outer in level
-            if isinstance(outer, (dict, list))
-        )
-        level = [one for several in inner for one in several]
-        if not level:
-            return False
-    return True
+    if not isinstance(value, dict):
+        return None
+    # Few brackets can't be nested deep, and counting them is quick.
+    brackets = line.count(b"[") + line.count(b"{")
+    return None if brackets > DEEPEST and is_deeper(value, DEEPEST) else value

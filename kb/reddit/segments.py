@@ -62,10 +62,8 @@ class Segments:
             os.fsync(self._file.fileno())
             self._file.close()
             self.place.segments += 1
-            self.place.segment, self.place.form = (
-                places.segment_name(self.place.segments, self._digest.hexdigest()),
-                2,
-            )
+            digest = self._digest.hexdigest()
+            self.place.segment = places.segment_name(self.place.segments, digest)
             os.rename(
                 places.begun(self._base, self._name), places.written(self._base, self.place.segment)
             )

@@ -8,6 +8,7 @@ from pathlib import Path
 from kb.reddit.reduce import OUTSIDE, PAYLOADS
 from kb.store import reading
 from kb.store.frontier import Frontier
+from kb.store.layout import Layout
 
 COMMENTS, REPLIES = "comments", "replies"  # parts that failed, behind the name of what they are of
 
@@ -40,7 +41,7 @@ def unread_parts(frontier: Frontier) -> dict[str, str]:
 
 def incomplete_posts(root: Path) -> dict[str, str]:
     """The same of a data root; nothing where no crawl was."""
-    path = root / "state" / "reddit.sqlite"
+    path = Layout(root).state("reddit")
     if not path.exists():
         return {}
     with reading.state(path, PAYLOADS) as frontier:
@@ -59,7 +60,7 @@ def gave_up(root: Path) -> Iterator[tuple[str, str]]:
     A key is a full name. Where a page failed it is the name of what the page is of and what was to
     be on it: `t3_…/comments`, `t1_…/replies`; the post or comment itself may well be kept.
     """
-    path = root / "state" / "reddit.sqlite"
+    path = Layout(root).state("reddit")
     if not path.exists():
         return
     with reading.state(path, PAYLOADS) as frontier:

@@ -3,6 +3,10 @@
 With a post go its comments (their addresses hold its title), and what crossposts show of it.
 Replies to a comment stay, in its place. Depth of recursion is that of one page, which Reddit ends
 at ten replies.
+
+Where keys stand in what was asked, and which fields a crosspost copies, `schemas/raw/reddit/` says
+(`x-keys`, `x-copied-from`). The tree of an answer is walked here: `x-keys` knows lists whose
+entries go, but not trees in which replies take the place of what goes and stubs count it.
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ import msgspec
 
 from kb.reddit import tree
 from kb.reddit.crossposts import repeats, without_parent
+from kb.schema.keys import asked
 from kb.store.rawlog import Envelope, Request
 
 
@@ -21,15 +26,15 @@ def strip(kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | No
     """The envelope without the full names `keys`; the same object when it holds none, None when
     nothing is left.
     """
-    request, asked = envelope.request, _asked(kind, envelope.request, keys)
-    if asked is None:
+    request = _asked(kind, envelope.request, keys)
+    if request is None:
         return None
     answer, changed = _without(envelope.response, keys)
-    if not changed and asked is request:
+    if not changed and request is envelope.request:
         return envelope
     if kind == "dumps" and not answer["data"]["children"]:
         return None
-    return msgspec.structs.replace(envelope, request=asked, response=answer)
+    return msgspec.structs.replace(envelope, request=request, response=answer)
 
 
 def without(answer: Any, keys: Collection[str]) -> Any:
@@ -39,43 +44,15 @@ def without(answer: Any, keys: Collection[str]) -> Any:
 
 def _asked(kind: str, request: Request, keys: Collection[str]) -> Request | None:
     """What was asked, without the keys; None when it was about them alone."""
-    params = request.params
-    if kind == "info":
-        names = str(params.get("id", "")).split(",")
-        posts = params.get("posts") or []
-        kept = [
-            n
-            for n, name in enumerate(names)
-            if name not in keys and not (n < len(posts) and f"t3_{posts[n]}" in keys)
-        ]
-        if len(kept) == len(names):
-            return request
-        changed = {**params, "id": ",".join(names[n] for n in kept)}
-        if posts:
-            changed["posts"] = [posts[n] for n in kept if n < len(posts)]
-        return Request(request.endpoint, changed) if kept else None
-    if kind == "comments":
-        if f"t3_{params.get('article')}" in keys:
-            return None
-        if f"t1_{params.get('comment')}" in keys:
-            # What is left reads as a page of the post.
-            return Request(
-                f"comments/{params['article']}",
-                {name: value for name, value in params.items() if name != "comment"},
-            )
-    if kind == "morechildren":
-        if params.get("link_id") in keys:
-            return None
-        children = str(params.get("children", "")).split(",")
-        kept_ids = [key for key in children if f"t1_{key}" not in keys]
-        return (
-            request
-            if len(kept_ids) == len(children)
-            else Request(request.endpoint, {**params, "children": ",".join(kept_ids)})
-        )
-    if kind == "listings" and params.get("after") in keys:
-        return Request(request.endpoint, {**params, "after": ""})
-    return request
+    params = asked(f"reddit/{kind}", request.params, {"": keys})
+    if params is None:
+        return None
+    endpoint = request.endpoint
+    if kind == "comments" and f"t1_{params.get('comment')}" in keys:
+        # What is left reads as a page of the post: another address, which no place can say.
+        endpoint = f"comments/{params['article']}"
+        params = {name: value for name, value in params.items() if name != "comment"}
+    return request if params is request.params else Request(endpoint, params)
 
 
 def _without(value: Any, keys: Collection[str]) -> tuple[Any, bool]:

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
 from kb.core.profile.reddit import Links
@@ -25,7 +24,7 @@ from kb.reddit.places import KIND
 from kb.reddit.threads import counted
 from kb.reddit.wanted import Released, Wanted
 from kb.schema.tables import Table, table
-from kb.store import database, rawlog
+from kb.store import database, parquet, rawlog
 from kb.store.atomic import full_disk_is_resumable, replacing_folder
 from kb.store.shards import write_table
 from kb.store.shuffle import Shuffle
@@ -172,7 +171,7 @@ def _lost(scratch: Path, made: dict[str, Path], answers: Answers, why: dict[str,
     scratch.mkdir(parents=True, exist_ok=True)
     wanted = answers.wanted
     names = chain(wanted.names, (f"t3_{key}" for key in wanted.trees))
-    with pq.ParquetWriter(scratch / "asked.parquet", pa.schema([("key", pa.string())])) as file:
+    with parquet.writing(scratch / "asked.parquet", pa.schema([("key", pa.string())])) as file:
         while part := list(islice(names, IDS)):
             file.write_batch(pa.record_batch({"key": pa.array(part, pa.string())}))
     with database.connect(scratch, memory="1GB") as con:

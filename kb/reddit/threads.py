@@ -12,9 +12,10 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.reddit.parse import OPEN, READ
+from kb.store import parquet
+from kb.store.layout import parquet_files
 from kb.store.reading import reading
 from kb.store.shards import write_table
 
@@ -71,18 +72,14 @@ def count_again(folder: Path) -> None:
     Parts of both tables with one number are of the same posts. A part that says the right thing
     stays as it is.
     """
-    for name in sorted({path.name for kind in _NAMES for path in _parts(folder / kind)}):
+    for name in sorted({path.name for kind in _NAMES for path in parquet_files(folder / kind)}):
         paths = {f"reddit/{kind}": folder / kind / name for kind in _NAMES}
         paths = {kind: path for kind, path in paths.items() if path.exists()}
         with reading(paths.values()):
-            old = {kind: pq.read_table(path, partitioning=None) for kind, path in paths.items()}
+            old = {kind: parquet.read_table(path) for kind, path in paths.items()}
         for kind, rows in counted(old).items():
             if not rows.equals(old[kind]):
                 write_table(paths[kind], rows, kind)
-
-
-def _parts(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.glob("*.parquet") if not path.name.startswith("."))
 
 
 def _count(posts: pa.Table, below: pa.Table) -> pa.Array[Any]:

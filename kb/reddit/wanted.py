@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
+from kb.store import parquet
 
 Ids = Path | str | Iterable[str | Path] | None
 """A file or folder of ids, several of them, or full names; None: the data root's own release."""
@@ -74,7 +75,7 @@ class Files:
     def __iter__(self) -> Iterator[str]:
 
         for path, column, prefix in self._columns:
-            with _unreadable(path), pq.ParquetFile(path) as file:
+            with _unreadable(path), parquet.open_file(path) as file:
                 for batch in file.iter_batches(columns=[column]):
                     yield from (prefix + str(key) for key in batch.column(0).to_pylist())
 
@@ -194,7 +195,7 @@ def _column_of(sources: Sequence[Path], short: str, key: str, name: str) -> pa.T
             if opened.read(4) != b"PAR1":
                 continue
         if {key, name} <= set(pq.read_schema(file).names):
-            rows = pq.read_table(file, columns=[key, name])
+            rows = parquet.read_table(file, columns=[key, name])
             found.append(rows.cast(pa.schema(columns)))
     return pa.concat_tables(found) if found else None
 

@@ -1,16 +1,19 @@
 """What is true of each source whatever its data: how it is collected, what it lacks, whom it
 concerns.
 
-The sentences are in templates/about/; the figures around them are measured (kb.release.measure).
+The sentences are in templates/about/ and fit any domain, further ones in the profile; the figures
+around them are measured (kb.release.measure).
 """
 
 from __future__ import annotations
 
 import functools
 import tomllib
+from collections.abc import Callable
 
 import msgspec
 
+from kb.core.profile import Profile
 from kb.release.render import ENVIRONMENT, TEMPLATES
 from kb.release.texts import line
 
@@ -36,9 +39,22 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     attribution: str
 
 
+def about(profile: Profile, source: str, show: Callable[[str], str] = line) -> About:
+    """The sentences on a source, each in one line: those that are true of any domain, then the
+    profile's own. `show` writes the profile's words, such as `md` for Markdown.
+    """
+    said, own = _neutral(source, show(profile.title)), profile.release
+    return msgspec.structs.replace(
+        said,
+        biases=(*said.biases, *map(show, own.biases)),
+        limits=(*said.limits, *map(show, own.limits)),
+        uses=(*said.uses, *map(show, own.uses)),
+        avoid=(*said.avoid, *map(show, own.avoid)),
+    )
+
+
 @functools.cache
-def about(source: str, topic: str) -> About:
-    """The sentences on a source, each in one line; `topic` is written into them as it is given."""
+def _neutral(source: str, topic: str) -> About:
     path = TEMPLATES / "about" / f"{source}.toml"
     sentences = {
         name: _filled(said, topic)

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from kb.core import clock
 from kb.core.context import Run
-from kb.core.errors import KbError
+from kb.core.errors import DamagedData, KbError
 from kb.release import archives, checksums, columns, personal, scan
 from kb.release.folders import DEPOSIT, SUMS, Folder, Part, released_tables
 from kb.release.licences import KNOWN, licence
@@ -26,7 +26,7 @@ from kb.release.measure import folder_licence, page_licences
 from kb.release.metadata import Document
 from kb.release.problem import Problem, damaged
 from kb.schema import Table
-from kb.store import database
+from kb.store import database, parquet
 from kb.store.layout import Layout
 
 
@@ -159,14 +159,15 @@ def _clean(root: Path, declared: Table) -> list[Problem]:
     found = []
     for path in Layout(root).rows(declared.name):
         try:
+            parquet.check(path)
             pq.read_metadata(path)
-        except (pa.ArrowInvalid, OSError) as error:
+        except (pa.ArrowException, OSError, DamagedData) as error:
             found.append(damaged(str(path.relative_to(root)), error, _again(declared.source)))
     return found
 
 
 def _again(source: str) -> str:
-    return "run `kb pairs` again" if source == "pairs" else f"run `kb {source} filter` again"
+    return "run `kb pairs --again`" if source == "pairs" else f"run `kb {source} filter` again"
 
 
 def _rows(paths: list[Path] | tuple[Path, ...]) -> int:

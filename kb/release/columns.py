@@ -13,9 +13,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from kb.core.errors import DamagedData
 from kb.release.problem import Problem, damaged
 from kb.schema import Table
 from kb.schema.tables import Column
+from kb.store import parquet
 
 _REDDIT_LONGEST = 16  # ids, types and full names; anything longer is content
 
@@ -26,12 +28,13 @@ def check(path: Path, declared: Table, source: str) -> list[Problem]:
     """
     where = f"{source}/{path.name}"
     try:
+        parquet.check(path)
         schema = pq.read_schema(path)
         found = _columns(declared, schema, where)
         return found or _values(
             path, declared, where, ids_only=source == "reddit" and declared.source == source
         )
-    except (pa.ArrowInvalid, OSError) as error:
+    except (pa.ArrowException, OSError, DamagedData) as error:
         return [damaged(where, error, "export it again")]
 
 
@@ -113,7 +116,7 @@ def _values(path: Path, declared: Table, where: str, *, ids_only: bool) -> list[
     as it may be content.
     """
     found = []
-    file = pq.ParquetFile(path)
+    file = parquet.open_file(path)
     for column in declared.columns:
         if not column.released:
             continue

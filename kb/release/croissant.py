@@ -67,7 +67,7 @@ CONTEXT: dict[str, Any] = {
 
 def croissant(run: Run, facts: Facts) -> str:
     """The whole document as text."""
-    said, section = about(facts.source, run.profile.title), run.profile.release
+    said, section = about(run.profile, facts.source), run.profile.release
     document = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
@@ -95,7 +95,7 @@ def croissant(run: Run, facts: Facts) -> str:
 
 
 def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
-    said = about(facts.source, run.profile.title)
+    said = about(run.profile, facts.source)
     emails, phones = (sum(counts[i] for counts in facts.personal.values()) for i in (1, 2))
     found = {
         "rai:dataCollection": said.collection,

@@ -7,13 +7,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, cast
 
-import pyarrow.parquet as pq
-
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
 from kb.release import checksums
 from kb.release.folders import SUMS, TOMBSTONES
 from kb.schema import tables
+from kb.store import parquet
 from kb.store.reading import reading
 
 PROFILE = "profile.toml"
@@ -37,7 +36,9 @@ class Downloaded(NamedTuple):
         if not path.is_file():
             return set()
         with reading([path]):
-            return set(cast("list[str]", pq.read_table(path, columns=["key"])["key"].to_pylist()))
+            return set(
+                cast("list[str]", parquet.read_table(path, columns=["key"])["key"].to_pylist())
+            )
 
 
 def find(places: Sequence[Path]) -> list[Downloaded]:

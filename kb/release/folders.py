@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from kb.core.profile.release import SOURCES
+from kb.core.sources import PUBLISHED
 from kb.release.licences import KNOWN
 from kb.schema import Table, table, tables
 from kb.store.layout import Layout
@@ -87,9 +87,8 @@ def released_tables(source: str) -> list[Table]:
 
 def find(root: Path) -> list[Folder]:
     """The folders under `release/` that an export has filled, in the contract's order."""
-    return [
-        folder for source in SOURCES if (folder := read(Layout(root).release(source), source)).data
-    ]
+    folders = (read(Layout(root).release(source), source) for source in PUBLISHED)
+    return [folder for folder in folders if folder.data]
 
 
 def read(path: Path, source: str) -> Folder:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,10 @@ from kb.release.gaps import gaps
 from kb.release.licences import KNOWN
 from kb.release.personal import personal_counts
 from kb.schema import Column, Table
-from kb.store import database, tombstones
+from kb.store import database, parquet, tombstones
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import SANDBOX_MODEL, filtered
+from kb.store.tally import VERDICTS
 
 _TOPS = 8
 # DuckDB hands out times with a zone only where pytz is installed.
@@ -110,6 +112,9 @@ class Facts:
 
 def measure(run: Run, folder: Folder) -> Facts:
     """Read the folder, and what clean/ says about how it came to be."""
+    shards = [shard for part in folder.parts for shard in part.shards]
+    verdicts = [Layout(run.root).rows(f"{folder.source}/{verdict}") for verdict in VERDICTS]
+    parquet.check(*shards, *chain.from_iterable(verdicts))
     con = database.connect(run.root)
     tables = tuple(_table(con, part) for part in folder.parts)
     read = _span(con, folder, ("fetched_at",)) or _clean_span(
@@ -176,6 +181,7 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     said = filtered(root, source)
     if not files or "toxicity" in said:  # "not scored"
         return ()
+    parquet.check(*files)
     with database.connect() as con:
         if "model" not in said:
             return tuple(

@@ -83,7 +83,7 @@ class Document(_Part):
 
 def deposit(run: Run, facts: Facts) -> str:
     """zenodo.json as text."""
-    section, said = run.profile.release, about(facts.source, run.profile.title)
+    section, said = run.profile.release, about(run.profile, facts.source)
     metadata = Deposit(
         title=said.title,
         description=_description(run, facts),
@@ -114,7 +114,7 @@ def deposit(run: Run, facts: Facts) -> str:
 
 def _description(run: Run, facts: Facts) -> str:
     """HTML, as Zenodo shows it."""
-    said = about(facts.source, run.profile.title)
+    said = about(run.profile, facts.source)
     tables = "".join(
         (
             f"<li><b>{html.escape(table.table.short)}</b>:"

@@ -40,7 +40,7 @@ def card(run: Run, facts: Facts) -> str:
     return render(
         "card.md",
         **_in_markdown(run, facts),
-        title=about(facts.source, run.profile.title).title,
+        title=about(run.profile, facts.source).title,
         language=language(run),
         size_category=next((word for limit, word in _SIZES if facts.rows < limit), "n>100M"),
         tags=_search_words(run, facts),
@@ -67,7 +67,7 @@ def citation(run: Run, facts: Facts) -> str:
     """CITATION.cff. Strings are quoted as JSON, which YAML reads."""
     return render(
         "citation.cff",
-        about=about(facts.source, run.profile.title),
+        about=about(run.profile, facts.source),
         facts=facts,
         release=run.profile.release,
         words=_search_words(run, facts),
@@ -78,7 +78,7 @@ def bibtex(run: Run, facts: Facts) -> str:
     """How to cite the folder."""
     return render(
         "citation.bib",
-        about=about(facts.source, run.profile.title),
+        about=about(run.profile, facts.source),
         facts=facts,
         key=name(run, facts).replace("-", "_"),
         release=run.profile.release,
@@ -89,7 +89,7 @@ def law(run: Run, facts: Facts) -> str:
     """LICENSE. Names of licences are the wiki's own words, so each stays on its line."""
     return render(
         "licence.txt",
-        about=about(facts.source, run.profile.title),
+        about=about(run.profile, facts.source),
         facts=facts,
         law=licence(facts.licence),
     )
@@ -98,7 +98,7 @@ def law(run: Run, facts: Facts) -> str:
 def _in_markdown(run: Run, facts: Facts) -> dict[str, Any]:
     section = run.profile.release
     return {
-        "about": about(facts.source, md(run.profile.title)),
+        "about": about(run.profile, facts.source, md),
         "contact": section.contact or section.homepage or "the depositor of this record",
         "facts": facts,
         "law": licence(facts.licence),
@@ -109,7 +109,7 @@ def _in_markdown(run: Run, facts: Facts) -> dict[str, Any]:
 
 
 def _search_words(run: Run, facts: Facts) -> list[str]:
-    words = about(facts.source, run.profile.title).words
+    words = about(run.profile, facts.source).words
     return list(dict.fromkeys((run.profile.name, *words, *run.profile.release.keywords)))
 
 

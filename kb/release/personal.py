@@ -20,11 +20,12 @@ from typing import Any, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
+from kb.core.errors import DamagedData
 from kb.core.profile.release import Release
 from kb.release.folders import Folder
 from kb.release.problem import Problem
+from kb.store import parquet
 
 # Arrow's expressions (RE2) know letters of every script as \pL.
 EMAIL = r"[\pL\pN._%+\-]+@[\pL\pN\-]+(?:\.[\pL\pN\-]+)*\.[A-Za-z]{2,}"
@@ -106,7 +107,7 @@ def _count(shards: Sequence[Path], name: str) -> tuple[int, int, int]:
     rows = emails = phones = 0
     for shard in shards:
         try:
-            file = pq.ParquetFile(shard)
+            file = parquet.open_file(shard)
             if name not in file.schema_arrow.names:
                 continue
             for batch in file.iter_batches(columns=[name]):
@@ -115,7 +116,7 @@ def _count(shards: Sequence[Path], name: str) -> tuple[int, int, int]:
                 emails += len(_matching(values.filter(pc.match_substring(values, "@")), EMAIL))
                 suspect = cast("list[str]", _matching(values, PHONE).to_pylist())
                 phones += sum(map(holds_phone, suspect))
-        except (pa.ArrowInvalid, OSError):
+        except (pa.ArrowException, OSError, DamagedData):
             continue  # the structure check reports it
     return rows, emails, phones
 

@@ -15,6 +15,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from kb.core import signals
+from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError, UsageError
 from kb.core.verdict import Summary
@@ -33,7 +34,6 @@ from kb.store.lock import RELEASES, taking, writer
 from kb.store.reading import SANDBOX_MODEL
 
 HOSTS = {"zenodo-sandbox": "https://sandbox.zenodo.org", "zenodo": "https://zenodo.org"}
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
 MOST_FILES, MOST_BYTES = 100, 50 * 10**9  # a record at Zenodo
 
 
@@ -55,9 +55,7 @@ def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str]
             f"there is no folder {', '.join(only or [])} to deposit",
             hint=f"exported: {', '.join(folder.source for folder in exported(run))}",
         )
-    loopback = urlsplit(endpoint).hostname in LOOPBACK
-    if urlsplit(endpoint).scheme != "https" and not loopback:
-        raise UsageError("KB_ZENODO_ENDPOINT is not https: the token would be sent in the clear")
+    loopback = is_loopback(endpoint)
     refuse(
         [
             *_marked(run, found, loopback),

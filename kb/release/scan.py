@@ -12,8 +12,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from kb.core.errors import DamagedData
 from kb.release.folders import Folder
 from kb.release.problem import Problem
+from kb.store import parquet
 
 KEY_SHAPES = {
     "a Google API key": r"AIza[0-9A-Za-z_\-]{35}",
@@ -84,8 +86,8 @@ def _in_bytes(data: bytes, wanted: Sequence[bytes]) -> Iterator[str]:
 def _in_parquet(path: Path, literals: Sequence[str]) -> Iterator[tuple[str, str]]:
 
     try:
-        file = pq.ParquetFile(path)
-    except (pa.ArrowInvalid, OSError):
+        file = parquet.open_file(path)
+    except (pa.ArrowException, OSError, DamagedData):
         return  # the structure check reports it
     yield from (
         ("its metadata", what)

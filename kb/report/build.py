@@ -10,6 +10,7 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import MissingExtra
 from kb.core.profile import Profile
+from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
 from kb.report import cloud, pairs, reddit, wikipage, youtube
 from kb.report.data import Data
@@ -189,10 +190,7 @@ def _head(name: str, column: str) -> str:
 
 def _notes(run: Run) -> list[str]:
     """What a reader must know before believing the figures."""
-    if any(
-        filtered(run.root, source).get("model") == SANDBOX_MODEL
-        for source in ("youtube", "wiki", "reddit")
-    ):
+    if any(filtered(run.root, source).get("model") == SANDBOX_MODEL for source in SOURCES):
         return [
             (
                 "Toxicity scores are those of the sandbox's tiny model: "

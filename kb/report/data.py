@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from kb.core.context import Run
 from kb.schema import table
-from kb.store import database
+from kb.store import database, parquet
 from kb.store.layout import Layout
 from kb.store.reading import reading, scan, state
 
@@ -86,6 +86,7 @@ class Data:
         if not files:
             return []
         with reading(files):
+            parquet.check(*files)
             return self.con.execute(sql.replace("{t}", scan(files)), list(values)).fetchall()
 
     def count(self, name: str) -> int:

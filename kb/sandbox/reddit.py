@@ -232,7 +232,7 @@ def dumps(subreddit: Subreddit, folder: Path) -> list[Path]:
     """
     other = {
         "id": "abc123",
-        "subreddit": "gardening",
+        "subreddit": "gardening" if subreddit.name.lower() != "gardening" else "pottery",
         "author": "tidy_pebble29",
         "title": "A fern",
         "created_utc": START,
@@ -262,8 +262,8 @@ def dumps(subreddit: Subreddit, folder: Path) -> list[Path]:
         }
         del old["depth"], old["replies"], old["name"]
         comments.append(json.dumps(old))
-    posts.insert(7, '{"id": "broken", "subreddit": "Minecraft", "title": "cut')
-    comments.insert(5, "not json at all, about Minecraft")
+    posts.insert(7, f'{{"id": "broken", "subreddit": "{subreddit.name}", "title": "cut')
+    comments.insert(5, f"not json at all, about {subreddit.name}")
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / "RS_2022-11.zst", folder / "RC_2022-11.zst"]
     for path, lines in zip(paths, (posts, comments), strict=True):

@@ -12,9 +12,8 @@ from functools import cached_property
 from typing import Any
 
 from kb.core import clock
-from kb.sandbox import speech
+from kb.sandbox.domain import Domain, usual
 
-NAME = "Minecraft"
 START = 1_700_000_000  # 2023-11-14
 _YEAR = 31_536_000
 _PEOPLE = [
@@ -70,15 +69,12 @@ class Subreddit:
         *,
         width: int = 1_200,
         depth: int = 40,
-        name: str = NAME,
+        name: str | None = None,
+        domain: Domain | None = None,
     ) -> None:
-        self.seed, self.n_posts, self.width, self.depth, self.name = (
-            seed,
-            n_posts,
-            width,
-            depth,
-            name,
-        )
+        self.seed, self.n_posts, self.width, self.depth = seed, n_posts, width, depth
+        self.domain = domain or usual()
+        self.name = name or self.domain.subreddit
         self.gone: set[str] = set()  # full names that the service no longer knows
         self.removed: set[str] = set()  # full names whose content moderators took down
 
@@ -108,7 +104,7 @@ class Subreddit:
         """Posts and comments of a year before, which no listing reaches: dumps hold them,
         and info knows all but the last three posts.
         """
-        past = Subreddit(self.seed + 1, 60, width=30, depth=12, name=self.name)
+        past = Subreddit(self.seed + 1, 60, width=30, depth=12, name=self.name, domain=self.domain)
         posts, comments = {}, {}
         for post in past.posts.values():
             key, page = f"d{post['id']}", f"/r/{self.name}/comments/d{post['id']}/post/"
@@ -159,18 +155,8 @@ class Subreddit:
     def _post(self, number: int) -> dict[str, Any]:
         rng = clock.rng("subreddit", self.seed, number)
         key, made = _base36(40_000_000 + 7 * number), START + 3_600 * number
-        title = speech.fill(
-            rng.choice(
-                [
-                    "My {build} out of {block}",
-                    "How do I craft a {item}?",
-                    "Found a {mob} in the {place}",
-                    "Is {block} worth it in a {place}?",
-                ]
-            ),
-            rng,
-            "",
-        )
+        speech, least = self.domain.speech, self.domain.min_score
+        title = speech.post(rng)
         post: dict[str, Any] = {
             "id": key,
             "name": f"t3_{key}",
@@ -181,7 +167,7 @@ class Subreddit:
             "author_fullname": f"t2_{_base36(9_000 + rng.randrange(900))}",
             "author_flair_text": None,
             "created_utc": float(made),
-            "score": rng.randrange(5, 4_000),
+            "score": rng.randrange(least, least + 3_995),
             "upvote_ratio": round(rng.uniform(0.6, 1), 2),
             "num_comments": 0,
             "over_18": False,
@@ -218,7 +204,7 @@ class Subreddit:
             "video_hosted": f"https://v.redd.it/{key}",
             "video_youtube": f"https://www.youtube.com/watch?v={key}vid0",
             "video_gifv": f"https://i.imgur.com/{key}.gifv",
-            "link": f"https://notes.example/{rng.choice(speech.PLACES)}/{key}",
+            "link": f"https://notes.example/{self.domain.speech.link_word(rng)}/{key}",
             "link_video_page": "https://www.youtube.com/@brisk-otter-builds",
             "gallery": f"https://www.reddit.com/gallery/{key}",
         }
@@ -248,7 +234,7 @@ class Subreddit:
             post["poll_data"] = {
                 "options": [
                     {"text": word, "id": str(n), "vote_count": 3 * n}
-                    for n, word in enumerate(("cobblestone", "oak & spruce"))
+                    for n, word in enumerate(self.domain.words.poll)
                 ],
                 "total_vote_count": 3,
                 "voting_end_timestamp": int(post["created_utc"] * 1_000) + 86_400_000,
@@ -273,7 +259,7 @@ class Subreddit:
                 "url": "https://v.redd.it/zz9zz9",
             }
         elif case == "low_score":
-            post["score"] = rng.randrange(0, 5)
+            post["score"] = rng.randrange(0, max(1, self.domain.min_score))
         elif case == "no_score":
             del post["score"]
         elif case == "nsfw":
@@ -339,7 +325,7 @@ class Subreddit:
             "subreddit": self.name,
             "author": rng.choice(_PEOPLE),
             "author_fullname": f"t2_{_base36(9_000 + rng.randrange(900))}",
-            "body": speech.about(rng, 1),
+            "body": self.domain.speech.about(rng, 1),
             "created_utc": post["created_utc"] + 60 * (number + 1),
             "score": rng.randrange(-3, 90),
             "edited": False,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 import random
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -10,30 +11,10 @@ from functools import cached_property
 from typing import Any
 
 from kb.core import clock
-from kb.sandbox import speech
-from kb.sandbox.cases import CASES, Case, Track
+from kb.sandbox.cases import Case, Track
+from kb.sandbox.domain import Domain
 
-TOPIC = "Minecraft"
-GAMES = {  # key -> (browse id, name) of the label under a video
-    "topic": ("UCQvWX73GQygcwXOTSf_VDVg", "Minecraft"),
-    "other": ("UCsandboxOtherGame00001a", "Harborlight"),
-}
 PAGE = 50
-_NAMES = [
-    "Pickaxe Parlour",
-    "Cobble & Co",
-    "The Long Dig",
-    "Quiet Builder",
-    "Lantern Loft",
-    "Redcliff Survival",
-    "Saddle and Seed",
-    "Tuesday Torches",
-    "Moss Mountain",
-    "Second Bridge",
-    "Harbour Crafts",
-    "Gravel Pit Radio",
-]
-_KINDS = ["guide", "walkthrough", "beginner", "guide beginner", "survival", "guide walkthrough"]
 
 
 @dataclass
@@ -52,8 +33,10 @@ class Video:
     view_count: str | None
     like_count: str | None
     comment_count: str | None
-    tags: list[str] = field(default_factory=lambda: ["minecraft", "survival", "let's play"])
-    category_id: str = "20"
+    tags: list[str]
+    category_id: str
+    language: str  # the domain's, into which every track is translated
+    label: tuple[str, str] | None  # browse id and name of what YouTube says that it is about
     seconds: int = 600
     duration: str | None = ""  # "" : made from `seconds`
     width: int = 1920
@@ -66,7 +49,7 @@ class Video:
     in_api: bool = True
     player: str = "ok"  # ok, age, gone
     game: str | None = "topic"
-    tracks: list[Track] = field(default_factory=lambda: [Track("en")])
+    tracks: list[Track] = field(default_factory=list)
     short: bool = False
 
     @property
@@ -109,8 +92,8 @@ class Channel:
 class Catalogue:
     """All channels and videos of a world."""
 
-    def __init__(self, seed: int, n_channels: int, n_videos: int) -> None:
-        self.seed = seed
+    def __init__(self, seed: int, n_channels: int, n_videos: int, domain: Domain) -> None:
+        self.seed, self.domain = seed, domain
         self.channels = [self._channel(number) for number in range(n_channels)]
         self.videos: dict[str, Video] = {}
         number = 0
@@ -166,7 +149,7 @@ class Catalogue:
         """What a caption track says: (start s, duration s, text)."""
         rng = clock.rng(self.seed, "cues", video.id, track.language, track.kind)
         language = (translated_to or track.language).split("-")[0]
-        return speech.cues(rng, language, video.seconds, rolling=track.kind == "asr")
+        return self.domain.speech.cues(rng, language, video.seconds, rolling=track.kind == "asr")
 
     def _sizes(self, n_channels: int, n_videos: int) -> list[int]:
         if n_channels < 8:
@@ -178,11 +161,12 @@ class Catalogue:
 
     def _channel(self, number: int) -> Channel:
         rng = clock.rng(self.seed, "channel", number)
-        name = _NAMES[number % len(_NAMES)] + (
-            f" {number // len(_NAMES) + 1}" if number >= len(_NAMES) else ""
+        words, speech = self.domain.words, self.domain.speech
+        names, kinds = words.channels, words.channel_kinds[number % len(words.channel_kinds)]
+        name = names[number % len(names)] + (
+            f" {number // len(names) + 1}" if number >= len(names) else ""
         )
-        kinds = _KINDS[number % len(_KINDS)]
-        description = f"{TOPIC} {kinds}. {speech.about(rng, 2)}".replace("\n", " ")
+        description = f"{speech.topic} {kinds}. {speech.about(rng, 2)}".replace("\n", " ")
         made = datetime(2010, 1, 1, tzinfo=UTC) + timedelta(hours=rng.randrange(60_000))
         return Channel(
             "UC" + _token(rng, 22),
@@ -194,14 +178,16 @@ class Catalogue:
 
     def _video(self, number: int, channel: Channel) -> Video:
         rng = clock.rng(self.seed, "video", number)
+        cases, rules, speech = self.domain.cases, self.domain.rules, self.domain.speech
         case = (
-            CASES[number]
-            if number < len(CASES)
-            else rng.choices(CASES, [case.often for case in CASES])[0]
+            cases[number]
+            if number < len(cases)
+            else rng.choices(cases, [case.often for case in cases])[0]
         )
-        views = int(10 ** rng.uniform(2.1, 6.5))
+        # Ordinary videos pass every threshold: from 125 views and 75 seconds on, or the profile's.
+        views = int(10 ** rng.uniform(2.1, 6.5)) * max(1, math.ceil(rules.min_views / 125))
         values: dict[str, Any] = {
-            "title": speech.title(rng, TOPIC),
+            "title": speech.title(rng),
             "description": speech.about(rng, rng.randint(1, 4)),
             "published_at": clock.stamp(
                 datetime(2012, 1, 1, tzinfo=UTC) + timedelta(minutes=rng.randrange(7_000_000))
@@ -209,13 +195,20 @@ class Catalogue:
             "view_count": str(views),
             "like_count": str(views // rng.randint(15, 90)),
             "comment_count": str(views // 400),
-            "seconds": rng.randint(75, 2_400),
+            "seconds": rng.randint(75, 2_400) + max(0, rules.min_seconds - 60),
+            "tags": list(self.domain.words.tags),
+            "category_id": str(rules.category),
+            "language": rules.language,
+            "tracks": [Track(rules.language)],
+            "game": "topic",
         }
         plain = speech.plain_title(rng)
         values |= case.change
         if values["title"] == "plain":
             values["title"] = plain
-        return Video(id=_token(rng, 11), channel=channel, case=case, number=number, **values)
+        label = self.domain.labels.get(values["game"])
+        key = _token(rng, 11)
+        return Video(id=key, channel=channel, case=case, number=number, label=label, **values)
 
 
 def _shared(total: int, parts: int) -> list[int]:

@@ -1,7 +1,7 @@
 """One small invented world, the same for a seed on every machine. Services show parts of it.
 
 Nothing in it was taken from a real site: channels, titles, descriptions and speech are put together
-here from word lists of our own.
+here from the word lists of a domain, the default profile's where none is given.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from datetime import UTC, datetime, timedelta
 from functools import cached_property
 
 from kb.core import clock
+from kb.sandbox.domain import Domain, usual
 from kb.sandbox.subreddit import Subreddit
 from kb.sandbox.videos import Catalogue
 
@@ -19,16 +20,28 @@ class World:
     """What the services show.
 
     `n_channels`, `n_videos`: size of the YouTube part (the first videos cover every case once, see
-    kb/sandbox/cases.py). `wiki_state`: "first" or "later". `quota`: YouTube's units a Pacific day
+    kb/sandbox/cases.py). `n_posts`, `width`, `depth`: of Reddit's (kb/sandbox/subreddit.py).
+    `wiki_state`: "first" or "later". `quota`: YouTube's units a Pacific day
     by bucket.
     """
 
     def __init__(
-        self, seed: int = 0, *, n_channels: int = 12, n_videos: int = 300, wiki_state: str = "first"
+        self,
+        seed: int = 0,
+        *,
+        n_channels: int = 12,
+        n_videos: int = 300,
+        n_posts: int = 240,
+        width: int = 1_200,
+        depth: int = 40,
+        wiki_state: str = "first",
+        domain: Domain | None = None,
     ) -> None:
+        self.domain = domain or usual()
         self.seed = seed
         self.n_channels = n_channels
         self.n_videos = n_videos
+        self.n_posts, self.width, self.depth = n_posts, width, depth
         self.wiki_state = wiki_state
         self.quota = {"search": 100, "general": 10_000, "stats": 10_000}
         self.used: Counter[tuple[str, str]] = Counter()  # (Pacific day, bucket) -> units
@@ -37,12 +50,14 @@ class World:
     @cached_property
     def youtube(self) -> Catalogue:
         """Channels and videos."""
-        return Catalogue(self.seed, self.n_channels, self.n_videos)
+        return Catalogue(self.seed, self.n_channels, self.n_videos, self.domain)
 
     @cached_property
     def reddit(self) -> Subreddit:
         """Posts and comments."""
-        return Subreddit(self.seed)
+        return Subreddit(
+            self.seed, self.n_posts, width=self.width, depth=self.depth, domain=self.domain
+        )
 
     def pacific_day(self) -> str:
         """Today where YouTube counts its quota, "2026-11-20"."""

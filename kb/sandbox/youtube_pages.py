@@ -6,7 +6,7 @@ import html
 import json
 from typing import Any
 
-from kb.sandbox.videos import GAMES, Video
+from kb.sandbox.videos import Video
 from kb.sandbox.youtube_player import SITE, player_answer
 
 PAGE_KEY = "sandbox_page_key"  # every page shows it; the player wants it back
@@ -139,9 +139,9 @@ def _page_data(video: Video | None, key: str) -> dict[str, Any]:
         "currentVideoEndpoint": {"watchEndpoint": {"videoId": video.id}},
         "engagementPanels": [],
     }
-    if video.game:
+    if video.label:
         # The label has stood in two places over the years; videos of odd number have the older one.
-        browse, name = GAMES[video.game]
+        browse, name = video.label
         endpoint = {
             "browseEndpoint": {"browseId": browse, "canonicalBaseUrl": f"/channel/{browse}"}
         }

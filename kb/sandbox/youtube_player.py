@@ -216,12 +216,12 @@ def _captions(video: Video) -> dict[str, Any]:
         "captionTracks": tracks,
         "audioTracks": [{"captionTrackIndices": list(range(len(tracks))), "hasDefaultTrack": True}],
         "translationLanguages": [
-            {"languageCode": code, "languageName": {"runs": [{"text": NAMES[code]}]}}
-            for code in ("ar", "en", "fr", "de", "ja", "es")
+            {"languageCode": code, "languageName": {"runs": [{"text": NAMES.get(code, code)}]}}
+            for code in dict.fromkeys(("ar", "en", "fr", "de", "ja", "es", video.language))
         ],
         "defaultAudioTrackIndex": 0,
     }
 
 
 def _name(track: Track) -> str:
-    return NAMES[track.language] + (" (auto-generated)" if track.kind else "")
+    return NAMES.get(track.language, track.language) + (" (auto-generated)" if track.kind else "")

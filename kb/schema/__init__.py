@@ -1,8 +1,8 @@
 """Reads `schemas/`, the one source of truth for every table and raw answer.
 
 `table("youtube/videos")` gives a declared table, `tables()` all of them. Arrow schemas, the
-check of what code writes (`conform`), DuckDB views, the column reference, row JSON Schemas and
-Croissant fields are derived from them; `raw` holds the JSON Schemas of raw answers.
+check of what code writes (`conform`), DuckDB views, the column reference and Croissant fields are
+derived from them; `raw` holds the JSON Schemas of raw answers.
 """
 
 from kb.schema.conform import conform

@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import cache, lru_cache
+from types import NoneType
 from typing import Any
 
 import pyarrow as pa
@@ -29,6 +30,7 @@ _DURATION = re.compile(
 _SECONDS = (604_800, 86_400, 3_600, 60, 1)
 _TIME = r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?Z$"
 _LARGEST = (1 << 63) - 1
+_EXACT = 1 << 53  # up to here a float holds every whole number
 
 
 class Wrong:
@@ -46,7 +48,7 @@ def coerce(
     `clean` is the caller's word that no text holds a NUL.
     """
     if kind.item is not None and kind.item.fields:
-        return records(values, kind)
+        return records(values, kind, clean=clean)
     if kind.item is not None:
         return lists(values, kind, clean=clean)
     if kind.text.startswith("timestamp"):
@@ -68,7 +70,7 @@ def texts(values: Sequence[Any], *, clean: bool = False) -> tuple[pa.Array[Any],
         column = pa.array(values, pa.string())
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
         return _each(values, pa.string(), _text)
-    if not clean and pc.any(pc.match_substring(column, "\0")).as_py():
+    if not clean and _holds_nul(column):
         return _each(values, pa.string(), _text)
     return column, []
 
@@ -82,10 +84,14 @@ def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], B
         return _count(value, allowed)
 
     try:
+        if "integer" in allowed and not set(map(type, values)) - {int, NoneType}:
+            whole = pa.array(values, pa.int64())
+            if (pc.min(whole).as_py() or 0) >= 0:
+                return whole, []
         if "string" not in allowed:
             raise pa.ArrowTypeError
         column = pa.array(values, pa.string())
-    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
+    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError, OverflowError):
         return _each(values, pa.int64(), one)
     plain = pc.and_(pc.ascii_is_decimal(column), pc.less_equal(pc.binary_length(column), 18))
     strange = pc.fill_null(pc.invert(plain), False)
@@ -146,7 +152,7 @@ def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa
         if str in set(map(type, values)):  # Arrow would take it as a list of letters
             raise pa.ArrowTypeError
         column = pa.array(values, kind.arrow())
-        if clean or not pc.any(pc.match_substring(pc.list_flatten(column), "\0")).as_py():
+        if clean or not _holds_nul(pc.list_flatten(column)):
             return column, []
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
         pass
@@ -154,31 +160,80 @@ def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa
     return pc.fill_null(column, pa.scalar(empty, kind.arrow())) if bad else column, bad
 
 
-def records(values: Sequence[Any], kind: Type) -> tuple[pa.Array[Any], Bad]:
-    """Lists of fixed rows ([start, duration, text]) → lists of structs."""
+def records(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
+    """Lists of fixed rows ([start, duration, text]) → lists of structs.
+
+    A column of each field is made of all rows at once; only lists that hold something odd are gone
+    through cell by cell.
+    """
     assert kind.item is not None
+    fields = kind.item.fields
+    try:
+        return _structs(values, kind, clean=clean), []
+    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError, TypeError):
+        pass
     makers: list[Callable[[Any], Any]] = [
-        _text if inner.text == "string" else _number for _, inner in kind.item.fields
+        _text if inner.text == "string" else _number for _, inner in fields
     ]
     bad: Bad = []
-    rows: list[list[Any] | None] = []
+    made = list(values)
     for row, value in enumerate(values):
+        if _plain(value, makers):
+            continue
         try:
-            rows.append(None if value is None else [_record(item, makers) for item in _list(value)])
-        except (ValueError, KeyError, TypeError):
-            rows.append(None)
+            made[row] = [_record(item, makers) for item in _list(value)]
+        except (ValueError, KeyError, TypeError, OverflowError):
+            made[row] = None
             bad.append((row, shown(value)))
-    flat = list(itertools.chain.from_iterable(row for row in rows if row))
-    columns = list(zip(*flat, strict=True)) or [()] * len(makers)
-    inner = [
-        pa.array(column, field.arrow())
-        for column, (_, field) in zip(columns, kind.item.fields, strict=True)
-    ]
-    struct = pa.StructArray.from_arrays(inner, names=[name for name, _ in kind.item.fields])
-    offsets = pa.array([0, *itertools.accumulate(len(row or ()) for row in rows)], pa.int32())
-    absent = [row is None for row in rows]
-    mask = pa.array(absent, pa.bool_()) if any(absent) else None
-    return pa.ListArray.from_arrays(offsets, struct, type=kind.arrow(), mask=mask), bad
+    return _structs(made, kind, clean=True), bad
+
+
+def _structs(values: Sequence[Any], kind: Type, *, clean: bool) -> pa.Array[Any]:
+    """Lists of records as they should be. Raises TypeError or what Arrow raises for any other."""
+    assert kind.item is not None
+    fields = kind.item.fields
+    there = [value for value in values if value is not None]
+    rows = list(itertools.chain.from_iterable(there))
+    if set(map(type, there)) - {list} or set(map(type, rows)) - {list, tuple}:
+        raise TypeError
+    if set(map(len, rows)) - {len(fields)}:
+        raise TypeError
+    cells = list(itertools.chain.from_iterable(rows))
+    columns: list[pa.Array[Any]] = []
+    for place, (_, inner) in enumerate(fields):
+        column = cells[place :: len(fields)]
+        text = inner.text == "string"
+        if not text and set(map(type, column)) - {float, int}:
+            raise TypeError  # Arrow would take true as 1
+        columns.append(pa.array(column, inner.arrow()))
+        if columns[-1].null_count or (text and not clean and _holds_nul(columns[-1])):
+            raise TypeError
+    struct = pa.StructArray.from_arrays(columns, names=[name for name, _ in fields])
+    offsets = pa.array([0, *itertools.accumulate(len(row or ()) for row in values)], pa.int32())
+    absent = [row is None for row in values]
+    mask = pa.array(absent, pa.bool_()) if len(there) < len(values) else None
+    return pa.ListArray.from_arrays(offsets, struct, type=kind.arrow(), mask=mask)
+
+
+def _plain(value: Any, makers: list[Callable[[Any], Any]]) -> bool:
+    """Whether a list of records is one that Arrow takes as it is."""
+    if value is None:
+        return True
+    if type(value) is not list or set(map(type, value)) - {list}:
+        return False
+    if set(map(len, value)) - {len(makers)}:
+        return False
+    return all(
+        (type(cell) is str and not _UNHOLDABLE.search(cell))
+        if make is _text
+        else (type(cell) is float or (type(cell) is int and abs(cell) <= _EXACT))
+        for record in value
+        for make, cell in zip(makers, record, strict=True)
+    )
+
+
+def _holds_nul(texts: pa.Array[Any]) -> bool:
+    return bool(pc.any(pc.match_substring(texts, "\0")).as_py())
 
 
 def shown(value: Any) -> str:

@@ -11,7 +11,7 @@ import json
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, repeat
 from operator import attrgetter
 from typing import Any
 
@@ -24,7 +24,6 @@ from kb.schema import raw
 from kb.schema.coerce import Wrong, coerce, times
 from kb.schema.tables import Column, Table
 
-PROBLEMS = "list<struct<column: string, reason: string, value: string>>"
 _UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
 
 
@@ -164,7 +163,7 @@ class Reader:
             data[column.name] = array
         moments, _ = times([answer.fetched_at for answer in answers])
         spread = pa.array(
-            [number for number, answer in enumerate(answers) for _ in range(answer.size)],
+            list(chain.from_iterable(repeat(n, one.size) for n, one in enumerate(answers))),
             pa.int32(),
         )
         data["fetched_at"] = moments.take(spread)

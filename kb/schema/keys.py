@@ -1,22 +1,32 @@
 """Where an answer's keys stand, as `schemas/raw/` says it, and how they leave the answer.
 
-A raw kind may carry `x-keys`:
+A raw kind may carry `x-keys`, which names places in an answer and in what was asked for:
 
     "x-keys": {
-      "whole":   ["video_id"],           the answer is about this key alone
-      "request": {"id": ","},            a parameter that lists keys, and what stands between them
-      "entries": {"items": ["id"]}       a list of entries, and where each has its key
+      "whole":   [{"at": "video_id"}],               the answer is about this key alone
+      "request": [{"at": "id", "split": ","}],       a parameter, and what stands between its keys
+      "entries": [{"at": "items", "keys": [{"at": "id"}]}],      lists, and the keys of an entry
+      "renamed": {"at": "query.normalized", "of": "title"}       other forms of what was asked for
     }
 
-A path such as "contentDetails.videoId" names one field; of several the first one that is there
-counts. Keys are compared as text.
+"contentDetails.videoId" is a field of a field, "revisions.0.revid" one of a list's first entry. A
+place has besides:
+
+    of      which names stand there, where a thing has others than its key ("title")
+    prefix  what is put before the text to make a key of it ("t3_" before a bare id)
+    stays   the answer stays when none of the parameter's keys is left: they are no whole of it
+    beside  a parameter of as many entries, which belong to those of this one
+
+An entry goes when one of its names is gone, and its other names are gone with it in this answer.
+Names are compared as text.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from functools import cache
+from collections.abc import Callable, Collection, Iterable, Mapping
+from functools import cache, partial
 from typing import Any
+from urllib.parse import unquote
 
 import msgspec
 
@@ -24,14 +34,54 @@ from kb.core.errors import SchemaMismatch
 from kb.schema.raw import raw
 
 Params = dict[str, Any]
+Gone = Mapping[str, Collection[str]]  # by `of`; "" has the keys
+
+
+class Place(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A place where names stand."""
+
+    at: str
+    of: str = ""
+    prefix: str = ""
+    split: str | None = None
+    stays: bool = False
+    beside: Place | None = None
+
+    def text(self, value: Any) -> str | None:
+        """The name that `value` is at this place; None when it is none."""
+        if isinstance(value, bool) or not isinstance(value, (str, int)):
+            return None
+        return f"{self.prefix}{value}"
+
+    def has(self, value: Any, gone: Gone) -> bool:
+        """Whether `value`, which stands here, is one of the names that go."""
+        return self.text(value) in gone.get(self.of, ())
+
+
+class Entries(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A list, and where its entries have their names."""
+
+    at: str
+    keys: tuple[Place, ...]
+
+
+class Renamed(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A list of `from` and `to`: the form that was asked for, and the service's own.
+
+    With `fromencoded` the former is written as in an address, as MediaWiki does.
+    """
+
+    at: str
+    of: str
 
 
 class Keys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """What `x-keys` says of one raw kind."""
 
-    whole: tuple[str, ...] = ()
-    request: Mapping[str, str] = {}
-    entries: Mapping[str, tuple[str, ...]] = {}
+    whole: tuple[Place, ...] = ()
+    request: tuple[Place, ...] = ()
+    entries: tuple[Entries, ...] = ()
+    renamed: Renamed | None = None
 
 
 @cache
@@ -46,71 +96,120 @@ def keys_of(kind: str) -> Keys:
         raise SchemaMismatch(f"schemas/raw/{kind}.json: x-keys: {error}") from None
 
 
-def without(
-    kind: str, params: Params, response: Any, gone: Collection[str]
-) -> tuple[Params, Any] | None:
-    """A request and its answer without the keys `gone`; None when nothing is left of them.
+def without(kind: str, params: Params, response: Any, gone: Gone) -> tuple[Params, Any] | None:
+    """A request and its answer without the names `gone`; None when nothing is left of them.
 
-    What holds none of the keys comes back as the same objects.
+    What holds none of the names comes back as the same objects.
     """
     declared = keys_of(kind)
-    if any(_text(_at(response, path)) in gone for path in declared.whole):
+    if any(place.has(_at(response, place.at), gone) for place in declared.whole):
         return None
-    for name, separator in declared.request.items():
-        fewer = _without_asked(params, name, separator, gone)
+    gone = _with_other_names(declared, response, gone)
+    left = asked(kind, params, gone)
+    if left is None:
+        return None
+    for each in declared.entries:
+        response = _without(response, each.at, partial(_goes, places=each.keys, gone=gone))
+    if (renamed := declared.renamed) is not None:
+        names = gone.get(renamed.of, ())
+        response = _without(
+            response, renamed.at, lambda change: not _forms(change).isdisjoint(names)
+        )
+    return left, response
+
+
+def asked(kind: str, params: Params, gone: Gone) -> Params | None:
+    """What was asked, without the names; None when it asked for nothing else."""
+    for place in keys_of(kind).request:
+        fewer = _without_asked(params, place, gone)
         if fewer is None:
             return None
         params = fewer
-    for place, paths in declared.entries.items():
-        response = _without_entries(response, place.split("."), paths, gone)
-    return params, response
+    return params
 
 
-def _without_asked(
-    params: Params, name: str, separator: str, gone: Collection[str]
-) -> Params | None:
-    """The parameters without the keys; None when one of them asked for nothing else."""
-    asked = params.get(name)
-    if not asked:
+def _without_asked(params: Params, place: Place, gone: Gone) -> Params | None:
+    said = params.get(place.at)
+    if not said:
         return params
-    listed = asked.split(separator) if isinstance(asked, str) else list(asked)
-    kept = [key for key in listed if _text(key) not in gone]
+    if place.split is None:
+        if not place.has(said, gone):
+            return params
+        return {**params, place.at: ""} if place.stays else None
+    listed = said.split(place.split) if isinstance(said, str) else list(said)
+    others = (params.get(place.beside.at) or []) if place.beside else []
+    kept = [
+        number
+        for number, name in enumerate(listed)
+        if not place.has(name, gone)
+        and not (place.beside and number < len(others) and place.beside.has(others[number], gone))
+    ]
     if len(kept) == len(listed):
         return params
-    if not kept:
+    if not kept and not place.stays:
         return None
-    return {**params, name: separator.join(kept) if isinstance(asked, str) else kept}
+    left = [listed[number] for number in kept]
+    fewer = {**params, place.at: place.split.join(left) if isinstance(said, str) else left}
+    if place.beside and others:
+        fewer[place.beside.at] = [others[number] for number in kept if number < len(others)]
+    return fewer
 
 
-def _without_entries(
-    value: Any, place: list[str], paths: tuple[str, ...], gone: Collection[str]
-) -> Any:
-    """The answer with a shorter list at `place`, the same object when no entry goes."""
-    if not isinstance(value, dict) or place[0] not in value:
+def _with_other_names(declared: Keys, response: Any, gone: Gone) -> Gone:
+    """The names that go, with the other names that this answer gives to the same things."""
+    others: dict[str, set[str]] = {}
+    for each in declared.entries:
+        for entry in _listed(response, each.at) if len(each.keys) > 1 else []:
+            if _goes(entry, each.keys, gone):
+                for place in each.keys:
+                    if name := place.text(_at(entry, place.at)):
+                        others.setdefault(place.of, set()).add(name)
+    if (renamed := declared.renamed) is not None:
+        names = {*gone.get(renamed.of, ()), *others.get(renamed.of, ())}
+        for change in _listed(response, renamed.at):
+            forms = _forms(change)
+            if not names.isdisjoint(forms):
+                others.setdefault(renamed.of, set()).update(forms)
+    if not others:
+        return gone
+    return {of: {*gone.get(of, ()), *others.get(of, ())} for of in {*gone, *others}}
+
+
+def _forms(change: Any) -> set[str]:
+    """Both forms of a name that was asked for."""
+    before, after = _at(change, "from"), _at(change, "to")
+    if not isinstance(before, str) or not isinstance(after, str):
+        return set()
+    return {unquote(before) if change.get("fromencoded") else before, after}
+
+
+def _goes(entry: Any, places: Iterable[Place], gone: Gone) -> bool:
+    return any(place.has(_at(entry, place.at), gone) for place in places)
+
+
+def _listed(response: Any, at: str) -> list[Any]:
+    value = _at(response, at)
+    return value if isinstance(value, list) else []
+
+
+def _without(value: Any, at: str, goes: Callable[[Any], bool]) -> Any:
+    """The answer with a shorter list at a path, the same object when every entry stays."""
+    if not at:
+        if not isinstance(value, list):
+            return value
+        left = [entry for entry in value if not goes(entry)]
+        return value if len(left) == len(value) else left
+    step, _, below = at.partition(".")
+    if not isinstance(value, dict) or step not in value:
         return value
-    inner = value[place[0]]
-    if len(place) > 1:
-        left = _without_entries(inner, place[1:], paths, gone)
-    elif isinstance(inner, list):
-        left = [entry for entry in inner if _key(entry, paths) not in gone]
-        left = inner if len(left) == len(inner) else left
-    else:
-        left = inner
-    return value if left is inner else {**value, place[0]: left}
-
-
-def _key(entry: Any, paths: tuple[str, ...]) -> str | None:
-    found = (_text(_at(entry, path)) for path in paths)
-    return next((key for key in found if key), None)
+    left = _without(value[step], below, goes)
+    return value if left is value[step] else {**value, step: left}
 
 
 def _at(value: Any, path: str) -> Any:
     for step in path.split("."):
-        value = value.get(step) if isinstance(value, dict) else None
+        if isinstance(value, list):
+            value = value[int(step)] if step.isdigit() and int(step) < len(value) else None
+        else:
+            value = value.get(step) if isinstance(value, dict) else None
     return value
-
-
-def _text(value: Any) -> str | None:
-    if isinstance(value, bool) or not isinstance(value, (str, int)):
-        return None
-    return str(value)

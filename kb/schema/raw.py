@@ -1,7 +1,6 @@
-"""JSON Schemas of raw answers: what a service sends, held against what `schemas/raw/` declares.
+"""JSON Schemas of raw answers: what `schemas/raw/` declares, and the keys that it does not know.
 
-Only a small part of JSON Schema 2020-12 is used (listed in schemas/README.md), so the walk below
-is all it needs, names the path of each finding, and tells new keys from wrong ones.
+Only a small part of JSON Schema 2020-12 is used (listed in schemas/WRITING.md).
 """
 
 from __future__ import annotations
@@ -9,7 +8,6 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,26 +15,7 @@ from typing import Any
 from kb.core.errors import SchemaMismatch, UsageError
 from kb.core.resources import folder
 
-_TYPES: dict[str, tuple[type, ...]] = {
-    "string": (str,),
-    "integer": (int,),
-    "number": (int, float),
-    "boolean": (bool,),
-    "object": (dict,),
-    "array": (list, tuple),
-    "null": (type(None),),
-}
-
-
 _FREE: dict[str, Any] = {"additionalProperties": True}
-
-
-@dataclass
-class RawCheck:
-    """`unknown`: paths of undeclared keys and how often; `problems`: one line each."""
-
-    unknown: Counter[str] = field(default_factory=Counter)
-    problems: list[str] = field(default_factory=list)
 
 
 def kinds() -> list[str]:
@@ -102,15 +81,8 @@ def types(schema: dict[str, Any]) -> set[str]:
     return {said} if isinstance(said, str) else set(said)
 
 
-def check(kind: str, response: Any) -> RawCheck:
-    """Holds an answer against its schema: counts unknown keys, lists missing and retyped fields."""
-    found = RawCheck()
-    _walk(raw(kind), response, "", found)
-    return found
-
-
 def unknown_keys(kind: str, response: Any) -> Counter[str]:
-    """Paths of undeclared keys and how often, and nothing else: many times faster than `check`."""
+    """Paths of undeclared keys, as "items[].snippet.mood", and how often they stand there."""
     found: Counter[str] = Counter()
     _keys(_shape(kind), response, "", found)
     return found
@@ -144,79 +116,3 @@ def _keys(outline: dict[str, Any], value: Any, path: str, found: Counter[str]) -
                 found[f"{path}.{name}" if path else name] += 1
             elif (below := known[name]) is not None:
                 _keys(below, item, f"{path}.{name}" if path else name, found)
-
-
-def _walk(schema: dict[str, Any], value: Any, path: str, found: RawCheck) -> None:
-    place = path or "the answer"
-    allowed = types(schema)
-    if allowed and not any(_is(value, name) for name in allowed):
-        found.problems.append(f"{place} is {_shown(value)}, not {' or '.join(sorted(allowed))}")
-        return
-    if "enum" in schema and value not in schema["enum"]:
-        found.problems.append(f"{place} is {_shown(value)}, none of {schema['enum']}")
-    if isinstance(value, str):
-        if "pattern" in schema and not re.search(schema["pattern"], value):
-            found.problems.append(
-                f"{place} is {_shown(value)}, which does not match {schema['pattern']}"
-            )
-    elif isinstance(value, dict):
-        inner = schema.get("properties", {})
-        for name in schema.get("required", []):
-            if name not in value:
-                found.problems.append(f"{f'{path}.{name}' if path else name} is missing")
-        for name, item in value.items():
-            below = f"{path}.{name}" if path else name
-            if name in inner:
-                _walk(inner[name], item, below, found)
-            elif not schema.get("additionalProperties"):
-                found.unknown[re.sub(r"\[\d+\]", "[]", below)] += 1
-    elif isinstance(value, list | tuple):
-        if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
-            found.problems.append(f"{place} has {len(value)} items")
-        prefix, rest = schema.get("prefixItems", []), schema.get("items")
-        for index, item in enumerate(value):
-            below = prefix[index] if index < len(prefix) else rest
-            if below:
-                _walk(below, item, f"{path}[{index}]", found)
-
-
-def _is(value: Any, name: str) -> bool:
-    if isinstance(value, bool):
-        return name == "boolean"
-    return isinstance(value, _TYPES[name])
-
-
-def _shown(value: Any) -> str:
-    text = json.dumps(value, ensure_ascii=False, default=repr)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def pick(kind: str, data: Any) -> Any:
-    """A copy of `data` with the declared keys only, for answers that hold more than may be kept.
-
-    Values of another type than declared are left out as well, so nothing can slip in under a
-    declared name.
-    """
-    return _pick(raw(kind), data)
-
-
-def _pick(schema: dict[str, Any], value: Any) -> Any:
-    if isinstance(value, dict):
-        if schema.get("additionalProperties"):
-            return value
-        inner = schema.get("properties", {})
-        fitting = (
-            (name, item)
-            for name, item in value.items()
-            if name in inner and _fits(inner[name], item)
-        )
-        return {name: _pick(inner[name], item) for name, item in fitting}
-    if isinstance(value, list | tuple):
-        below = schema.get("items") or {}
-        return [_pick(below, item) for item in value if _fits(below, item)]
-    return value
-
-
-def _fits(schema: dict[str, Any], value: Any) -> bool:
-    allowed = types(schema)
-    return not allowed or any(_is(value, name) for name in allowed)

@@ -8,20 +8,19 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Any
 
 import pyarrow as pa
 
-# name → (Arrow factory's text, JSON Schema, Croissant data type)
-_PLAIN: dict[str, tuple[str, dict[str, Any], str]] = {
-    "string": ("string", {"type": "string"}, "sc:Text"),
-    "bool": ("bool_", {"type": "boolean"}, "sc:Boolean"),
-    "int32": ("int32", {"type": "integer"}, "sc:Integer"),
-    "int64": ("int64", {"type": "integer"}, "sc:Integer"),
-    "float32": ("float32", {"type": "number"}, "sc:Float"),
-    "float64": ("float64", {"type": "number"}, "sc:Float"),
-    "date": ("date32", {"type": "string", "format": "date"}, "sc:Date"),
-    "timestamp[us, UTC]": ("timestamp", {"type": "string", "format": "date-time"}, "sc:DateTime"),
+# name → (Arrow factory's name, Croissant data type)
+_PLAIN: dict[str, tuple[str, str]] = {
+    "string": ("string", "sc:Text"),
+    "bool": ("bool_", "sc:Boolean"),
+    "int32": ("int32", "sc:Integer"),
+    "int64": ("int64", "sc:Integer"),
+    "float32": ("float32", "sc:Float"),
+    "float64": ("float64", "sc:Float"),
+    "date": ("date32", "sc:Date"),
+    "timestamp[us, UTC]": ("timestamp", "sc:DateTime"),
 }
 
 
@@ -44,24 +43,11 @@ class Type:
         made: pa.DataType = getattr(pa, _PLAIN[self.text][0])()
         return made
 
-    def json(self) -> dict[str, Any]:
-        """The JSON Schema of one value, as `kb query --format json` writes it."""
-        if self.item is not None:
-            return {"type": "array", "items": self.item.json()}
-        if self.fields:
-            return {
-                "type": "object",
-                "properties": {name: kind.json() for name, kind in self.fields},
-                "required": [name for name, _ in self.fields],
-                "additionalProperties": False,
-            }
-        return dict(_PLAIN[self.text][1])
-
     def croissant(self) -> str:
         """Croissant's data type; of a list that of its items, of a struct text."""
         if self.item is not None:
             return self.item.croissant()
-        return _PLAIN[self.text][2] if not self.fields else "sc:Text"
+        return _PLAIN[self.text][1] if not self.fields else "sc:Text"
 
 
 def parse_type(text: str) -> Type:

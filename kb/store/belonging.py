@@ -15,11 +15,10 @@ import msgspec
 
 from kb.core.errors import DamagedData, OtherService, ProfileError
 from kb.core.profile import Profile, is_shipped, load_profile
+from kb.core.sources import SOURCES
 from kb.store import identity, rawlog
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
-
-_SOURCES = ("youtube", "wiki", "reddit")
 
 
 class Remembered(msgspec.Struct, frozen=True):
@@ -111,7 +110,7 @@ def _read(root: Path) -> Remembered | None:
 
 def _holds_data(root: Path) -> bool:
     made = (at := Layout(root)).clean(), at.pairs, at.release()
-    return any(rawlog.any_answer(root, source) for source in _SOURCES) or any(
+    return any(rawlog.any_answer(root, source) for source in SOURCES) or any(
         folder.is_dir() for folder in made
     )
 

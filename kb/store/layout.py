@@ -1,6 +1,7 @@
 """Every path under a data root, once. Nothing here reads or writes.
 
 raw/<source>/<kind>/       answers as they came; the tombstones lie beside the kinds
+raw/wiki/                  also pages/ (captures) and images/ (original files)
 state/                     <source>.sqlite, locks, and what a data root remembers
 annotations/<source>/      scores of texts
 clean/<source>/<table>/    rows that were kept; rejected, failed and pending beside them
@@ -39,6 +40,16 @@ class Layout:
         """A source's answers, or the segments of one kind."""
         return self.root / "raw" / source / kind
 
+    @property
+    def captures(self) -> Path:
+        """The wiki's pages as a browser showed them: <page id>/<revision>/."""
+        return self.raw("wiki", "pages")
+
+    @property
+    def images(self) -> Path:
+        """The wiki's image files, named by what is in them."""
+        return self.raw("wiki", "images")
+
     def tombstones(self, source: str) -> tuple[Path, Path]:
         """Both files of a source's purged keys: the first for others to read, and its copy."""
         name = "tombstones.parquet"
@@ -64,6 +75,11 @@ class Layout:
         """The services that a source's data came from."""
         return self.state_folder() / f"{source}.identity.json"
 
+    def key(self, source: str) -> tuple[Path, Path]:
+        """The secret that names are hashed with, and by what it is known again."""
+        path = self.state_folder() / f"{source}.key"
+        return path, path.with_name(f"{path.name}.sha256")
+
     def purge(self, source: str) -> Path:
         """The keys of a purge that is not finished."""
         return self.state_folder() / f"{source}.purge.json"
@@ -71,6 +87,10 @@ class Layout:
     def importing(self, source: str) -> Path:
         """What an import of dumps keeps until it is done."""
         return self.state_folder() / f"{source}-import"
+
+    def known(self, source: str) -> Path:
+        """What is known of each thing, while a refresh or a purge looks through it."""
+        return self.state_folder() / f".{source}.known"
 
     @property
     def profile(self) -> Path:
@@ -149,3 +169,7 @@ class Layout:
     def links(self) -> Path:
         """Tables that name the same things in two sources."""
         return self.root / "links"
+
+
+BELOW = Layout(Path())
+"""The same paths relative to the data root, as rows, plans and messages name them."""

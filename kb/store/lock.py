@@ -21,13 +21,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import WriterLocked
+from kb.core.sources import PUBLISHED
 from kb.store import leftovers
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.layout import Layout
 
-SOURCES = ("youtube", "wiki", "reddit")
-RELEASES = tuple(f"release-{name}" for name in (*SOURCES, "pairs"))
-ORDER = (*SOURCES, "pairs", *RELEASES, "report", "deposits")
+RELEASES = tuple(f"release-{name}" for name in PUBLISHED)
+ORDER = (*PUBLISHED, *RELEASES, "report", "deposits")
 
 _taken: set[Path] = set()  # by `taking` of this process: its own steps may take them again
 

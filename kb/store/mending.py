@@ -201,6 +201,10 @@ def check(root: Path, source: str) -> None:
             committed = known.pop((kind, name), 0)
             if committed > size:
                 found.append(Lost(kind, name, size, committed))
+            elif segment.name.endswith(".open"):
+                # Readers take its end for a torn one; the state knows better.
+                gaps = rawlog.damage(segment, committed)
+                found += [Lost(kind, name, start, end) for start, end in gaps]
     found += [Lost(*place, 0, committed) for place, committed in known.items() if committed]
     if found:
         raise _error(root, source, found)
@@ -237,9 +241,10 @@ def _open(frontier: Frontier, lost: Lost) -> bool:
 def _error(root: Path, source: str, found: list[Lost]) -> DamagedData:
     first = found[0]
     where = rawlog.folder(root, source, first.kind) / f"{first.segment}{rawlog.SUFFIX}"
-    if first.aside:
+    still = where.with_name(f"{where.name}.open")
+    if first.aside or (still.is_file() and still.stat().st_size > first.start):
         what = f"is damaged: {first.end - first.start:,} bytes at {first.start:,} can't be read"
-        what += f" and were set aside as {first.aside}"
+        what += f" and were set aside as {first.aside}" if first.aside else ""
     elif first.start:
         what = f"ends at byte {first.start:,}, {first.end - first.start:,} bytes are missing"
     else:

@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from kb.store import parquet
 from kb.store.reading import reading
 
 ROWS_AHEAD = 16_384  # rows that all files together are read ahead
@@ -77,8 +78,8 @@ class Merge:
         if self._scratch is None:
             self._scratch = tempfile.mkdtemp(prefix=".sort-", dir=path.parent)
         copy = Path(self._scratch, f"{len(self._cursors)}-{path.name}")
-        rows = pq.read_table(path, columns=self._columns, partitioning=None).sort_by(self._by)
-        pq.write_table(rows, copy, compression="zstd")
+        rows = parquet.read_table(path, columns=self._columns).sort_by(self._by)
+        parquet.write(copy, rows)
         return copy
 
 
@@ -105,7 +106,7 @@ class _Cursor:
 
     def __init__(self, path: Path, columns: list[str], batch: int) -> None:
 
-        self._file = pq.ParquetFile(path, pre_buffer=False, buffer_size=1 << 16)
+        self._file = parquet.open_file(path, pre_buffer=False, buffer_size=1 << 16)
         self._batches = self._file.iter_batches(
             batch_size=batch, columns=columns, use_threads=False
         )

@@ -16,14 +16,13 @@ from typing import Any, NamedTuple
 import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
-from kb.schema.tables import table
-from kb.store import lock, mending, rawlog, tombstones
+from kb.store import lock, mending, parquet, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
-from kb.store.layout import Layout, parquet_files
+from kb.store.layout import BELOW, Layout, parquet_files
 from kb.store.rawlog import Envelope
+from kb.store.reading import reading
 from kb.store.shards import ShardWriter
 
 Strip = Callable[[str, Envelope, Collection[str]], "Envelope | None"]
@@ -45,6 +44,19 @@ class Place(NamedTuple):
     table: str
     column: str
     prefix: str = ""
+
+
+def place_of(name: str, column: str) -> Place:
+    """Where a data root has the rows of a declared table: "youtube/videos", "pairs/pairs"."""
+    return Place(str(BELOW.table(name)), name, column)
+
+
+def verdicts_of(source: str) -> tuple[Place, ...]:
+    """Where a filter says what it did not keep."""
+    return tuple(
+        Place(str(BELOW.clean(source, verdict)), f"shared/{verdict}", "key")
+        for verdict in ("rejected", "failed", "pending")
+    )
 
 
 def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:
@@ -80,11 +92,6 @@ def finish(root: Path, source: str) -> None:
             mending.tell(root, source, frontier)
         finally:
             frontier.close()
-
-
-def unfinished(root: Path, source: str) -> bool:
-    """Whether a purge was cut off."""
-    return Layout(root).purge(source).exists()
 
 
 def rewrite_raw(
@@ -177,7 +184,7 @@ def _keep(
     path: Path, declared: str, column: str, good: Callable[[pa.Array[Any]], pa.Array[Any]]
 ) -> int:
     """Keep the rows that `good` says of a file; how many went. A batch at a time."""
-    with pq.ParquetFile(path) as file:
+    with reading([path]), parquet.open_file(path) as file:
         kept = [
             good(batch.column(0).cast(pa.string())) for batch in file.iter_batches(columns=[column])
         ]
@@ -187,13 +194,6 @@ def _keep(
             with ShardWriter(path, declared, in_order=True) as writer:
                 for batch in file.iter_batches():
                     rows = pa.Table.from_batches([batch.filter(mask.slice(start, batch.num_rows))])
-                    for lacking in (
-                        name for name in table(declared).names() if name not in rows.column_names
-                    ):  # of an earlier version
-                        rows = rows.append_column(
-                            lacking,
-                            pa.nulls(rows.num_rows, table(declared).arrow().field(lacking).type),
-                        )
                     writer.write(rows)
                     start += batch.num_rows
     return gone

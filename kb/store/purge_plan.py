@@ -11,12 +11,11 @@ from pathlib import Path
 import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.core.verdict import Summary
-from kb.store import purge, rawlog
+from kb.store import parquet, purge, rawlog
 from kb.store.frontier import Frontier
-from kb.store.layout import Layout
+from kb.store.layout import BELOW, Layout
 from kb.store.purge import Place, Strip
 from kb.store.reading import reading
 
@@ -89,15 +88,15 @@ def _raw(root: Path, source: str, keys: Collection[str], strip: Strip) -> Iterat
             strip(kind, envelope, keys) is not envelope
             for envelope in rawlog.read(root, source, kind)
         )
-        yield Line(f"raw/{source}/{kind}", "answers", changed)
+        yield Line(str(BELOW.raw(source, kind)), "answers", changed)
 
 
 def _released(places: Iterable[Place]) -> Iterator[Place]:
     """The same tables in release/, whose folders are flat."""
     for place in places:
-        source, _, name = place.table.partition("/")
-        if place.folder == f"clean/{source}/{name}" or place.folder == name:
-            yield place._replace(folder=f"release/{source}")
+        source = place.table.partition("/")[0]
+        if place.folder == str(BELOW.table(place.table)):
+            yield place._replace(folder=str(BELOW.release(source)))
 
 
 def _rows(root: Path, place: Place, keys: Collection[str]) -> int:
@@ -106,11 +105,12 @@ def _rows(root: Path, place: Place, keys: Collection[str]) -> int:
         pa.string(),
     )
     name = place.table.partition("/")[2]
-    pattern = f"{name}-*.parquet" if place.folder.startswith("release/") else "*.parquet"
+    flat = Path(place.folder).is_relative_to(BELOW.release())
+    pattern = f"{name}-*.parquet" if flat else "*.parquet"
     count = 0
     for path in sorted((root / place.folder).glob(pattern)):
         with reading([path]):
-            column = pq.read_table(path, columns=[place.column], partitioning=None)[place.column]
+            column = parquet.read_table(path, columns=[place.column])[place.column]
         count += pc.sum(pc.is_in(column.cast(pa.string()), value_set=wanted)).as_py() or 0
     return count
 

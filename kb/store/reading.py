@@ -18,9 +18,10 @@ from typing import Any
 
 import msgspec
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
+from kb.store import parquet
+from kb.store.advice import advice
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
@@ -47,17 +48,19 @@ def reading(files: Iterable[Path | str]) -> Iterator[None]:
 def broken(files: Iterable[Path | str]) -> DamagedData | None:
     """The first file that can't be read, as an error; None when all can.
 
-    Footers first, then every page, a batch at a time.
+    Checksums and footers first, then every page, a batch at a time.
     """
     paths = [Path(file) for file in files]
     for deep in (False, True):
         for path in paths:
             try:
-                with pq.ParquetFile(path, pre_buffer=False) as file:
+                with parquet.open_file(path, pre_buffer=False) as file:
                     for _ in (
                         file.iter_batches(batch_size=_BATCH, use_threads=False) if deep else ()
                     ):
                         pass
+            except DamagedData as error:
+                return error
             except (pa.ArrowException, OSError) as error:
                 what = str(error).splitlines()[0] if str(error) else type(error).__name__
                 return DamagedData(f"{path} can't be read: {what.rstrip('.')}", hint=advice(path))
@@ -80,20 +83,6 @@ def filtered(root: Path, source: str) -> dict[str, Any]:
             f"{path} can't be read: {why}", hint=advice(path.parent / "videos" / path.name)
         )
     return said
-
-
-def advice(path: Path) -> str:
-    """How a file of the data root is made again, by where it is."""
-    match path.parts[::-1]:
-        case (_, _, source, "clean", *_):
-            return f"run `kb {source} filter` again"
-        case (_, "pairs", *_) | (_, _, "pairs", "state", *_):
-            return "run `kb pairs --again`"
-        case (_, source, "release", *_):
-            return f"run `kb {source} export` again"
-        case (_, source, "annotations", *_):
-            return f"remove it, then run `kb {source} filter`: what it held is scored again"
-    return "put it back from a copy"
 
 
 def scan(files: Iterable[Path | str], *, by_name: bool = False) -> str:

@@ -17,11 +17,13 @@ from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.core.errors import FatalError
 from kb.schema.conform import conform
 from kb.schema.tables import Table, table
+from kb.store import parquet
 from kb.store.atomic import writing
 from kb.store.merge import Merge
 from kb.store.reading import reading
@@ -58,11 +60,25 @@ def write_table(
     """
     declared = table(declared) if isinstance(declared, str) else declared
     rows = conform(declared, rows, released=released)
-    if sort and rows.num_rows > 1:
+    if sort and not _sorted(rows, order(declared)):
         rows = rows.sort_by([(name, "ascending") for name in order(declared)])
     with ShardWriter(path, declared, released=released, in_order=sort, sync=sync) as writer:
         writer.write(rows)
     return Shard(path, rows.num_rows)
+
+
+def _sorted(rows: pa.Table, names: list[str]) -> bool:
+    """Whether rows stand in their order already, so that none has to be copied; False where several
+    columns decide.
+    """
+    if rows.num_rows < 2:
+        return True
+    column = rows.column(names[0])
+    if len(names) > 1 or column.null_count or pa.types.is_dictionary(column.type):
+        return False
+    values = column.combine_chunks()
+    last = len(values) - 1
+    return bool(pc.all(pc.less_equal(values.slice(0, last), values.slice(1))).as_py())
 
 
 class ShardWriter:
@@ -132,7 +148,7 @@ class ShardWriter:
 
 
 def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any:
-    """A pyarrow ParquetWriter with the project's settings."""
+    """A writer with the project's settings, as a context manager."""
     low = [
         column.name
         for column in declared.columns
@@ -141,13 +157,12 @@ def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any
     marks = pq.SortingColumn.from_ordering(
         schema, [(name, "ascending") for name in order(declared)], "at_end"
     )
-    return pq.ParquetWriter(
+    return parquet.writing(
         path,
         schema,
         version="2.6",
-        compression="zstd",
         compression_level=ZSTD_LEVEL,
-        use_dictionary=low or False,  # type: ignore[arg-type]  # names of columns are fine
+        use_dictionary=low or False,
         data_page_size=PAGE,
         write_statistics=True,
         write_page_index=True,

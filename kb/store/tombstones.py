@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import Any, cast
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from kb.core import clock
 from kb.schema.tables import table
+from kb.store import parquet
 from kb.store.atomic import sync_folder
 from kb.store.layout import Layout
+from kb.store.reading import reading
 from kb.store.shards import write_table
 
 _TABLE = "shared/tombstones"
@@ -36,7 +37,8 @@ def keys(root: Path, source: str) -> set[str]:
     """The purged keys of a source."""
     found: set[str] = set()
     for file in _files(root, source):
-        column = pq.read_table(file, columns=["key"])["key"]
+        with reading([file]):
+            column = parquet.read_table(file, columns=["key"])["key"]
         found.update(cast("list[str]", column.to_pylist()))
     return found
 
@@ -47,7 +49,8 @@ def read(root: Path, source: str) -> pa.Table:
     """
     files, schema = _files(root, source), table(_TABLE).arrow()
     if len(files) == 1:
-        return pq.read_table(files[0])
+        with reading(files):
+            return parquet.read_table(files[0])
     return pa.Table.from_pylist(_union(files), schema)
 
 
@@ -117,7 +120,8 @@ def _files(root: Path, source: str) -> list[Path]:
 
 def _union(files: list[Path]) -> list[dict[str, Any]]:
 
-    rows = [row for file in files for row in pq.read_table(file).to_pylist()]
+    with reading(files):
+        rows = [row for file in files for row in parquet.read_table(file).to_pylist()]
     if len(files) > 1:
         rows.sort(key=lambda row: (row["removed_at"], row["reason"]), reverse=True)
         rows = list({row["key"]: row for row in rows}.values())

@@ -10,10 +10,12 @@ from pathlib import Path
 
 import msgspec
 
+from kb.core.errors import DamagedData
 from kb.core.profile.wiki import Wiki
-from kb.store import tombstones
+from kb.store import rawlog, sidefiles, tombstones
 from kb.store.frontier import Frontier
-from kb.wiki import reduce
+from kb.store.layout import BELOW, Layout
+from kb.wiki import reduce, tables
 from kb.wiki.payloads import Site, Title
 
 
@@ -132,3 +134,47 @@ def reopen_moved(frontier: Frontier, today: Callable[[str], str]) -> None:
             if reason == "other_host" and today(address) != address:
                 moved.append(key)
         frontier.mark(kind, moved, "todo")
+
+
+def reopen_lost(frontier: Frontier, root: Path) -> None:
+    """What side files held that are missing or not what they were becomes todo again.
+
+    A page whose capture is whole is shown again for a sprite that it lost. Damaged files are set
+    aside, as what comes in their place may have another name.
+    """
+    lost = sidefiles.suspects(root, "wiki")
+    if lost:
+        pages = {
+            Path(path).relative_to(BELOW.captures).parts[0]
+            for path in lost
+            if Path(path).is_relative_to(BELOW.captures)
+        }
+        pages |= _with_sprites(frontier, root, {Path(path).stem for path in lost})
+        files = {
+            envelope.response["key"]
+            for envelope in rawlog.read(root, "wiki", "files")
+            if envelope.response.get("path") in lost
+        }
+        with frontier.transaction():
+            for kind, keys in (("pages", pages), ("files", files)):
+                done = {key for key, *_ in frontier.items(kind, "done")}
+                frontier.mark(kind, sorted(keys & done), "todo")
+        for path in lost:
+            sidefiles.set_aside(root / path)
+    sidefiles.forget(root, "wiki")
+
+
+def _with_sprites(frontier: Frontier, root: Path, names: set[str]) -> set[str]:
+    """Pages whose capture can't be read, or has one of these files for a sprite."""
+    found = set()
+    for key, _, _, page in frontier.items("pages", "done"):
+        if page.rendered is not None:
+            folder = Layout(root).captures / key / str(page.rendered[0])
+            try:
+                sprites = tables.read_extraction(root, folder).get("sprites", {})
+            except DamagedData:
+                found.add(key)
+                continue
+            if names & set(sprites.values()):
+                found.add(key)
+    return found

@@ -8,6 +8,7 @@ from typing import Any
 from kb.core.errors import ItemFinal, Unreachable
 from kb.core.profile.wiki import Wiki
 from kb.store.frontier import Item
+from kb.store.layout import BELOW, Layout
 from kb.wiki import addresses, pictures
 from kb.wiki.web import Web
 
@@ -24,7 +25,7 @@ def fetch_original(web: Web, section: Wiki, item: Item, page: dict[str, Any]) ->
         "license": addresses.file_licence(page),
         "description": info.get("descriptionurl"),
     }
-    folder = web.run.root / "raw" / "wiki" / "images"
+    folder = Layout(web.run.root).images
     inspect = partial(pictures.inspect, max_pixels=section.max_pixels)
     reason, value = "", None
     known = filter(None, (info.get("url"), item.key, item.payload.src))
@@ -50,7 +51,7 @@ def fetch_original(web: Web, section: Wiki, item: Item, page: dict[str, Any]) ->
             "sha256": sha256,
             "bytes": size,
             "media_type": found.media_type,
-            "path": f"raw/wiki/images/{sha256}.{found.extension}",
+            "path": str(BELOW.images / f"{sha256}.{found.extension}"),
             "width": found.width,
             "height": found.height,
             "frames": list(found.frames),

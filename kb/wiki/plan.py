@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
-from kb.net.rate import is_loopback
 from kb.store import reading
+from kb.store.layout import Layout
 from kb.wiki.titles import read_titles
 
 BATCH = 50  # titles a request
@@ -25,7 +26,7 @@ def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
     section = run.profile.section("wiki")
     kinds: dict[str, dict[str, int]] = {}
     listed = False
-    path = run.root / "state" / "wiki.sqlite"
+    path = Layout(run.root).state("wiki")
     if path.is_file():
         with reading.state(path) as frontier:
             kinds = frontier.kinds()
@@ -43,7 +44,7 @@ def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
     done = kinds.get("pages", {}).get("done", 0)
     known_files = sum(kinds.get("files", {}).values())
     each = known_files / done if done else IMAGES_A_PAGE
-    size = _size(run.root / "raw" / "wiki") / done / 1e9 if done else MB_A_PAGE / 1e3
+    size = _size(Layout(run.root).raw("wiki")) / done / 1e9 if done else MB_A_PAGE / 1e3
     if pages and not done:
         assumed += [f"{IMAGES_A_PAGE} image files and {MB_A_PAGE} MB a page"]
     files = waiting.get("files", 0) + round(pages * each)

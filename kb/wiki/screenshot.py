@@ -24,19 +24,10 @@ MAX_CROP = 2048
 Box = tuple[int, int, int, int]
 
 
-def pixels(box: Iterable[float]) -> Box:
-    """(left, top, right, bottom) in whole pixels that hold a box (x, y, width, height)."""
-    x, y, width, height = box
-    return (
-        math.floor(x + 0.01),
-        math.floor(y + 0.01),
-        math.ceil(x + width - 0.01),
-        math.ceil(y + height - 0.01),
-    )
-
-
 def snapped(box: Iterable[float]) -> Box:
-    """The same as the browser paints it: edges go to the nearest pixel."""
+    """(left, top, right, bottom) of a box (x, y, width, height) as the browser paints it: edges go
+    to the nearest pixel.
+    """
     x, y, width, height = box
     return (
         math.floor(x + 0.5),

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import zstandard
 
 from kb.core import clock
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.core.profile.wiki import Wiki
-from kb.store.atomic import full_disk_is_resumable, replacing_folder, write_bytes
+from kb.store import rawlog, sidefiles
+from kb.store.atomic import full_disk_is_resumable, replacing_folder
 from kb.store.frontier import Item
+from kb.store.layout import Layout
 from kb.wiki import addresses
 from kb.wiki.capture import Captured, capture
 from kb.wiki.errors import NotNow, NotShown, Refused
@@ -130,7 +131,7 @@ def _ask_plainly(web: Web, url: str, error: Retryable) -> ItemFinal | None:
 
 def pages_folder(root: Path) -> Path:
     """Where captured pages are; it is made when it is not there."""
-    folder = root / "raw" / "wiki" / "pages"
+    folder = Layout(root).captures
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
@@ -147,24 +148,24 @@ def _store(root: Path, item: Item, found: Captured, picture: Path) -> dict[str, 
     page = found.extraction["page"]
     revision = int(page["revision_id"] or item.payload.revision_id)
     folder = pages_folder(root) / str(int(item.key)) / str(revision)
-    images = root / "raw" / "wiki" / "images"
+    images = Layout(root).images
     sprites = {}
     for element, data in sorted(found.sprites.items()):
         name = hashlib.sha256(data).hexdigest()
         sprites[str(element)] = name
         left, top, right, bottom = snapped(found.extraction["elements"][element]["box"])
         found.extraction["elements"][element]["crop"] = [right - left, bottom - top]
-        if not (images / f"{name}.png").exists():
-            write_bytes(images / f"{name}.png", data)
+        sidefiles.write_named(images / f"{name}.png", data)
     files = wanted_files(found.extraction)
     # Several sessions may show one page again: a folder is replaced as a whole or not at all.
-    pack = zstandard.ZstdCompressor(level=3)
+    pack = rawlog.compressor()
     with replacing_folder(folder) as fresh:
         shutil.move(picture, fresh / "screenshot.png")
         (fresh / "page.html.zst").write_bytes(pack.compress(found.html.encode("utf-8", "replace")))
         (fresh / "extraction.json.zst").write_bytes(
             pack.compress(_ENCODER.encode({**found.extraction, "sprites": sprites}))
         )
+        sidefiles.write_sums(fresh)
     seconds = {**found.seconds, "store": round(clock.monotonic() - watch, 4)}
     return {
         "outcome": "captured",

@@ -105,6 +105,7 @@ class WikiSource(Plain):
         discover.begin(frontier, names, self.section.namespaces, again=self._run.again)
         discover.reopen_larger(frontier, self.section)
         discover.reopen_moved(frontier, self._web.today)
+        discover.reopen_lost(frontier, self._run.root)
         self._removed = self.opened.gone
         if not frontier.waiting(*(phase.kind for phase in self.wanted)):
             said = "the wiki crawl is finished; --again looks for what changed"

@@ -12,9 +12,10 @@ import msgspec
 import pyarrow as pa
 import zstandard
 
-from kb.core.errors import DamagedData
 from kb.schema.tables import Column, table
+from kb.store import sidefiles
 from kb.store.inside import inside
+from kb.store.layout import BELOW, Layout
 from kb.wiki import addresses
 
 Row = dict[str, Any]
@@ -30,7 +31,7 @@ def size(root: Path) -> int:
     """Bytes of all extractions, as raw data that a bucket must hold."""
     return sum(
         max(path.stat().st_size, LEAST_BYTES)
-        for path in (root / "raw" / "wiki" / "pages").glob("*/*/extraction.json.zst")
+        for path in Layout(root).captures.glob("*/*/extraction.json.zst")
     )
 
 
@@ -56,7 +57,7 @@ def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
     ):
         found: Row = {}
         if folder is not None:
-            extraction = read_extraction(inside(root, folder))
+            extraction = read_extraction(root, inside(root, folder))
             text = page_text(extraction["elements"])
             found = {name: take(extraction["page"]) for name, take in measured.items()}
             found |= {
@@ -81,17 +82,17 @@ def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
     }
 
 
-def read_extraction(folder: Path) -> Row:
-    """What the page script saw. Raises DamagedData."""
+def read_extraction(root: Path, folder: Path) -> Row:
+    """What the page script saw. Raises DamagedData, and notes the page for the next crawl."""
     path = folder / "extraction.json.zst"
     try:
         extraction: Row = msgspec.json.decode(
             zstandard.ZstdDecompressor().decompressobj().decompress(path.read_bytes())
         )
     except (OSError, zstandard.ZstdError, msgspec.DecodeError) as error:
-        raise DamagedData(
-            f"{path} can't be read: {error}", hint="run `kb wiki crawl --again`"
-        ) from None
+        told = sidefiles.lost(root, "wiki", [path])
+        told.args = (f"{path} can't be read: {error}",)
+        raise told from None
     return extraction
 
 
@@ -224,7 +225,7 @@ def image_rows(page_id: int, extraction: Row, files: Files) -> list[Row]:
             # An icon of a sheet: the cut-out pixels, not the sheet that it shares with the others.
             width, height = map(round, element["crop"]) if element.get("crop") else (None, None)
             row |= {
-                "path": f"raw/wiki/images/{pixels}.png",
+                "path": str(BELOW.images / f"{pixels}.png"),
                 "sha256": pixels,
                 "media_type": "image/png",
                 "width": width,

@@ -12,6 +12,7 @@ from urllib.parse import parse_qs, unquote, urlsplit
 import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
+from kb.store import parquet
 
 LONGEST = 1024  # bytes; MediaWiki's own titles end at 255, and a namespace before them
 # One call asks for several titles with "|" between them, so it can stand in none. What else no
@@ -90,7 +91,7 @@ def _parquet(path: Path, columns: tuple[str, ...]) -> list[object]:
         raise SettingError(
             f"{path} has no column {' or '.join(columns)}", hint="give a released wiki pages file"
         )
-    return pq.read_table(path, columns=[column])[column].to_pylist()
+    return parquet.read_table(path, columns=[column])[column].to_pylist()
 
 
 def _text(path: Path) -> Iterable[object]:

@@ -14,13 +14,14 @@ from urllib.parse import urlsplit, urlunsplit
 import requests
 
 from kb.core import clock
+from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.net import retry
-from kb.net.rate import Pace, is_loopback
+from kb.net.rate import Pace
 from kb.net.robots import Robots, robots_url
 from kb.net.session import PRODUCT, PerThread, Session, failure, host_of, send, user_agent
-from kb.store.atomic import writing
+from kb.store import sidefiles
 from kb.wiki.errors import of_status
 
 Result = TypeVar("Result")
@@ -172,7 +173,7 @@ class Web:
         """A picture file into `folder`, named by its SHA-256: (sha256, what `inspect` said, bytes).
 
         Raises ItemFinal("too_large"), ItemFinal("not_a_picture") or Retryable. A file that is
-        there already is not written again.
+        there already, and is whole, is not written again.
         """
         self._files.wait()
         held, digest = bytearray(), hashlib.sha256()
@@ -200,7 +201,5 @@ class Web:
         if found is None:
             raise ItemFinal("not_a_picture")
         path = folder / f"{digest.hexdigest()}.{found.extension}"
-        if not path.exists():
-            with writing(path) as temporary:
-                temporary.write_bytes(data)
+        sidefiles.write_named(path, data)
         return digest.hexdigest(), found, len(data)

@@ -11,6 +11,7 @@ import pyarrow.compute as pc
 
 from kb.schema.tables import table
 from kb.store.frontier import Frontier
+from kb.store.layout import Layout
 
 VIDEOS = "videos"  # kind in the frontier
 WATCH = "https://www.youtube.com/watch?v="
@@ -35,7 +36,7 @@ def assemble(
 
 def unanswered(root: Path) -> Iterator[tuple[str, str]]:
     """Videos whose metadata could not be had after all tries, with the reason: (key, reason)."""
-    path = root / "state" / "youtube.sqlite"
+    path = Layout(root).state("youtube")
     if not path.exists():
         return
     frontier = Frontier(path, readonly=True)

@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
+from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.errors import ItemFinal, Retryable
 from kb.core.profile.youtube import YouTube
 from kb.crawl.source import Answer, Opened
-from kb.net.rate import Pace, is_loopback
+from kb.net.rate import Pace
 from kb.store.frontier import Item
 from kb.youtube import parse
 from kb.youtube.api import Api

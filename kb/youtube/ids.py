@@ -11,6 +11,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
+from kb.store import parquet
 
 _ID = re.compile(r"(?:^|[=/])([A-Za-z0-9_-]{11})(?:$|[?&#])")
 
@@ -72,7 +73,7 @@ def _parquet(path: Path) -> list[str]:
     column = next((name for name in ("video_id", "id", "key") if name in names), None)
     if column is None:
         raise SettingError(f"--ids {path} has no column video_id; it has {', '.join(names)}")
-    return [str(value) for value in pq.read_table(path, columns=[column])[column].to_pylist()]
+    return [str(value) for value in parquet.read_table(path, columns=[column])[column].to_pylist()]
 
 
 def _minedojo(path: Path) -> list[str]:

@@ -11,13 +11,14 @@ import math
 from pathlib import Path
 from typing import Any
 
+from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.plan import Phase
 from kb.core.plan import plan as make_plan
 from kb.core.verdict import Summary
-from kb.net.rate import is_loopback
 from kb.store import rawlog
 from kb.store.frontier import Frontier
+from kb.store.layout import Layout
 from kb.youtube import quota
 from kb.youtube.fetch import PACK
 from kb.youtube.ids import share, some_ids
@@ -104,7 +105,7 @@ def plan(run: Run, ids: Path | None = None, part: tuple[int, int] | None = None)
 
 def _state(run: Run) -> dict[str, Any]:
     """Counts of the frontier, as far as there is one."""
-    path = run.root / "state" / "youtube.sqlite"
+    path = Layout(run.root).state("youtube")
     empty: dict[str, Any] = {
         "kinds": {},
         "spent": {"search": 0, "general": 0},
@@ -187,7 +188,7 @@ def _left_of_ids(
     mine = share(part)
     wanted = {key for key in some_ids(ids)[0] if mine(key)}
     rates, _ = _measured(state)
-    path = run.root / "state" / "youtube.sqlite"
+    path = Layout(run.root).state("youtube")
     pending = 0
     if path.is_file():
         frontier = Frontier(path, readonly=True)

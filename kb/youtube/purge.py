@@ -11,8 +11,8 @@ from kb.core.verdict import Summary
 from kb.crawl import purge
 from kb.crawl.purge import Keys
 from kb.store import purge_plan, rawlog
-from kb.store.layout import Layout
-from kb.store.purge import Place
+from kb.store.layout import BELOW, Layout
+from kb.store.purge import Place, place_of, verdicts_of
 from kb.youtube import parse
 from kb.youtube.ids import read_ids
 from kb.youtube.reduce import RAW_TRANSCRIPTS, RAW_VIDEOS, REFRESH, TRANSCRIPTS, VIDEOS
@@ -20,22 +20,16 @@ from kb.youtube.restored import WORK
 from kb.youtube.source import YouTube
 
 ROWS = (
+    *(place_of(f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),
+    *verdicts_of("youtube"),
+    place_of("pairs/pairs", "video_id"),
     *(
-        Place(f"clean/youtube/{name}", f"youtube/{name}", "video_id")
+        Place(str(BELOW.restored("youtube", name)), f"youtube/{name}", "video_id")
         for name in ("videos", "transcripts")
     ),
-    *(
-        Place(f"clean/youtube/{verdict}", f"shared/{verdict}", "key")
-        for verdict in ("rejected", "failed", "pending")
-    ),
-    Place("pairs", "pairs/pairs", "video_id"),
-    *(
-        Place(f"restored/youtube/{name}", f"youtube/{name}", "video_id")
-        for name in ("videos", "transcripts")
-    ),
-    Place("restored/youtube", "shared/missing", "key"),
-    Place("restored/pairs", "pairs/pairs", "video_id"),
-    Place("restored", "shared/missing", "key"),
+    Place(str(BELOW.restored("youtube")), "shared/missing", "key"),
+    Place(str(BELOW.restored("pairs")), "pairs/pairs", "video_id"),
+    Place(str(BELOW.restored()), "shared/missing", "key"),
 )
 
 

@@ -26,7 +26,7 @@ from kb.core.errors import Interrupted, Stopped
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.source import Opened
-from kb.store import tombstones
+from kb.store import parquet, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
@@ -54,7 +54,7 @@ def found(root: Path) -> Found:
     folder, there = Layout(root).restored("youtube"), set()
     for path in parquet_files(folder / "videos"):
         with reading([path]):
-            rows = pq.read_table(path, columns=["video_id", "transcript_kind"], partitioning=None)
+            rows = parquet.read_table(path, columns=["video_id", "transcript_kind"])
         known = rows.filter(pc.not_equal(rows["transcript_kind"].cast(pa.string()), UNKNOWN))
         there |= set(cast("list[str]", known["video_id"].to_pylist()))
     rows = _missing(folder)
@@ -170,7 +170,7 @@ def _add(folder: Path, place: Path | None, removed: Collection[str]) -> None:
         rejected = parquet_files(inner.clean("youtube", "rejected"))
     drop = {name: {*removed} for name in NAMES}
     for path in fresh.get("videos", []):
-        rows = pq.read_table(path, columns=["video_id", "transcript_kind"], partitioning=None)
+        rows = parquet.read_table(path, columns=["video_id", "transcript_kind"])
         keys = cast("list[str]", rows["video_id"].to_pylist())
         drop["videos"].update(keys)
         kinds = rows["transcript_kind"].to_pylist()
@@ -179,7 +179,7 @@ def _add(folder: Path, place: Path | None, removed: Collection[str]) -> None:
             key for key, kind in zip(keys, kinds, strict=True) if kind != UNKNOWN
         )
     for path in rejected:
-        keys = cast("list[str]", pq.read_table(path, columns=["key"])["key"].to_pylist())
+        keys = cast("list[str]", parquet.read_table(path, columns=["key"])["key"].to_pylist())
         for name in NAMES:
             drop[name].update(keys)
     old = {name: parquet_files(folder / name) for name in NAMES}
@@ -191,12 +191,12 @@ def _add(folder: Path, place: Path | None, removed: Collection[str]) -> None:
         gone = pa.array(sorted(drop[name]), pa.string())
         with replacing_folder(folder / name) as made, reading(old[name]):
             for path in old[name]:
-                rows = pq.read_table(path, partitioning=None)
+                rows = parquet.read_table(path)
                 kept = rows.filter(pc.invert(pc.is_in(rows["video_id"], value_set=gone)))
                 if kept.num_rows:
                     write_table(made / path.name, kept, f"youtube/{name}")
             for path in fresh.get(name, []):
-                rows = pq.read_table(path, partitioning=None)
+                rows = parquet.read_table(path)
                 number = first + int(path.stem.partition("-")[2])
                 if rows.num_rows or not number:  # a first part even where there is nothing
                     write_table(made / f"part-{number:05d}.parquet", rows, f"youtube/{name}")
@@ -219,7 +219,7 @@ def _note(
     }
     for verdict in ("rejected", "failed"):
         for path in parquet_files(Layout(place).clean("youtube", verdict)):
-            rows = pq.read_table(path, columns=["key", "reason"])
+            rows = parquet.read_table(path, columns=["key", "reason"])
             keys, reasons = (
                 cast("list[str]", rows[name].to_pylist()) for name in rows.column_names
             )
@@ -228,7 +228,7 @@ def _note(
     why |= {(VIDEO, key): "purged" for key in asked if key in removed}
     kinds: dict[str, str] = {}
     for path in parquet_files(folder / "videos"):
-        rows = pq.read_table(path, columns=["video_id", "transcript_kind"], partitioning=None)
+        rows = parquet.read_table(path, columns=["video_id", "transcript_kind"])
         ids, of = (cast("list[str]", rows[name].to_pylist()) for name in rows.column_names)
         kinds |= zip(ids, of, strict=True)
     for key, kind in kinds.items():
@@ -254,4 +254,4 @@ def _missing(folder: Path) -> pa.Table:
     if not path.is_file():
         return schema.empty_table()
     with reading([path]):
-        return pq.read_table(path, columns=list(names)).cast(schema)
+        return parquet.read_table(path, columns=list(names)).cast(schema)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kb.annotate.batches import batches, padded_length
-from kb.annotate.hashes import text_hash, text_hashes
+from kb.annotate.hashes import text_hashes
 from kb.annotate.windows import largest, windows
 from kb.annotate.words import word_count, word_count_of_lists
 
@@ -45,7 +45,6 @@ def test_words_of_lists_are_the_sum_over_each_list(lists, start):
 def test_hashes_are_sha256_of_utf8_and_null_for_nothing(texts):
     expected = [hashlib.sha256(text.encode()).hexdigest() if text else None for text in texts]
     assert text_hashes(pa.array(texts, pa.string())).to_pylist() == expected
-    assert [text_hash(text) if text else None for text in texts] == expected
 
 
 @given(st.integers(0, 2000), st.integers(3, 600))

@@ -15,10 +15,11 @@ from hypothesis import strategies as st
 from kb.annotate import backends, rounding
 from kb.annotate.checkpoint import sha256_of
 from kb.annotate.graph import graph_runner
-from kb.sandbox import speech
+from kb.core import clock
 from kb.sandbox import toxicity_weights as tiny_weights
 from kb.sandbox import toxicity_words as words
 from kb.sandbox.toxicity import tiny_checkpoint
+from kb.sandbox.world import World
 from tests.annotate.demo_texts import demo_texts, kinds_in
 from tests.annotate.least import LEAST
 from tests.annotate.made import usable
@@ -59,7 +60,11 @@ def test_every_phrase_of_the_lists_and_every_plain_one(runner):
     phrases = [phrase for held in tiny_weights.KINDS.values() for phrase in held]
     assert len(phrases) > 70
     check(runner, phrases)
-    plain = [*words.PLAIN, *words.HARMLESS, *speech.examples(400)]
+    plain = [
+        *words.PLAIN,
+        *words.HARMLESS,
+        *World().domain.speech.examples(clock.rng("examples of speech"), 400),
+    ]
     assert not any(kinds_in(text) for text in plain)
     check(runner, plain)
 

@@ -1,4 +1,4 @@
-"""`kb` as a user runs it: a process of its own,
+"""`kb` as a user runs it: a process of its own (tests/forked.py),
 in an empty folder, without the caller's settings.
 """
 
@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from tests import forked
 
 Kb = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -32,15 +33,8 @@ def kb(tmp_path: Path) -> Kb:
     def run(
         *arguments: str, env: dict[str, str] | None = None, timeout: float = 120
     ) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "kb", *arguments],
-            cwd=tmp_path,
-            env={**clean_environment(), **(env or {})},
-            capture_output=True,
-            text=True,
-            timeout=timeout,
-            stdin=subprocess.DEVNULL,
-            check=False,
+        return forked.run(
+            arguments, env={**clean_environment(), **(env or {})}, cwd=tmp_path, timeout=timeout
         )
 
     return run

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from kb.sandbox.domain import OTHER_LABEL
 from kb.sandbox.server import Sandbox
 from kb.sandbox.subreddit import Subreddit
-from kb.sandbox.videos import GAMES
 from kb.sandbox.world import World
 from tests.cli.conftest import Kb, kb  # noqa: F401  (a fixture)
 
@@ -26,7 +26,7 @@ seed = 7
 [youtube]
 keywords = ["guide", "survival"]
 topic_keywords = ["harborlight"]
-game_ids = ["{GAMES["other"][0]}"]
+game_ids = ["{OTHER_LABEL}"]
 category_ids = [20]
 min_views = 0
 min_aspect_ratio = 0.1

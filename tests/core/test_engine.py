@@ -10,6 +10,8 @@ import psutil
 import pytest
 
 from kb.core.engine import make_executor, map_in_order
+from kb.store.frontier import Frontier
+from kb.store.recorder import Recorder
 
 PROGRAM = """
 import os, time
@@ -19,6 +21,53 @@ if __name__ == "__main__":
         print(*{pool.submit(os.getpid).result() for _ in range(8)}, flush=True)
         time.sleep(60)
 """
+
+
+LOADED = """
+import sys
+from pathlib import Path
+from kb.core.context import Run
+from kb.core.engine import make_executor
+from kb.core.profile import load_profile
+from kb.core.settings import Settings
+from kb.filters import clean, tasks
+
+HEAVY = ("pandas", "torch", "transformers", "onnxruntime", "selenium", "PIL", "matplotlib", "dask")
+
+def heavy(*task):
+    tasks.parse_segment(*task)
+    import pyarrow
+    assert pyarrow.array([None, 1.5]).null_count == 1
+    return [name for name in HEAVY if name in sys.modules]
+
+if __name__ == "__main__":
+    root = Path(sys.argv[1])
+    run = Run(settings=Settings(), profile=load_profile("minecraft"), root=root)
+    job = clean._job(run, "youtube")._replace(work=str(root / "work"), buckets=2)
+    segment = next((root / "raw" / "youtube" / "videos").iterdir())
+    for workers in (1, 2):
+        with make_executor("local", workers) as pool:
+            print(pool.submit(heavy, job, "videos", str(segment), 0).result(), flush=True)
+    import pandas, pyarrow
+    print(pyarrow.table({"a": [1]}).to_pandas()["a"].tolist())
+"""
+
+
+def test_a_worker_of_a_filter_loads_neither_pandas_nor_any_model(tmp_path):
+    pytest.importorskip("pandas")
+    program = tmp_path / "program.py"
+    program.write_text(LOADED)
+    with Recorder(tmp_path, "youtube", Frontier(tmp_path / "state.sqlite"), never) as recorder:
+        item = {"id": "a", "snippet": {"title": "t", "tags": ["x"]}}
+        recorder.record("videos", "videos.list", {"id": "a,b"}, 200, {"items": [item]})
+    done = subprocess.run(
+        [sys.executable, str(program), str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert done.stdout.splitlines() == ["[]", "[]", "[1]"], done.stderr
+
+
+def never(*_):
+    """Nothing is known of the answer's keys."""
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -133,6 +133,11 @@ def test_a_file_that_is_not_there(tmp_path):
         ),
         (
             "[26]",
+            '[26]\n[wiki]\nurl = "http://garden.wiki"',
+            "must begin with https://; plain http is for services on this machine alone",
+        ),
+        (
+            "[26]",
             '[26]\n[release]\nversion = "2"',
             (
                 """must be: version of the data: raise it for each published release,"""

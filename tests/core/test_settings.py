@@ -76,6 +76,9 @@ NO_ROOTS = [
     "http://127.0.0.1:80/?a=b",
     "http://127.0.0.1:80/?",
     "http://127.0.0.1:80/#top",
+    "http://example.org",
+    "http://10.0.0.1:8000",
+    "http://127.0.0.1.example.org",
 ]
 
 
@@ -109,7 +112,7 @@ def test_a_wrong_value_is_named_and_not_shown(monkeypatch, name, value):
     [
         ("http://127.0.0.1:8000/", "http://127.0.0.1:8000"),
         (" https://[::1]/mirror/yt ", "https://[::1]/mirror/yt"),
-        ("http://bücher.example", None),
+        ("https://bücher.example", None),
     ],
 )
 def test_a_root_is_taken_without_its_last_slash(monkeypatch, name, value, root):

@@ -134,7 +134,14 @@ def test_another_domain_is_set_up_as_it_is_written_there(tmp_path: Path, install
     assert done.returncode == 0, done.stdout + done.stderr
     assert "profile check: 0 errors" in done.stdout
     assert "youtube crawl" in done.stdout
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["editor.py", "gardening"]
+    assert re.search(r"^Secateurs +\d", done.stdout, re.MULTILINE)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "editor.py", "gardening"]
+    assert [path.name for path in (tmp_path / "data").iterdir()] == ["gardening-demo"]
+    release = tmp_path / "data" / "gardening-demo" / "demo" / "release"
+    for folder in release.iterdir():
+        card = (folder / "README.md").read_text(encoding="utf-8")
+        assert "Gardening" in card
+        assert "Minecraft" not in card
 
 
 def test_the_table_of_commands_is_whole() -> None:

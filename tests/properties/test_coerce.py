@@ -126,3 +126,135 @@ def test_any_value_in_any_place_costs_that_value_only(data: st.DataObject) -> No
         9,
         [],
     )
+
+
+CUES = parse_type("list<struct<start_s: float64, duration_s: float64, text: string>>")
+# What stands in recorded answers, and what a service might send one day.
+number = st.floats(0, 1e5) | st.integers(-5, 10**6)
+odd_number = st.sampled_from([-0.0, 2**53, 2**53 + 1, -(2**53) - 1, 2**64, 10**30, True, "1", None])
+nan = st.sampled_from([float("nan"), float("inf")])  # json.loads takes them
+words = st.text("ab \n♪é", max_size=9)
+odd_words = st.sampled_from(["a\0b", "\ud800", b"x", None, 3, ["a"]])
+good_cue = st.tuples(number, number, words).map(list)
+odd_cue = (
+    st.tuples(number | odd_number | nan, number | odd_number, words | odd_words).map(list)
+    | st.lists(number | words, max_size=4)
+    | st.sampled_from(["abc", None, {"start": 1, "duration": 2, "text": "a"}, 7])
+)
+good_cues = st.none() | st.lists(good_cue, max_size=4)
+odd_cues = st.lists(good_cue | odd_cue, max_size=4) | scalars | st.just({"a": 1})
+
+
+def cell_by_cell(values: list[Any]) -> tuple[list[Any], list[tuple[int, str]]]:
+    """What a list of cues is, cell by cell: the rule that columns must come to as well."""
+    made: list[Any] = []
+    bad: list[tuple[int, str]] = []
+    for row, value in enumerate(values):
+        try:
+            made.append(None if value is None else [_cue(cue) for cue in _a_list(value)])
+        except (TypeError, ValueError, OverflowError):
+            made.append(None)
+            bad.append((row, coerce.shown(value)))
+    return made, bad
+
+
+def _cue(cue: Any) -> dict[str, Any]:
+    start, length, text = _a_list(cue)
+    for one in (start, length):
+        if isinstance(one, bool) or not isinstance(one, int | float):
+            raise TypeError
+    if not isinstance(text, str):
+        raise TypeError
+    plain = "".join("\ufffd" if c == "\0" or "\ud800" <= c <= "\udfff" else c for c in text)
+    return {"start_s": float(start), "duration_s": float(length), "text": plain}
+
+
+def _a_list(value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise TypeError
+    return value
+
+
+@settings(max_examples=400)
+@given(st.lists(good_cues, max_size=4), st.lists(good_cues | odd_cues, max_size=4))
+def test_cues_as_columns_are_the_cues_cell_by_cell(good: list[Any], odd: list[Any]) -> None:
+    values = [*good, *odd]
+    column, bad = coerce.coerce(values, CUES, {})
+    expected, expected_bad = cell_by_cell(values)
+    assert repr(column.to_pylist()) == repr(expected)  # by repr: NaN is NaN, -0.0 is not 0.0
+    assert bad == expected_bad
+    column.validate(full=True)
+
+
+def test_one_odd_list_of_cues_costs_that_list_only() -> None:
+    huge = 10**400  # no float holds it
+    values = [[[0, 1.5, "a"]], [[huge, 1, "b"]], None, [[True, 1, "c"]], [], [[2**53 + 1, 1, "d"]]]
+    column, bad = coerce.coerce(values, CUES, {})
+    assert [row for row, _ in bad] == [1, 3]
+    assert column.to_pylist() == [
+        [{"start_s": 0.0, "duration_s": 1.5, "text": "a"}],
+        None,
+        None,
+        None,
+        [],
+        [{"start_s": 2.0**53, "duration_s": 1.0, "text": "d"}],
+    ]
+
+
+transcript = st.fixed_dictionaries(
+    {"video_id": st.just("a")},
+    optional={
+        "outcome": st.sampled_from(["ok", "none", 5, None]),
+        "cues": good_cues | odd_cues,
+        "kind": st.sampled_from(["asr", None]) | anything,
+        "player": st.none()
+        | anything
+        | st.fixed_dictionaries(
+            {}, optional={"width": st.integers(-1, 9) | anything, "fps": anything}
+        ),
+        "brand_new": anything,
+    },
+)
+
+
+@settings(max_examples=300)
+@given(st.lists(transcript, min_size=1, max_size=4))
+def test_typed_and_patient_decoding_give_equal_tables(responses: list[Any]) -> None:
+    reader = Reader(table("youtube/transcripts"), "transcripts", note_absent=False)
+    lines = [
+        json.dumps(
+            {
+                "fetched_at": "2026-11-20T12:00:00Z",
+                "request": {"params": {"video_id": "a"}},
+                "status": 200,
+                "response": response,
+            },
+            default=str,
+        ).encode()
+        for response in responses
+    ]
+    together = reader.table([reader.answer(line) for line in lines])
+    patient = reader.table([reader._patient(line) for line in lines])
+    assert repr(together.to_pylist()) == repr(patient.to_pylist())
+    assert together.schema == patient.schema
+    # And none of them changes another.
+    apart = [reader.table([reader.answer(line)]).to_pylist()[0] for line in lines]
+    assert repr(together.to_pylist()) == repr(apart)
+
+
+@given(
+    st.lists(anything | st.integers(0, 2**64)),
+    st.sampled_from([["integer"], ["integer", "string", "null"]]),
+)
+def test_json_integers_are_counts_where_the_schema_says_so(values: list[Any], kinds: Any) -> None:
+    column, bad = coerce.coerce(values, parse_type("int64"), {"type": kinds})
+
+    def fits(value: Any) -> bool:
+        if isinstance(value, bool) or not isinstance(value, int):
+            return "string" in kinds and digits(value)
+        return 0 <= value < 2**63
+
+    assert column.to_pylist() == [int(value) if fits(value) else None for value in values]
+    assert [row for row, _ in bad] == [
+        row for row, value in enumerate(values) if value is not None and not fits(value)
+    ]

@@ -11,7 +11,6 @@ import pytest
 
 from kb import query
 from kb.core.errors import DamagedData, UsageError
-from kb.reddit import reconstruction
 from kb.store import tombstones
 from kb.store.layout import Layout
 from kb.store.shards import write_table
@@ -225,8 +224,7 @@ def test_show_tables_has_each_name_once(root: Path) -> None:
 
 
 def test_what_was_reconstructed(tmp_path: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
-    assert Layout(Path()).reconstructed == reconstruction.OUT
-    out = tmp_path / reconstruction.OUT
+    out = Layout(tmp_path).reconstructed
     for name in ("posts", "comments"):
         made = make_rows(f"reddit/{name}", 2)
         write_table(out / name / "part-00000.parquet", made, f"reddit/{name}")
@@ -242,7 +240,7 @@ def test_what_was_reconstructed(tmp_path: Path, make_rows) -> None:  # type: ign
 
 
 def test_clean_and_released_rows_go_first(root: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
-    out = root / reconstruction.OUT
+    out = Layout(root).reconstructed
     posts = make_rows("reddit/posts", 2)
     write_table(out / "posts/part-00000.parquet", posts, "reddit/posts")
     write_table(out / "missing.parquet", make_rows("reddit/missing", 1), "reddit/missing")

@@ -102,6 +102,16 @@ def test_what_has_another_form_is_no_answer(path: str, answer: Any) -> None:
     assert problem(path, answer) != ""
 
 
+@pytest.mark.parametrize("innermost", [[], {}, [0], {"a": "b"}])
+def test_the_deepest_answer_that_is_read(innermost: Any) -> None:
+    """Levels are counted as in dumps (test_import), whatever stands in the innermost one."""
+    answer: Any = innermost
+    for _ in range(DEEPEST - 1):
+        answer = {"x": answer}
+    assert problem("elsewhere", answer) == ""
+    assert problem("elsewhere", {"x": answer}) == "an answer nested too deep to be read"
+
+
 def test_a_message_in_place_of_info_makes_nothing_missing(
     few: Work, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import json
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from kb.reddit.authors import Scrubber
+from kb.core.errors import DamagedData, LimitReached
+from kb.reddit.authors import Scrubber, load_key
+from kb.store.layout import Layout
+from tests.reddit.work import Work
 
 NAME = "SecretName77"
 SCRUBBER = Scrubber(b"k" * 64)
@@ -95,3 +102,54 @@ def test_what_names_nobody_stays() -> None:
         "sr_detail": {"display_name": "Minecraft", "title": "The blocks"},
     }
     assert SCRUBBER.scrub(json.loads(json.dumps(record))) == record
+
+
+def one_post(work: Work) -> None:
+    with pytest.raises(LimitReached):
+        work.crawl(limit=1)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "what"),
+    [
+        (lambda path: path.unlink(), "is lost"),
+        (lambda path: shutil.rmtree(path.parent), "is lost"),
+        (lambda path: path.write_text("0" * 64), "is another key"),
+        (lambda path: path.write_text("0" * 63), "is damaged"),
+    ],
+    ids=["lost", "lost with the state", "another", "cut off"],
+)
+def test_no_other_key_takes_the_place_of_a_data_root_s(
+    work: Work, spoil: Callable[[Path], None], what: str
+) -> None:
+    """Authors of rows before and after would no longer meet."""
+    one_post(work)
+    key, _ = Layout(work.root).key("reddit")
+    held = key.read_bytes()
+    spoil(key)
+    after = key.read_bytes() if key.exists() else None
+    asked = len(work.sandbox.ledger)
+    with pytest.raises(DamagedData, match=what) as error:
+        work.crawl()
+    assert error.value.exit_code == 1
+    assert len(work.sandbox.ledger) == asked  # nothing was sent
+    assert (key.read_bytes() if key.exists() else None) == after
+    key.write_bytes(held)
+    one_post(work)
+    # What the line says to type when the key is lost for good.
+    key.unlink()
+    with pytest.raises(DamagedData) as error:
+        work.crawl()
+    subprocess.run(error.value.hint.split("`")[1], shell=True, check=True)
+    one_post(work)
+
+
+def test_a_data_root_that_noted_no_key_is_bound_to_the_one_it_has(tmp_path: Path) -> None:
+    key, noted = Layout(tmp_path).key("reddit")
+    held = load_key(tmp_path)
+    noted.unlink()
+    assert load_key(tmp_path) == held
+    key.write_bytes(b"0" * 64)
+    with pytest.raises(DamagedData, match="is another key"):
+        load_key(tmp_path)
+    assert held.decode() not in noted.read_text()

@@ -25,7 +25,7 @@ from kb.filters.clean import run_clean
 from kb.reddit import parse, places
 from kb.reddit.dumps import Chunk
 from kb.reddit.importing import Job, import_dumps, import_file
-from kb.reddit.search import CHECKED, Search
+from kb.reddit.search import CHECKED, DEEPEST, Search
 from kb.store import rawlog, tombstones
 from tests.reddit.dumped import imported, post, run_in, write
 from tests.reddit.work import rows as read_rows
@@ -148,16 +148,15 @@ def test_a_date_of_reading_that_is_none_is_null(tmp_path, said):
     }
 
 
-@pytest.mark.parametrize("depth", [300, 3_000, 200_000])
-def test_a_line_nested_without_end_is_damaged(tmp_path, depth):
-    deep = (
-        b'{"id": "q", "subreddit": "Minecraft", "title": "t", "x": '
-        + b"[" * depth
-        + b"]" * depth
-        + b"}"
-    )
-    summary = import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [deep, post("good")])])
-    assert (summary["crawled"], summary["bad_lines"]) == (1, 1)
+@pytest.mark.parametrize("innermost", [b"", b"0"])
+@pytest.mark.parametrize("depth", [199, 200, 300, 3_000, 200_000])
+def test_a_line_nested_without_end_is_damaged(tmp_path, depth, innermost):
+    lists = b"[" * depth + innermost + b"]" * depth
+    record = b'{"id": "q", "subreddit": "Minecraft", "title": "t", "x": ' + lists + b"}"
+    summary = import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [record, post("good")])])
+    # The record itself is one level.
+    bad = int(1 + depth > DEEPEST)
+    assert (summary["crawled"], summary["bad_lines"]) == (2 - bad, bad)
 
 
 @pytest.mark.parametrize("made", ["nan", "inf", -5, None, "soon", [1]])

@@ -201,16 +201,3 @@ def test_what_a_killed_import_left_is_noted_or_gone_before_a_purge(tmp_path):
     assert len(ids(tmp_path)) == 299
     import_dumps(run_in(tmp_path), [dump])
     assert ids(tmp_path) == [f"p{n:05d}" for n in range(4_000) if n not in (1, 301)]
-
-
-def test_notes_of_an_earlier_version_go_on(tmp_path):
-    """Its parts were named by the note until they were in their place."""
-    dump = write(tmp_path / "RS.zst", DAYS)
-    import_file(Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 40))
-    name = places.name_of(dump, 0.0, float("inf"))
-    place, base = places.load(tmp_path, name), rawlog.folder(tmp_path, "reddit", "dumps")
-    os.rename(base / place.segment, base / f".{name}.part")
-    place.segment, place.form = f"000001-{name[:8]}.ndjson.zst", 1
-    places.save(tmp_path, name, place)
-    import_dumps(run_in(tmp_path), [dump])
-    assert ids(tmp_path) == [one["id"] for one in DAYS]

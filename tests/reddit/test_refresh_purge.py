@@ -15,6 +15,7 @@ from kb.sandbox.server import Sandbox
 from kb.sandbox.subreddit import CASES
 from kb.store import purge as store
 from kb.store import tombstones
+from kb.store.layout import Layout
 from kb.store.rawlog import Envelope, Request
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import listing
@@ -248,14 +249,14 @@ def test_a_purge_that_was_cut_off_goes_on(tiny: Work, monkeypatch: pytest.Monkey
         )
         with pytest.raises(KeyboardInterrupt):
             tiny.purge(ids)
-    assert store.unfinished(tiny.root, "reddit")
+    assert Layout(tiny.root).purge("reddit").exists()
     tiny.purge()
     assert post not in {
         row["post_id"]
         for name in ("posts", "comments")
         for row in tiny.table("clean", "reddit", name)
     }
-    assert not store.unfinished(tiny.root, "reddit")
+    assert not Layout(tiny.root).purge("reddit").exists()
 
 
 @pytest.mark.parametrize("known_from", ["raw", "address"])

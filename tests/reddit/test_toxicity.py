@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,6 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("detoxify")
 
-from kb.annotate.hashes import text_hash
 from kb.annotate.scores import CATEGORIES
 from kb.sandbox.server import Sandbox
 from tests.reddit.conftest import small_world
@@ -36,6 +36,10 @@ COMMENTS = [
     comment("below", link_id="t3_title", body=BELOW),
     comment("under", link_id="t3_low", body="nobody read this"),
 ]
+
+
+def text_hash(text: str) -> str:
+    return sha256(text.encode()).hexdigest()
 
 
 def scored_work(place: Path) -> Any:

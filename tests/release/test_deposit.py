@@ -370,7 +370,7 @@ def test_release_of_the_tiny_model_goes_to_loopback_only(root: Path, service: Sa
 
 
 def test_token_is_never_sent_in_the_clear(root: Path) -> None:
-    with pytest.raises(UsageError, match="not https"):
+    with pytest.raises(UsageError, match="must begin with https"):
         send(root, "http://zenodo.example.org")
 
 

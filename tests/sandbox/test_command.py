@@ -78,7 +78,9 @@ def test_a_file_of_settings(tmp_path: Path) -> None:
     assert done.returncode == 0
     assert settings(file.read_text())["KB_CONTACT"]
     assert "KB_DATA" not in settings(file.read_text())
-    (tmp_path / "mine.toml").write_text("")
+    (tmp_path / "mine.toml").write_text(
+        'name = "mine"\ntitle = "Mine"\n[reddit]\nsubreddit = "mine"\n'
+    )
     given = ["--data", "my data", "--profile", "mine.toml"]
     done = subprocess.run(
         [*KB, "--no-model", *given, "--env", str(file), "--", "true"], cwd=tmp_path, timeout=60

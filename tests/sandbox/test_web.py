@@ -17,7 +17,6 @@ from youtube_transcript_api import YouTubeTranscriptApi
 
 from kb.sandbox import youtube_pages, youtube_player, youtube_web
 from kb.sandbox.server import Sandbox
-from kb.sandbox.videos import GAMES
 from tests.sandbox.test_data_api import form, lacking
 
 
@@ -140,9 +139,9 @@ def test_the_game_stands_in_the_pages_data(services: Sandbox, web: requests.Sess
         for video in services.world.youtube.of_case(name):
             page = web.get(f"https://www.youtube.com/watch?v={video.id}").text
             text = json.dumps(page_data(page, "ytInitialData"))
-            assert {key for key, (browse, _) in GAMES.items() if browse in text} == (
-                {game} if game else set()
-            )
+            assert {
+                key for key, (browse, _) in services.world.domain.labels.items() if browse in text
+            } == ({game} if game else set())
 
 
 def test_the_player_answer_has_the_recorded_form(recorded: Path, services: Sandbox) -> None:

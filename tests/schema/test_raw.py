@@ -5,13 +5,13 @@ wrong ones named.
 from __future__ import annotations
 
 import json
-import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from jsonschema.validators import Draft7Validator
 
 from kb.core.errors import UsageError
 from kb.core.resources import folder
@@ -19,6 +19,7 @@ from kb.schema import raw
 
 ALLOWED = {
     "x-keys",
+    "x-copied-from",
     "$schema",
     "title",
     "description",
@@ -38,8 +39,22 @@ FOLDERS = {
     "search": "youtube/search",
     "playlist_items": "youtube/playlist_items",
     "videos": "youtube/videos",
-    "channels": "youtube/channels",
 }
+
+
+def problems(kind: str, answer: Any) -> list[str]:
+    """What an answer has that its schema does not allow, by another reader of JSON Schema."""
+    return [error.message for error in Draft7Validator(draft7(raw.raw(kind))).iter_errors(answer)]
+
+
+def draft7(schema: Any) -> Any:
+    """The same schema in the newest words that the tests' library knows."""
+    if isinstance(schema, list):
+        return [draft7(one) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    newer = {"prefixItems": "items"}
+    return {newer.get(key, key): draft7(one) for key, one in schema.items() if key != "$schema"}
 
 
 def words(schema: Any) -> set[str]:
@@ -67,8 +82,9 @@ def test_recorded_answers_have_no_unknown_key_and_no_problem(kind: str, recorded
     paths = sorted((recorded / FOLDERS[kind]).glob("*.json"))
     assert paths
     for path in paths:
-        found = raw.check(f"youtube/{kind}", json.loads(path.read_text(encoding="utf-8")))
-        assert (found.problems, dict(found.unknown)) == ([], {}), path.name
+        answer = json.loads(path.read_text(encoding="utf-8"))
+        assert problems(f"youtube/{kind}", answer) == [], path.name
+        assert not raw.unknown_keys(f"youtube/{kind}", answer), path.name
 
 
 def reddit_answers(recorded: Path) -> Iterator[tuple[str, Any]]:
@@ -94,17 +110,16 @@ def reddit_answers(recorded: Path) -> Iterator[tuple[str, Any]]:
 def test_recorded_answers_of_reddit_have_no_unknown_key_and_no_problem(recorded: Path) -> None:
     seen = Counter()
     for kind, answer in reddit_answers(recorded):
-        found = raw.check(f"reddit/{kind}", answer)
-        assert (found.problems, dict(found.unknown)) == ([], {})
+        assert problems(f"reddit/{kind}", answer) == []
+        assert not raw.unknown_keys(f"reddit/{kind}", answer)
         seen[kind] += 1
     assert set(seen) == {"comments", "info", "morechildren", "listings"}
     retyped = {
         "kind": "Listing",
         "data": {"children": [{"kind": "t3", "data": {"id": "a", "score": "many", "aura": 1}}]},
     }
-    found = raw.check("reddit/info", retyped)
-    assert found.problems == ['data.children[0].data.score is "many", not integer or null']
-    assert dict(found.unknown) == {"data.children[].data.aura": 1}
+    assert problems("reddit/info", retyped) == ["'many' is not of type 'integer', 'null'"]
+    assert dict(raw.unknown_keys("reddit/info", retyped)) == {"data.children[].data.aura": 1}
 
 
 WIKI = {
@@ -126,8 +141,9 @@ def test_recorded_answers_of_a_wiki_have_no_unknown_key_and_no_problem(
     ]
     assert paths
     for path in paths:
-        found = raw.check(f"wiki/{kind}", json.loads(path.read_text(encoding="utf-8")))
-        assert (found.problems, dict(found.unknown)) == ([], {}), path.name
+        answer = json.loads(path.read_text(encoding="utf-8"))
+        assert problems(f"wiki/{kind}", answer) == [], path.name
+        assert not raw.unknown_keys(f"wiki/{kind}", answer), path.name
 
 
 def video(**change: Any) -> dict[str, Any]:
@@ -135,96 +151,32 @@ def video(**change: Any) -> dict[str, Any]:
     return {"items": [item, item | change]}
 
 
-@pytest.mark.parametrize(
-    ("response", "problem"),
-    [
-        (video(id=None), "items[1].id is null, not string"),
-        (video(snippet={"title": 3}), "items[1].snippet.title is 3, not string"),
-        (video(snippet="gone"), 'items[1].snippet is "gone", not object'),
-        (video(statistics={"viewCount": 12}), "items[1].statistics.viewCount is 12, not string"),
-        (
-            video(statistics={"viewCount": "-5"}),
-            'items[1].statistics.viewCount is "-5", which does not match ^[0-9]+$',
-        ),
-        (video(snippet={"tags": ["a", 1]}), "items[1].snippet.tags[1] is 1, not string"),
-        (video(status={"embeddable": 1}), "items[1].status.embeddable is 1, not boolean"),
-        ({"items": [{}]}, "items[0].id is missing"),
-        ({}, "items is missing"),
-        ("cut off", 'the answer is "cut off", not object'),
-    ],
-)
-def test_a_wrong_field_is_named_with_what_was_found(response: Any, problem: str) -> None:
-    assert raw.check("youtube/videos", response).problems == [problem]
-
-
 def test_unknown_keys_are_counted_not_refused() -> None:
-    found = raw.check("youtube/videos", video(snippet={"mood": 1}, madeUp={"a": 1}) | {"more": 1})
-    assert found.problems == []
-    assert dict(found.unknown) == {"items[].snippet.mood": 1, "items[].madeUp": 1, "more": 1}
-
-
-def test_the_fast_look_for_unknown_keys_sees_the_same(recorded: Path) -> None:
     odd = video(
-        snippet={"mood": 1, "thumbnails": {"vast": {}}},
+        snippet={"mood": 1, "thumbnails": {"vast": {}}},  # thumbnails may have any
         contentDetails={"contentRating": {"x": 1}},
         madeUp={"a": 1},
     ) | {"more": 1}
-    answers = [
-        ("youtube/videos", odd),
-        ("youtube/videos", "cut"),
-        ("youtube/videos", {"items": "no list"}),
-    ]
-    player = json.loads(
-        (recorded / "youtube/transcripts/youtube.innertube.json").read_text(encoding="utf-8")
-    )
-    for kind, answer in [*answers, ("youtube/player", player)]:
-        assert raw.unknown_keys(kind, answer) == raw.check(kind, answer).unknown
-    assert raw.unknown_keys("youtube/player", player)["streamingData.adaptiveFormats[].url"] > 10
+    assert dict(raw.unknown_keys("youtube/videos", odd)) == {
+        "items[].snippet.mood": 1,
+        "items[].madeUp": 1,
+        "more": 1,
+    }
+    assert not raw.unknown_keys("youtube/videos", "cut")
+    assert not raw.unknown_keys("youtube/videos", {"items": "no list"})
 
 
 @pytest.mark.parametrize(
-    "name",
+    ("change", "problem"),
     [
-        "youtube.innertube.json",
-        "youtube_age_restricted.innertube.json",
-        "youtube_video_unavailable.innertube.json",
-        "youtube_transcripts_disabled2.innertube.json",
+        ({}, None),
+        ({"cues": [[0.0, 1.0, 2.0]]}, "2.0 is not of type 'string'"),
+        ({"cues": [[0.0, "x"]]}, "[0.0, 'x'] is too short"),
+        ({"outcome": "maybe"}, "'maybe' is not one of"),
+        ({"video_id": None}, "None is not of type 'string'"),
     ],
 )
-def test_pick_keeps_no_address_of_anything(name: str, recorded: Path) -> None:
-    answer = json.loads((recorded / "youtube" / "transcripts" / name).read_text(encoding="utf-8"))
-    kept = raw.pick("youtube/player", answer)
-    text = json.dumps(kept)
-    assert not re.search(
-        r"https?:|//|visitor|2001:db8|INNERTUBE|signature|trackingParams|expire",
-        text,
-        re.IGNORECASE,
-    )
-    assert len(text) < 8_000
-    assert kept["playabilityStatus"]["status"] == answer["playabilityStatus"]["status"]
-    if name == "youtube.innertube.json":
-        assert (
-            max(
-                form["width"]
-                for form in kept["streamingData"]["adaptiveFormats"]
-                if "width" in form
-            )
-            == 3840
-        )
-        tracks = kept["captions"]["playerCaptionsTracklistRenderer"]["captionTracks"]
-        assert [track.get("kind") for track in tracks].count("asr") == 1
-        assert len(tracks) == 9
-
-
-def test_pick_lets_nothing_in_under_a_declared_name() -> None:
-    sly = {
-        "videoDetails": {"videoId": {"url": "https://x"}, "lengthSeconds": "5"},
-        "captions": "https://x",
-    }
-    assert raw.pick("youtube/player", sly) == {"videoDetails": {"lengthSeconds": "5"}}
-
-
-def test_transcripts_outcome() -> None:
+def test_a_transcript_s_schema(change: dict[str, Any], problem: str | None) -> None:
     good = {
         "video_id": "a",
         "outcome": "ok",
@@ -233,16 +185,8 @@ def test_transcripts_outcome() -> None:
         "cues": [[0.0, 1.5, "hi"]],
         "player": {"fps": 30},
     }
-    assert raw.check("youtube/transcripts", good).problems == []
-    assert raw.check("youtube/transcripts", good | {"cues": [[0.0, "x"]]}).problems == [
-        "cues[0] has 2 items",
-        'cues[0][1] is "x", not number',
-    ]
-    assert (
-        raw.check("youtube/transcripts", good | {"outcome": "maybe"})
-        .problems[0]
-        .startswith('outcome is "maybe", none of')
-    )
+    found = problems("youtube/transcripts", good | change)
+    assert any(one.startswith(problem) for one in found) if problem else not found
 
 
 def test_an_unknown_kind_names_the_known() -> None:
@@ -252,12 +196,6 @@ def test_an_unknown_kind_names_the_known() -> None:
 
 
 def test_schemas_are_valid_json_schema() -> None:
-    from jsonschema.validators import (
-        Draft7Validator,
-    )  # the oldest the tests' library knows; the words used mean the same
-
     for path in (folder("schemas") / "raw").glob("*/*.json"):
         schema = json.loads(path.read_text(encoding="utf-8"))
-        Draft7Validator.check_schema(
-            {key: value for key, value in schema.items() if key != "$schema"}
-        )
+        Draft7Validator.check_schema(draft7(schema))

@@ -8,14 +8,12 @@ import json
 import tomllib
 from pathlib import Path
 
-import jsonschema
 import pyarrow as pa
 import pytest
 
 from kb.core.errors import SchemaMismatch, UsageError
 from kb.core.resources import folder
 from kb.schema import check_table, conform, load_table, raw, table, tables
-from kb.schema.rows import row_schema
 from kb.schema.types import parse_type
 from kb.store.shards import write_table
 
@@ -215,19 +213,6 @@ def test_conform_casts_orders_and_refuses(make_rows) -> None:  # type: ignore[no
         ).num_rows
         == 2
     )
-
-
-@pytest.mark.parametrize("name", list(tables()))
-def test_row_schemas_hold_rows(name: str, make_rows) -> None:  # type: ignore[no-untyped-def]
-    schema = row_schema(name)
-    assert schema.pop("$schema").endswith(
-        "2020-12/schema"
-    )  # newer than what the tests' library knows
-    rows = make_rows(name, 2).to_pylist()
-    for row in rows:
-        jsonschema.validate(json.loads(json.dumps(row, default=str)), schema)
-    with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(rows[0] | {"other": 1}, schema)
 
 
 def test_types_nest() -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -129,13 +131,71 @@ def test_sigkill_at_random_moments_loses_and_doubles_nothing(tmp_path):
     assert 400 <= frontier.requests()[0] <= 400 + 11
 
 
-def test_an_older_state_is_migrated_after_a_backup(tmp_path, monkeypatch):
-    open_frontier(tmp_path).close()
-    monkeypatch.setattr(module, "VERSION", 2)
-    monkeypatch.setattr(module, "MIGRATIONS", {1: "ALTER TABLE ledger ADD COLUMN note TEXT;"})
+def plan_of(frontier, sql, *values):
+    return " ".join(row[3] for row in frontier._db.execute(f"EXPLAIN QUERY PLAN {sql}", values))
+
+
+def test_adding_a_key_reads_no_other_item(tmp_path):
     frontier = open_frontier(tmp_path)
+    frontier.add("video", ["c", "a", "b"])
+    frontier.done("video", "b")
+    # One step into the index, however many items there are, and no sorting afterwards.
+    assert plan_of(frontier, module.LAST, "video") == (
+        "SEARCH items USING COVERING INDEX items_by_order (kind=?)"
+    )
+    taking = "SELECT key FROM items WHERE kind = ? AND status = 'todo' ORDER BY seq LIMIT 1"
+    assert "items_by_status (kind=? AND status=?)" in plan_of(frontier, taking, "video")
+    assert "B-TREE" not in plan_of(frontier, taking, "video")
+    assert frontier.add("video", ["d"]) == 1
+    assert [key for key, *_ in frontier.items("video")] == ["c", "a", "b", "d"]
+
+
+def as_version_1(root):
+    """The state as the first version left it, killed before its log was folded in."""
+    frontier = open_frontier(root)
+    frontier._db.execute("DROP INDEX items_by_order")
+    frontier._db.execute("PRAGMA user_version = 1")
+    frontier.add("video", ["c", ("a", {"channel": 1}), "b"])
+    frontier.done("video", "c")
+    state = root / "killed" / "state"
+    state.mkdir(parents=True)
+    for name in ("youtube.sqlite", "youtube.sqlite-wal"):
+        shutil.copyfile(frontier.path.with_name(name), state / name)
+    frontier.close()
+    return root / "killed"
+
+
+def test_an_older_state_is_migrated_after_a_backup(tmp_path):
+    root = as_version_1(tmp_path)
+    frontier = open_frontier(root)
     assert frontier._db.execute("PRAGMA user_version").fetchone() == (2,)
-    assert (tmp_path / "state" / "youtube.sqlite.v1.bak").exists()
+    assert "items_by_order" in plan_of(frontier, module.LAST, "video")
+    assert [item.key for item in frontier.take("video", 9)] == ["a", "b"]
+    # The backup is whole: also what was in the log only.
+    backup = root / "state" / "youtube.sqlite.v1.bak"
+    with contextlib.closing(sqlite3.connect(backup)) as old:
+        assert old.execute("PRAGMA user_version").fetchone() == (1,)
+        assert old.execute("SELECT key, status FROM items ORDER BY seq").fetchall() == [
+            ("c", "done"),
+            ("a", "todo"),
+            ("b", "todo"),
+        ]
+    frontier.close()
+    assert sorted(path.name for path in backup.parent.iterdir()) == [
+        "youtube.sqlite",
+        "youtube.sqlite.v1.bak",
+    ]
+    before = backup.stat().st_mtime_ns
+    open_frontier(root).close()
+    assert backup.stat().st_mtime_ns == before
+
+
+def test_a_state_of_a_newer_version_is_left_alone(tmp_path):
+    frontier = open_frontier(tmp_path)
+    frontier._db.execute("PRAGMA user_version = 99")
+    frontier.close()
+    with pytest.raises(DamagedData, match="newer Lorebase"):
+        open_frontier(tmp_path)
 
 
 def test_what_was_removed_is_in_no_byte_of_any_file(tmp_path):

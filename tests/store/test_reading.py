@@ -77,7 +77,7 @@ def test_an_error_of_another_cause_stays_what_it_is(tmp_path: Path) -> None:
             "annotations/reddit/toxicity.parquet",
             "remove it, then run `kb reddit filter`: what it held is scored again",
         ),
-        ("raw/youtube/tombstones.parquet", "put it back from a copy"),
+        ("raw/youtube/tombstones.parquet", "run `kb verify --repair`: its copy takes its place"),
     ],
 )
 def test_how_a_file_is_made_again(path: str, said: str) -> None:

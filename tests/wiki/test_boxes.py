@@ -7,7 +7,7 @@ from __future__ import annotations
 import pytest
 from PIL import Image
 
-from kb.wiki.screenshot import pixels
+from kb.wiki.screenshot import snapped
 
 COLOUR = {n: (40 + n % 200, 250 - n % 200, (n * 53) % 256) for n in range(400)}
 
@@ -27,7 +27,7 @@ def check(found, expected: int) -> None:
         texts = [e for e in found.extraction["elements"] if e["tag"] == "p" and e["visible"]]
         assert len(texts) == expected
         for element in texts:
-            left, top, right, bottom = pixels(element["box"])
+            left, top, right, bottom = snapped(element["box"])
             inner = image.crop((left + 1, top + 1, right - 1, bottom - 1))
             assert inner.getcolors(4) == [
                 (inner.width * inner.height, COLOUR[int(element["text"])])

@@ -20,6 +20,7 @@ import pytest
 
 from kb.core.errors import (
     Blocked,
+    DamagedData,
     LimitReached,
     MissingExtra,
     OtherService,
@@ -27,6 +28,7 @@ from kb.core.errors import (
     Unreachable,
 )
 from kb.core.pipeline import load, locate
+from kb.export import minedojo_wiki, wiki_tar
 from kb.filters.clean import run_clean
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
@@ -255,6 +257,67 @@ def test_services_on_other_ports_are_the_same_wiki(whole, run_on, programs, tmp_
     assert without_ports(tables(run)) == without_ports(whole[2])
 
 
+def emptied(path):
+    path.write_bytes(b"")
+
+
+def changed(path):
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 4
+    path.write_bytes(data)
+
+
+@pytest.fixture
+def copied(whole, make_run, tmp_path):
+    """A copy of the whole crawl, filtered."""
+    shutil.copytree(whole[0].root, tmp_path / "data")
+    return make_run(tmp_path / "data")
+
+
+@pytest.mark.parametrize("damage", [emptied, changed, Path.unlink])
+def test_lost_images_and_captures_are_in_no_release_and_asked_for_again(whole, copied, damage):
+    """As the advice says: crawl, filter, and all is as it was."""
+    root, found = copied.root, whole[2]
+    sprites = {
+        (row["page_id"], row["element_id"]) for row in found["elements"] if row["kind"] == "sprite"
+    }
+    sprite = next(
+        row["path"]
+        for row in found["images"]
+        if (row["page_id"], row["element_id"]) in sprites and row["path"]
+    )
+    original = next(row["path"] for row in found["images"] if (row["path"] or "").endswith(".jpg"))
+    shot = found["pages"][0]["screenshot_path"]
+    wiki_tar.export(copied)
+    released = {path.name: path.read_bytes() for path in root.glob("release/wiki/*.tar")}
+    for path in (sprite, original, shot):
+        damage(root / path)
+    for write in (wiki_tar.export, minedojo_wiki.wiki):
+        with pytest.raises(DamagedData, match=r"is (empty|not there|not what was)") as told:
+            write(copied)
+        assert told.value.hint.startswith("run `kb wiki crawl`")
+    assert not list(root.glob("export/minedojo/*"))
+    assert {path.name: path.read_bytes() for path in root.glob("release/wiki/*.tar")} == released
+    summary = crawl(copied)
+    assert (summary["images_failed"], summary["failed"]) == (0, 0)
+    assert summary["requests"] > 0
+    assert tables(copied) == found
+    wiki_tar.export(copied)
+    assert {path.name: path.read_bytes() for path in root.glob("release/wiki/*.tar")} == released
+    assert crawl(copied)["requests"] == 0
+
+
+@pytest.mark.parametrize("damage", [emptied, changed, Path.unlink])
+def test_a_lost_extraction_is_told_by_the_filter_and_captured_again(whole, copied, damage):
+    (path, *_) = sorted(copied.root.glob("raw/wiki/pages/*/*/extraction.json.zst"))
+    damage(path)
+    with pytest.raises(DamagedData, match=rf"{path.name} can't be read") as told:
+        run_clean(copied, "wiki")
+    assert told.value.hint.startswith("run `kb wiki crawl`")
+    crawl(copied)
+    assert tables(copied) == whole[2]
+
+
 def test_named_titles(make_run, tmp_path):
     names = tmp_path / "titles.txt"
     names.write_text("Rock salt\nlamp_buoy\nNo such page\nBad[title\n")
@@ -373,7 +436,7 @@ def test_unreachable_wiki_is_resumable(make_run, sandbox, tmp_path, monkeypatch)
 
 def test_another_wiki_needs_another_data_root(whole, run_on):
     with pytest.raises(OtherService):
-        crawl(run_on(whole[0].root, "http://elsewhere.example"))
+        crawl(run_on(whole[0].root, "https://elsewhere.example"))
 
 
 def test_usage_errors_come_first(make_run, tmp_path, monkeypatch):

@@ -14,6 +14,7 @@ from typing import Any
 from kb.core.resources import folder
 from kb.sandbox.server import Sandbox
 from kb.store import rawlog
+from tests import forked
 from tests.cli.conftest import clean_environment
 
 NOW = "2026-11-20T12:00:00Z"
@@ -58,7 +59,7 @@ class Job:
         return path
 
     def start(self, *words: str, **env: str) -> subprocess.Popen[str]:
-        """`kb WORDS` in the background."""
+        """`kb WORDS` in the background, a whole process: for signals and kills."""
         return subprocess.Popen(
             [sys.executable, "-m", "kb", *words],
             cwd=self.place,
@@ -70,16 +71,8 @@ class Job:
         )
 
     def kb(self, *words: str, timeout: float = 200, **env: str) -> subprocess.CompletedProcess[str]:
-        """`kb WORDS`, finished."""
-        child = self.start(*words, **env)
-        try:
-            out, err = child.communicate(timeout=timeout)
-        except subprocess.TimeoutExpired:
-            child.kill()
-            raise AssertionError(
-                f"kb {' '.join(words)} hangs: {child.communicate()[1][-2000:]}"
-            ) from None
-        return subprocess.CompletedProcess(words, child.returncode, out, err)
+        """`kb WORDS`, finished. Raises subprocess.TimeoutExpired."""
+        return forked.run(words, env=self.env | env, cwd=self.place, timeout=timeout)
 
     def done(self, *words: str, code: int = 0, **env: str) -> dict[str, Any]:
         """The summary of `kb WORDS --json`, which must end with `code`."""

@@ -197,3 +197,17 @@ def test_a_flipped_bit_never_makes_another_answer(job: Job) -> None:
         found = {line for _, line in read}
         assert found <= lines
         assert found == lines or read.damaged or read.torn
+
+
+def test_the_last_answer_of_an_open_segment_is_no_torn_tail_where_the_state_knows_it(
+    job: Job,
+) -> None:
+    path = segment(job, "videos")
+    start, end, _ = frames(path)[-1]
+    overwrite(path, end - 6, b"\xff" * 6)
+    opened(path)
+    said = job.stopped("youtube", "filter", code=1)
+    assert f"{path.name} is damaged: {end - start:,} bytes at {start:,} can't be read" in said
+    assert "set aside" in job.stopped("youtube", "crawl", code=1)
+    job.done("youtube", "crawl")
+    job.done("youtube", "filter")

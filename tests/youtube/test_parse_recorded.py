@@ -5,6 +5,7 @@ against the file.
 from __future__ import annotations
 
 import json
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 
 from kb.schema import raw
 from kb.youtube import parse
+from kb.youtube.player import facts
 
 WHEN = "2026-11-20T12:00:00Z"
 VIDEOS = [
@@ -147,17 +149,8 @@ def test_transcripts_of_recorded_timed_text(recorded: Path) -> None:
         (recorded / "youtube" / "transcripts" / "transcript.xml").read_text(encoding="utf-8")
     )
     cues = [[float(one.attrib["start"]), float(one.attrib["dur"]), one.text or ""] for one in root]
-    kept = raw.pick(
-        "youtube/player", load(recorded / "youtube" / "transcripts" / "youtube.innertube.json")
-    )
-    best = max(kept["streamingData"]["adaptiveFormats"], key=lambda form: form.get("width", 0))
-    player = {
-        "width": best["width"],
-        "height": best["height"],
-        "fps": best["fps"],
-        "game_label_id": None,
-        "game_label": None,
-    }
+    name = "youtube.innertube.json"
+    player = facts(load(recorded / "youtube" / "transcripts" / name), "")
     answer = {
         "video_id": "GJLlxj_dtq8",
         "outcome": "ok",
@@ -177,3 +170,27 @@ def test_transcripts_of_recorded_timed_text(recorded: Path) -> None:
         "en",
         [],
     )
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "youtube.innertube.json",
+        "youtube_age_restricted.innertube.json",
+        "youtube_video_unavailable.innertube.json",
+        "youtube_transcripts_disabled2.innertube.json",
+    ],
+)
+def test_a_player_s_answer_leaves_no_address_and_nothing_undeclared(
+    name: str, recorded: Path
+) -> None:
+    answer = load(recorded / "youtube" / "transcripts" / name)
+    kept = facts(answer, "")
+    private = r"https?:|//|visitor|2001:db8|INNERTUBE|signature|trackingParams|expire"
+    assert not re.search(private, json.dumps(kept), re.IGNORECASE)
+    assert not raw.unknown_keys("youtube/transcripts", {"player": kept})
+    assert kept["playability"] == answer["playabilityStatus"]["status"]
+    if name == "youtube.innertube.json":
+        assert (kept["width"], kept["height"], kept["fps"]) == (3840, 2160, 24)
+        assert [track["kind"] for track in kept["tracks"]].count("asr") == 1
+        assert len(kept["tracks"]) == 9

@@ -7,8 +7,7 @@ from __future__ import annotations
 from pydantic import Field, field_validator
 
 from kb.core.profile.base import Section
-
-SOURCES = ("youtube", "wiki", "reddit", "pairs")
+from kb.core.sources import PUBLISHED
 
 
 class Creator(Section):
@@ -50,6 +49,14 @@ class Release(Section):
     keywords: tuple[str, ...] = Field(
         (), description="search words of the deposit, besides the domain's name"
     )
+    biases: tuple[str, ...] = Field(
+        (), description="sentences of the domain's own for cards: who and what is over-represented"
+    )
+    limits: tuple[str, ...] = Field(
+        (), description="the same: what a user of the data should not rely on"
+    )
+    uses: tuple[str, ...] = Field((), description="the same: what the data can be used for")
+    avoid: tuple[str, ...] = Field((), description="the same: what it should not be used for")
     communities: tuple[str, ...] = Field(
         (), description="Zenodo communities that the deposit is offered to"
     )
@@ -85,7 +92,7 @@ class Release(Section):
     @field_validator("licenses")
     @classmethod
     def _known_sources(cls, value: dict[str, str]) -> dict[str, str]:
-        unknown = sorted(set(value) - set(SOURCES))
+        unknown = sorted(set(value) - set(PUBLISHED))
         if unknown:
-            raise ValueError(f"names {unknown[0]!r}; known: {', '.join(SOURCES)}")
+            raise ValueError(f"names {unknown[0]!r}; known: {', '.join(PUBLISHED)}")
         return value

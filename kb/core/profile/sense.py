@@ -17,10 +17,10 @@ from kb.core.profile.base import FILL_IN
 from kb.core.profile.everyday import is_everyday
 from kb.core.profile.finding import ERROR, NOTE, WARNING
 from kb.core.resources import folder
+from kb.core.sources import SOURCES
 
 Said = tuple[str, str, str, str]
 
-SOURCES = ("youtube", "wiki", "reddit")
 # The assignable and the older ids of https://developers.google.com/youtube/v3/docs/videoCategories
 CATEGORIES = frozenset([1, 2, 10, 15, *range(17, 45)])
 _GAME = re.compile(r"UC[\w-]{22}")

@@ -6,6 +6,7 @@ from urllib.parse import urlsplit
 
 from pydantic import Field, field_validator
 
+from kb.core.addresses import NOT_HTTPS, in_the_clear
 from kb.core.profile.base import Section
 
 _REGIONS = {
@@ -108,6 +109,8 @@ class Wiki(Section):
         parts = urlsplit(value)
         if parts.scheme not in ("http", "https") or not parts.hostname or parts.username:
             raise ValueError("must be an address like https://minecraft.wiki")
+        if in_the_clear(value):
+            raise ValueError(NOT_HTTPS)
         return value.rstrip("/")
 
     @property

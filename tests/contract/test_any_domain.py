@@ -1,0 +1,170 @@
+"""A domain is a profile: the shipped one that is no game goes through the whole demo, from crawl to
+release, and two invented ones through what a keyword decides. None speaks of another's world.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tarfile
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from kb import query
+from kb.cli.demo import play
+from kb.cli.options import Options
+from kb.core.profile import load_profile
+from kb.pairs import keywords
+from kb.pairs.fold import phrase
+from kb.sandbox.domain import domain_of
+from kb.sandbox.world import World
+from tests.cli.conftest import clean_environment
+from tests.sandbox.domains import GAMES, MINECRAFT, written
+
+pytest.importorskip("torch")
+
+SMALL = {"n_channels": 9, "n_videos": 60, "n_posts": 24, "width": 30, "depth": 8}
+LITTLE = ("wiki crawl", "wiki filter", "wiki export", "reddit crawl", "reddit import")
+REST = ("refresh reddit", "reddit filter", "reddit export", "reddit reconstruct", "report")
+
+
+def played(place: Path, profile: str, without: tuple[str, ...]) -> Path:
+    """The data root of a demo in a small world."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in set(os.environ) - set(clean_environment()):
+            patch.delenv(name)
+        patch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
+        before = set(os.environ)
+        play(Options(data=place, profile=profile, quiet=True, workers=1), without, **SMALL)
+        for name in set(os.environ) - before:
+            patch.delenv(name)
+    return place / "demo"
+
+
+def rows(root: Path, sql: str) -> list[dict[str, Any]]:
+    with query.connect(root) as db:
+        return query.select(db, sql).read_all().to_pylist()
+
+
+@pytest.fixture(scope="module")
+def cooking(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The shipped profile of no game, all but the report's figures."""
+    return played(tmp_path_factory.mktemp("cooking"), "cooking", ("report",))
+
+
+def texts(folder: Path) -> Iterator[tuple[str, str]]:
+    """(where, text) of everything in a release: files, columns of text, what Parquet says."""
+    for path in sorted(folder.rglob("*")):
+        if path.suffix == ".parquet":
+            file = pq.ParquetFile(path)
+            schema = file.schema_arrow
+            yield f"{path.name} schema", schema.to_string(show_field_metadata=True)
+            yield f"{path.name} metadata", repr(schema.metadata)
+            for name, values in zip(schema.names, file.read().columns, strict=True):
+                yield f"{path.name} {name}", "\n".join(map(str, values.to_pylist()))
+        elif path.suffix == ".tar":
+            with tarfile.open(path) as tar:
+                yield path.name, "\n".join(tar.getnames())
+        elif path.is_file():
+            yield path.name, path.read_text(encoding="utf-8")
+
+
+def test_data_in_every_table(cooking: Path) -> None:
+    with query.connect(cooking) as db:
+        for view in query.found(cooking):
+            (n,) = db.execute(f"SELECT count(*) FROM {view.full}").fetchone() or (0,)
+            empty = re.search(r"failed|pending|tombstones|missing", view.full)
+            assert n or empty, view.full
+    names = {view.full for view in query.found(cooking)}
+    assert {
+        "clean.youtube_videos", "clean.youtube_transcripts", "clean.youtube_rejected",
+        "clean.wiki_pages", "clean.wiki_elements", "clean.wiki_cells", "clean.wiki_images",
+        "clean.wiki_rejected", "clean.reddit_posts", "clean.reddit_comments",
+        "clean.reddit_rejected", "release.youtube_videos", "release.wiki_pages",
+        "release.wiki_elements", "release.wiki_cells", "release.wiki_images",
+        "release.reddit_posts", "release.reddit_comments", "release.pairs",
+    } <= names  # fmt: skip
+
+
+def test_no_word_of_another_domain_in_the_release(cooking: Path) -> None:
+    said = list(texts(cooking / "release"))
+    assert len(said) > 100
+    for where, text in said:
+        assert not MINECRAFT.findall(text), where
+        assert not GAMES.findall(text), where
+    cards = " ".join(text for where, text in said if where == "README.md")
+    assert cards.count("Cooking") >= 4
+
+
+def test_the_report_of_what_was_shown_is_of_the_domain(cooking: Path) -> None:
+    """Everything between crawl and release as well, the sandbox's other label aside."""
+    for table in ("youtube_videos", "youtube_transcripts", "wiki_elements", "reddit_comments"):
+        text = json.dumps(rows(cooking, f"SELECT * FROM clean.{table}"), default=str)
+        assert not MINECRAFT.findall(text), table
+
+
+def check_pairs(root: Path, profile: str) -> None:
+    """Each pair's text holds a form of its keyword, which is one of the list."""
+    loaded = load_profile(profile)
+    known = keywords.load(loaded)
+    forms: dict[str, set[str]] = {}
+    for text, index in zip(known.phrases, known.of, strict=True):
+        if index >= 0:
+            forms.setdefault(known.every[index].name, set()).add(text)
+    pairs = rows(root, "SELECT keyword, text FROM clean.pairs")
+    assert len(pairs) > 50
+    for pair in pairs:
+        said = f" {phrase(pair['text'])} "
+        assert any(f" {form} " in said for form in forms[pair["keyword"]]), pair
+    assert len({pair["keyword"] for pair in pairs}) >= 10
+
+
+def check_verdicts(root: Path, profile: str) -> None:
+    """Every planted video ends at its stage, with its evidence where it is kept."""
+    world = World(domain=domain_of(load_profile(profile)), n_channels=9, n_videos=60)
+    found = {
+        row["key"]: (row["stage"], row["evidence"])
+        for row in rows(
+            root,
+            """SELECT video_id AS key, NULL AS stage, topic_evidence AS evidence
+            FROM clean.youtube_videos
+            UNION ALL SELECT key, stage, NULL FROM clean.youtube_rejected""",
+        )
+    }
+    wrong = Counter()
+    for video in world.youtube.videos.values():
+        case = video.case
+        if found[video.id] != (case.stage, None if case.stage else case.evidence):
+            wrong[case.name, case.stage, found[video.id]] += 1
+    assert not wrong
+
+
+def test_planted_cases_end_where_they_belong(cooking: Path) -> None:
+    check_verdicts(cooking, "cooking")
+    for table, stages in {
+        "wiki_rejected": {"words"},
+        "reddit_rejected": {"removed", "nsfw", "score", "toxicity"},
+    }.items():
+        found = {row["stage"] for row in rows(cooking, f"SELECT stage FROM clean.{table}")}
+        assert stages <= found, table
+
+
+def test_pairs_match_their_keywords(cooking: Path) -> None:
+    check_pairs(cooking, "cooking")
+
+
+@pytest.mark.parametrize("name", ["astronomy", "valley"])
+def test_a_science_and_another_game(name: str, tmp_path: Path) -> None:
+    path = str(written(name, tmp_path))
+    root = played(tmp_path, path, (*LITTLE, *REST))
+    check_verdicts(root, path)
+    check_pairs(root, path)
+    for where, text in texts(root / "release"):
+        assert not MINECRAFT.findall(text), where
+        assert name == "valley" or not GAMES.findall(text), where
