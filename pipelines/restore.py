@@ -39,6 +39,7 @@ from kb.reddit.importing import check_readable
 from kb.reddit.plan import plan_rebuild
 from kb.release.downloaded import Downloaded, verify
 from kb.schema import table
+from kb.store import parquet
 from kb.store.buckets import Kind
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import reading
@@ -198,7 +199,7 @@ def _wanted(found: Sequence[Downloaded], only: str | None) -> Wanted:
     for one in mine:
         for path in (*one.shards("videos"), *one.shards("pairs")):
             with reading([path]):
-                rows = pq.read_table(path, columns=["video_id", "transcript_kind"])
+                rows = parquet.read_table(path, columns=["video_id", "transcript_kind"])
             keys = cast("list[str]", rows["video_id"].to_pylist())
             videos += keys
             had |= zip(keys, cast("list[str]", rows["transcript_kind"].to_pylist()), strict=True)
@@ -261,18 +262,18 @@ def _missing(root: Path) -> int:
     parts = [_reasons(at.restored("youtube") / "missing.parquet")]
     reddit = at.restored("reddit") / "missing.parquet"
     if reddit.is_file():
-        rows = pq.read_table(reddit, columns=["key", "reason"])
+        rows = parquet.read_table(reddit, columns=["key", "reason"])
         keys, reasons = (rows[name].cast(pa.string()) for name in ("key", "reason"))
         kinds = pc.if_else(pc.starts_with(keys, "t3_"), "post", "comment")
         parts.append(_rows_of("reddit", kinds, keys, reasons))
     transcripts = parquet_files(at.restored("youtube", "transcripts"))
     ids = [
-        pq.read_table(path, columns=["video_id"], partitioning=None)["video_id"].cast(pa.string())
+        parquet.read_table(path, columns=["video_id"])["video_id"].cast(pa.string())
         for path in transcripts
     ]
     there = pa.chunked_array([chunk for one in ids for chunk in one.chunks], pa.string())
     for path in parquet_files(at.restored("pairs")):
-        rows = pq.read_table(path, columns=["pair_id", "video_id", "text"], partitioning=None)
+        rows = parquet.read_table(path, columns=["pair_id", "video_id", "text"])
         rows = rows.filter(pc.is_null(rows["text"]))
         has = pc.is_in(rows["video_id"].cast(pa.string()), value_set=there.combine_chunks())
         reasons = pc.if_else(has, "other transcript", "no transcript")
@@ -292,7 +293,7 @@ def _reasons(path: Path) -> pa.Table:
     schema = pa.schema([(name, pa.string()) for name in table("shared/missing").names()])
     if not path.is_file():
         return schema.empty_table()
-    return pq.read_table(path, columns=schema.names).cast(schema)
+    return parquet.read_table(path, columns=schema.names).cast(schema)
 
 
 def _rows(files: Sequence[Path]) -> int:

@@ -189,8 +189,8 @@ def reconstruct(
 
     if plan:
         return plan_rebuild(run, ids or None, dumps or ())
-    out = (out or Layout(run.root).reconstructed).absolute()
-    return rebuild(run, ids or None, out, dumps=dumps or ())
+    place = (out or Layout(run.root).reconstructed).absolute()
+    return rebuild(run, ids or None, place, dumps=dumps or ())
 
 
 def _span(since: str | None, until: str | None) -> tuple[datetime | None, datetime | None]:

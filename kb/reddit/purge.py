@@ -36,7 +36,8 @@ from kb.store.rawlog import Envelope
 from kb.store.reading import reading
 from kb.store.shards import check_columns, write_table
 
-BASES = (BELOW.clean("reddit"), BELOW.reconstructed, BELOW.restored("reddit"))
+REBUILT = (BELOW.reconstructed, BELOW.restored("reddit"))
+BASES = (BELOW.clean("reddit"), *REBUILT)
 ROWS = (
     *(
         place
@@ -47,7 +48,7 @@ ROWS = (
             Place(str(base / "comments"), "reddit/comments", "post_id", "t3_"),
         )
     ),
-    *(Place(str(base), "reddit/missing", "key") for base in BASES[1:]),
+    *(Place(str(base), "reddit/missing", "key") for base in REBUILT),
     Place(str(BELOW.restored()), "shared/missing", "key"),
     *verdicts_of("reddit"),
 )
@@ -126,7 +127,7 @@ def _take_out(run: Run, frontier: Frontier, keys: dict[str, str]) -> None:
         drop_parents(run.root / base / "posts", crossposts, keys)
     _forget(frontier, keys)
     # Answers of a reconstruction that was cut off; it asks again.
-    for base in BASES[1:]:
+    for base in REBUILT:
         for work in (run.root / base).glob(".work-*"):
             shutil.rmtree(work)
 

@@ -14,6 +14,8 @@ def advice(path: Path) -> str:
             return f"run `kb {source} filter` again"
         case (_, source, "clean", *_) if source in SOURCES:
             return f"run `kb {source} filter` again"
+        case (_, _, _, "restored", *_) | (_, _, "restored", *_) | (_, "restored", *_):
+            return "remove its folder, then run `kb restore` with the release's folder again"
         case (_, "pairs", *_) | (_, _, "pairs", "state", *_):
             return "run `kb pairs --again`"
         case (_, source, "release", *_):

@@ -35,7 +35,7 @@ from kb.crawl.session import Session
 from kb.crawl.source import Answer, Phase
 from kb.schema.coerce import durations
 from kb.schema.decode import holdable
-from kb.store import rawlog
+from kb.store import parquet, rawlog
 from kb.store.atomic import write_bytes
 from kb.store.frontier import Frontier, Item
 from kb.store.layout import Layout
@@ -237,7 +237,7 @@ def _parquet(path: Path) -> Iterator[tuple[str, Said]]:
     wanted = [name for name in ("title", "duration_s", "duration", "published_at") if name in names]
     if key is None or not wanted:
         return
-    with pq.ParquetFile(path) as file:
+    with parquet.open_file(path) as file:
         for batch in file.iter_batches(columns=[key, *wanted]):
             for row in batch.to_pylist():
                 length = row.get("duration_s", row.get("duration"))
