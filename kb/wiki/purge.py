@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import re
 import shutil
 from collections.abc import Collection
@@ -199,6 +200,12 @@ class Strip:
             )
         return envelope
 
+    def _without_redirects(self, page: dict[str, Any]) -> dict[str, Any]:
+        """The page itself, unless a name that is to go leads to it."""
+        held = page.get("redirects", [])
+        left = [one for one in held if not self._is(one)]
+        return page if len(left) == len(held) else {**page, "redirects": left}
+
     def _is(self, page: dict[str, Any]) -> bool:
         return str(page.get("pageid")) in self.keys or page.get("title") in self.titles
 
@@ -211,16 +218,18 @@ class Strip:
     def _pages(self, envelope: Envelope, titles: set[str]) -> Envelope | None:
         """Without the pages of these titles, in the answer and in what was asked."""
         query = envelope.response.get("query", {})
+        held = query.get("pages", [])
         left = [
-            page
-            for page in query.get("pages", [])
+            self._without_redirects(page)
+            for page in held
             if page.get("title") not in titles and not self._is(page)
         ]
         titles = titles | {
             name for name, title in answers.renamed(query).items() if title in titles
         }
         asked = set(answers.asked(envelope.request.params))
-        if len(left) == len(query.get("pages", [])) and not asked & titles:
+        same = len(left) == len(held) and all(map(operator.is_, left, held))
+        if same and not asked & titles:
             return envelope
         if not left and not asked - titles:
             return None
