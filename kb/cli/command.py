@@ -215,6 +215,8 @@ def _call(
         return done.exit_code
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  the one place where everything ends
         return outcome.ending(error, debug=options.debug, as_json=options.json)
+    finally:
+        as_typed.begin()  # a next call in this process was not typed with these
     return 0
 
 

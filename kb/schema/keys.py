@@ -9,8 +9,8 @@ A raw kind may carry `x-keys`, which names places in an answer and in what was a
       "renamed": {"at": "query.normalized", "of": "title"}       other forms of what was asked for
     }
 
-"contentDetails.videoId" is a field of a field, "revisions.0.revid" one of a list's first entry. A
-place has besides:
+"contentDetails.videoId" is a field of a field, "revisions.0.revid" one of a list's first entry;
+entries at "query.pages.redirects" are those of a list in each page. A place has besides:
 
     of      which names stand there, where a thing has others than its key ("title")
     prefix  what is put before the text to make a key of it ("t3_" before a bare id)
@@ -23,6 +23,7 @@ Names are compared as text.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import cache, partial
 from typing import Any
@@ -193,7 +194,13 @@ def _listed(response: Any, at: str) -> list[Any]:
 
 
 def _without(value: Any, at: str, goes: Callable[[Any], bool]) -> Any:
-    """The answer with a shorter list at a path, the same object when every entry stays."""
+    """The answer with a shorter list at a path, the same object when every entry stays.
+
+    A list on the way stands for each of its entries.
+    """
+    if at and isinstance(value, list):
+        entries = [_without(entry, at, goes) for entry in value]
+        return value if all(map(operator.is_, entries, value)) else entries
     if not at:
         if not isinstance(value, list):
             return value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,7 +33,7 @@ def pages(root: Path) -> list[Named]:
             key, at = str(page.get("pageid", page.get("title"))), envelope.fetched_at or ""
             if at >= newest.get(key, ("", None))[0]:
                 there = answers.state(page) == "there" and "redirects" not in query
-                newest[key] = (at, _named(page, spaces) if there else None)
+                newest[key] = (at, _named(page, spaces, removed) if there else None)
     found = [page for key, (_, page) in newest.items() if page is not None and key not in removed]
     return sorted(page for page in found if page.title not in removed and page.title != front)
 
@@ -48,11 +49,12 @@ def _site(root: Path) -> tuple[dict[int, str], str]:
     return spaces, front
 
 
-def _named(page: dict[str, Any], spaces: dict[int, str]) -> Named:
+def _named(page: dict[str, Any], spaces: dict[int, str], removed: Collection[str]) -> Named:
     prefix = spaces.get(page.get("ns", 0), "")
 
     def titles(name: str) -> tuple[str, ...]:
         return tuple(sorted(one["title"] for one in page.get(name, []) if "title" in one))
 
     categories = tuple(title.partition(":")[2] or title for title in titles("categories"))
-    return Named(page["title"], prefix, titles("redirects"), categories)
+    redirects = tuple(title for title in titles("redirects") if title not in removed)
+    return Named(page["title"], prefix, redirects, categories)

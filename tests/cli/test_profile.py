@@ -32,6 +32,7 @@ subreddit = "rockgarden"
 keyword_files = ["keywords.tsv"]
 [release]
 contact = "me@gardens.wiki"
+creators = [{ name = "Doe, Jane" }]
 """
 HEADER = "keyword\tkind\trule\tforms\n"
 LIST = HEADER + "Saxifrage\tplant\nAlpine Trough\tplace\nSpring\tseason\tnear:10\tspringtime\n"

@@ -171,6 +171,20 @@ def test_a_science_and_another_game(name: str, tmp_path: Path) -> None:
         assert name == "valley" or not GAMES.findall(text), where
 
 
+def test_a_source_that_the_profile_leaves_out_is_skipped(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "talk.toml"
+    path.write_text('name = "talk"\ntitle = "Small Talk"\n[reddit]\nsubreddit = "smalltalk"\n')
+    root = played(tmp_path, str(path), ("reddit import", "refresh reddit", "reddit reconstruct",
+                                        "report"))  # fmt: skip
+    said = capsys.readouterr().out
+    assert said.count("left out: the profile has no [youtube]") == 4  # three steps, and pairs
+    assert said.count("left out: the profile has no [wiki]") == 3
+    assert [path.name for path in (root / "release").iterdir()] == ["reddit"]
+    assert rows(root, "SELECT * FROM release.reddit_posts")
+
+
 def test_keywords_are_proposed_from_the_crawled_wiki(
     cooking: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,6 +11,8 @@ from pathlib import Path
 import requests
 from dotenv import dotenv_values
 
+from tests.sandbox.domains import written
+
 KB = [sys.executable, "-m", "kb", "sandbox", "--no-model"]
 
 
@@ -89,6 +91,22 @@ def test_a_file_of_settings(tmp_path: Path) -> None:
     said = dotenv_values(file)
     assert said["KB_DATA"] == str(tmp_path / "my data")
     assert said["KB_PROFILE"] == str(tmp_path / "mine.toml")
+
+
+def test_the_world_is_the_profiles(tmp_path: Path) -> None:
+    path = written("bread", tmp_path)
+    look = (
+        "import os, urllib.request as u; root = os.environ['KB_WIKI_URL'];"
+        "print(u.urlopen(root + '/wiki/Main_Page').read().decode(), os.environ['KB_PROFILE'])"
+    )
+    words = ["--no-model", "--profile", str(path), "--", sys.executable, "-c", look]
+    done = subprocess.run([*KB, *words], capture_output=True, text=True, timeout=60)
+    assert "Bread Baking Wiki" in done.stdout, done.stderr
+    assert str(path) in done.stdout
+    path.write_text(path.read_text().replace("[26, 10]", '["FILL-IN"]'))
+    refused = subprocess.run([*KB, *words], capture_output=True, text=True, timeout=60)
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert "kb profile check" in refused.stderr
 
 
 def test_sigterm_reaches_the_command(tmp_path: Path) -> None:

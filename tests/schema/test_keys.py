@@ -92,6 +92,7 @@ def test_every_declaration_can_be_read(kind: str) -> None:
     for entries in declared.entries:
         for place in entries.keys:
             path = f"{entries.at}[].{place.at}".replace(".0.", "[].")
+            path = path.replace("pages.", "pages[].")  # a list in each page
             assert at(kind, path) is not None, path
     for place in declared.whole:
         assert at(kind, place.at) is not None, place.at

@@ -272,6 +272,9 @@ def _release(profile: Profile) -> Iterator[Said]:
     if not profile.release.contact and not profile.release.homepage:
         said = "'release.contact' is not set"
         yield NOTE, "", said, "where removal requests go; a published data set needs one"
+    if "creators" not in profile.release.model_fields_set:
+        said = "'release.creators' is not set"
+        yield NOTE, "", said, "who made the data set; a published one needs that"
 
 
 def _listed(names: list[str]) -> str:
