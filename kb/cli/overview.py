@@ -97,7 +97,7 @@ def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:
             "phases": phases,
             "left_by": vocabulary.left_by(source, kinds),
             "crawled_so_far": _crawled(source, frontier),
-            # The wiki's crawl keeps no ledger, as nobody counts its requests by the day.
+            # The wiki's crawl kept no ledger before, only a number.
             "requests": requests + frontier.cursor("requests", 0),
             "units": units if source == "youtube" else 0,
             "quota": _quota(run, source, frontier),

@@ -16,6 +16,9 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
+from urllib.parse import urlsplit
+
+from requests import PreparedRequest
 
 from kb.core import vocabulary
 from kb.core.context import Run
@@ -24,6 +27,7 @@ from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import Session
 from kb.crawl.source import Answer, Opened, Phase, Plain
+from kb.net.session import Note
 from kb.store import tombstones
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
@@ -35,6 +39,7 @@ from kb.wiki.pool import Pool
 from kb.wiki.titles import Titles, read_titles
 from kb.wiki.web import Web
 
+_NAMED = ("robots.txt", "api.php")  # requests of the ledger that have a name of their own
 SITE = Phase(kind="site", unit="sites", feeds=("titles",), shown=False)
 TITLES = Phase(kind="titles", unit="parts of the list", feeds=("info", "gone"), whole=True)
 INFO = Phase(
@@ -97,6 +102,7 @@ class WikiSource(Plain):
         """A wait between two tries ends with the run."""
         super().begin(opened)
         self._web.sleep = partial(opened.sleep, SITE.lane)
+        self._web.ledger = self._row
 
     def discover(self, frontier: Frontier) -> None:
         """A round, and what may go well by now."""
@@ -149,15 +155,18 @@ class WikiSource(Plain):
         reduce.reduce(frontier, kind, envelope)
 
     def close(self) -> None:
-        """End the browsers, close the connections, note how many requests were sent."""
+        """End the browsers, close the connections."""
         if self._pool is not None:
             self._pool.close()
         self._threads.shutdown()
         self._web.close()
-        if self._web.requests:
-            frontier = self.opened.frontier
-            asked = frontier.cursor("requests", 0) + self._web.requests
-            frontier.set_cursor("requests", asked)
+
+    def _row(self, request: PreparedRequest) -> Note:
+        """A row of the ledger before each request of ours; the browsers' own are Chromium's."""
+        frontier = self.opened.frontier
+        name = urlsplit(request.url or "").path.rpartition("/")[2]
+        row = frontier.spend("requests", 1, name if name in _NAMED else "file")
+        return lambda outcome: frontier.outcome(row, outcome)
 
     # -- what is needed before anything is asked -------------------------------------------------
 

@@ -20,7 +20,17 @@ from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.net import retry
 from kb.net.rate import Pace
 from kb.net.robots import Robots, robots_url
-from kb.net.session import PRODUCT, PerThread, Session, failure, host_of, send, user_agent
+from kb.net.session import (
+    PRODUCT,
+    Ledger,
+    Note,
+    PerThread,
+    Session,
+    failure,
+    host_of,
+    send,
+    user_agent,
+)
 from kb.store import sidefiles
 from kb.wiki.errors import of_status
 
@@ -56,6 +66,7 @@ class Web:
         self._files = Pace(0.0 if is_loopback(root) else min(pause, FILE_PAUSE))
         self._counting = threading.Lock()
         self.requests = 0
+        self.ledger: Ledger | None = None  # set as soon as the data root is open
         self.sleep: Callable[[float], None] = clock.sleep  # between two tries
 
     def today(self, url: str) -> str:
@@ -139,9 +150,10 @@ class Web:
             stray=lambda url: ItemFinal("redirected_away", url),
         )
 
-    def _count(self, request: requests.PreparedRequest) -> None:
+    def _count(self, request: requests.PreparedRequest) -> Note | None:
         with self._counting:
             self.requests += 1
+        return self.ledger(request) if self.ledger else None
 
     def _fetch(self, url: str, params: Mapping[str, str | int]) -> Reply:
         with self._open(url, params, stream=False) as response:

@@ -12,6 +12,7 @@ import pytest
 
 from kb.core import engine
 from kb.core.engine import make_executor, map_in_order
+from kb.core.errors import FatalError
 from kb.store.frontier import Frontier
 from kb.store.recorder import Recorder
 
@@ -115,3 +116,12 @@ def test_workers_of_a_killed_parent_end(tmp_path):
     parent.wait()
     _gone, alive = psutil.wait_procs(workers, timeout=30)
     assert not alive
+
+
+def test_a_worker_that_was_killed_is_told_and_not_unexpected():
+    with (
+        pytest.raises(FatalError, match="a worker process was killed") as error,
+        make_executor("local", 2) as pool,
+    ):
+        list(map_in_order(pool, os._exit, [(1,)]))
+    assert "--workers" in error.value.hint

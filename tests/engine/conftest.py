@@ -6,6 +6,14 @@ import logging
 
 import pytest
 
+from kb.core import dask_engine
+
+
+@pytest.fixture(autouse=True)
+def _a_busy_machine_may_take_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A worker that was killed is started again: a new Python that imports everything."""
+    monkeypatch.setattr(dask_engine, "WORKERS_S", 600.0)
+
 
 @pytest.fixture(scope="session")
 def cluster(tmp_path_factory):

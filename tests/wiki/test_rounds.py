@@ -4,6 +4,7 @@ starts.
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from kb.core.context import Run
 from kb.core.errors import Unreachable
 from kb.store import tombstones
 from kb.store.frontier import Frontier
+from kb.store.layout import Layout
 from kb.wiki import chromium
 from kb.wiki.source import crawl
 from tests.wiki.small import SmallWiki
@@ -71,6 +73,28 @@ def test_a_list_goes_on_where_it_stopped_and_no_browser_starts(wiki: SmallWiki, 
     assert asked == ["", "Gamma", "Eps", "Eps", "Eps"]
     assert (summary["missing"], summary["left"]) == (5, 0)
     assert crawl(run)["requests"] == 0
+
+
+def test_every_request_of_ours_stands_in_the_ledger_before_it_goes_out(
+    wiki: SmallWiki, run: Run
+) -> None:
+    rows: list[int] = []
+
+    def look(request: Any) -> Any:
+        with contextlib.closing(
+            Frontier(Layout(run.root).state("wiki"), readonly=True)
+        ) as frontier:
+            rows.append(frontier.requests()[0])
+        return part(request.args) if request.args.get("list") else None
+
+    wiki.hook = look
+    summary = crawl(run)
+    assert rows == list(range(1, len(wiki.asked) + 1))
+    assert summary["requests"] == len(wiki.asked)
+    with contextlib.closing(Frontier(Layout(run.root).state("wiki"), readonly=True)) as frontier:
+        by_name = {endpoint: n for _, _, endpoint, n, _ in frontier.ledger()}
+    assert set(by_name) == {"robots.txt", "file", "api.php"}
+    assert sum(by_name.values()) == len(wiki.asked)
 
 
 def test_a_list_that_was_stopped_is_none_of_a_run_with_titles(
