@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -24,20 +23,19 @@ from kb.core.errors import Interrupted, LimitReached, SettingError, Stopped
 from kb.core.verdict import Summary
 from kb.crawl.session import open_session
 from kb.reddit import places
-from kb.reddit.authors import Scrubber, load_key
-from kb.reddit.byid import ById
+from kb.reddit.authors import load_key
 from kb.reddit.dumps import Chunk, Seen, chunks, memory
+from kb.reddit.lines import Block, Looked, Rules, Taken, look, look_at_block, rules, search_of
 from kb.reddit.places import KIND, Place
-from kb.reddit.search import Search
+from kb.reddit.search import State
 from kb.reddit.segments import Segments
 from kb.reddit.source import Dumps
-from kb.reddit.strip import without
 from kb.store import mending, rawlog
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.rawlog import SEGMENT_BYTES
-from kb.store.tombstones import keys as tombstones
 
 THINGS = 100
+BLOCK = 4 << 20  # decompressed bytes that a worker looks at in one go
 
 
 class Job(msgspec.Struct):
@@ -152,7 +150,7 @@ def import_jobs(run: Run, jobs: list[Job]) -> list[Place]:
 def _run(run: Run, jobs: list[Job]) -> None:
     done: list[Place] = []
     # With a limit one file after the other: it counts things over all of them.
-    workers = 1 if run.limit else min(run.workers, len(jobs))
+    workers = 1 if run.limit else run.workers
     with (
         make_executor(run.engine, workers, run.scheduler) as executor,
         places.lease(run.root) as lease,
@@ -160,9 +158,13 @@ def _run(run: Run, jobs: list[Job]) -> None:
     ):
         jobs = [msgspec.structs.replace(job, lease=str(lease.absolute())) for job in jobs]
         most = int(run.settings.kb_import_memory_gb * 1e9)
-        for place in _results(
-            executor, _tasks(jobs, done), window=1 if run.limit else 2 * run.workers, most=most
-        ):
+        if len(jobs) < run.workers and not run.limit:
+            # Fewer files than workers: one after the other, its lines shared out.
+            found = _one_by_one(executor, 2 * run.workers, jobs)
+        else:
+            window = 1 if run.limit else 2 * run.workers
+            found = _results(executor, _tasks(jobs, done), window, most)
+        for place in found:
             done.append(place)
             task.advance(
                 1,
@@ -189,6 +191,14 @@ def _run(run: Run, jobs: list[Job]) -> None:
                 f"stopped by {signals.stop.name or 'a signal'}",
                 hint="run the same command to go on",
             )
+
+
+def _one_by_one(executor: Executor, window: int, jobs: list[Job]) -> Iterator[Place]:
+    """Places of files that all workers read together, as long as the run is not asked to end."""
+    for job in jobs:
+        if signals.stop.requested():
+            return
+        yield import_with(executor, window, job)
 
 
 def _results(
@@ -242,49 +252,38 @@ def import_file(job: Job) -> Place:
     """Import one dump from where it was left; its place. Runs in a worker; memory is bounded by a
     chunk.
     """
+    return _write(job, lambda place, seen: _in_turn(job, place, seen))
+
+
+def import_with(executor: Executor, window: int, job: Job) -> Place:
+    """The same with the lines looked at by the workers of `executor`, `window` blocks in hand."""
+    return _write(job, lambda place, seen: _side_by_side(executor, window, job, place, seen))
+
+
+def _write(job: Job, read: Callable[[Place, Seen], Iterator[Looked]]) -> Place:
     root, file, name = Path(job.root), Path(job.file), _name(job)
     place = places.load(root, name, job.file, job.round)
     places.complete(rawlog.folder(root, "reddit", KIND), place)
     place.fresh = 0
     if place.done:
         return place
-    home = Path(job.home or job.root)
-    scrubber, gone = Scrubber(load_key(home)), tombstones(home, "reddit")
     seen = Seen(place.lines, place.bad_lines, place.first_bad)
     out = Segments(root, file, name, place, job.segment_bytes)
-    waiting: list[dict[str, Any]] = []
+    waiting: list[Taken] = []
     offset, taken = place.offset, 0
-    search = Search(job.subreddit)
-    if job.ids:
-        search = ids = ById(Path(job.ids))
-        gone |= ids.gone
     with full_disk_is_resumable(root):
-        for chunk in chunks(
-            file, seen, place.offset, lambda: not job.lease or Path(job.lease).exists()
-        ):
-            found = search(chunk)
-            wanted = [
-                (end, thing)
-                for end, record in found.records
-                if (thing := _wanted(record, job, gone))
-            ]
-            room = job.limit - taken if job.limit else len(wanted)
-            if job.limit and len(wanted) >= room:
-                # Only the part of the chunk up to the last thing taken counts as read.
-                wanted = wanted[:room]
-                size = wanted[-1][0] - chunk.offset
-                chunk = Chunk(chunk.offset, chunk.data[chunk.begin : chunk.begin + size], 0, size)
-                found = search(chunk)
-            for end, thing in wanted:
-                waiting.append({**thing, "data": scrubber.scrub(thing["data"])})
+        for found in read(place, seen):
+            for thing in found.things:
+                waiting.append(thing)
                 if len(waiting) == THINGS:
-                    out.write(waiting, end)
+                    out.write(waiting, thing.end)
                     waiting = []
-            taken += len(wanted)
-            offset = chunk.offset + chunk.end - chunk.begin
+            taken += len(found.things)
+            offset = found.offset
             seen.lines += found.lines
             seen.damaged(found.bad_lines, found.first_bad)
-            if out.full or (job.limit and taken >= job.limit):
+            enough = bool(job.limit) and taken >= job.limit
+            if out.full or enough:
                 out.write(waiting, offset)
                 waiting = []
                 out.close(offset, taken, seen)
@@ -299,29 +298,74 @@ def import_file(job: Job) -> Place:
     return place
 
 
-def _wanted(record: dict[str, Any], job: Job, gone: set[str]) -> dict[str, Any] | None:
-    """The record as a thing, unless it is out of the span or purged. One whose date can't be read
-    is left to the filter.
+def _chunks(job: Job, place: Place, seen: Seen) -> Iterator[Chunk]:
+    leased = not job.lease
+    return chunks(Path(job.file), seen, place.offset, lambda: leased or Path(job.lease).exists())
+
+
+def _rules(job: Job) -> Rules:
+    home = Path(job.home or job.root)
+    return rules(home, job.subreddit, job.since, job.until, job.ids)
+
+
+def _in_turn(job: Job, place: Place, seen: Seen) -> Iterator[Looked]:
+    wanted, room = _rules(job), job.limit
+    search = search_of(wanted)
+    for chunk in _chunks(job, place, seen):
+        found = look(search, chunk, wanted)
+        if job.limit and len(found.things) >= room:
+            # Only the part of the chunk up to the last thing taken counts as read.
+            size = found.things[room - 1].end - chunk.offset
+            part = chunk.data[chunk.begin : chunk.begin + size]
+            found = look(search, Chunk(chunk.offset, part, 0, size), wanted)
+        room -= len(found.things)
+        yield found
+
+
+def _side_by_side(
+    executor: Executor, window: int, job: Job, place: Place, seen: Seen
+) -> Iterator[Looked]:
+    """What is in the chunks, in their order, as one worker after the other would find it.
+
+    A block is looked at with what the search knew when it was handed out; where a block before it
+    taught the search something, it is looked at again.
     """
-    kind = "t3" if "title" in record else "t1"
-    at = _made(record)
-    if at is not None and not job.since <= at < job.until:
-        return None
-    left = without([{"kind": kind, "data": record}], gone)
-    return left[0] if left else None
+    wanted, state = _rules(job), State((), True)
+    waiting: deque[tuple[Block, State, Future[tuple[list[Looked], State]]]] = deque()
+
+    def next_found() -> list[Looked]:
+        nonlocal state
+        block, knew, future = waiting.popleft()
+        if knew != state:
+            future = executor.submit(look_at_block, block, wanted, state)
+        found, state = future.result()
+        return found
+
+    for number, block in enumerate(_blocks(_chunks(job, place, seen))):
+        waiting.append((block, state, executor.submit(look_at_block, block, wanted, state)))
+        # The first block teaches most: no other is looked at before it.
+        if len(waiting) >= window or not number:
+            yield from next_found()
+    while waiting:
+        yield from next_found()
+
+
+def _blocks(found: Iterable[Chunk]) -> Iterator[Block]:
+    """Chunks together, some MB each, so that handing them out costs little."""
+    block: list[tuple[int, bytes]] = []
+    size = 0
+    for chunk in found:
+        block.append((chunk.offset, chunk.data[chunk.begin : chunk.end]))
+        size += chunk.end - chunk.begin
+        if size >= BLOCK:
+            yield tuple(block)
+            block, size = [], 0
+    if block:
+        yield tuple(block)
 
 
 def _name(job: Job) -> str:
     return places.name_of(Path(job.file), job.since, job.until)
-
-
-def _made(record: dict[str, Any]) -> float | None:
-    """When a record was made, in seconds since 1970; None when it doesn't say so."""
-    try:
-        at = float(record.get("created_utc"))  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        return None
-    return at if 0 <= at < 253402300800 else None
 
 
 def check_readable(files: Sequence[Path]) -> None:

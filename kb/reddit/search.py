@@ -35,6 +35,13 @@ class Found(NamedTuple):
     records: list[tuple[int, dict[str, Any]]]
 
 
+class State(NamedTuple):
+    """What a search has learned: the subreddit's id and spellings, and whether the id tells."""
+
+    exact: tuple[str, ...]
+    ids_tell: bool
+
+
 Finder = Callable[[bytes | memoryview], list[tuple[int, int, int]]]
 
 
@@ -48,12 +55,18 @@ class Search:
     Elsewhere only lines that hold the name are read.
     """
 
-    def __init__(self, subreddit: str) -> None:
+    def __init__(self, subreddit: str, state: State | None = None) -> None:
         self._name = subreddit.lower()
         self._quoted = f'"{self._name}"'.encode()
         self._places = _finder(bytes(byte | _CASE for byte in self._quoted))
-        self._exact: dict[str, Finder] = {}  # finders of the id and the spellings
-        self._ids_tell = True
+        state = state or State((), True)
+        # Finders of the id and the spellings.
+        self._exact = {text: _finder(f'"{text}"'.encode()) for text in state.exact}
+        self._ids_tell = state.ids_tell
+
+    def state(self) -> State:
+        """What it has learned, to go on elsewhere."""
+        return State(tuple(self._exact), self._ids_tell)
 
     def __call__(self, chunk: Chunk) -> Found:
         """What a chunk holds, in order."""

@@ -8,8 +8,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from kb.reddit import places
-from kb.reddit.dumps import Seen, retrieved
+from kb.reddit.dumps import Seen
+from kb.reddit.lines import Taken
 from kb.reddit.places import KIND, Place
 from kb.store import rawlog
 from kb.store.atomic import sync_folder
@@ -33,7 +36,7 @@ class Segments:
         """Whether the segment is large enough to be closed."""
         return self._file is not None and self._file.tell() >= self._most
 
-    def write(self, things: list[dict[str, Any]], offset: int) -> None:
+    def write(self, things: list[Taken], offset: int) -> None:
         """One envelope, shaped like a Listing; `offset` is behind its last line, and orders what
         the dump says twice.
         """
@@ -44,12 +47,15 @@ class Segments:
                 places.begun(self._base, self._name).open("wb"),
                 hashlib.sha256(),
             )
-        read = [at for thing in things if (at := retrieved(thing["data"])) is not None]
+        read = [thing.read for thing in things if thing.read is not None]
         envelope = Envelope(
             _stamp(max(read)) if read else None,
             Request(f"dump/{self._dump.name}", {"offset": offset}),
             200,
-            {"kind": "Listing", "data": {"children": things, "after": None}},
+            {
+                "kind": "Listing",
+                "data": {"children": [msgspec.Raw(thing.line) for thing in things], "after": None},
+            },
         )
         frame = self._engine.compress(rawlog.encode(envelope))
         self._digest.update(frame)

@@ -84,6 +84,8 @@ def _holdable(value: Any) -> Any:
         return {_holdable(key): _holdable(inner) for key, inner in value.items()}
     if isinstance(value, list):
         return [_holdable(inner) for inner in value]
+    if isinstance(value, msgspec.Raw):
+        return _holdable(msgspec.json.decode(value))
     return value
 
 

@@ -1,0 +1,131 @@
+"""Chunks of a dump → the things in them, scrubbed and as JSON: what workers do for an import."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from kb.reddit.authors import Scrubber, load_key
+from kb.reddit.byid import ById
+from kb.reddit.dumps import Chunk, retrieved
+from kb.reddit.search import Search, State
+from kb.reddit.strip import without
+from kb.schema.decode import holdable
+from kb.store import tombstones
+
+
+class Rules(msgspec.Struct, frozen=True):
+    """Which records are wanted, and the root whose key and tombstones count; plain values.
+
+    `ids` is a folder of kb.reddit.byid: these records instead of the subreddit's.
+    """
+
+    root: str
+    subreddit: str
+    since: float
+    until: float
+    tombstones: int  # when their file was changed, so that no process trusts an older one
+    ids: str = ""
+
+
+class Taken(NamedTuple):
+    """A thing: the offset behind its line, its JSON, and when the archive read it (Unix time)."""
+
+    end: int
+    line: bytes
+    read: int | None
+
+
+class Looked(NamedTuple):
+    """What a chunk holds: the offset behind it, its lines, damaged ones and where the first is."""
+
+    offset: int
+    lines: int
+    bad_lines: int
+    first_bad: int | None
+    things: list[Taken]
+
+
+def rules(root: Path, subreddit: str, since: float, until: float, ids: str = "") -> Rules:
+    """The rules of an import as of now."""
+    stamp = tombstones.version(root, "reddit")
+    return Rules(str(root), subreddit, since, until, stamp, ids)
+
+
+def search_of(rules: Rules, state: State | None = None) -> Search:
+    """What finds the wanted records; `state` is what a search of the lines before has learned."""
+    return _by_id(rules.ids) if rules.ids else Search(rules.subreddit, state)
+
+
+def look(search: Search, chunk: Chunk, rules: Rules) -> Looked:
+    """The wanted things of a chunk, in their order."""
+    scrubber, gone = _tools(rules.root, rules.tombstones, rules.ids)
+    found = search(chunk)
+    things = []
+    for end, record in found.records:
+        thing = _wanted(record, rules, gone)
+        if thing is not None:
+            whole = {**thing, "data": scrubber.scrub(thing["data"])}
+            things.append(Taken(end, _encoded(whole), retrieved(whole["data"])))
+    offset = chunk.offset + chunk.end - chunk.begin
+    return Looked(offset, found.lines, found.bad_lines, found.first_bad, things)
+
+
+Block = tuple[tuple[int, bytes], ...]
+"""Chunks of whole lines that follow each other: the offset of each, and its bytes."""
+
+
+def look_at_block(block: Block, rules: Rules, state: State) -> tuple[list[Looked], State]:
+    """What each chunk of a block holds, and what the search knows behind it; runs in a worker.
+
+    `state` is what it knew before, so that what is found follows from the file and from nothing
+    that this worker had in hand.
+    """
+    search = search_of(rules, state)
+    found = [look(search, Chunk(at, data, 0, len(data)), rules) for at, data in block]
+    return found, search.state()
+
+
+@cache
+def _tools(root: str, stamp: int, ids: str) -> tuple[Scrubber, Collection[str]]:
+    """Made once in each worker."""
+    gone = tombstones.keys(Path(root), "reddit")
+    return Scrubber(load_key(Path(root))), gone | _by_id(ids).gone if ids else gone
+
+
+@cache
+def _by_id(folder: str) -> ById:
+    """Made once in each worker."""
+    return ById(Path(folder))
+
+
+def _encoded(thing: dict[str, Any]) -> bytes:
+    try:
+        return msgspec.json.encode(thing)
+    except UnicodeEncodeError:  # lone surrogates, which real titles hold
+        return msgspec.json.encode(holdable(thing))
+
+
+def _wanted(record: dict[str, Any], rules: Rules, gone: Collection[str]) -> dict[str, Any] | None:
+    """The record as a thing, unless it is out of the span or purged. One whose date can't be read
+    is left to the filter.
+    """
+    kind = "t3" if "title" in record else "t1"
+    at = _made(record)
+    if at is not None and not rules.since <= at < rules.until:
+        return None
+    left = without([{"kind": kind, "data": record}], gone)
+    return left[0] if left else None
+
+
+def _made(record: dict[str, Any]) -> float | None:
+    """When a record was made, in seconds since 1970; None when it doesn't say so."""
+    try:
+        at = float(record.get("created_utc"))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return None
+    return at if 0 <= at < 253402300800 else None

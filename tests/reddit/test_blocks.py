@@ -1,0 +1,92 @@
+"""One dump on several workers gives the same bytes as on one, and goes on where it was stopped."""
+
+from __future__ import annotations
+
+import random
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.reddit import importing
+from kb.reddit.importing import Job, import_dumps, import_file, import_with
+from kb.reddit.lines import look_at_block
+from kb.store import rawlog
+from tests.reddit.dumped import imported, post, run_in, write
+
+
+def lines(count: int) -> list[Any]:
+    """Records of several subreddits; ours comes late, then in another spelling and without an id."""
+    chance = random.Random(3)
+    made: list[Any] = []
+    for number in range(count):
+        ours = number > count // 3 and chance.random() < 0.2
+        fields: dict[str, Any] = {"subreddit": "gardening", "subreddit_id": "t5_other"}
+        if ours:
+            fields = {"subreddit": "Minecraft", "subreddit_id": "t5_2r05i"}
+        if number == count // 2:
+            fields = {"subreddit": "Minecraft"}  # from here on the id tells nothing
+        if number > count // 2 and chance.random() < 0.02:
+            fields = {"subreddit": "minecRAFT"}
+        text = (
+            "lone \ud800"
+            if chance.random() < 0.01
+            else chance.randbytes(chance.randrange(150)).hex()
+        )
+        made.append(post(f"k{number}", selftext=text, **fields))
+        if chance.random() < 0.01:
+            made.append(b'{"subreddit": "Minecraft", "id": "broken" ')
+    return made
+
+
+def files(root: Path) -> dict[str, bytes]:
+    folder = rawlog.folder(root, "reddit", "dumps")
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture
+def dump(tmp_path: Path) -> Path:
+    return write(tmp_path / "RS_2020-09.zst", lines(6_000), frames=3)
+
+
+def test_blocks_give_the_same_segments_and_counts(
+    dump: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importing, "BLOCK", 100_000)
+    jobs = []
+    for name in ("one", "many"):
+        importing.load_key(tmp_path / "one")  # the same key in both
+        if name == "many":
+            key = tmp_path / "many" / "state" / "reddit.key"
+            key.parent.mkdir(parents=True)
+            key.write_bytes((tmp_path / "one" / "state" / "reddit.key").read_bytes())
+        jobs.append(Job(str(tmp_path / name), str(dump), "Minecraft", 0, 4e9, 0, 10_000))
+    alone = import_file(jobs[0])
+    looked: list[int] = []
+
+    class Pool(ThreadPoolExecutor):
+        def submit(self, *task: Any, **options: Any) -> Any:
+            looked.append(task[0] is look_at_block)
+            return super().submit(*task, **options)
+
+    with Pool(3) as pool:
+        together = import_with(pool, 6, jobs[1])
+    assert all(looked)
+    assert len(looked) > 5
+    assert together == alone
+    assert min(alone.things - 500, alone.bad_lines - 10, alone.segments - 2) > 0
+    assert files(tmp_path / "many") == files(tmp_path / "one")
+
+
+def test_a_file_left_in_the_middle_goes_on_with_all_workers(dump: Path, tmp_path: Path) -> None:
+    whole = import_dumps(run_in(tmp_path / "whole"), [dump])
+    root = tmp_path / "parts"
+    with pytest.raises(importing.LimitReached):
+        import_dumps(run_in(root, limit=150), [dump])
+    rest = import_dumps(run_in(root, workers=2), [dump])
+    assert rest["crawled"] == whole["crawled"] - 150
+    assert [data["id"] for _, data in imported(root)] == [
+        data["id"] for _, data in imported(tmp_path / "whole")
+    ]
+    assert import_dumps(run_in(root, workers=2), [dump])["crawled"] == 0
