@@ -142,7 +142,7 @@ def _unreadable(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise SettingError(f"--ids {path}: {error.strerror or error}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise SettingError(f"--ids {path} can't be read: {str(error).splitlines()[0]}") from None
 
 

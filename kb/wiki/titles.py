@@ -50,7 +50,7 @@ def read_names(path: Path, option: str, columns: tuple[str, ...]) -> Titles:
         found = [entry for file in _files(path, option) for entry in _file(file, columns)]
     except OSError as error:
         raise SettingError(f"{option} {path} can't be read: {error.strerror or error}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise SettingError(f"{option} {path} can't be read: {error}") from None
     names: dict[str, None] = {}
     ids, bad = set(), 0

@@ -37,7 +37,7 @@ def read_ids(path: Path) -> tuple[list[str], int]:
             ]
     except OSError as error:
         raise SettingError(f"--ids {path}: {error.strerror or error}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise SettingError(f"--ids {path} can't be read: {str(error).splitlines()[0]}") from None
     found = [match[1] if (match := _ID.search(value)) else None for value in values]
     return list(dict.fromkeys(key for key in found if key)), found.count(None)

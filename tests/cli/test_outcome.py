@@ -263,3 +263,26 @@ def test_a_reader_that_leaves_early_is_no_failure(tmp_path: Path) -> None:
     )
     os.close(writing)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("youtube", "crawl", "--plan", "--ids"),
+        ("wiki", "crawl", "--plan", "--titles"),
+        ("purge", "youtube", "--plan", "--ids"),
+        ("purge", "wiki", "--plan", "--ids"),
+        ("purge", "reddit", "--plan", "--ids"),
+    ],
+    ids=" ".join,
+)
+def test_a_file_of_ids_nested_without_end_is_wrong_usage(
+    here: Any, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    (tmp_path / "data").mkdir()
+    deep = tmp_path / "deep.json"
+    deep.write_text('{"a":' * 100_000)
+    done = here(*words, str(deep), "--data", str(tmp_path / "data"))
+    assert done.code == 2, done.err
+    assert str(deep) in done.said
+    assert "unexpected" not in done.err
