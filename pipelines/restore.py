@@ -49,8 +49,6 @@ from kb.youtube import plan as videos_plan
 from kb.youtube.assemble import assemble, unanswered
 from kb.youtube.fetch import PACK
 
-SOURCES = ("youtube", "reddit", "pairs")  # of the wiki a release has everything
-
 
 class Wanted(NamedTuple):
     """What is to come back: ids of videos, and folders of the rest."""
@@ -113,6 +111,9 @@ def restore(
     wanted = _wanted(found, only)
     _check(run, wanted, dumps)
     verify(run, found)
+    if not (wanted.videos or wanted.reddit or wanted.pairs):
+        run.progress.say("a release of the wiki holds everything: there is nothing to bring back")
+        return Summary(command="restore", requests=0, units=0, failed=0)
     summary = Summary(command="restore", requests=0, units=0, failed=0)
     stopped: list[Stopped] = []
     if wanted.videos:

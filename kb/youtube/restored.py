@@ -27,7 +27,7 @@ from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.source import Opened
 from kb.store import parquet, tombstones
-from kb.store.atomic import replacing_folder, write_text
+from kb.store.atomic import replacing_folder, settle_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.reading import reading
@@ -94,6 +94,8 @@ def bring(
     place = folder / WORK
     asked, removed = list(ids), {*gone, *tombstones.keys(run.root, "youtube")}
     with writer(folder / LOCK, "youtube"):
+        for name in NAMES:  # what a run that was killed was about to put in place
+            settle_folder(folder / name)
         if run.again and not (place / _AGAIN).exists():
             shutil.rmtree(place, ignore_errors=True)
         wanted = left(run, asked, gone)

@@ -21,6 +21,7 @@ from kb.core.errors import DamagedData, LimitReached, MissingCredential, QuotaSp
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.net import retry
+from kb.release.build import describe
 from kb.release.downloaded import find
 from kb.schema import table
 from kb.store import tombstones
@@ -28,6 +29,8 @@ from kb.store.shards import write_table
 from tests.reddit.dumped import write
 from tests.reddit.test_from_dumps import archived
 from tests.reddit.work import NOW, rows, texts
+from tests.release.conftest import a_run
+from tests.release.made import build
 from tests.restore.conftest import Made, room
 from tests.youtube.job import Job
 
@@ -327,6 +330,15 @@ def test_one_part_alone(made: Made, reader: Reader, release: Path) -> None:
     assert not (reader.root / "restored" / "reddit").exists()
     with pytest.raises(SettingError, match="--only reddit"):
         reader.restore(release / "youtube", only="reddit")
+
+
+def test_of_the_wiki_nothing_is_brought_back(reader: Reader, tmp_path: Path) -> None:
+    root = build(tmp_path / "wiki", sources=("wiki",))
+    describe(a_run(root))
+    since = len(reader.made.sandbox.ledger)
+    assert reader.restore(root / "release", without=KEYS)["failed"] == 0
+    assert not (reader.root / "restored").exists()
+    assert len(reader.made.sandbox.ledger) == since
 
 
 def test_a_stopped_source_leaves_the_others_and_what_it_had(
