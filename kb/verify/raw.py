@@ -55,7 +55,11 @@ class Segments:
             path = rawlog.folder(self._root, self._source, kind) / f"{name}{rawlog.SUFFIX}"
             self._look.missing("raw answers", path, self._crawl)
         base = Layout(self._root).raw(self._source)
-        told = [one for one in self._look.of("raw answers") if base in one.path.parents]
+        told = [
+            one
+            for one in self._look.of("raw answers")
+            if base in one.path.parents and one.state != "foreign"
+        ]
         if not told and self._state_is_whole():
             try:
                 mending.check(self._root, self._source)

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from kb.store import rawlog, tombstones
-from kb.store.frontier import Frontier
-from kb.store.layout import Layout
+from kb.crawl.session import open_session
+from kb.store import tombstones
+from kb.youtube.source import YouTube
 from tests.cli.conftest import kb  # noqa: F401  a fixture
 from tests.crash import killed
+from tests.filters.made import run_at
 from tests.release.conftest import released  # noqa: F401  a fixture
 
 
@@ -21,11 +22,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("verify") / "data"
     killed.make(root)
     tombstones.add(root, "youtube", [("gone", "named")])
-    frontier = Frontier(Layout(root).state("youtube"))
-    for kind in rawlog.kinds(root, "youtube"):
-        for path in rawlog.segments(root, "youtube", kind):
-            frontier.set_offset(kind, rawlog.base_name(path), path.stat().st_size)
-    frontier.close()
+    run = run_at(root)
+    with open_session(run, YouTube(run), asks=False):
+        pass  # the state is made of the raw answers
     return root
 
 

@@ -258,6 +258,10 @@ def test_repair_says_which_command_asks_where_no_key_is_there(root: Path) -> Non
     assert any("was set aside" in line or "set aside as" in line for line in said)
     assert any("`kb youtube crawl` has to be run" in line for line in said)
     assert any(f"{path.name}.damaged-" in name.name for name in path.parent.iterdir())
+    (path.parent / "notes.txt").write_text("x")
+    told = {(each.state, each.path.name): each.advice for each in verify(root).found}
+    assert told.keys() == {("missing", "youtube"), ("foreign", "notes.txt")}
+    assert "kb youtube crawl" in told["missing", "youtube"]
 
 
 def test_a_damaged_state_is_set_aside(root: Path) -> None:
