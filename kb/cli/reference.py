@@ -138,7 +138,9 @@ def profile_keys() -> str:
         (
             "A profile is everything that Lorebase knows about a domain, in one TOML file."
             " `minecraft` and `cooking` ship; `--profile FILE.toml` takes your own."
-            " A section whose source you don't collect may be left out.\n"
+            " A section whose source you don't collect may be left out."
+            " `world.toml` beside one holds words of its own for `kb sandbox` and `kb demo`, whose"
+            " world is made of the keywords where there is none.\n"
         ),
     ]
     return "\n".join([*lines, *_section("", Profile), ""])
