@@ -141,10 +141,12 @@ def _load(file: Path) -> pa.Table:
 def _read(file: Path) -> tuple[pa.Table | None, str]:
     """The rows, or why there are none."""
     schema = table(_TABLE).arrow()
+    if not parquet.holds(file):
+        return None, "its bytes are not those that were written"
     try:
         with parquet.open_file(file) as opened:
             found = opened.read()
-    except (DamagedData, pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError) as error:
         return None, (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
     if any(field.name not in found.schema.names for field in schema) or any(
         found.schema.field(field.name).type != field.type for field in schema

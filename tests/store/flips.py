@@ -57,7 +57,8 @@ def tried(found: Sequence[Path], count: int, seed: int = 14) -> tuple[Counter[st
     silent = []
     with tempfile.TemporaryDirectory() as scratch:
         for path, bit in flipped(found, count, seed):
-            copy = Path(scratch, path.name)
+            # A name of its own: a new file of the same name, size and time counts as checked.
+            copy = Path(scratch, f"{counts.total()}-{path.name}")
             data = bytearray(path.read_bytes())
             data[bit // 8] ^= 1 << bit % 8
             copy.write_bytes(data)

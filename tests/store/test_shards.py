@@ -25,6 +25,10 @@ def rejected(keys: list[str]) -> pa.Table:
             "reason": ["below"] * len(keys),
             "value": [str(len(key)) if key[-1] != "0" else None for key in keys],
             "threshold": ["100"] * len(keys),
+            **{
+                name: pa.nulls(len(keys), REJECTED.arrow().field(name).type)
+                for name in ("title", "channel_id", "channel_title", "type", "matched", "unmatched")
+            },
         }
     )
 
