@@ -31,7 +31,7 @@ _FIELD = KEY + b"\x18\x08"  # in Thrift's compact form: the key, then a text of 
 _TAIL = 8  # the footer's length and the magic bytes
 _MOST = 64 << 20  # bytes of a footer
 _CHUNK = 1 << 20
-_NEAR, _BITS = 4096, 8  # where the name is looked for at the end of a footer, and how alike
+_PIECE, _BITS = 4, 8  # bytes of the name that are looked for, and how many bits may differ
 
 _checked: set[tuple[str, int, int, int]] = set()  # files that this process has read in full
 
@@ -139,13 +139,19 @@ def _place(file: BinaryIO) -> int | None:
 
 
 def _nearly(footer: bytes) -> int:
-    """Where the name stands with a few bits changed, which must not hide it; -1: nowhere."""
-    wanted = int.from_bytes(_FIELD, "big")
-    last = len(footer) - len(_FIELD) - len(_ZEROS)
-    for at in range(last, max(-1, last - _NEAR), -1):
-        held = int.from_bytes(footer[at : at + len(_FIELD)], "big")
-        if (held ^ wanted).bit_count() <= _BITS:
-            return at
+    """Where the name stands with a few bits changed, which must not hide it; -1: nowhere.
+
+    A quarter of it at least has to be whole.
+    """
+    wanted, size = int.from_bytes(_FIELD, "big"), len(_FIELD)
+    for begin in range(0, size, _PIECE):
+        piece = _FIELD[begin : begin + _PIECE]
+        at = footer.rfind(piece)
+        while at >= begin:
+            held = footer[at - begin : at - begin + size]
+            if len(held) == size and (int.from_bytes(held, "big") ^ wanted).bit_count() <= _BITS:
+                return at - begin
+            at = footer.rfind(piece, 0, at + _PIECE - 1)
     return -1
 
 

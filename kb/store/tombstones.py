@@ -141,9 +141,9 @@ def _load(file: Path) -> pa.Table:
 def _read(file: Path) -> tuple[pa.Table | None, str]:
     """The rows, or why there are none."""
     schema = table(_TABLE).arrow()
-    if not parquet.holds(file):
-        return None, "its bytes are not those that were written"
     try:
+        if not parquet.holds(file):
+            return None, "its bytes are not those that were written"
         with parquet.open_file(file) as opened:
             found = opened.read()
     except (pa.ArrowException, OSError) as error:
