@@ -1,4 +1,4 @@
-"""Resources of the Data API v3, written field by field like the recorded answers.
+"""Resources of the Data API v3. They are written down in data/youtube/resources.json.
 
 Source: https://developers.google.com/youtube/v3/docs (search, channels, playlists, playlistItems,
 videos).
@@ -8,17 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import html
+from functools import partial
 from typing import Any
 
 from kb.sandbox.videos import Channel, Video
+from kb.sandbox.written import written
 
-_SIZES = {
-    "default": (120, 90),
-    "medium": (320, 180),
-    "high": (480, 360),
-    "standard": (640, 480),
-    "maxres": (1280, 720),
-}
+_resource = partial(written, "youtube/resources.json")
 
 
 def etag(*parts: object) -> str:
@@ -29,201 +25,108 @@ def etag(*parts: object) -> str:
 
 
 def page(kind: str, items: list[Any], total: int, size: int, **tokens: str) -> dict[str, Any]:
-    """A list answer around `items`."""
-    return {
-        "kind": f"youtube#{kind}ListResponse",
+    """A list answer around `items`; `tokens` are nextPageToken and prevPageToken."""
+    values = {
+        "kind": kind,
         "etag": etag(kind, total, *tokens.values()),
-        **tokens,
-        "pageInfo": {"totalResults": total, "resultsPerPage": size},
+        "next": tokens.get("nextPageToken"),
+        "previous": tokens.get("prevPageToken"),
+        "total": total,
+        "size": size,
         "items": items,
     }
+    return dict(_resource("page", values))
 
 
 def search_hit(channel: Channel) -> dict[str, Any]:
     """A search result of type channel; titles are HTML-escaped here and nowhere else."""
-    title, about = html.escape(channel.title), html.escape(channel.description[:160])
-    return {
-        "kind": "youtube#searchResult",
+    values = {
         "etag": etag("hit", channel.id),
-        "id": {"kind": "youtube#channel", "channelId": channel.id},
-        "snippet": {
-            "publishedAt": channel.published_at,
-            "channelId": channel.id,
-            "title": title,
-            "description": about,
-            "thumbnails": {
-                name: {"url": f"https://yt3.ggpht.com/sandbox/{channel.id}=s{size}"}
-                for name, size in (("default", 88), ("medium", 240), ("high", 800))
-            },
-            "channelTitle": title,
-            "liveBroadcastContent": "none",
-            "publishTime": channel.published_at,
-        },
+        "id": channel.id,
+        "published_at": channel.published_at,
+        "title": html.escape(channel.title),
+        "description": html.escape(channel.description[:160]),
     }
+    return dict(_resource("search_hit", values))
 
 
 def channel_parts(channel: Channel) -> dict[str, Any]:
     """A channel by part."""
-    text = {"title": channel.title, "description": channel.description}
-    thumbnails = {
-        name: {
-            "url": f"https://yt3.ggpht.com/sandbox/{channel.id}=s{size}",
-            "width": size,
-            "height": size,
-        }
-        for name, size in (("default", 88), ("medium", 240), ("high", 800))
+    values = {
+        "id": channel.id,
+        "title": channel.title,
+        "description": channel.description,
+        "handle": "".join(filter(str.isalnum, channel.title)).lower(),
+        "published_at": channel.published_at,
+        "uploads": channel.uploads,
+        "views": str(len(channel.videos) * 4711),
+        "subscribers": str(len(channel.videos) * 100),
+        "videos": str(len(channel.videos)),
+        "keywords": channel.words[:60],
     }
-    handle = "@" + "".join(filter(str.isalnum, channel.title)).lower()
-    return {
-        "snippet": {
-            **text,
-            "customUrl": handle,
-            "publishedAt": channel.published_at,
-            "thumbnails": thumbnails,
-            "localized": text,
-            "country": "US",
-        },
-        "contentDetails": {"relatedPlaylists": {"likes": "", "uploads": channel.uploads}},
-        "statistics": {
-            "viewCount": str(len(channel.videos) * 4711),
-            "subscriberCount": str(len(channel.videos) * 100),
-            "hiddenSubscriberCount": False,
-            "videoCount": str(len(channel.videos)),
-        },
-        "brandingSettings": {"channel": {**text, "keywords": channel.words[:60]}},
-    }
+    return dict(_resource("channel", values))
 
 
 def playlist_parts(channel: Channel) -> dict[str, Any]:
     """The uploads playlist by part."""
-    text = {"title": f"Uploads from {channel.title}", "description": ""}
-    return {
-        "snippet": {
-            "publishedAt": channel.published_at,
-            "channelId": channel.id,
-            **text,
-            "thumbnails": _thumbnails(channel.videos[0]) if channel.videos else {},
-            "channelTitle": channel.title,
-            "localized": text,
-        },
-        "status": {"privacyStatus": "public"},
-        "contentDetails": {"itemCount": len(channel.entries)},
+    values = {
+        "id": channel.id,
+        "title": channel.title,
+        "published_at": channel.published_at,
+        "thumbnails": _thumbnails(channel.videos[0]) if channel.videos else {},
+        "entries": len(channel.entries),
     }
+    return dict(_resource("playlist", values))
 
 
 def entry_parts(video: Video, playlist: str, position: int) -> dict[str, Any]:
     """A playlist item by part. What is no longer public says so and has lost all else."""
-    gone = not video.in_api
-    text = (
-        {"title": "Private video", "description": "This video is private.", "thumbnails": {}}
-        if gone
-        else {
-            "title": video.title,
-            "description": video.description,
-            "thumbnails": _thumbnails(video),
-        }
-    )
-    owner = (
-        {}
-        if gone
-        else {
-            "videoOwnerChannelTitle": video.channel.title,
-            "videoOwnerChannelId": video.channel.id,
-        }
-    )
-    return {
-        "snippet": {
-            "publishedAt": video.published_at,
-            "channelId": video.channel.id,
-            **text,
-            "channelTitle": video.channel.title,
-            "playlistId": playlist,
-            "position": position,
-            "resourceId": {"kind": "youtube#video", "videoId": video.id},
-            **owner,
-        },
-        "contentDetails": {"videoId": video.id}
-        | ({} if gone else {"videoPublishedAt": video.published_at}),
-        "status": {"privacyStatus": "private" if gone else "public"},
-    }
+    values = {**_of(video), "playlist": playlist, "position": position}
+    return dict(_resource("entry" if video.in_api else "entry_private", values))
 
 
 def video_parts(video: Video, max_width: int | None, max_height: int | None) -> dict[str, Any]:
     """A video by part; hidden counts are absent."""
-    text = {"title": video.title, "description": video.description}
-    snippet: dict[str, Any] = {
-        "publishedAt": video.published_at,
-        "channelId": video.channel.id,
-        **text,
-        "thumbnails": _thumbnails(video),
-        "channelTitle": video.channel.title,
-        "tags": video.tags,
-        "categoryId": video.category_id,
-        "liveBroadcastContent": video.live,
-        "localized": text,
-        "defaultAudioLanguage": (video.tracks[0].language if video.tracks else "en"),
-    }
-    if not video.tags:
-        del snippet["tags"]
-    details: dict[str, Any] = {
+    values = {
+        **_of(video),
+        "tags": video.tags or None,
+        "category_id": video.category_id,
+        "live": video.live,
+        "language": video.tracks[0].language if video.tracks else "en",
         "duration": video.iso_duration,
-        "dimension": "2d",
         "definition": "hd" if min(video.width, video.height) >= 720 else "sd",
         "caption": str(any(track.kind != "asr" for track in video.tracks)).lower(),
-        "licensedContent": video.number % 3 == 0,
-        "contentRating": {"ytRating": video.rating} if video.rating else {},
-        "projection": "rectangular",
-        "hasCustomThumbnail": True,
-    }
-    counts = {
-        "viewCount": video.view_count,
-        "likeCount": video.like_count,
-        "favoriteCount": "0",
-        "commentCount": video.comment_count,
-    }
-    player: dict[str, Any] = {
-        "embedHtml": f'<iframe width="480" height="270" src="//www.youtube.com/embed/{video.id}"'
-        ' frameborder="0"'
-        ' allow="accelerometer; autoplay; encrypted-media"'
-        ' referrerpolicy="strict-origin-when-cross-origin" allowfullscreen></iframe>'
+        "licensed": video.number % 3 == 0,
+        "rating": {"ytRating": video.rating} if video.rating else {},
+        "license": video.license,
+        "view_count": video.view_count,
+        "like_count": video.like_count,
+        "comment_count": video.comment_count,
+        "embed_width": None,
+        "embed_height": None,
     }
     if video.sized and (max_width or max_height):
         # The largest frame of the video's own shape that fits.
         scale = min((max_width or 10**9) / video.width, (max_height or 10**9) / video.height)
-        player |= {
-            "embedHeight": str(round(video.height * scale)),
-            "embedWidth": str(round(video.width * scale)),
-        }
+        values["embed_width"] = str(round(video.width * scale))
+        values["embed_height"] = str(round(video.height * scale))
+    return dict(_resource("video", values))
+
+
+def _of(video: Video) -> dict[str, Any]:
     return {
-        "snippet": snippet,
-        "contentDetails": {name: value for name, value in details.items() if value is not None},
-        "status": {
-            "uploadStatus": "processed",
-            "privacyStatus": "public",
-            "license": video.license,
-            "embeddable": True,
-            "publicStatsViewable": True,
-            "madeForKids": False,
-        },
-        "statistics": {name: value for name, value in counts.items() if value is not None},
-        "player": player,
+        "id": video.id,
+        "title": video.title,
+        "description": video.description,
+        "published_at": video.published_at,
+        "channel_id": video.channel.id,
+        "channel_title": video.channel.title,
+        "thumbnails": _thumbnails(video),
     }
 
 
 def _thumbnails(video: Video) -> dict[str, Any]:
-    names = {
-        "default": "default",
-        "medium": "mqdefault",
-        "high": "hqdefault",
-        "standard": "sddefault",
-        "maxres": "maxresdefault",
-    }
-    return {
-        name: {
-            "url": f"https://i.ytimg.com/vi/{video.id}/{names[name]}.jpg",
-            "width": width,
-            "height": height,
-        }
-        for name, (width, height) in _SIZES.items()
-        if name != "maxres" or video.number % 4
-    }
+    thumbnails = dict(_resource("thumbnails", {"id": video.id}))
+    if video.number % 4 == 0:
+        del thumbnails["maxres"]  # not every video has one
+    return thumbnails

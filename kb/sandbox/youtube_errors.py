@@ -6,34 +6,17 @@ them is what the request was wrong about.
 
 from __future__ import annotations
 
-import json
-from functools import cache, partial
-from pathlib import Path
-from string import Template
+from functools import partial
 from typing import Any
 
+from kb.sandbox.written import written
+
 Answer = tuple[int, dict[str, Any]]
-_FILE = Path(__file__).with_name("data") / "youtube" / "errors.json"
 
 
 def _answer(name: str, value: object = "") -> Answer:
-    written = _written()[name]
-    return written["status"], _filled(written["response"], str(value))
-
-
-@cache
-def _written() -> dict[str, dict[str, Any]]:
-    answers: dict[str, dict[str, Any]] = json.loads(_FILE.read_text(encoding="utf-8"))
-    return answers
-
-
-def _filled(part: Any, value: str) -> Any:
-    """A new copy of a part of an answer, with the value in its texts."""
-    if isinstance(part, dict):
-        return {name: _filled(inner, value) for name, inner in part.items()}
-    if isinstance(part, list):
-        return [_filled(inner, value) for inner in part]
-    return Template(part).substitute(value=value) if isinstance(part, str) else part
+    said = written("youtube/errors.json", name, {"value": str(value)})
+    return said["status"], said["response"]
 
 
 key_invalid = partial(_answer, "key_invalid")  # a key that nobody was given, as it was recorded
