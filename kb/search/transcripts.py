@@ -17,11 +17,12 @@ _WATCH = "https://www.youtube.com/watch?v="
 
 
 class Cue(NamedTuple):
-    """Words that are shown together, from `start_s` to `end_s`."""
+    """Words that are shown together, from `start_s` to `end_s`, and how many they are."""
 
     start_s: float
     end_s: float
     text: str
+    words: int
 
 
 def passages(root: Path) -> Iterator[Passage]:
@@ -49,12 +50,13 @@ def passages(root: Path) -> Iterator[Passage]:
 def cues(given: Sequence[dict[str, Any]]) -> Iterator[Cue]:
     """Cues with words, none of them longer than a window: a longer one is divided by its words."""
     for one in given:
-        words = plain(one["text"]).split()
+        text = one["text"] or ""
+        words = (text if text.isprintable() else plain(text)).split()
         start, length = max(0.0, one["start_s"] or 0.0), max(0.0, one["duration_s"] or 0.0)
         for at in range(0, len(words), MOST):
             part = words[at : at + MOST]
             first, last = at / len(words), (at + len(part)) / len(words)
-            yield Cue(start + first * length, start + last * length, " ".join(part))
+            yield Cue(start + first * length, start + last * length, " ".join(part), len(part))
 
 
 def windows(spoken: Sequence[Cue]) -> Iterator[list[Cue]]:
@@ -64,8 +66,8 @@ def windows(spoken: Sequence[Cue]) -> Iterator[list[Cue]]:
     begin = 0
     while begin < len(spoken):
         count, end, best, pause = 0, begin, 0, -1.0
-        while end < len(spoken) and count + len(spoken[end].text.split()) <= MOST:
-            count += len(spoken[end].text.split())
+        while end < len(spoken) and count + spoken[end].words <= MOST:
+            count += spoken[end].words
             end += 1
             if end < len(spoken) and count >= LEAST:
                 gap = max(0.0, round(spoken[end].start_s - spoken[end - 1].end_s, 3))
@@ -80,9 +82,8 @@ def windows(spoken: Sequence[Cue]) -> Iterator[list[Cue]]:
 
 def joined(window: Sequence[Cue]) -> tuple[str, list[tuple[int, float]]]:
     """A window's text, and where in it which second begins."""
-    text, times = "", []
+    at, times = 0, []
     for cue in window:
-        text += " " if text else ""
-        times.append((len(text), round(cue.start_s, 2)))
-        text += cue.text
-    return text, times
+        times.append((at, round(cue.start_s, 2)))
+        at += len(cue.text) + 1
+    return " ".join(cue.text for cue in window), times

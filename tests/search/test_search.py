@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 import kb
 from kb.core.errors import DamagedData, KbError, UsageError
 from kb.core.sources import SOURCES
+from kb.filters.clean import run_clean
 from kb.search.ask import search
 from kb.search.build import index
 from kb.search.passage import MOST_WORDS
@@ -29,6 +30,7 @@ from kb.search.words import question
 from kb.store import indexed, lock
 from kb.store.layout import Layout
 from kb.verify.root import verify
+from tests.crash import killed
 from tests.filters.made import run_at
 from tests.inprocess import Here
 from tests.search.made import (
@@ -223,12 +225,12 @@ def test_what_is_typed_becomes() -> None:
 def test_windows_end_where_the_talk_pauses() -> None:
     words = " ".join(["word"] * 10)
     starts = [0.0, 3, 6, 9, 12, 15, 18, 25, 28, 31, 34, 37, 40, 43, 46, 49]
-    found = list(windows([Cue(start, start + 3, words) for start in starts]))
+    found = list(windows([Cue(start, start + 3, words, 10) for start in starts]))
     assert [window[0].start_s for window in found] == [0.0, 25]  # before the pause from 21 to 25
     assert [cue for window in found for cue in window] == [
-        Cue(start, start + 3, words) for start in starts
+        Cue(start, start + 3, words, 10) for start in starts
     ]
-    even = list(windows([Cue(3.0 * n, 3.0 * n + 3, words) for n in range(100)]))
+    even = list(windows([Cue(3.0 * n, 3.0 * n + 3, words, 10) for n in range(100)]))
     sizes = [10 * len(window) for window in even]
     assert all(LEAST <= size <= MOST for size in sizes[:-1])
 
@@ -269,6 +271,19 @@ def test_a_changed_source_is_made_again_and_no_other(root: Path) -> None:
     assert {one.source for one in search(root, SECRET)} == {"youtube", "wiki"}
 
 
+def test_a_filter_removes_an_index_that_it_made_old_and_leaves_another(tmp_path: Path) -> None:
+    root = tmp_path / "data"
+    killed.make(root)
+    run = run_at(root)
+    index(run)
+    held = Layout(root).index("youtube")
+    run_clean(run, "youtube")
+    assert held.is_file()
+    views = run.profile.section("youtube").min_views
+    run_clean(run_at(root, min_views=views + 10**9), "youtube")
+    assert not held.exists()
+
+
 def test_the_same_rows_give_the_same_bytes(root: Path, made: Path) -> None:
     shutil.rmtree(Layout(root).indexes)
     index(run_at(root))
@@ -277,19 +292,19 @@ def test_the_same_rows_give_the_same_bytes(root: Path, made: Path) -> None:
         assert first == again
 
 
-@pytest.mark.parametrize(("source", "ids"), [("youtube", [video_id(0)]), ("reddit", ["t3_p000"])])
 def test_a_purge_leaves_no_byte_and_the_next_search_follows(
-    root: Path, here: Here, tmp_path: Path, source: str, ids: list[str]
+    root: Path, here: Here, tmp_path: Path
 ) -> None:
+    source = "youtube"
     held = Layout(root).index(source)
     assert SECRET.encode() in held.read_bytes()
-    (tmp_path / "ids.txt").write_text("\n".join(ids))
+    (tmp_path / "ids.txt").write_text(video_id(0))
     at = ("--data", str(root), "--profile", "minecraft")
     planned = here("purge", source, "--ids", str(tmp_path / "ids.txt"), "--plan", "--json", *at)
     assert "index" in {
         line["folder"] for line in json.loads(planned.out.splitlines()[-1])["lines"]
     }, planned
-    done = here("purge", source, "--ids", str(tmp_path / "ids.txt"), *at)
+    done = here("purge", source, "--ids", str(tmp_path / "ids.txt"), "--workers", "1", *at)
     assert done.code == 0, done.err
     assert not held.exists()
     others = search(root, SECRET, sources=[one for one in SOURCES if one != source])
@@ -300,6 +315,16 @@ def test_a_purge_leaves_no_byte_and_the_next_search_follows(
     assert {one["source"] for one in found} == set(SOURCES) - {source}
     assert held.is_file()
     assert SECRET.encode() not in held.read_bytes()
+
+
+def test_what_a_killed_index_left_goes_with_the_next_lock(root: Path) -> None:
+    left = Layout(root).index("wiki").with_name(".wiki.sqlite.1-2-abc.tmp")
+    left.write_text(SECRET)
+    with lock.taking(root, *lock.of_purge("youtube")):
+        assert left.exists()  # another source's
+    with lock.taking(root, *lock.of_purge("wiki")):
+        assert not left.exists()
+    assert Layout(root).index("wiki").is_file()
 
 
 def test_search_as_it_is_typed(root: Path, here: Here) -> None:
