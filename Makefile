@@ -9,7 +9,7 @@ KB := exec "$(HERE).ci/kb"
 .DEFAULT_GOAL := help
 .PHONY: help setup demo youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
 	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct restore \
-	models annotate pairs release report status test test-fast lint types bench lock reference
+	models annotate pairs release report index status test test-fast lint types bench lock reference
 
 # What is no target: said in one line, before anything is set up.
 .DEFAULT:
@@ -55,6 +55,8 @@ release: setup            ## checks, metadata and checksums around release/
 	@$(KB) release $(ARGS)
 report: setup             ## figures and one HTML page of what was collected
 	@$(KB) report $(ARGS)
+index: setup              ## one local index over everything that is clean, for kb search
+	@$(KB) index $(ARGS)
 status: setup             ## progress, quota, age of the data, what is left
 	@$(KB) status $(ARGS)
 test: setup               ## every test

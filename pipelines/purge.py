@@ -7,6 +7,7 @@ again.
     clean      rows of tables, of rejected, failed and pending; pairs
     scores     annotations of texts that no row has any more
     made       release/, export/ and report/ as far as they are there
+    index      removed; the next search makes it again
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from kb.export import clip4mc, minedojo_pairs, parquet, video2dataset
 from kb.filters.clean import texts
 from kb.release.build import describe
 from kb.report.build import report
-from kb.store import lock
+from kb.store import indexed, lock
 from kb.store import purge as store
 from kb.store.layout import Layout
 
@@ -50,6 +51,8 @@ def _purge(run: Run, source: str, ids: Path | None) -> Summary:
     room = importlib.import_module(f"kb.{source}.purge")
     keys = room.purge_raw(run, ids)
     said = getattr(keys, "said", {})
+    if keys:
+        indexed.forget(run.root, source)  # `kb search` makes it again of what is left
     rows = store.drop_rows(run.root, source, room.ROWS, keys) if keys else 0
     if keys and hasattr(room, "mend"):
         room.mend(run.root, keys)

@@ -19,7 +19,7 @@ from kb.core.sources import SOURCES
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = {*SOURCES, "annotate", "filters", "pairs", "export", "release", "report", "verify"}
 GROUND = {"net", "store", "schema"}
-ASKING = {"query"}  # over the ground alone; only commands and pipelines ask it
+ASKING = {"query", "search"}  # over the ground alone; only commands and pipelines ask it
 
 # room -> the rooms that it may import (itself always)
 ALLOWED: dict[str, set[str]] = {
@@ -29,8 +29,8 @@ ALLOWED: dict[str, set[str]] = {
     "store": {"schema", "net", "core"},
     "crawl": GROUND | {"core"},
     **{room: GROUND | {"core"} | ({"crawl"} if room in SOURCES else set()) for room in ROOMS},
-    "query": {"store", "schema", "core"},
-    "reader": {"query", "store", "schema", "core"},
+    **{room: {"store", "schema", "core"} for room in ASKING},
+    "reader": ASKING | {"store", "schema", "core"},
     "sandbox": ROOMS | GROUND | {"core"},
     "cli": ROOMS | ASKING | GROUND | {"core", "sandbox"},
     "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", "sandbox"},

@@ -29,6 +29,8 @@ TREE = {
     "status": ("kb.cli.status", "Progress, quota, age of the data, what is left."),
     "verify": ("kb.cli.verify", "Every byte: whole, damaged, missing or foreign; --repair."),
     "profile": ("kb.cli.profile", "A new domain's profile; what is wrong with one."),
+    "index": ("kb.cli.index", "One local index over everything that is clean."),
+    "search": ("kb.cli.search", "Ranked answers out of the index, with links to the place."),
     "query": ("kb.cli.query", "SQL over the tables of the data root, by DuckDB."),
     "refresh": ("kb.cli.refresh", "Read again what the services' terms ask to keep fresh."),
     "purge": ("kb.cli.purge", "Remove for good what was deleted at its source, or named."),

@@ -76,6 +76,13 @@ WORDS: dict[str, Word] = {
     "notes": Word("What is good to know.", "{n} notes"),
     "findings": Word("Each of them: level, file, line, key, what and how to mend it."),
     "hits": Word("Each keyword with its kind, rule, matches and examples."),
+    # What `kb index` makes and `kb search` finds.
+    "passages": Word("Pieces of texts that a search can find.", "{n} passages"),
+    "indexed": Word("Sources whose index was made; the others' had not changed."),
+    "answers": Word(
+        "Each answer: text, snippet, source, kind, key, title, path, score, url, licence, date,"
+        " start_s."
+    ),
     # Nouns.
     "channels": Word("Channels found so far.", "{n} channels"),
     "videos": Word("Videos.", "{n} videos"),
@@ -179,7 +186,7 @@ WORDS: dict[str, Word] = {
     "without": Word("Sections of the report that have no data.", "without {n}"),
     "sandbox_model": Word("Whether scores are those of the sandbox's model.", "sandbox model: {n}"),
     "problems": Word("Why the release was refused."),
-    "sources": Word("Each source's rows or deposit."),
+    "sources": Word("Each source's rows, passages or deposit."),
     "left_out": Word("Why a step of the demo was left out.", "left out: {n}"),
     "assumed": Word("What the plan had to assume.", "assumed: {n}"),
     "stopped": Word("Why the command stopped; the same one goes on."),

@@ -30,7 +30,7 @@ from kb.core.verdict import Summary, Tally
 from kb.filters.chain import VERDICTS, Clean
 from kb.filters.tasks import Job, parse_segment, removed_keys, sort_bucket, spec_of, texts_of
 from kb.schema.tables import table
-from kb.store import buckets, complete, mending, parquet, rawlog, tally, tombstones
+from kb.store import buckets, complete, indexed, mending, parquet, rawlog, tally, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout, parquet_files
@@ -69,6 +69,7 @@ def run_clean(run: Run, source: str) -> Summary:
                 summary |= spec.about(run.root) if spec.about is not None else {}
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
                 complete.write_list(fresh)
+        indexed.follow(run.root, source)
     return summary
 
 

@@ -6,6 +6,7 @@
     data.page("Creeper")                a wiki page: .screenshot(), .boxes("table").draw()
     data.thread("abc123")               a post and its comments, nested
     data.clips("creeper")               clips of a keyword, with their videos and texts
+    data.search("tame a wolf")          ranked answers out of the index of `kb index`
 
 Nothing is written, sent or asked for: no key, no profile, no network. Folders are in `places`,
 tables in `rows`, HTML in `html`; pages in `page` and `image`, the rest by its own name.

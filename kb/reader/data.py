@@ -5,18 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NoReturn
 
 from kb import query
 from kb.core.errors import UsageError
-from kb.reader import clips, html, page, thread
+from kb.reader import clips, html, page, search, thread
 from kb.reader.hints import hinted
 from kb.reader.opened import Opened
 from kb.reader.places import Placed, look
 from kb.reader.rows import Answer, Table
 from kb.reader.tables import Tables
+from kb.search.rank import Only
 
 Place = str | os.PathLike[str]
+_WAYS = ("sql", "page", "thread", "clips", "search")
 
 
 @hinted
@@ -101,18 +102,33 @@ class Data:
         return clips.find(self._opened, keyword)
 
     @hinted
-    def search(self, words: str, /) -> NoReturn:
-        """Ranked answers out of the local index. Raises UsageError: there is none yet.
+    def search(
+        self,
+        words: str,
+        /,
+        *,
+        source: str | Iterable[str] = (),
+        kind: str | Iterable[str] = (),
+        since: str = "",
+        until: str = "",
+        least_score: float = 0.0,
+        each: int | None = 1,
+        limit: int = 10,
+        size: int = 1000,
+    ) -> Answer:
+        """Ranked answers out of the local index that `kb index` makes; the best first.
 
-        data.search("how to tame a fox")
+            data.search("how to tame a fox", kind="transcript").to_pandas()[["url", "snippet"]]
+
+        Columns: text, snippet, source, kind, key, title, path, score, url, licence, date, start_s.
+        `each`: answers of one video, page or thread, None for all; `size`: characters of a text.
+        Raises UsageError where there is no index, or one older than the clean tables.
         """
-        raise UsageError(
-            f"no search index to look for {words!r} in",
-            hint='make one with "kb index"; until then data.sql("… ILIKE …") finds words',
-        )
+        only = Only(_several(kind), since, until, least_score, each, limit)
+        return search.find(self._opened, words, _several(source), only, size)
 
     def _repr_html_(self) -> str:
-        said = "data[name], data.sql(…), data.page(…), data.thread(…), data.clips(…)"
+        said = ", ".join(["data[name]", *(f"data.{one}(…)" for one in _WAYS)])
         caption = f"<b>Lorebase</b> {html.text(', '.join(self._opened.folders()), 400)}"
         return html.block(
             self.tables._repr_html_() + f"<small>{html.text(said)}</small>", caption=caption
@@ -120,3 +136,7 @@ class Data:
 
     def __repr__(self) -> str:
         return f"<kb data in {', '.join(self._opened.folders())}: {', '.join(self.tables)}>"
+
+
+def _several(given: str | Iterable[str]) -> tuple[str, ...]:
+    return (given,) if isinstance(given, str) else tuple(given)

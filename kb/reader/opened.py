@@ -18,7 +18,7 @@ class Opened:
     """Tables by their full names; DuckDB is opened at the first question."""
 
     def __init__(self, placed: dict[str, Placed]) -> None:
-        self._placed = placed
+        self.placed = placed
         self.views = [one.view for one in placed.values()]
         self._con: duckdb.DuckDBPyConnection | None = None
 
@@ -30,12 +30,12 @@ class Opened:
         return self._con
 
     def __contains__(self, full: str) -> bool:
-        return full in self._placed
+        return full in self.placed
 
     def ranked(self, short: str) -> list[Placed]:
         """The tables of one name, the fullest first: clean, release, restored."""
         full = [f"{schema}.{short}" for schema in SCHEMAS]
-        return [self._placed[name] for name in full if name in self._placed]
+        return [self.placed[name] for name in full if name in self.placed]
 
     def rows(self, sql: str, parameters: Sequence[Any] = ()) -> pa.Table:
         """The rows of a query of our own, with values for its question marks."""
@@ -46,4 +46,4 @@ class Opened:
 
     def folders(self) -> list[str]:
         """The folders that the tables were found in."""
-        return sorted({str(one.home) for one in self._placed.values()})
+        return sorted({str(one.home) for one in self.placed.values()})

@@ -11,6 +11,7 @@ export/<format>/           other projects' layouts
 report/                    figures and their page
 restored/<source>/         what `kb restore` brought back from a release's ids; restored/pairs/ too
 links/                     tables that name the same things in two sources
+index/<source>.sqlite      what `kb search` reads, and beside it what it was made of
 """
 
 from __future__ import annotations
@@ -18,7 +19,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-TOP = ("raw", "state", "annotations", "clean", "pairs", "release", "export", "report", "restored")
+TOP = (
+    "raw",
+    "state",
+    "annotations",
+    "clean",
+    "pairs",
+    "release",
+    "export",
+    "report",
+    "restored",
+    "index",
+)
 """The folders that commands write, in the order of the data's way."""
 
 
@@ -177,6 +189,19 @@ class Layout:
     def links(self) -> Path:
         """Tables that name the same things in two sources."""
         return self.root / "links"
+
+    @property
+    def indexes(self) -> Path:
+        """What `kb search` reads."""
+        return self.root / "index"
+
+    def index(self, source: str) -> Path:
+        """A source's passages and their words, in SQLite."""
+        return self.indexes / f"{source}.sqlite"
+
+    def indexed(self, source: str) -> Path:
+        """The clean files that a source's index was made of."""
+        return self.indexes / f"{source}.json"
 
 
 BELOW = Layout(Path())

@@ -55,6 +55,9 @@ def _places(at: Layout, name: str) -> tuple[Path, ...]:
             return (at.report,)
         case "deposits":
             return ()
+        case "index-youtube" | "index-wiki" | "index-reddit":
+            source = name.removeprefix("index-")
+            return at.index(source), at.indexed(source)
         case "release-youtube":
             lists = ("youtube_full.json", "youtube_tutorial.json")
             return at.release("youtube"), *(at.export("minedojo", one) for one in lists)
@@ -78,7 +81,8 @@ def _read_whole(at: Layout, name: str) -> tuple[Path, ...]:
     if name == "pairs":
         return (at.clean("youtube"),)
     sources = ("youtube", "wiki", "reddit")
-    return tuple(at.clean(source) for source in sources if name == f"release-{source}")
+    readers = ("release", "index")
+    return tuple(at.clean(one) for one in sources if name in {f"{who}-{one}" for who in readers})
 
 
 def _beside(path: Path) -> None:

@@ -3,6 +3,7 @@
     youtube wiki reddit    raw/, state/, annotations/ and clean/ of a source
     pairs                  pairs/, state/pairs/
     release-<source>       release/<source>/ and export/ of it; of `pairs` too
+    index-<source>         index/ of it
     report                 report/
     deposits               what was uploaded
 
@@ -27,14 +28,16 @@ from kb.store.atomic import full_disk_is_resumable
 from kb.store.layout import Layout
 
 RELEASES = tuple(f"release-{name}" for name in PUBLISHED)
-ORDER = (*PUBLISHED, *RELEASES, "report", "deposits")
+INDEXES = tuple(f"index-{name}" for name in SOURCES)
+ORDER = (*PUBLISHED, *RELEASES, *INDEXES, "report", "deposits")
 
 _taken: set[Path] = set()  # by `taking` of this process: its own steps may take them again
 
 
 def of_clean(source: str) -> tuple[str, ...]:
     """What writing clean/<source> takes: the source's own lock and those of who reads it whole."""
-    return (source, *(("pairs",) if source == "youtube" else ()), f"release-{source}")
+    pairs = ("pairs",) if source == "youtube" else ()
+    return (source, *pairs, f"release-{source}", f"index-{source}")
 
 
 def of_purge(source: str) -> tuple[str, ...]:
@@ -57,7 +60,7 @@ def writer(root: Path, name: str) -> Iterator[None]:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             holder = os.read(descriptor, 32).decode(errors="replace").strip() or "unknown"
-            what = name.replace("release-", "release/")
+            what = name.replace("release-", "release/").replace("index-", "index/")
             raise WriterLocked(
                 f"another process (pid {holder}) writes to {what} in {root}",
                 hint="wait for it, or stop it; a second machine takes its own --data folder",

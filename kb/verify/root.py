@@ -13,7 +13,7 @@ import duckdb
 from kb.core.errors import DamagedData, UsageError
 from kb.core.progress import Progress
 from kb.core.sources import SORTED
-from kb.store import complete, database, leftovers, rawlog, sidefiles
+from kb.store import complete, database, indexed, leftovers, rawlog, sidefiles
 from kb.store.advice import SOURCES, advice
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import scan
@@ -119,8 +119,10 @@ class _Root:
             self._state(path, parts)
         elif parts[0] in ("annotations", "clean", "pairs", "links"):
             self._made(path, parts)
-        elif parts[0] in ("export", "report", "index"):
+        elif parts[0] in ("export", "report"):
             self._plain(path, parts[0])
+        elif parts[0] == "index":
+            self._index(path)
         elif parts[0] == "release":
             if len(parts) == 2:
                 look.foreign("release", path, "a release is a folder", "move it away")
@@ -210,6 +212,19 @@ class _Root:
             self._look.whole(kind, path)
         else:
             self._look.damaged(kind, path, "is empty", "run the command that made it again")
+
+    def _index(self, path: Path) -> None:
+        """What `kb search` reads; it is made again at any time."""
+        look, at = self._look, self._at
+        if path not in {file(source) for source in SOURCES for file in (at.index, at.indexed)}:
+            look.foreign("index", path, "no command has written it", "move it away")
+            return
+        look.advance(path.stat().st_size)
+        what = _json(path) if path.suffix == ".json" else indexed.problem(path)
+        if what:
+            look.damaged("index", path, what, "delete it; the next `kb index` makes it again")
+        else:
+            look.whole("index", path)
 
     def _tables(self) -> None:
         """Files that were written and are not there; keys that have two answers."""

@@ -127,6 +127,8 @@ APPLIES = {
     "release": {"pipeline"},
     "release publish": {"wait", "pipeline"},
     "report": {"workers"},
+    "index": {"again"},
+    "search": {"limit"},
     "query": {"limit"},
     "restore": {"workers", "limit", "wait", "again"},
     "refresh youtube": {"limit", "wait"},

@@ -1,0 +1,160 @@
+"""`kb search`: ranked answers out of the local index."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterator
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kb.cli.command import command, group
+
+if TYPE_CHECKING:
+    from kb.cli.options import Options
+    from kb.core.context import Run
+    from kb.core.verdict import Summary
+    from kb.search.ask import Answer
+
+app = group("Ranked answers from transcripts, wiki and threads, with links to the place.")
+LIMIT = 10
+
+
+class Source(StrEnum):
+    """Where an answer may come from."""
+
+    youtube = "youtube"
+    wiki = "wiki"
+    reddit = "reddit"
+
+
+class Kind(StrEnum):
+    """What an answer may be."""
+
+    video = "video"
+    transcript = "transcript"
+    section = "section"
+    table = "table"
+    post = "post"
+    comment = "comment"
+
+
+@command(
+    app,
+    raw=True,
+    uses=("limit",),
+    resumable=False,
+    examples=[
+        'kb search "how to tame a wolf"',
+        "kb search '\"tide table\" harbour* -net'    a phrase, a beginning, a word that is barred",
+        "kb search saltstone --source wiki --kind table --json",
+        "kb search creeper --since 2023-01-01 --each 3 --limit 30",
+    ],
+)
+def search(
+    options: Options,
+    words: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="WORDS",
+            help='Words; "a phrase", +needed, -barred and begin* as well, all in quotes of the'
+            " shell.",
+        ),
+    ],
+    source: Annotated[
+        list[Source] | None,
+        typer.Option("--source", help="Answers from there only; may be given several times."),
+    ] = None,
+    kind: Annotated[
+        list[Kind] | None,
+        typer.Option("--kind", help="Answers of that kind only; may be given several times."),
+    ] = None,
+    since: Annotated[
+        str, typer.Option("--since", metavar="DATE", help="Not before that day: 2023-01-31.")
+    ] = "",
+    until: Annotated[
+        str, typer.Option("--until", metavar="DATE", help="Not after that day: 2023-01-31.")
+    ] = "",
+    least: Annotated[
+        float, typer.Option("--least-score", min=0, metavar="X", help="Not below that score.")
+    ] = 0.0,
+    each: Annotated[
+        int, typer.Option("--each", min=1, metavar="N", help="Of one video, page or thread.")
+    ] = 1,
+    every: Annotated[
+        bool, typer.Option("--all", help="As many of one video, page or thread as there are.")
+    ] = False,
+    size: Annotated[
+        int, typer.Option("--size", min=1, metavar="N", help="Characters of an answer's text.")
+    ] = 1000,
+) -> Summary | None:
+    """Search everything that was kept: the best places first, each with a link that opens it.
+
+    Prints title, date, licence and score (BM25), a snippet with the words marked, and the address.
+    --limit N gives N answers instead of 10, with exit code 0; --json all of them in one object.
+    An index that is missing or older than the clean tables is made first, as `kb index` does.
+    """
+    from kb.core import terminal
+    from kb.core.verdict import Summary
+    from kb.search.ask import search as ask
+    from kb.search.rank import Only
+
+    only = Only(
+        kinds=tuple(map(str, kind or ())),
+        since=_day("--since", since),
+        until=_day("--until", until),
+        least=least,
+        each=None if every else each,
+        limit=options.limit or LIMIT,
+    )
+    run = options.make_run()
+    sources = [str(one) for one in Source if not source or one in source]
+    _follow(run, sources)
+    answers = ask(run.root, " ".join(words), sources=sources, only=only, size=size)
+    if options.json:
+        import msgspec
+
+        return Summary(command="search", answers=[msgspec.to_builtins(one) for one in answers])
+    for number, one in enumerate(answers, 1):
+        for line in _lines(number, one):
+            typer.echo(terminal.one_line(line))
+    if not answers:
+        typer.echo("no answers", err=True)
+    return None
+
+
+def _follow(run: Run, sources: list[str]) -> None:
+    """Make what is missing or old. Raises WriterLocked, DamagedData, DiskFull."""
+    from kb.search.build import follow
+    from kb.store import indexed
+
+    for source in sources:
+        if indexed.files(run.root, source) and not indexed.is_current(run.root, source):
+            run.progress.say(f"no index of {source} that follows clean/{source}: making it")
+            follow(run, source)
+
+
+def _day(option: str, given: str) -> str:
+    """A date as it was given. Raises SettingError."""
+    from datetime import date
+
+    from kb.core.errors import SettingError
+
+    try:
+        if given and not re.fullmatch(r"\d{4}-\d\d-\d\d", given):
+            raise ValueError
+        return date.fromisoformat(given).isoformat() if given else ""
+    except ValueError:
+        raise SettingError(f"{option} is {given!r}", hint="write it like 2023-01-31") from None
+
+
+def _lines(number: int, one: Answer) -> Iterator[str]:
+    """An answer for a person; text of others, in one line each."""
+    where = f"{one.title} › {one.path}" if one.path else one.title
+    facts = [f"{one.source} {one.kind}", one.date, one.licence, f"score {one.score:.2f}"]
+    yield f"{number:2}. {where} ({', '.join(fact for fact in facts if fact)})"
+    for line in textwrap.wrap(one.snippet, 96):
+        yield f"    {line}"
+    yield f"    {one.url}"

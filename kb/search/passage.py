@@ -1,0 +1,98 @@
+"""A passage: what `kb search` finds and shows, with the place that it came from."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from kb.schema import table
+from kb.store import complete
+from kb.store.merge import Merge
+from kb.store.shards import order
+
+MOST_WORDS = 200  # of a passage's text
+_AT_ONCE = 64  # rows as Python objects at a time: a transcript is a large one
+_NOT_SHOWN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")  # marks of snippets would be among them
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """A piece of one thing of a source.
+
+    `key` is the thing's own (video id, page id, full name of a post or comment), `thing` what at
+    most one answer is given of: the video, page or thread. `path` is a section's headings. `times`
+    are (first character, second) of a transcript's cues.
+    """
+
+    kind: str
+    key: str
+    thing: str
+    title: str
+    text: str
+    url: str
+    date: str | None
+    licence: str | None = None
+    path: str = ""
+    alt: str = ""
+    times: list[tuple[int, float]] = field(default_factory=list)
+
+
+def plain(text: str | None) -> str:
+    """A text without control characters; "" for None."""
+    return _NOT_SHOWN.sub(" ", text or "")
+
+
+def day(when: Any) -> str | None:
+    """A time's date: "2026-03-01"."""
+    return None if when is None else when.date().isoformat()
+
+
+def rows(root: Path, name: str, columns: list[str]) -> Iterator[dict[str, Any]]:
+    """The rows of a declared clean table in its order, a few at a time. Raises DamagedData."""
+    files, declared = complete.rows(root, name), table(name)
+    with closing(Merge(files, order(declared), columns)) as merged:
+        for part in merged:
+            for start in range(0, part.num_rows, _AT_ONCE):
+                yield from part.slice(start, _AT_ONCE).to_pylist()
+
+
+class Beside:
+    """Rows of a second table in the order of `key`, taken along with the rows of a first one."""
+
+    def __init__(self, rows: Iterator[dict[str, Any]], key: str) -> None:
+        self._rows, self._key = rows, key
+        self._next = next(rows, None)
+
+    def of(self, key: Any) -> Iterator[dict[str, Any]]:
+        """The rows of one key; keys are asked for in rising order. Read them before the next."""
+        while self._next is not None and self._next[self._key] < key:
+            self._next = next(self._rows, None)
+        while self._next is not None and self._next[self._key] == key:
+            yield self._next
+            self._next = next(self._rows, None)
+
+
+def pieces(lines: Iterable[str], most: int = MOST_WORDS) -> Iterator[str]:
+    """Lines put together to texts of at most `most` words; a longer line is divided."""
+    held: list[str] = []
+    count = 0
+    for line in lines:
+        words = line.split()
+        parts = (
+            [line]
+            if len(words) <= most
+            else [" ".join(words[at : at + most]) for at in range(0, len(words), most)]
+        )
+        for part in parts:
+            size = len(part.split())
+            if held and count + size > most:
+                yield "\n".join(held)
+                held, count = [], 0
+            held.append(part)
+            count += size
+    if held:
+        yield "\n".join(held)

@@ -1,0 +1,172 @@
+"""BM25 over the indexes of several sources, as if they were one.
+
+FTS5 reckons each passage's part of a term from the term's frequency in it, weighted by field, and
+its length beside the mean of its source; how rare a term is follows here from all sources that are
+searched together, else a word would count more only because its source is larger:
+
+    score = Σ rarity · f · (k + 1) / (f + k · (1 - b + b · length / mean))
+    rarity = ln(1 + (N - n + 0.5) / (n + 0.5))
+
+with N passages, n that have the term, f = Σ weight · frequency by field, k = 1.2, b = 0.75. A plain
+word that stands in more than a fifth of many passages is left out where a rarer one is asked for
+too: it would decide nothing, and looking it up would take the longest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from kb.search.words import Question, Term
+from kb.store.sqlite import Connection
+
+WEIGHTS = {"title": 2.0, "path": 1.5, "text": 1.0, "alt": 0.5}
+_MANY = 10_000  # passages from which common words are left out
+_COMMON = 0.2
+_MARKED = 0.3  # of the rarest term's rarity
+
+
+@dataclass(frozen=True)
+class Only:
+    """Which passages may be answers, and how many: `each` of one video, page or thread (None: all
+    of them); dates as "2026-03-01", both included.
+    """
+
+    kinds: tuple[str, ...] = ()
+    since: str = ""
+    until: str = ""
+    least: float = 0.0
+    each: int | None = 1
+    limit: int = 10
+
+
+class Ranked(NamedTuple):
+    """A passage's score and where it is. Sorts from the best."""
+
+    minus: float
+    source: str
+    id: int
+
+    @property
+    def score(self) -> float:
+        """BM25; the higher the better."""
+        return -self.minus
+
+
+class Weighed(NamedTuple):
+    """A question's terms that decide, the rarest first: rarity, and passages that have the term by
+    source; `sizes`: passages by source.
+    """
+
+    rarities: dict[Term, float]
+    having: dict[Term, dict[str, int]]
+    sizes: dict[str, int]
+
+    @property
+    def marked(self) -> str:
+        """What a snippet marks: without words that are everywhere, such as "to"."""
+        most = max(self.rarities.values(), default=0.0)
+        told = [term.match for term, one in self.rarities.items() if one >= _MARKED * most]
+        return " OR ".join(told)
+
+
+def weigh(indexes: Mapping[str, Connection], question: Question) -> Weighed:
+    """How much each term counts in these indexes; one that is nowhere is left out."""
+    sizes = {source: _one(con, "SELECT count(*) FROM passages") for source, con in indexes.items()}
+    having = {
+        term: {source: _having(con, term) for source, con in indexes.items()}
+        for term in question.terms
+    }
+    whole = sum(sizes.values())
+    counts = {term: count for term in having if (count := sum(having[term].values()))}
+    rare = {term: n for term, n in counts.items() if not _is_common(term, n, whole)}
+    told = {term: rarity(whole, count) for term, count in (rare or counts).items()}
+    by_rarity = sorted(told.items(), key=lambda one: (-one[1], one[0]))
+    return Weighed(dict(by_rarity), having, sizes)
+
+
+def rank(
+    indexes: Mapping[str, Connection], question: Question, weighed: Weighed, only: Only
+) -> list[Ranked]:
+    """The best passages of all indexes, at most `only.limit`, the best first; of equal ones in
+    the order of sources and rows.
+    """
+    ranked: list[Ranked] = []
+    for source, con in indexes.items():
+        factors = {
+            term: value / _of_fts5(weighed.sizes[source], count)
+            for term, value in weighed.rarities.items()
+            if (count := weighed.having[term][source])
+        }
+        if factors:
+            ranked += (
+                Ranked(-score, source, number)
+                for number, score in _best(con, factors, question, only)
+            )
+    return sorted(ranked)[: only.limit]
+
+
+def rarity(passages: int, having: int) -> float:
+    """How much a term counts that `having` of the passages have; never below nought."""
+    return math.log(1 + (passages - having + 0.5) / (having + 0.5))
+
+
+def _of_fts5(passages: int, having: int) -> float:
+    """What FTS5 takes instead (fts5_aux.c, fts5Bm25GetData), to be divided out."""
+    known = math.log((passages - having + 0.5) / (having + 0.5))
+    return known if known > 0 else 1e-6
+
+
+def _is_common(term: Term, having: int, passages: int) -> bool:
+    return term.plain and passages >= _MANY and having > _COMMON * passages
+
+
+def _best(
+    con: Connection, factors: Mapping[Term, float], question: Question, only: Only
+) -> list[tuple[int, float]]:
+    weights = ", ".join(str(weight) for weight in WEIGHTS.values())
+    values: list[str | float | int] = []
+    parts = []
+    for number, (term, factor) in enumerate(factors.items()):
+        parts.append(
+            f"hits{number} AS MATERIALIZED (SELECT rowid AS id, -bm25(found, {weights}) * ? AS part"
+            " FROM found WHERE found MATCH ?)"
+        )
+        values += [factor, term.match]
+    every = " UNION ALL ".join(f"SELECT id, part FROM hits{n}" for n in range(len(factors)))
+    where = ["score >= ?"]
+    bounds: list[str | float | int] = [only.least]
+    has = "(SELECT rowid FROM found WHERE found MATCH ?)"
+    for sign, matches in (("IN", question.needed), ("NOT IN", question.barred)):
+        where += [f"scored.id {sign} {has}"] * len(matches)
+        bounds += matches
+    if only.kinds:
+        where.append(f"kind IN ({', '.join('?' * len(only.kinds))})")
+        bounds += only.kinds
+    for sign, date in ((">=", only.since), ("<=", only.until)):
+        if date:
+            where.append(f"date {sign} ?")
+            bounds.append(date)
+    each = "" if only.each is None else "WHERE nth <= ?"
+    bounds += [] if only.each is None else [only.each]
+    sql = f"""
+        WITH {", ".join(parts)},
+        scored AS (SELECT id, round(sum(part), 6) AS score FROM ({every}) GROUP BY id),
+        placed AS (
+            SELECT scored.id, score,
+                row_number() OVER (PARTITION BY thing ORDER BY score DESC, scored.id) AS nth
+            FROM scored JOIN passages ON passages.id = scored.id WHERE {" AND ".join(where)}
+        )
+        SELECT id, score FROM placed {each} ORDER BY score DESC, id LIMIT ?"""
+    found: list[tuple[int, float]] = con.execute(sql, [*values, *bounds, only.limit]).fetchall()
+    return found
+
+
+def _having(con: Connection, term: Term) -> int:
+    return _one(con, "SELECT count(*) FROM found WHERE found MATCH ?", term.match)
+
+
+def _one(con: Connection, sql: str, *values: str) -> int:
+    return int(con.execute(sql, values).fetchone()[0])
