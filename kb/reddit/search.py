@@ -76,7 +76,7 @@ class Search:
         records: list[tuple[int, dict[str, Any]]] = []
         hits: set[int] = set()  # where lines begin that were read
         bad: list[int] = []
-        for place in self._found(data, begin, end):
+        for place in self._looked_for(data, begin, end):
             if place < stop:
                 continue  # again in the same line
             first = data.rfind(b"\n", stop, place) + 1 or stop
@@ -118,6 +118,15 @@ class Search:
         for text in (key, record["subreddit"]):
             if text not in self._exact and self._ids_tell:
                 self._exact[text] = _finder(f'"{text}"'.encode())
+
+    def _looked_for(self, data: bytes, begin: int, end: int) -> Iterator[int]:
+        """The same as `_found`, also where a line on the way shows that the ids don't tell."""
+        by_id = bool(self._exact) and self._ids_tell
+        for place in self._found(data, begin, end):
+            yield place
+            if by_id and not self._ids_tell:
+                yield from self._in_any_case(data, place, end)
+                return
 
     def _found(self, data: bytes, begin: int, end: int) -> Iterable[int]:
         """Where the quoted name or id may stand in data[begin:end], in order."""

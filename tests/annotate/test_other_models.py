@@ -100,6 +100,5 @@ def test_scores_of_an_earlier_version_are_read_and_merged(make_run):
     counts = Scorer.open(run, "reddit").annotate([TEXTS])
     assert (counts.scored, counts.known) == (len(TEXTS) - 3, 3)
     assert pq.read_table(path)["sexual_explicit"].null_count == len(TEXTS)
-    pq.write_table(pq.read_table(path).drop_columns(["sexual_explicit"]), path)
     assert drop_annotations(run.root, "reddit", text_hashes(pa.array(TEXTS[:2]))) == len(TEXTS) - 2
     assert Scorer.open(run, "reddit").annotate([TEXTS[:2]]).scored == 0

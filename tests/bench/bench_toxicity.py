@@ -15,6 +15,7 @@ import json
 import os
 import time
 
+import pyarrow as pa
 import pytest
 
 torch = pytest.importorskip("torch")
@@ -24,7 +25,7 @@ from kb.annotate import backends, graph  # noqa: E402
 from kb.annotate.checkpoint import find_checkpoint, sha256_of  # noqa: E402
 from kb.annotate.compiled import find_compiled  # noqa: E402
 from kb.annotate.detoxify_model import load_detoxify  # noqa: E402
-from kb.annotate.hashes import text_hash  # noqa: E402
+from kb.annotate.hashes import text_hashes  # noqa: E402
 from kb.core import clock  # noqa: E402
 from kb.core.settings import load_settings  # noqa: E402
 from kb.sandbox import toxicity as tiny  # noqa: E402
@@ -35,6 +36,10 @@ TEXTS = int(os.environ.get("KB_BENCH_TEXTS", "320"))
 ROUNDS = 3
 ARRIVAL = 160  # texts in arrival order: the slowest way, and no round of it is close
 WAYS = ("chosen", "torch", "onnxruntime", "bf16", "int8")
+
+
+def _hash(text: str) -> str:
+    return text_hashes(pa.array([text])).to_pylist()[0]
 
 
 @pytest.fixture(scope="module")
@@ -116,9 +121,7 @@ def test_same_scores_at_three_times_the_rate(checkpoint, texts):
             differences[name] = max(
                 abs(row[category] - score)
                 for text, row in zip(texts, plain, strict=True)
-                for category, score in zip(
-                    runner.meta.classes, scores[text_hash(text)], strict=True
-                )
+                for category, score in zip(runner.meta.classes, scores[_hash(text)], strict=True)
             )
     some = texts[:ARRIVAL]
     arrival, _ = rate_of(
@@ -156,7 +159,7 @@ def rate_of(texts, work):
 
 
 def distinct_scores(runner, texts):
-    distinct = {text_hash(text): text for text in texts}
+    distinct = {_hash(text): text for text in texts}
     return dict(zip(distinct, runner.score(list(distinct.values())), strict=True))
 
 

@@ -112,7 +112,10 @@ def test_a_message_of_several_lines_becomes_one(end: Any) -> None:
     [
         (["yuotube", "crawl"], ["'yuotube'", "'youtube'", "kb --help"]),
         (["youtube", "crwal"], ["'crwal'", "'crawl'", "kb youtube --help"]),
-        (["youtube"], ["Missing command: one of crawl, filter, export", "kb youtube --help"]),
+        (
+            ["youtube"],
+            ["Missing command: one of crawl, check, filter, export", "kb youtube --help"],
+        ),
         (["youtube", "crawl", "--limt", "3"], ["--limt", "--limit", "kb youtube crawl --help"]),
         (["youtube", "crawl", "--limit", "0"], ["--limit", "1"]),
         (["youtube", "crawl", "--limit", "many"], ["--limit"]),

@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import Unreachable
+from kb.reddit import refresh
 from kb.reddit.answers import DEEPEST, problem
 from kb.sandbox.server import Sandbox
 from kb.store import rawlog
@@ -139,6 +140,8 @@ def test_nearly_everything_missing_is_worth_a_word_and_can_be_asked_again(
 ) -> None:
     few.crawl()
     monkeypatch.setenv("KB_NOW", LATER)
+    # An answer without any of many is not believed; stands for answers that have one of them each.
+    monkeypatch.setattr(refresh, "_NONE_OF", 10**9)
     fault = few.sandbox.faults.add("api/info", status=200, body=listing(), times=None)
     summary = few.refresh()
     assert summary["missing"] == summary["crawled"] > 100

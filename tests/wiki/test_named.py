@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from kb.crawl.purge import strip_of
 from kb.store import rawlog, tombstones
 from kb.wiki.named import Named, pages
-from kb.wiki.purge import Strip
 from tests.wiki.made import FRIDAY, MONDAY, page, put, told
 
 SITE = {
@@ -44,7 +44,7 @@ def test_the_newest_answer_counts_and_what_is_gone_does_not(tmp_path: Path) -> N
 def test_a_purged_name_leaves_the_pages_that_it_led_to() -> None:
     answer = told(page(1, "Kiln", redirects=names("Oven", "Hidden name")), page(2, "Vase"))
     envelope = rawlog.Envelope(MONDAY, rawlog.Request("x", {"titles": "Kiln|Vase"}), 200, answer)
-    strip = Strip({"Hidden name"}, {"Hidden name"}, set(), set())
+    strip = strip_of("wiki", {"title": {"Hidden name"}})
     left = strip("pages", envelope, {"Hidden name"})
     assert left is not None
     assert "Hidden name" not in str(left)
