@@ -36,7 +36,7 @@ def is_left(parts: Iterable[str]) -> bool:
 def sweep(root: Path, name: str) -> None:
     """Clear what is left where the lock `name` allows to write. Call it under that lock."""
     _spilled(root)
-    _ended(Layout(root).profile)
+    ended(Layout(root).profile)
     for folder in _read_whole(Layout(root), name):
         settle_folder(folder)
     for path in _places(Layout(root), name):
@@ -98,7 +98,7 @@ def _spilled(folder: Path) -> None:
             _clear(entry)
 
 
-def _ended(path: Path) -> None:
+def ended(path: Path) -> None:
     """What processes that ended left of a file which no lock is for."""
     for entry in sorted(path.parent.glob(f".{path.name}.*.tmp")):
         if process.is_gone(entry.name.removeprefix(f".{path.name}.")):

@@ -145,11 +145,15 @@ class _Operations:
     def _heard(self, event: str, args: tuple[Any, ...]) -> None:
         if event in _NAMES:
             # A name without a folder is one in a folder that is being removed (shutil.rmtree).
-            if self._ours(args[0]) or not os.path.isabs(os.fspath(args[0])):
+            if self._ours(args[0]) or not Path(os.fsdecode(args[0])).is_absolute():
                 self._next(f"{event} {args[0]}")
-        elif event == "open":
-            if isinstance(args[2], int) and args[2] & _WRITES and self._ours(args[0]):
-                self._next(f"open {args[0]}")
+        elif (
+            event == "open"
+            and isinstance(args[2], int)
+            and args[2] & _WRITES
+            and self._ours(args[0])
+        ):
+            self._next(f"open {args[0]}")
 
     def _statement(self, sql: str) -> None:
         if sql.lstrip()[:6].upper() == "COMMIT":
@@ -195,6 +199,6 @@ class _Operations:
 
 def _path(descriptor: int) -> str:
     try:
-        return os.readlink(f"/proc/self/fd/{descriptor}")
+        return str(Path(f"/proc/self/fd/{descriptor}").readlink())
     except OSError:
         return "?"

@@ -41,11 +41,12 @@ class Case(NamedTuple):
     env: dict[str, str] = {}  # noqa: RUF012  of a tuple
     gone: tuple[bytes, ...] = ()  # what no byte of the root may hold afterwards
     slow: bool = False  # starts browsers
+    finished: str = ""  # what it may say instead of doing it all again
 
     @property
     def name(self) -> str:
-        """The command's words, without names of files and options."""
-        return " ".join(word for word in self.words if "/" not in word and word[:2] != "--")
+        """The command's words, without names of files and options that have a value."""
+        return " ".join(word for word in self.words if not {"/", "="} & set(word))
 
 
 class Worlds:
@@ -146,7 +147,12 @@ class Worlds:
         yield Case(("report",), ("figures",), ("report",))
         yield Case(("restore", str(self.place / "released")), ("empty",), ("restored",))
         yield Case(("verify", "--repair"), ("damaged",), made)
-        yield Case(("profile", "new", "ferns", "--out=data/ferns"), ("empty",), ("ferns",))
+        yield Case(
+            ("profile", "new", "ferns", "--out=data/ferns"),
+            ("empty",),
+            ("ferns",),
+            finished="is there already",
+        )
 
     def _purge(self, source: str) -> Case:
         """A kept row with a title of its own is named."""
