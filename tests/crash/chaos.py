@@ -81,6 +81,7 @@ class Trial:
             assert ended.code == 0, (self.case.words, ended.err[-2000:])
             self.shown()
             self._whole[base] = self.outcome(), ended.operations
+            assert not self._whole[base][0].verified, self._whole[base][0].verified
             assert not self.wrong(base), self.wrong(base)
         return self._whole[base]
 
