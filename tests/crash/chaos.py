@@ -179,6 +179,16 @@ class Trial:
         return moment, wrong or self.shown() or self.wrong(base)
 
 
+def told(trial: Trial, count: int, seed: int, joins: int) -> Result:
+    """As `kills`; a command that can't be tried is told, and the others go on."""
+    try:
+        return kills(trial, count, seed, joins)
+    except (AssertionError, OSError) as error:
+        result = Result(trial.case)
+        result.add("unharmed", [("lost", f"{type(error).__name__}: {error}")])
+        return result
+
+
 def kills(trial: Trial, count: int, seed: int, joins: int = 0) -> Result:
     """A command killed `count` times at moments spread over its whole length, drawn by `seed`."""
     result, case = Result(trial.case), trial.case
@@ -274,7 +284,7 @@ def main() -> int:
             started = [
                 pool.submit(
                     partial(
-                        kills,
+                        told,
                         Trial(made, case, place / f"trial-{number}"),
                         min(count, 5) if case.slow and not only else count,
                         seed,
