@@ -57,15 +57,17 @@ def _places(at: Layout, name: str) -> tuple[Path, ...]:
             return ()
         case "release-youtube":
             lists = ("youtube_full.json", "youtube_tutorial.json")
-            return at.release("youtube"), *(at.export("minedojo", one) for one in lists)
+            made = [at.export("minedojo", one) for one in lists]
+            return at.release("youtube"), at.released("youtube"), *made
         case "release-wiki":
-            return at.release("wiki"), at.export("minedojo", "wiki_full")
+            return at.release("wiki"), at.released("wiki"), at.export("minedojo", "wiki_full")
         case "release-reddit":
-            corpus = at.export("convokit")
-            return at.release("reddit"), at.export("minedojo", "reddit.json"), corpus
+            made = [at.export("minedojo", "reddit.json"), at.export("convokit")]
+            return at.release("reddit"), at.released("reddit"), *made
         case "release-pairs":
-            clips = at.export("clip4mc"), at.export("video2dataset")
-            return at.release("pairs"), at.export("minedojo", "pairs.json"), *clips
+            made = [at.export("clip4mc"), at.export("video2dataset")]
+            made.append(at.export("minedojo", "pairs.json"))
+            return at.release("pairs"), at.released("pairs"), *made
     folders = at.raw(name), at.annotations(name), at.clean(name), at.state_folder(name)
     return *folders, at.importing(name)
 
