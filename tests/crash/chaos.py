@@ -143,7 +143,12 @@ class Trial:
         wrong = [("lost", f"not as unharmed: {differ[:5]}")] if differ else []
         wrong += [("lost", what) for what in now.verified if what not in whole.verified]
         more = sorted(now.paths - whole.paths)
-        more += [str(path) for path in self.root.rglob("*") if _is_left(path, self.root)]
+        aside = "--repair" in self.case.words  # it sets aside what is damaged, for good
+        more += [
+            str(path.relative_to(self.root))
+            for path in self.root.rglob("*")
+            if _is_left(path, self.root) and not (aside and ".damaged" in path.name)
+        ]
         wrong += [("left over", str(sorted(set(more))[:5]))] if more else []
         return wrong + [("leaked", what) for what in leaked(self.root, self.case.gone)]
 

@@ -137,6 +137,7 @@ class _Operations:
         self.done = False
         self._place, self._moment, self._harm, self._before = str(place), moment, harm, before
         self._pid = os.getpid()
+        self._synced: dict[str, int] = {}
 
     def watch(self) -> None:
         """From now on."""
@@ -188,15 +189,18 @@ class _Operations:
             return
         self.count += 1
         if self.count != self._before:
+            if descriptor >= 0:
+                self._synced[_path(descriptor)] = os.fstat(descriptor).st_size
             return
         self._moment.write_text(f"{self.count}: {what.replace(self._place + os.sep, '')}")
         if self._harm == PAUSE:
             os.kill(self._pid, signal.SIGSTOP)
             return
-        if self._harm == TEAR and descriptor >= 0 and _path(descriptor).endswith(".open"):
+        if self._harm == TEAR and (synced := self._synced.get(_path(descriptor))) is not None:
             # What was not synced may be there in part after a power cut.
             size = os.fstat(descriptor).st_size
-            os.truncate(_path(descriptor), size - random.Random(size).randrange(min(size, 20) + 1))
+            if size > synced:
+                os.truncate(_path(descriptor), random.Random(size).randrange(synced, size))
         os.kill(self._pid, signal.SIGKILL)
 
 
