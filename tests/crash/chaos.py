@@ -34,6 +34,7 @@ from tests.crash.worlds import Case, Worlds
 from tests.filters.made import digests
 from tests.store import flips
 
+_COUNTS = (".done.json",)  # how many requests and writes it took
 _SETTLES = (".sqlite-wal", ".sqlite-shm")
 
 
@@ -116,6 +117,7 @@ class Trial:
             f"{folder}/{name}": digest
             for folder in self.case.same
             for name, digest in digests(self.root / folder).items()
+            if not name.endswith(_COUNTS)
         }
         paths = (path.relative_to(self.root) for path in self.root.rglob("*"))
         return Outcome(

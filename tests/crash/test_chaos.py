@@ -66,6 +66,17 @@ def test_joined_by_a_second_one_both_are_right(made: Worlds, name: str, tmp_path
     assert wrong == []
 
 
+def test_what_pairs_had_not_cleared_when_killed_goes_with_the_next_run(
+    made: Worlds, tmp_path: Path
+) -> None:
+    trial = trial_of(made, "pairs", tmp_path)
+    trial.whole("clean")
+    left = trial.root / "state" / "pairs" / "0123"
+    left.mkdir(parents=True)
+    assert trial.again() == []
+    assert not left.exists()
+
+
 def test_no_command_of_the_harness_is_missing_here(made: Worlds) -> None:
     assert {case.name for case in made.cases} <= set(NAMES)
 
