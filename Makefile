@@ -9,7 +9,7 @@ KB := exec "$(HERE).ci/kb"
 .DEFAULT_GOAL := help
 .PHONY: help setup demo youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
 	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct restore \
-	models annotate pairs release report index status test test-fast lint types bench lock reference
+	models annotate pairs release report index status test test-fast chaos lint types bench lock reference
 
 # What is no target: said in one line, before anything is set up.
 .DEFAULT:
@@ -63,6 +63,8 @@ test: setup               ## every test
 	@"$(HERE).ci/test" $(ARGS)
 test-fast: setup          ## the tests without the slow kinds (Dask, wheel, crash, a real MediaWiki)
 	@"$(HERE).ci/test" -m "not bench and not dask and not wheel and not crash and not mediawiki" $(ARGS)
+chaos: setup              ## kill every command before each file operation, flip bits: KB_CHAOS_KILLS, SEED, ONLY
+	@cd "$(HERE)" && .venv/bin/python -m tests.crash.chaos
 lint: setup               ## ruff: the linter's rules and the formatter's layout
 	@cd "$(HERE)" && .venv/bin/ruff check . && .venv/bin/ruff format --check .
 types: setup              ## mypy, strict, over kb/ and pipelines/

@@ -14,6 +14,7 @@ from kb.core.profile.finding import ERROR
 from kb.core.profile.new import KEYWORDS, profile_text
 from kb.core.profile.sense import subreddit_meant
 from kb.core.resources import folder as shared
+from kb.store import leftovers
 from kb.store.atomic import write_text
 
 
@@ -40,16 +41,26 @@ def write_new(
     elif base.pairs is not None:
         files |= {listed: _list_of(base.beside(listed)) for listed in base.pairs.keyword_files}
     folder = out if out is not None else _home() / name
-    for file in files:
-        if (folder / file).exists() or (folder / file).is_symlink():
+    there = [file for file in files if (folder / file).exists() or (folder / file).is_symlink()]
+    # A killed run has written some of them, and not a byte otherwise.
+    for file in there:
+        if len(there) == len(files) or not _holds(folder / file, files[file]):
             raise SettingError(
                 f"{folder / file} is there already, and is not overwritten",
                 hint="choose another NAME, or a folder with --out",
             )
     for file, content in files.items():
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        leftovers.ended(folder / file)
         write_text(folder / file, content)
     return folder, list(files)
+
+
+def _holds(path: Path, text: str) -> bool:
+    try:
+        return not path.is_symlink() and path.read_bytes() == text.encode()
+    except OSError:
+        return False
 
 
 def as_given(name: str, folder: Path) -> str:

@@ -68,6 +68,9 @@ def build(run: Run) -> Summary:
         known = read_summary(run.root)
         if known.get("fingerprint") == mark and known.get("complete") and not run.again:
             _all_there(run.root)
+            # What a run had not cleared when it was killed behind its last rename.
+            for left in Layout(run.root).pairing.glob("*"):
+                shutil.rmtree(left, ignore_errors=True)
             run.progress.say("pairs are made of all transcripts; nothing is new")
             return _summary(known, run.root)
         work = Layout(run.root).pairing / mark

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from kb.core.errors import DamagedData
 from kb.release.folders import Folder
 from kb.release.measure import Facts
-from kb.store import database
+from kb.store import database, parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout, parquet_files
 
@@ -46,6 +46,7 @@ def changes(root: Path, folder: Folder, facts: Facts, version: str) -> Changes:
     before = _before(root, folder.source, version)
     if before is None:
         return Changes()
+    parquet.check(before)
     try:
         said = json.loads((pq.read_schema(before).metadata or {}).get(_ABOUT, b"{}"))
         with database.connect() as con:
@@ -77,7 +78,7 @@ def note(root: Path, folder: Folder, facts: Facts, version: str) -> None:
     path = Layout(root).released(folder.source) / f"{version}.parquet"
     path.parent.mkdir(parents=True, exist_ok=True)
     with writing(path) as fresh:
-        pq.write_table(keys, fresh, compression="zstd")
+        parquet.write(fresh, keys)
 
 
 def _before(root: Path, source: str, version: str) -> Path | None:

@@ -36,7 +36,7 @@ def is_left(parts: Iterable[str]) -> bool:
 def sweep(root: Path, name: str) -> None:
     """Clear what is left where the lock `name` allows to write. Call it under that lock."""
     _spilled(root)
-    _ended(Layout(root).profile)
+    ended(Layout(root).profile)
     for folder in _read_whole(Layout(root), name):
         settle_folder(folder)
     for path in _places(Layout(root), name):
@@ -60,15 +60,17 @@ def _places(at: Layout, name: str) -> tuple[Path, ...]:
             return at.index(source), at.indexed(source)
         case "release-youtube":
             lists = ("youtube_full.json", "youtube_tutorial.json")
-            return at.release("youtube"), *(at.export("minedojo", one) for one in lists)
+            made = [at.export("minedojo", one) for one in lists]
+            return at.release("youtube"), at.released("youtube"), *made
         case "release-wiki":
-            return at.release("wiki"), at.export("minedojo", "wiki_full")
+            return at.release("wiki"), at.released("wiki"), at.export("minedojo", "wiki_full")
         case "release-reddit":
-            corpus = at.export("convokit")
-            return at.release("reddit"), at.export("minedojo", "reddit.json"), corpus
+            made = [at.export("minedojo", "reddit.json"), at.export("convokit")]
+            return at.release("reddit"), at.released("reddit"), *made
         case "release-pairs":
-            clips = at.export("clip4mc"), at.export("video2dataset")
-            return at.release("pairs"), at.export("minedojo", "pairs.json"), *clips
+            made = [at.export("clip4mc"), at.export("video2dataset")]
+            made.append(at.export("minedojo", "pairs.json"))
+            return at.release("pairs"), at.released("pairs"), *made
     folders = at.raw(name), at.annotations(name), at.clean(name), at.state_folder(name)
     return *folders, at.importing(name)
 
@@ -102,7 +104,7 @@ def _spilled(folder: Path) -> None:
             _clear(entry)
 
 
-def _ended(path: Path) -> None:
+def ended(path: Path) -> None:
     """What processes that ended left of a file which no lock is for."""
     for entry in sorted(path.parent.glob(f".{path.name}.*.tmp")):
         if process.is_gone(entry.name.removeprefix(f".{path.name}.")):

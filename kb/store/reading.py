@@ -90,6 +90,8 @@ def _declared(path: Path) -> str:
     match path.parts[::-1]:
         case (_, name, source, "clean", *_):
             return f"{source}/{name}" if f"{source}/{name}" in tables() else f"shared/{name}"
+        case (_, _, "releases" | "restored", *_):
+            return ""
         case (_, "pairs", *_):
             return "pairs/pairs"
         case (_, _, "annotations", *_):

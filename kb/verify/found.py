@@ -22,6 +22,7 @@ KINDS = (
     "release",
     "export",
     "report",
+    "restored",
     "leftovers",
     "other",
 )

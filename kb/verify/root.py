@@ -119,7 +119,7 @@ class _Root:
             self._state(path, parts)
         elif parts[0] in ("annotations", "clean", "pairs", "links"):
             self._made(path, parts)
-        elif parts[0] in ("export", "report"):
+        elif parts[0] in ("export", "report", "restored"):
             self._plain(path, parts[0])
         elif parts[0] == "index":
             self._index(path)
@@ -297,5 +297,5 @@ def _json(path: Path) -> str:
 
 
 def _is_of_state(name: str) -> bool:
-    endings = (".lock", ".key", ".exported", ".sqlite-wal", ".sqlite-shm", ".bak", ".txt")
-    return name.endswith(endings) or name == ".gitkeep"
+    endings = (".lock", ".key", ".key.sha256", ".exported", ".sqlite-wal", ".sqlite-shm")
+    return name.endswith((*endings, ".bak", ".txt")) or name == ".gitkeep"

@@ -58,3 +58,12 @@ def test_what_a_killed_query_spilled_goes_and_a_running_one_keeps_its_own(
     assert running.communicate("")[0] == "1000000\n"
     assert running.returncode == 0
     assert spills(folder) == []
+
+
+@pytest.mark.parametrize("source", ["youtube", "wiki", "reddit", "pairs"])
+def test_what_a_killed_release_left_beside_its_notes_goes(tmp_path: Path, source: str) -> None:
+    left = tmp_path / "state" / "releases" / source / ".1.0.0.parquet.1-2-ab.tmp"
+    left.parent.mkdir(parents=True)
+    left.write_text("x")
+    with lock.taking(tmp_path, f"release-{source}"):
+        assert not left.exists()

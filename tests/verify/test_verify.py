@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import UsageError
@@ -58,6 +60,17 @@ def test_a_whole_root_is_whole(root: Path) -> None:
     assert sum(kind["whole"]["files"] for kind in look.summary(root)["kinds"].values()) == len(
         files
     )
+
+
+def test_keys_restored_tables_and_notes_of_releases_are_known(root: Path) -> None:
+    (root / "state/reddit.key").write_text("k")
+    (root / "state/reddit.key.sha256").write_text("d")
+    shutil.copytree(root / "clean/youtube/videos", root / "restored/youtube/videos")
+    noted = pa.table({"table": ["pairs"], "key": [b"1"]})
+    for path in (root / "state/releases/pairs/1.0.0.parquet", root / "restored/missing.parquet"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pq.write_table(noted, path)  # of an earlier version: without a checksum
+    assert found(root) == []
 
 
 FILES = {

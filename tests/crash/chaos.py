@@ -1,0 +1,326 @@
+"""Fault injection over every command that writes: killed before any of its file operations, joined
+by a second one while it stands still, and given damaged files.
+
+`make chaos` (KB_CHAOS_KILLS a command, KB_CHAOS_FLIPS, SEED, ONLY=command) prints two tables and
+ends with 1 when something was lost, leaked, left over or silent. `make test` has a sample of it in
+tests/crash/test_chaos.py.
+
+After each kill the same command is run again. Then the folders that it makes have the bytes of an
+unharmed run, no leftover and no file more than there is in the folder, `kb verify` finds nothing,
+and of what was purged no byte is anywhere.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from kb.core.errors import KbError
+from kb.core.progress import Silent
+from kb.store import leftovers
+from kb.verify.root import verify
+from tests.crash import harm, worlds
+from tests.crash.killed import _contents
+from tests.crash.worlds import Case, Worlds
+from tests.filters.made import digests
+from tests.store import flips
+
+_COUNTS = (".done.json",)  # how many requests and writes it took
+_SETTLES = (".sqlite-wal", ".sqlite-shm")
+
+
+class Outcome(NamedTuple):
+    """What a run left: bytes by path, every path outside of raw/, and what `kb verify` said."""
+
+    bytes: dict[str, str]
+    paths: frozenset[str]
+    verified: tuple[str, ...]
+
+
+class Result:
+    """What happened to one command."""
+
+    def __init__(self, case: Case) -> None:
+        self.case = case
+        self.counts: Counter[str] = Counter()
+        self.said: list[str] = []
+
+    def add(self, moment: str, wrong: list[tuple[str, str]]) -> None:
+        """A moment of harm, and (kind, what) of everything that was not right after it."""
+        self.counts["kills"] += 1
+        self.counts["right"] += not wrong
+        for kind in {kind for kind, _ in wrong}:
+            self.counts[kind] += 1
+        self.said += [f"{self.case.name}, {moment}: {kind}: {what}" for kind, what in wrong]
+
+
+class Trial:
+    """One command, in a folder of its own."""
+
+    def __init__(self, made: Worlds, case: Case, place: Path) -> None:
+        self.made, self.case, self.place = made, case, place
+        self.root = place / "data"
+        self.env = made.env | {"KB_DATA": str(self.root)} | case.env
+        self._whole: dict[str, tuple[Outcome, int]] = {}
+
+    def whole(self, base: str) -> tuple[Outcome, int]:
+        """What an unharmed run leaves, and how many file operations it makes."""
+        if base not in self._whole:
+            self.fresh(base)
+            if self.case.gone:
+                assert leaked(self.root, self.case.gone), "what is purged is there"
+            ended = self.run()
+            assert ended.code == 0, (self.case.words, ended.err[-2000:])
+            self.shown()
+            self._whole[base] = self.outcome(), ended.operations
+            assert not self._whole[base][0].verified, self._whole[base][0].verified
+            assert not self.wrong(base), self.wrong(base)
+        return self._whole[base]
+
+    def fresh(self, base: str) -> None:
+        """A copy of a base."""
+        shutil.rmtree(self.place, ignore_errors=True)
+        shutil.copytree(self.made.base(base), self.root, symlinks=True)
+
+    def run(self, kind: str = "", before: int = 0) -> harm.Ended:
+        """The command, harmed or not."""
+        return harm.run(self.case.words, self.env, self.place, harm=kind, before=before)
+
+    def shown(self) -> list[tuple[str, str]]:
+        """Run what makes visible what the command did."""
+        wrong = []
+        for words in self.case.then:
+            ended = harm.run(words, self.env, self.place)
+            if ended.code:
+                wrong.append(("lost", f"then {words} ended with {ended.code}: {_last(ended)}"))
+        return wrong
+
+    def again(self) -> list[tuple[str, str]]:
+        """The same command once more, as a user would type it."""
+        ended, finished = self.run(), self.case.finished
+        if ended.code and not (finished and finished in ended.err):
+            return [("lost", f"again: exit code {ended.code}: {_last(ended)}")]
+        return self.shown()
+
+    def outcome(self) -> Outcome:
+        """What is there now."""
+        held = {
+            f"{folder}/{name}": digest
+            for folder in self.case.same
+            for name, digest in digests(self.root / folder).items()
+            if not name.endswith(_COUNTS)
+        }
+        paths = (path.relative_to(self.root) for path in self.root.rglob("*"))
+        return Outcome(
+            held,
+            frozenset(
+                str(path)
+                for path in paths
+                if path.parts[0] != "raw" and not path.name.endswith(_SETTLES)
+            ),
+            tuple(found(self.root)),
+        )
+
+    def wrong(self, base: str, twice: bool = False) -> list[tuple[str, str]]:
+        """(kind, what) of everything that differs from an unharmed run.
+
+        `twice`: it ran to its end two times, and a summary counts what the last one found.
+        """
+        whole, now = self.whole(base)[0], self.outcome()
+        differ = sorted(
+            name
+            for name in whole.bytes.keys() | now.bytes.keys()
+            if whole.bytes.get(name) != now.bytes.get(name)
+            and not (twice and name.endswith("summary.json"))
+        )
+        wrong = [("lost", f"not as unharmed: {differ[:5]}")] if differ else []
+        wrong += [("lost", what) for what in now.verified if what not in whole.verified]
+        more = sorted(now.paths - whole.paths)
+        aside = "--repair" in self.case.words  # it sets aside what is damaged, for good
+        more += [
+            str(path.relative_to(self.root))
+            for path in self.root.rglob("*")
+            if _is_left(path, self.root) and not (aside and ".damaged" in path.name)
+        ]
+        wrong += [("left over", str(sorted(set(more))[:5]))] if more else []
+        return wrong + [("leaked", what) for what in leaked(self.root, self.case.gone)]
+
+    def kill(self, base: str, before: int, kind: str) -> tuple[str, list[tuple[str, str]]]:
+        """Kill, run again, look: (the moment, what is wrong); no moment: it had ended before."""
+        self.whole(base)
+        self.fresh(base)
+        ended = self.run(kind, before)
+        if ended.code != -9:
+            why = [("lost", f"ended with {ended.code}: {_last(ended)}")] if ended.code else []
+            return "", why
+        return f"{base}, {ended.moment}", self.again() or self.wrong(base)
+
+    def join(self, base: str, before: int) -> tuple[str, list[tuple[str, str]]]:
+        """A second one while the first stands still: both right, or one line with its pid."""
+        self.whole(base)
+        self.fresh(base)
+        child = harm.Child(self.case.words, self.env, self.place, harm.PAUSE, before)
+        if not child.stopped():
+            child.wait()
+            return "", []
+        other = harm.Child(self.case.words, self.env, self.place)
+        # It may wait, where the first decides something in a moment (kb.store.lock.deciding).
+        other.ended(seconds=4)
+        child.go_on()
+        first, second = child.wait(), other.wait()
+        moment = f"{base}, joined at {first.moment}"
+        wrong = []
+        # Between taking a lock and writing the number it is another process (pid unknown).
+        said = self.case.finished or "another process (pid "
+        if second.code and said not in second.err:
+            wrong.append(("lost", f"the second: {second.code}: {_last(second)}"))
+        if first.code and second.code:
+            wrong.append(("lost", f"the first: {first.code}: {_last(first)}"))
+        if first.code and "Traceback" in first.err + second.err:
+            wrong.append(("lost", "a traceback"))
+        wrong = wrong or self.shown() or self.wrong(base, twice=not (first.code or second.code))
+        return moment, wrong
+
+
+def told(trial: Trial, count: int, seed: int, joins: int) -> Result:
+    """As `kills`; a command that can't be tried is told, and the others go on."""
+    try:
+        return kills(trial, count, seed, joins)
+    except (AssertionError, OSError) as error:
+        result = Result(trial.case)
+        result.add("unharmed", [("lost", f"{type(error).__name__}: {error}")])
+        return result
+
+
+def kills(trial: Trial, count: int, seed: int, joins: int = 0) -> Result:
+    """A command killed `count` times at moments spread over its whole length, drawn by `seed`."""
+    result, case = Result(trial.case), trial.case
+    draw = random.Random(f"{seed} {case.name}")
+    for base_number, base in enumerate(case.bases):
+        share = len(range(base_number, count, len(case.bases)))
+        length = trial.whole(base)[1]
+        for before in _spread(length, share, draw):
+            kind = draw.choice((harm.KILL, harm.TEAR))
+            moment, wrong = trial.kill(base, before, kind)
+            if moment or wrong:
+                result.add(moment, wrong)
+    for number in range(joins):
+        base = case.bases[number % len(case.bases)]
+        moment, wrong = trial.join(base, draw.randrange(1, trial.whole(base)[1] + 1))
+        if moment:
+            result.add(moment, wrong)
+            result.counts["kills"] -= 1
+            result.counts["right"] -= not wrong
+            result.counts["joined"] += 1
+    return result
+
+
+def _spread(length: int, count: int, draw: random.Random) -> Iterator[int]:
+    """`count` moments of 1 … length, one in each part of it; again where it has fewer."""
+    for number in range(count):
+        low = 1 + number * length // count
+        yield draw.randrange(low, max(low + 1, 1 + (number + 1) * length // count))
+
+
+def found(root: Path) -> list[str]:
+    """What `kb verify` finds."""
+    try:
+        look = verify(root, Silent())
+    except KbError as error:  # an empty folder is no data root
+        return [] if not any(root.glob("*/*")) or "neither" in str(error) else [str(error)]
+    return [f"{one.state}: {one.path.relative_to(root)}: {one.what}" for one in look.found]
+
+
+def leaked(root: Path, traces: Sequence[bytes]) -> list[str]:
+    """Files whose bytes, decompressed, hold what was purged; tombstones name keys."""
+    paths = [path for path in sorted(root.rglob("*")) if path.is_file()] if traces else []
+    return [
+        f"{path.relative_to(root)} holds {trace!r}"
+        for path in paths
+        if not path.name.startswith("tombstones")
+        for trace in traces
+        if any(trace in data for data in _contents(path))
+    ]
+
+
+def _is_left(path: Path, root: Path) -> bool:
+    parts = path.relative_to(root).parts
+    endings = (".tmp", ".new", ".old", ".lease", ".part", ".damaged")
+    return leftovers.is_left(parts) or path.name.endswith(endings) or ".damaged-" in path.name
+
+
+def _last(ended: harm.Ended) -> str:
+    return next((line for line in ended.err.splitlines() if line.startswith("kb: ")), ended.err)
+
+
+def chosen(made: Worlds, only: str) -> list[Case]:
+    """The cases whose command begins with these words."""
+    return [case for case in made.cases if case.name.startswith(only)]
+
+
+def table(head: Sequence[str], lines: Sequence[Sequence[object]]) -> str:
+    """Columns side by side."""
+    cells = [[str(cell) for cell in line] for line in (head, *lines)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if number == 0 else cell.rjust(width)
+            for number, (cell, width) in enumerate(zip(line, widths, strict=True))
+        )
+        for line in cells
+    )
+
+
+def main() -> int:
+    """Everything, as long as asked for; 1 when something is wrong."""
+    count = int(os.environ.get("KB_CHAOS_KILLS") or 50)
+    changed = int(os.environ.get("KB_CHAOS_FLIPS") or 2_000)
+    seed, only = int(os.environ.get("SEED") or 14), os.environ.get("ONLY") or ""
+    sandbox, wiki = worlds.services()
+    with tempfile.TemporaryDirectory(prefix="kb-chaos-") as name, sandbox:
+        place = Path(name)
+        made = Worlds(place / "made", sandbox, wiki)
+        if not wiki:
+            print("no browser: the wiki's commands are left out")
+        cases, done = chosen(made, only), []
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            started = [
+                pool.submit(
+                    partial(
+                        told,
+                        Trial(made, case, place / f"trial-{number}"),
+                        min(count, 5) if case.slow and not only else count,
+                        seed,
+                        joins=1 + (count >= 20),
+                    )
+                )
+                for number, case in enumerate(cases)
+            ]
+            for one in as_completed(started):
+                done.append(one.result())
+                print(f"{done[-1].case.name}: {dict(done[-1].counts)}", flush=True)
+                print("\n".join(done[-1].said), flush=True)
+        kinds = ("kills", "right", "joined", "lost", "leaked", "left over")
+        lines = [[one.case.name, *(one.counts[kind] for kind in kinds)] for one in done]
+        print(table(("command", "kills", "right again", *kinds[2:]), lines))
+        bad = any(one.said for one in done)
+        if not only:
+            counts, silent = flips.tried(flips.files(made.base("released")), changed, seed)
+            lines = [["flip", *(counts[kind] for kind in ("told", "no effect", "silent"))]]
+            print(table(("damage", "detected", "without effect", "silent"), lines))
+            print("\n".join(silent))
+            bad = bad or bool(silent)
+    return int(bad)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

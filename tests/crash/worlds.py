@@ -1,0 +1,206 @@
+"""The data roots that the fault injection starts from, made once by the real commands on invented
+services, and the commands that it harms.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pyarrow.parquet as pq
+
+from kb.core.errors import MissingExtra
+from kb.sandbox.reddit import dumps
+from kb.sandbox.server import Sandbox
+from kb.sandbox.subreddit import Subreddit
+from kb.sandbox.world import World
+from kb.wiki import chromium
+from tests.crash import harm
+from tests.youtube.job import Job
+
+LATER = {"KB_NOW": "2027-01-20T12:00:00Z"}  # what was read in November is too old to be kept
+_SIGNED = '[release]\ncontact = "data@example.org"\ncreators = [{ name = "Doe, Jane" }]\n'
+_CHANGES = (
+    ("[release]\n", _SIGNED),
+    ('search = ["guide"', 'listings = ["new"]\nsearch = []  # "guide"'),
+    ("seconds_between = 1.0", "seconds_between = 0.0"),
+)
+
+
+class Case(NamedTuple):
+    """A command that is harmed. `bases`: the roots it starts from, in turn; `then`: commands that
+    make visible what it did; `same`: the folders whose bytes have to be those of an unharmed run.
+    """
+
+    words: tuple[str, ...]
+    bases: tuple[str, ...]
+    same: tuple[str, ...]
+    then: tuple[tuple[str, ...], ...] = ()
+    env: dict[str, str] = {}  # noqa: RUF012  of a tuple
+    gone: tuple[bytes, ...] = ()  # what no byte of the root may hold afterwards
+    slow: bool = False  # starts browsers
+    finished: str = ""  # what it may say instead of doing it all again
+
+    @property
+    def name(self) -> str:
+        """The command's words, without names of files and options that have a value."""
+        return " ".join(word for word in self.words if not {"/", "="} & set(word))
+
+
+class Worlds:
+    """`base(name)` is a root to copy; `cases` are all commands that can run on this machine."""
+
+    def __init__(self, place: Path, sandbox: Sandbox, wiki: bool) -> None:
+        self.place, self.wiki = place, wiki
+        self._job = Job(sandbox, place, toxicity=True, KB_PROGRESS="0")
+        self._job.profile(*_CHANGES)
+        plain = place / "plain" / "profile.toml"
+        shutil.copytree(place / "profile", plain.parent)
+        plain.write_text(plain.read_text().replace('toxicity = "on"', 'toxicity = "off"'))
+        self.env = {key: value for key, value in self._job.env.items() if key != "KB_DATA"}
+        # A crawl that is filtered afterwards needs no scores for that.
+        self.plain = {"KB_PROFILE": str(plain)}
+        self.sources = ("youtube", "reddit", "wiki") if wiki else ("youtube", "reddit")
+        self.dumps = [str(path) for path in dumps(sandbox.world.reddit, place / "dumps")]
+        self._make()
+        self.cases = list(self._cases())
+
+    def base(self, name: str) -> Path:
+        """A root to copy; "empty" has nothing."""
+        return self.place / "bases" / name
+
+    def _make(self) -> None:
+        def each(*words: str) -> None:
+            for source in self.sources:
+                self._done(source, *words)
+
+        self.base("empty").mkdir(parents=True)
+        each("crawl")
+        self._kept("crawled")
+        # Names are hashed with a secret that is drawn: the same one, for the same bytes.
+        (self.base("keyed") / "state").mkdir(parents=True)
+        for path in (self._job.root / "state").glob("reddit.key*"):
+            shutil.copy(path, self.base("keyed") / "state")
+        for source in self.sources:
+            self._done("annotate", source)
+        self._kept("scored")
+        each("filter")
+        self._kept("clean")
+        each("export")
+        self._done("pairs")
+        self._kept("made")
+        self._done("release")
+        shutil.copytree(self._job.root / "release", self.place / "released")
+        self._kept("released")
+        # Drawing takes long: of one source alone.
+        one = self.base("figures") / "clean"
+        shutil.copytree(self.base("clean") / "clean" / self.sources[-1], one / self.sources[-1])
+        (self.base("figures") / "state").mkdir()
+        self._damage(shutil.copytree(self.base("released"), self.base("damaged")))
+
+    def _done(self, *words: str) -> None:
+        ended = harm.run([*words, "--quiet"], self._job.env, self.place)
+        assert ended.code == 0, (words, ended.err[-2000:])
+
+    def _kept(self, name: str) -> None:
+        shutil.copytree(self._job.root, self.base(name))
+
+    @staticmethod
+    def _damage(root: Path) -> None:
+        """What `kb verify --repair` has to do: make clean rows, pairs and a release again, and have
+        a raw answer fetched.
+        """
+        for pattern in ("raw/reddit/*/*.zst", "clean/youtube/videos/*", "release/reddit/posts-*"):
+            path = max(root.glob(pattern), key=lambda path: path.stat().st_size)
+            data = bytearray(path.read_bytes())
+            data[len(data) // 2] ^= 4
+            path.write_bytes(data)
+        next(root.glob("pairs/pairs-*")).unlink()
+
+    def _cases(self) -> Iterator[Case]:
+        plain, made = self.plain, ("clean", "pairs", "release")
+        for source in self.sources:
+            clean = (f"clean/{source}",)
+            filtered, slow = ((source, "filter"),), source == "wiki"
+            yield Case((source, "crawl"), ("keyed",), clean, filtered, plain, slow=slow)
+            yield Case(("annotate", source), ("crawled",), clean, filtered)
+            yield Case((source, "filter"), ("scored", "made"), clean)
+            yield Case((source, "export"), ("clean", "made"), (f"release/{source}",))
+            yield self._purge(source)
+        yield Case(
+            ("reddit", "import", *self.dumps),
+            ("keyed", "crawled"),
+            ("clean/reddit",),
+            (("reddit", "filter"),),
+            plain,
+        )
+        for source in ("youtube", "reddit"):
+            yield Case(
+                ("refresh", source, "--older-than=0"),
+                ("crawled",),
+                (f"clean/{source}",),
+                ((source, "filter"),),
+                plain | LATER,
+            )
+        yield Case(("reddit", "reconstruct"), ("made",), ("export/reconstructed",))
+        yield Case(("pairs",), ("clean",), ("pairs", "release/pairs"))
+        yield Case(("pairs", "--again"), ("made",), ("pairs", "release/pairs"))
+        yield Case(("release",), ("made", "released"), ("release",))
+        yield Case(("report",), ("figures",), ("report",))
+        yield Case(("restore", str(self.place / "released")), ("keyed",), ("restored",))
+        yield Case(("verify", "--repair"), ("damaged",), made)
+        yield Case(
+            ("profile", "new", "ferns", "--out=data/ferns"),
+            ("empty",),
+            ("ferns",),
+            finished="is there already",
+        )
+
+    def _purge(self, source: str) -> Case:
+        """A kept row with a title of its own is named."""
+        table, key, prefix = {
+            "youtube": ("videos", "video_id", ""),
+            "reddit": ("posts", "post_id", "t3_"),
+            "wiki": ("pages", "page_id", ""),
+        }[source]
+        rows = pq.read_table(
+            next((self.base("made") / "clean" / source / table).glob("*.parquet")),
+            columns=[key, "title"],
+        ).to_pylist()
+        titles = [row["title"] for row in rows]
+        row = max(
+            (row for row in rows if sum(row["title"] in title for title in titles) == 1),
+            key=lambda row: len(row["title"]),
+        )
+        ids = self.place / f"{source}.txt"
+        ids.write_text(f"{prefix}{row[key]}\n")
+        gone = [row["title"].encode()]
+        if source == "youtube":
+            gone.append(row[key].encode())
+        return Case(
+            ("purge", source, f"--ids={ids}"),
+            ("made", "released"),
+            ("clean", "pairs", "release"),
+            gone=tuple(gone),
+        )
+
+
+def world() -> World:
+    """A small one, whose services answer however often they are asked."""
+    made = World(n_channels=4, n_videos=40)
+    made.reddit = Subreddit(0, 24, width=40, depth=6)
+    made.quota = dict.fromkeys(made.quota, 10**9)
+    return made
+
+
+def services(wiki: bool = True) -> tuple[Sandbox, bool]:
+    """The services to be asked, not yet listening; whether there is a browser for the wiki's."""
+    if wiki:
+        try:
+            chromium.find()
+        except MissingExtra:
+            wiki = False
+    names = ["youtube", "reddit", *(["wiki"] if wiki else [])]
+    return Sandbox(world(), services=names), wiki
