@@ -43,7 +43,7 @@ from kb.reddit.importing import Job, check_readable, different, import_jobs, sum
 from kb.reddit.reduce import PAYLOADS
 from kb.reddit.source import INFO, MORE, THREAD, TREE, Reddit
 from kb.reddit.wanted import Ids, Wanted, asked_for, released
-from kb.store import parquet, reading, tombstones
+from kb.store import leftovers, parquet, reading, tombstones
 from kb.store.frontier import Frontier, Item
 from kb.store.layout import Layout
 from kb.store.lock import writer
@@ -156,6 +156,8 @@ def rebuild(
     digest = _digest(wanted, dumps, gone)
     tables.check_place(out)
     with writer(out / LOCK, "reddit"):
+        for name in (earlier.DONE, earlier.MISSING):
+            leftovers.ended(out / name)  # of a killed run
         earlier.settle(out)
         done, work = earlier.load(out), out / f"{tables.WORK}{digest}"
         if digest in done.answered and not run.again:

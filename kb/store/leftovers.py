@@ -39,7 +39,9 @@ def sweep(root: Path, name: str) -> None:
     ended(Layout(root).profile)
     for folder in _read_whole(Layout(root), name):
         settle_folder(folder)
-    for path in _places(Layout(root), name):
+    # `release-<source>.exported`, which an export notes beside its lock (kb.store.complete).
+    exported = Layout(root).lock(name).with_suffix(".exported")
+    for path in (exported, *_places(Layout(root), name)):
         for place in dict.fromkeys((path, followed(path))):
             _beside(place)
             if place.is_dir() and not place.is_symlink():

@@ -41,9 +41,10 @@ def of_clean(source: str) -> tuple[str, ...]:
 
 
 def of_purge(source: str) -> tuple[str, ...]:
-    """What removing keys of a source takes: everything that is made of it."""
-    made = ("release-pairs",) if source == "youtube" else ()
-    return (*of_clean(source), *made, "report")
+    """What removing keys of a source takes: everything that is made of it, and the pairs' release,
+    whose description is written again with it.
+    """
+    return (*of_clean(source), "release-pairs", "report")
 
 
 @contextlib.contextmanager

@@ -62,8 +62,11 @@ def test_what_a_killed_query_spilled_goes_and_a_running_one_keeps_its_own(
 
 @pytest.mark.parametrize("source", ["youtube", "wiki", "reddit", "pairs"])
 def test_what_a_killed_release_left_beside_its_notes_goes(tmp_path: Path, source: str) -> None:
-    left = tmp_path / "state" / "releases" / source / ".1.0.0.parquet.1-2-ab.tmp"
-    left.parent.mkdir(parents=True)
-    left.write_text("x")
+    note = tmp_path / "state" / "releases" / source / ".1.0.0.parquet.1-2-ab.tmp"
+    note.parent.mkdir(parents=True)
+    exported = tmp_path / "state" / f".release-{source}.exported.1-2-ab.tmp"
+    for left in (note, exported):
+        left.write_text("x")
     with lock.taking(tmp_path, f"release-{source}"):
-        assert not left.exists()
+        assert not note.exists()
+        assert not exported.exists()
