@@ -21,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -152,5 +153,7 @@ def _command(words: list[str], env: dict[str, str], cwd: Path, out: Path, err: P
 
     telemetry.switch_off()  # as `import kb` does
     _pools_from_the_server()
+    # A process of its own has no frames of a server below it: as much room as it has.
+    sys.setrecursionlimit(sys.getrecursionlimit() + len(traceback.extract_stack()))
     sys.argv = ["kb", *words]
     runpy.run_module("kb", run_name="__main__", alter_sys=True)
