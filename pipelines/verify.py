@@ -58,6 +58,7 @@ def repair(run: Run, look: Look) -> list[str]:
                 command = "kb pairs" if source == "pairs" else f"kb {source} export"
                 step = partial(_export, run, source)
                 said += mend.make(look, command, at.release(source), step)
+            if mend.undescribed(at, source):
                 said += mend.tried("kb release", partial(release, run, [source]))
     return said
 

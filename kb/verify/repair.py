@@ -12,7 +12,7 @@ from pathlib import Path
 from kb.core.errors import KbError
 from kb.store import parquet, sidefiles
 from kb.store.atomic import write_bytes
-from kb.store.layout import Layout
+from kb.store.layout import Layout, parquet_files
 from kb.verify.found import Found, Look
 
 Step = Callable[[], object]
@@ -74,6 +74,16 @@ def tried(command: str, step: Step) -> list[str]:
         way = f"; {error.hint}" if error.hint else ""
         return [f"`{command}` has to be run: {error}{way}"]
     return [f"`{command}` was run"]
+
+
+def undescribed(at: Layout, source: str) -> bool:
+    """Whether a folder that was described once has tables and no checksums.
+
+    It was made again, by this repair or by one that was killed before it came to the description.
+    """
+    folder = at.release(source)
+    described = at.released(source).is_dir() and any(at.released(source).iterdir())
+    return described and bool(parquet_files(folder)) and not (folder / sidefiles.SUMS).exists()
 
 
 def _tombstones(root: Path, one: Found) -> str:

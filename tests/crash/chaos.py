@@ -24,6 +24,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+import duckdb
+
 from kb.core.errors import KbError
 from kb.core.progress import Silent
 from kb.store import leftovers
@@ -37,6 +39,23 @@ from tests.store import flips
 # How many answers it took, which a killed refresh asks for twice; how many requests and writes.
 _COUNTS = ("summary.json", ".done.json")
 _SETTLES = (".sqlite-wal", ".sqlite-shm")
+
+
+def tables(folder: Path) -> dict[str, str]:
+    """The rows of each table below a folder, in one digest each, in however many parts they lie.
+
+    What is restored is added to, so its parts say in how many goes that was done.
+    """
+    found = {}
+    with duckdb.connect() as con:
+        for place in sorted({path.parent for path in folder.rglob("*.parquet")}):
+            row = con.execute(
+                "SELECT sha256(string_agg(row::VARCHAR, chr(10) ORDER BY row::VARCHAR))"
+                " FROM read_parquet(?) AS row",
+                [f"{place}/*.parquet"],
+            ).fetchone()
+            found[str(place.relative_to(folder))] = str(row)
+    return found
 
 
 class Outcome(NamedTuple):
@@ -117,7 +136,9 @@ class Trial:
         held = {
             f"{folder}/{name}": digest
             for folder in self.case.same
-            for name, digest in digests(self.root / folder).items()
+            for name, digest in (tables if folder == "restored" else digests)(
+                self.root / folder
+            ).items()
             if not name.endswith(_COUNTS[self.case.words[0] != "refresh" :])
         }
         paths = (path.relative_to(self.root) for path in self.root.rglob("*"))
@@ -126,7 +147,9 @@ class Trial:
             frozenset(
                 str(path)
                 for path in paths
-                if path.parts[0] != "raw" and not path.name.endswith(_SETTLES)
+                if path.parts[0] != "raw"
+                and not path.name.endswith(_SETTLES)
+                and not (path.parts[0] == "restored" and path.suffix == ".parquet")
             ),
             tuple(found(self.root)),
         )
