@@ -8,7 +8,6 @@ refused; the digits in its own name say which model it is, and prove nothing.
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import re
 import shlex
@@ -21,6 +20,7 @@ from kb.annotate.model_files import check_model_files
 from kb.annotate.published import KNOWN, PUBLISHED, Published
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.settings import Settings
+from kb.store import digests
 from kb.store.reading import SANDBOX_MODEL
 
 EXTRA = ("torch", "transformers", "detoxify")
@@ -185,7 +185,6 @@ def _verify(path: Path, expected: list[tuple[str, str]], what_to_do: str) -> str
 def sha256_of(path: Path) -> str:
     """SHA-256 of a file, hexadecimal. Raises MissingModel when it can't be read."""
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return digests.digest(path)
     except OSError as error:
         raise MissingModel(f"{path} can't be read: {error.strerror}") from None

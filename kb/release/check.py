@@ -20,13 +20,14 @@ from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
 from kb.release import archives, checksums, columns, personal, scan
-from kb.release.folders import DEPOSIT, SUMS, Folder, Part, released_tables
+from kb.release.folders import DEPOSIT, Folder, Part, released_tables
 from kb.release.licences import KNOWN, licence
 from kb.release.measure import folder_licence, page_licences
 from kb.release.metadata import Document
 from kb.release.problem import Problem, damaged
 from kb.schema import Table
 from kb.store import complete, database, parquet
+from kb.store.digests import SUMS
 from kb.store.layout import Layout
 
 

@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from kb.release.folders import SUMS, Folder, is_made
+from kb.release.folders import Folder, is_made
 from kb.release.problem import Problem, damaged
 from kb.store.atomic import write_text
-
-_LINE = re.compile(r"[0-9a-f]{64}  [^/]+")
-
-
-def digest(path: Path, algorithm: str = "sha256") -> str:
-    """Hexadecimal digest of a file, read in pieces."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, algorithm).hexdigest()
+from kb.store.digests import SUMS, digest, listed, parsed
 
 
 def write(folder: Folder) -> Path:
     """Write SHA256SUMS over every file of the folder, by name."""
     path = folder.path / SUMS
-    write_text(path, "".join(f"{digest(file)}  {file.name}\n" for file in folder.files()))
+    write_text(path, listed(folder.files()))
     return path
 
 
@@ -35,10 +26,10 @@ def read(folder: Path) -> dict[str, str]:
     path = folder / SUMS
     if not path.is_file():
         return {}
-    lines = path.read_text(encoding="utf-8").splitlines()
-    if not all(_LINE.fullmatch(line) for line in lines):
+    sums, bad_lines = parsed(path.read_text(encoding="utf-8"))
+    if bad_lines:
         raise ValueError("a line is no checksum and name")
-    return {name: value for value, _, name in (line.partition("  ") for line in lines)}
+    return sums
 
 
 def check(folder: Folder, files: Sequence[Path], *, all_listed: bool = False) -> list[Problem]:

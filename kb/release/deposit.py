@@ -23,7 +23,7 @@ from kb.core import clock, signals
 from kb.core.errors import CredentialRefused, FatalError, QuotaSpent, Retryable, Unreachable
 from kb.net.retry import attempt, retry_after
 from kb.net.session import Session, failure, host_of, refusal
-from kb.release.checksums import digest
+from kb.store.digests import digest
 
 TRIES = 5
 TIMEOUT_S = (10.0, 300.0)  # seconds to connect, and between two bytes of an answer

@@ -10,9 +10,10 @@ from typing import NamedTuple, cast
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
 from kb.release import checksums
-from kb.release.folders import SUMS, TOMBSTONES
+from kb.release.folders import TOMBSTONES
 from kb.schema import tables
 from kb.store import parquet
+from kb.store.digests import SUMS, digest
 from kb.store.layout import Layout
 from kb.store.reading import reading
 
@@ -89,11 +90,11 @@ def verify(run: Run, found: Sequence[Downloaded]) -> None:
             if path.name not in sums and _SHARD.fullmatch(path.name):
                 raise DamagedData(f"{path} is not in {SUMS}", hint=f"remove it, or {_AGAIN}")
         with run.progress.task(f"verify {one.path.name}", len(sums), "files") as task:
-            for name, digest in sums.items():
+            for name, wanted in sums.items():
                 path = one.path / name
                 if not path.is_file():
                     raise DamagedData(f"{path} is missing", hint=_AGAIN)
-                if checksums.digest(path) != digest:
+                if digest(path) != wanted:
                     raise DamagedData(f"{path} differs from {SUMS}", hint=_AGAIN)
                 task.advance()
 

@@ -13,9 +13,9 @@ from pathlib import Path
 from kb.core.sources import PUBLISHED
 from kb.release.licences import KNOWN
 from kb.schema import Table, table, tables
+from kb.store.digests import SUMS
 from kb.store.layout import Layout
 
-SUMS = "SHA256SUMS"
 TOMBSTONES = "tombstones.parquet"
 DEPOSIT = "zenodo.json"
 INDEX = "index.ndjson"

@@ -15,13 +15,13 @@ import pyarrow.parquet as pq
 from duckdb import DuckDBPyConnection
 
 from kb.core.context import Run
-from kb.release.checksums import digest
 from kb.release.folders import Folder, Part, released_tables
 from kb.release.gaps import gaps
 from kb.release.licences import KNOWN
 from kb.release.personal import personal_counts
 from kb.schema import Column, Table
 from kb.store import complete, database, parquet, tombstones
+from kb.store.digests import digest
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import SANDBOX_MODEL, filtered
 from kb.store.tally import VERDICTS

@@ -22,13 +22,13 @@ from kb.core.verdict import Summary
 from kb.net.session import Session, host_of
 from kb.release import check, provenance
 from kb.release.build import exported, refuse
-from kb.release.checksums import digest
 from kb.release.deposit import TIMEOUT_S, Forbidden, Gone, Zenodo, md5, stray
-from kb.release.folders import DEPOSIT, SUMS, Folder
+from kb.release.folders import DEPOSIT, Folder
 from kb.release.measure import models
 from kb.release.metadata import Document
 from kb.release.problem import Problem
 from kb.store.atomic import write_text
+from kb.store.digests import SUMS, digest
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES, taking, writer
 from kb.store.reading import SANDBOX_MODEL

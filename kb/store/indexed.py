@@ -11,7 +11,6 @@ Call both under the source's lock (kb.store.lock.of_clean).
 from __future__ import annotations
 
 import contextlib
-import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ import msgspec
 from kb.core.errors import DamagedData
 from kb.store import complete, notes, sqlite
 from kb.store.atomic import write_bytes
+from kb.store.digests import digest
 from kb.store.layout import Layout
 
 TABLES = {
@@ -28,7 +28,6 @@ TABLES = {
     "reddit": ("posts", "comments"),
 }
 FORM = 1  # of an index; one of another form is made again
-_PIECE = 1 << 20  # bytes
 
 
 class Stamp(msgspec.Struct):
@@ -83,7 +82,7 @@ def stamps(paths: dict[str, Path], known: dict[str, Stamp] | None = None) -> dic
         about = path.stat()
         old = (known or {}).get(name)
         if old is None or (old.size, old.changed) != (about.st_size, about.st_mtime_ns):
-            old = Stamp(about.st_size, about.st_mtime_ns, _digest(path))
+            old = Stamp(about.st_size, about.st_mtime_ns, digest(path))
         found[name] = old
     return found
 
@@ -123,11 +122,3 @@ def problem(path: Path) -> str:
     except DamagedData as error:
         return str(error.__cause__ or error)
     return "" if said == "ok" else said
-
-
-def _digest(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while piece := file.read(_PIECE):
-            digest.update(piece)
-    return digest.hexdigest()

@@ -9,7 +9,6 @@ as `<name>.damaged` and asks again for what it held.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 from collections.abc import Callable, Collection, Iterable
@@ -17,31 +16,17 @@ from pathlib import Path
 
 from kb.core.errors import DamagedData
 from kb.store.atomic import sync_folder, write_bytes
+from kb.store.digests import SUMS, digest, listed, parsed
 from kb.store.layout import BELOW, Layout
 
-SUMS = "SHA256SUMS"
 ASIDE = ".damaged"
 _NAMED = re.compile(r"([0-9a-f]{64})\.[a-z0-9]+")
-_LINE = re.compile(r"([0-9a-f]{64})  ([^/]+)")
-_CHUNK = 1 << 20
-
-
-def digest(path: Path, advance: Callable[[int], None] | None = None) -> str:
-    """SHA-256 of a file, hexadecimal; `advance` hears how many bytes were read."""
-    reckoned = hashlib.sha256()
-    with path.open("rb") as file:
-        while chunk := file.read(_CHUNK):
-            reckoned.update(chunk)
-            if advance is not None:
-                advance(len(chunk))
-    return reckoned.hexdigest()
 
 
 def write_sums(folder: Path) -> None:
     """Write SHA256SUMS over the files of a folder that is on its way."""
-    names = sorted(path.name for path in folder.iterdir() if path.name != SUMS)
-    text = "".join(f"{digest(folder / name)}  {name}\n" for name in names)
-    (folder / SUMS).write_text(text, encoding="utf-8")
+    files = sorted(path for path in folder.iterdir() if path.name != SUMS)
+    (folder / SUMS).write_text(listed(files), encoding="utf-8")
 
 
 def sums(folder: Path) -> dict[str, str]:
@@ -50,7 +35,7 @@ def sums(folder: Path) -> dict[str, str]:
         text = (folder / SUMS).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         return {}
-    return {found[2]: found[1] for line in text.splitlines() if (found := _LINE.fullmatch(line))}
+    return parsed(text)[0]
 
 
 def expected(path: Path) -> str | None:
@@ -66,7 +51,7 @@ def is_whole(
     if not path.is_file() or not path.stat().st_size:
         return False
     wanted = wanted or expected(path)
-    return wanted is None or digest(path, advance) == wanted
+    return wanted is None or digest(path, advance=advance) == wanted
 
 
 def write_named(path: Path, data: bytes) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from kb.store import complete, sidefiles
+from kb.store import complete, digests, sidefiles
 from kb.verify import tables
 from kb.verify.found import Look
 
@@ -19,12 +19,12 @@ _PLAIN = {".gitkeep"}
 
 def is_release(folder: Path) -> bool:
     """Whether a folder holds a release: shards, or their checksums."""
-    return (folder / sidefiles.SUMS).is_file() or any(folder.glob("*-*-of-*.parquet"))
+    return (folder / digests.SUMS).is_file() or any(folder.glob("*-*-of-*.parquet"))
 
 
 def folder(look: Look, path: Path, advice: Callable[[Path], str], *, described: bool) -> None:
     """Every file of a release folder; `described`: it should have SHA256SUMS."""
-    sums = path / sidefiles.SUMS
+    sums = path / digests.SUMS
     known = sidefiles.sums(path)
     if sums.is_file() and (not known or len(known) != len(_lines(sums))):
         look.damaged("release", sums, "is no list of checksums", advice(sums))
@@ -41,7 +41,7 @@ def folder(look: Look, path: Path, advice: Callable[[Path], str], *, described: 
                 "release", file, "a release is flat, with files of its own", "move it away"
             )
         elif known and name not in known:
-            look.foreign("release", file, f"is not in {sidefiles.SUMS}", "move it away")
+            look.foreign("release", file, f"is not in {digests.SUMS}", "move it away")
         else:
             _file(look, file, known.get(name), advice(file))
     for name in sorted((known.keys() | complete.siblings(there)) - there.keys()):
@@ -52,8 +52,8 @@ def folder(look: Look, path: Path, advice: Callable[[Path], str], *, described: 
 
 def _file(look: Look, path: Path, wanted: str | None, advice: str) -> None:
     if wanted is not None:
-        held = sidefiles.digest(path, look.advance)
-        what = "" if held == wanted else f"differs from {sidefiles.SUMS}"
+        held = digests.digest(path, advance=look.advance)
+        what = "" if held == wanted else f"differs from {digests.SUMS}"
     elif path.suffix == ".parquet":
         what = tables.problem(path, look.advance)
     elif path.suffix == ".tar":
@@ -112,7 +112,7 @@ def _metadata(look: Look, path: Path, known: dict[str, str], advice: Callable[[P
         return
     for name, value in sorted(said.items()):
         if known.get(name, value) != value:
-            what = f"says another digest of {name} than {sidefiles.SUMS}"
+            what = f"says another digest of {name} than {digests.SUMS}"
             look.damaged("release", path, what, advice(path))
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from kb.core.errors import KbError
-from kb.store import parquet, sidefiles
+from kb.store import digests, parquet, sidefiles
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout, parquet_files
 from kb.verify.found import Found, Look
@@ -83,7 +83,7 @@ def undescribed(at: Layout, source: str) -> bool:
     """
     folder = at.release(source)
     described = at.released(source).is_dir() and any(at.released(source).iterdir())
-    return described and bool(parquet_files(folder)) and not (folder / sidefiles.SUMS).exists()
+    return described and bool(parquet_files(folder)) and not (folder / digests.SUMS).exists()
 
 
 def _tombstones(root: Path, one: Found) -> str:
