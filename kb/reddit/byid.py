@@ -21,10 +21,8 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-from ahocorasick_rs import BytesAhoCorasick
-
 from kb.reddit import tree
-from kb.reddit.search import Search
+from kb.reddit.search import Search, finder
 from kb.store.atomic import replacing_folder, write_bytes
 
 SIZE = 8  # bytes of an id that fits into a number; Reddit's have seven
@@ -78,8 +76,8 @@ class ById(Search):
         self._bits = _mapped(folder / _BITS)
         self._shift = 32 - (8 * len(self._bits) - 1).bit_length()
         trees = self._sorted[TREES] or any(line.startswith(TREES) for line in self._long)
-        self._ids = _finder('"id":')
-        self._links = _finder('"link_id":') if trees else None
+        self._ids = finder(b'"id":')
+        self._links = finder(b'"link_id":') if trees else None
 
     def _found(self, data: bytes, begin: int, end: int) -> Iterator[int]:
         part = memoryview(data)[begin:end]
@@ -124,11 +122,6 @@ class ById(Search):
         number, among = int.from_bytes(value, "big"), self._sorted[kind]
         at = bisect_left(among, number)
         return at < len(among) and among[at] == number
-
-
-def _finder(key: str) -> Any:
-    """As in kb.reddit.search."""
-    return BytesAhoCorasick([key.encode()]).find_matches_as_indexes
 
 
 def _numbers(path: Path) -> Sequence[int]:

@@ -58,10 +58,10 @@ class Search:
     def __init__(self, subreddit: str, state: State | None = None) -> None:
         self._name = subreddit.lower()
         self._quoted = f'"{self._name}"'.encode()
-        self._places = _finder(bytes(byte | _CASE for byte in self._quoted))
+        self._places = finder(bytes(byte | _CASE for byte in self._quoted))
         state = state or State((), True)
         # Finders of the id and the spellings.
-        self._exact = {text: _finder(f'"{text}"'.encode()) for text in state.exact}
+        self._exact = {text: finder(f'"{text}"'.encode()) for text in state.exact}
         self._ids_tell = state.ids_tell
 
     def state(self) -> State:
@@ -117,7 +117,7 @@ class Search:
             return
         for text in (key, record["subreddit"]):
             if text not in self._exact and self._ids_tell:
-                self._exact[text] = _finder(f'"{text}"'.encode())
+                self._exact[text] = finder(f'"{text}"'.encode())
 
     def _looked_for(self, data: bytes, begin: int, end: int) -> Iterator[int]:
         """The same as `_found`, also where a line on the way shows that the ids don't tell."""
@@ -152,7 +152,7 @@ class Search:
             place = lower.find(self._quoted, place + 1)
 
 
-def _finder(text: bytes) -> Finder:
+def finder(text: bytes) -> Finder:
     """One pattern: its vectorised search is several times faster than bytes.find, and than one for
     many spellings (tests/bench).
     """

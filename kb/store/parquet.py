@@ -26,6 +26,7 @@ from kb.core.errors import DamagedData
 from kb.store.advice import advice
 
 KEY = b"lorebase.crc32"
+CHANGED = "its bytes are not those that were written"
 _ZEROS = b"00000000"
 _FIELD = KEY + b"\x18\x08"  # in Thrift's compact form: the key, then a text of eight bytes
 _TAIL = 8  # the footer's length and the magic bytes
@@ -85,7 +86,7 @@ def check(*paths: Path | str) -> None:
         if mark not in _checked:
             if not holds(path):
                 raise DamagedData(
-                    f"{path} can't be read: its bytes are not those that were written",
+                    f"{path} can't be read: {CHANGED}",
                     hint=advice(path),
                 )
             _checked.add(mark)

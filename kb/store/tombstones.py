@@ -142,10 +142,10 @@ def _read(file: Path) -> tuple[pa.Table | None, str]:
     """The rows, or why there are none."""
     schema = table(_TABLE).arrow()
     try:
-        if not parquet.holds(file):
-            return None, "its bytes are not those that were written"
         with parquet.open_file(file) as opened:
             found = opened.read()
+    except DamagedData:
+        return None, parquet.CHANGED
     except (pa.ArrowException, OSError) as error:
         return None, (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
     if any(field.name not in found.schema.names for field in schema) or any(
