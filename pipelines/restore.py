@@ -20,15 +20,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from kb.annotate.words import word_count_of_lists
 from kb.core import plan as planned
+from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.errors import Interrupted, SettingError, Stopped
-from kb.core.pipeline import locate
+from kb.core.pipeline import load, locate
 from kb.core.profile import Profile
 from kb.core.settings import Settings
 from kb.core.verdict import Summary
-from kb.filters.chain import Chain, Clean, Follow
+from kb.filters.chain import Chain, Clean
 from kb.filters.clean import run_clean
 from kb.filters.judgement import Judgement, Predicate, nothing
 from kb.filters.predicates import NotTrue, Present
@@ -40,13 +40,11 @@ from kb.reddit.plan import plan_rebuild
 from kb.release.downloaded import Downloaded, verify
 from kb.schema import table
 from kb.store import parquet
-from kb.store.buckets import Kind
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import reading
 from kb.store.shards import write_table
-from kb.youtube import parse, restored
 from kb.youtube import plan as videos_plan
-from kb.youtube.assemble import assemble, unanswered
+from kb.youtube import restored
 from kb.youtube.fetch import PACK
 
 
@@ -85,19 +83,9 @@ def clean(p: Profile) -> Clean:
         Evidence(section.game_ids, section.category_ids, section.words),
     )
     helpers = ("missing", "game_label_id", "game_label", "transcript_outcome")
-    return Clean(
-        source="youtube",
-        kinds={
-            "videos": Kind(parse.videos, key=("video_id",), bucket="video_id"),
-            "transcripts": Kind(
-                parse.transcripts, key=("video_id",), bucket="video_id", prefer="final"
-            ),
-        },
-        assemble=partial(assemble, words=word_count_of_lists),
-        chains=(Chain("youtube/videos", "video_id", stages, helpers=helpers),),
-        follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),
-        unanswered=unanswered,
-    )
+    chain = Chain("youtube/videos", "video_id", stages, helpers=helpers)
+    whole: Clean = load(str(locate("youtube"))).clean(p)
+    return replace(whole, chains=(chain,), scorer=None)
 
 
 def restore(
@@ -147,7 +135,7 @@ def plan(
         left = restored.left(run, wanted.videos, wanted.removed["youtube"])
         calls, asked = math.ceil(len(left) / PACK), len(left) * videos_plan.REQUESTS_A_TRANSCRIPT
         pace = run.profile.section("youtube").transcripts_per_hour
-        local = bool(run.settings.kb_youtube_web)
+        local = is_loopback(run.settings.kb_youtube_web or "")
         hours = 0.0 if local else len(left) / pace
         sizes = videos_plan.BYTES
         phases += [
