@@ -15,8 +15,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
+from kb.release.facts import Facts
 from kb.release.folders import Folder
-from kb.release.measure import Facts
 from kb.store import database, parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout, parquet_files
