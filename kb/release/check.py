@@ -251,14 +251,11 @@ def _age(run: Run, source: str, part: Part) -> list[Problem]:
     if days is None or "fetched_at" not in part.table.names(released=True):
         return []
     limit = clock.now() - timedelta(days=days)
-    row = (
-        database.connect()
-        .execute(
+    with database.asking() as con:
+        row = con.execute(
             "SELECT count(*), min(fetched_at)::DATE FROM read_parquet(?) WHERE fetched_at < ?",
             [[str(path) for path in part.shards], limit],
-        )
-        .fetchone()
-    )
+        ).fetchone()
     if not row or not row[0]:
         return []
     what = f"{row[0]:,} rows were read more than {days} days ago (the oldest on {row[1]})"

@@ -66,7 +66,7 @@ def measure(run: Run, folder: Folder) -> Facts:
 
 def folder_licence(run: Run, folder: Folder) -> str:
     """SPDX id of the folder's licence; empty when neither data nor profile give one."""
-    with database.connect() as con:
+    with database.asking() as con:
         return _choose(con, run, folder)
 
 
@@ -75,7 +75,7 @@ def page_licences(folder: Folder) -> tuple[list[str], int]:
     and how many rows name none; nothing for other sources.
     """
     named: dict[str | None, int] = {}
-    with database.connect() as con:
+    with database.asking() as con:
         for part in folder.parts if folder.source == "wiki" else ():
             if part.table.short == "pages":
                 files = [str(shard) for shard in part.shards]
@@ -102,7 +102,7 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     if not files or "toxicity" in said:  # "not scored"
         return ()
     parquet.check(*files)
-    with database.connect() as con:
+    with database.asking() as con:
         if "model" not in said:
             return tuple(
                 con.execute(

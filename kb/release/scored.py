@@ -72,7 +72,7 @@ def _unscored(files: Sequence[Path], declared: Table, names: set[str]) -> dict[s
         return {}
     counts = ", ".join(f"count(*) FILTER (WHERE {test})" for test in tests.values())
     try:
-        with database.connect() as con:
+        with database.asking() as con:
             row = (
                 con.execute(
                     f"SELECT {counts} FROM read_parquet(?)", [[str(path) for path in files]]

@@ -12,11 +12,11 @@ from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT
 
 
-@pytest.fixture
-def ends_well() -> Callable[..., None]:
-    """ends_well("swapped", place): `python -m tests.crash.swapped PLACE` ends with 0."""
+@pytest.fixture(scope="session")
+def script() -> Callable[..., str]:
+    """script("swapped", place): what `python -m tests.crash.swapped PLACE` prints; ends with 0."""
 
-    def run(name: str, *words: object) -> None:
+    def run(name: str, *words: object) -> str:
         done = subprocess.run(
             [sys.executable, "-m", f"tests.crash.{name}", *map(str, words)],
             cwd=ROOT,
@@ -27,5 +27,6 @@ def ends_well() -> Callable[..., None]:
             check=False,
         )
         assert done.returncode == 0, done.stdout + done.stderr[-3000:]
+        return done.stdout
 
     return run

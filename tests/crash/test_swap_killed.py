@@ -11,6 +11,6 @@ pytestmark = pytest.mark.crash
 
 
 def test_what_was_killed_between_two_renames_is_healed_by_the_next_command(
-    ends_well: Callable[..., None], tmp_path: Path
+    script: Callable[..., str], tmp_path: Path
 ) -> None:
-    ends_well("swapped", tmp_path)
+    script("swapped", tmp_path)
