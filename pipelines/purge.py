@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import importlib
 import shutil
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 
 import pyarrow as pa
@@ -51,13 +53,13 @@ def _purge(run: Run, source: str, ids: Path | None) -> Summary:
     room = importlib.import_module(f"kb.{source}.purge")
     keys = room.purge_raw(run, ids)
     said = getattr(keys, "said", {})
+    rows = scores = 0
     if keys:
         indexed.forget(run.root, source)  # `kb search` makes it again of what is left
-    rows = store.drop_rows(run.root, source, room.ROWS, keys) if keys else 0
-    if keys and hasattr(room, "mend"):
-        room.mend(run.root, keys)
-    scores = _scores(run, source) if keys else 0
-    if keys:
+        rows = store.drop_rows(run.root, source, room.ROWS, keys)
+        if hasattr(room, "mend"):
+            room.mend(run.root, keys)
+        scores = _scores(run, source)
         _made(run, source)
     purged = sum(reason != "post" for reason in keys.values()) - said.get("unknown", 0)
     summary = Summary(
@@ -75,40 +77,32 @@ def _scores(run: Run, source: str) -> int:
     """Scores of texts that are still somewhere stay."""
     if not Layout(run.root).annotations(source).is_dir():
         return 0
-
     hashes = [text_hashes(part) for part in texts(run, source)]
-    return store.drop_annotations(
-        run.root,
-        source,
-        pa.chunked_array(hashes, pa.string()).unique() if hashes else pa.array([], pa.string()),
-    )
+    used = pa.chunked_array(hashes, pa.string()).unique()
+    return store.drop_annotations(run.root, source, used)
 
 
 def _made(run: Run, source: str) -> None:
-    """Exports are written again from clean,
-    and everything around them; what can't be is removed.
-    """
+    """Exports are written again from clean, and everything around them; what can't is removed."""
     at = Layout(run.root)
     export = load(str(locate(source))).export
-    layouts = {
-        "parquet": at.release().glob(source),
-        "minedojo": at.export("minedojo").glob(f"{source}*"),
-    }
+    made: list[tuple[Iterable[Path], Callable[[Run], object]]] = [
+        (at.release().glob(source), partial(export, format="parquet")),
+        (at.export("minedojo").glob(f"{source}*"), partial(export, format="minedojo")),
+    ]
     if source == "reddit":
-        layouts["convokit"] = at.export("convokit").glob("*")
-    for format, files in layouts.items():
-        if any(files):
-            export(run, format)
+        made.append((at.export("convokit").glob("*"), partial(export, format="convokit")))
     if source == "youtube":
         shutil.rmtree(at.pairing, ignore_errors=True)
-        for files, write in (
-            (at.release().glob("pairs"), lambda run: parquet.export(run, "pairs")),
+        made += [
+            (at.release().glob("pairs"), partial(parquet.export, source="pairs")),
             (at.export("minedojo").glob("pairs.json"), minedojo_pairs.write),
             (at.export("clip4mc").glob("*"), clip4mc.write),
             (at.export("video2dataset").glob("*"), video2dataset.write),
-        ):
-            if any(files):
-                write(run)
+        ]
+    for files, write in made:
+        if any(files):
+            write(run)
     describe(run, [source, "pairs"])
     if at.report.exists():
         try:

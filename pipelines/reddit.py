@@ -9,7 +9,6 @@ brings content back with the user's own key.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 from kb.annotate import toxicity
@@ -19,7 +18,7 @@ from kb.core.verdict import Summary
 from kb.export import convokit, minedojo_reddit, parquet
 from kb.filters.chain import Chain, Clean
 from kb.filters.judgement import Predicate
-from kb.filters.predicates import AtLeast, AtMost, In, NotIn, NotTrue, Present, Waits
+from kb.filters.predicates import AtLeast, In, NotIn, NotTrue, Present, Waits, none_above
 from kb.reddit import parse
 from kb.reddit.assemble import HELPERS, assemble, with_posts
 from kb.reddit.state import gave_up, incomplete
@@ -43,7 +42,7 @@ def posts(p: Profile) -> tuple[Predicate, ...]:
         Present("over_18", stage="nsfw"),
         NotTrue("over_18", stage="nsfw", reason="over_18"),
         AtLeast("score", p.section("reddit").min_score, stage="score"),
-        *toxic(p, POST),
+        *none_above(p.toxicity.threshold("reddit"), POST, stage="toxicity"),
     )
 
 
@@ -56,46 +55,22 @@ def comments(p: Profile) -> tuple[Predicate, ...]:
         NotIn("post", ("absent", "not_kept"), stage="post"),
         NotIn("gone", GONE, stage="removed"),
         Present("body", stage="removed"),
-        *toxic(p, COMMENT),
-    )
-
-
-def toxic(p: Profile, scored: dict[str, str]) -> tuple[Predicate, ...]:
-    """No category of any text above the profile's threshold."""
-    limit = p.toxicity.threshold("reddit")
-    return tuple(
-        AtMost(to, limit, stage="toxicity", null_passes=True, reason=of)
-        for of, to in scored.items()
-        if limit is not None
+        *none_above(p.toxicity.threshold("reddit"), COMMENT, stage="toxicity"),
     )
 
 
 def clean(p: Profile) -> Clean:
     """Raw answers, live ones and dumps, to clean posts and comments."""
+    links, each = p.section("reddit").links, partial(Chain, helpers=HELPERS)
+    chains = (
+        each("reddit/posts", "post_id", posts(p), "t3_", POST, told=("type",)),
+        each("reddit/comments", "comment_id", comments(p), "t1_", COMMENT, relate=with_posts),
+    )
     return Clean(
         source="reddit",
-        kinds={of: parse.raw_kind(of, p.section("reddit").links) for of in parse.KINDS},
+        kinds={of: parse.raw_kind(of, links) for of in parse.KINDS},
         assemble=assemble,
-        chains=(
-            Chain(
-                "reddit/posts",
-                "post_id",
-                posts(p),
-                prefix="t3_",
-                scores=POST,
-                helpers=HELPERS,
-                told=("type",),
-            ),
-            Chain(
-                "reddit/comments",
-                "comment_id",
-                comments(p),
-                prefix="t1_",
-                scores=COMMENT,
-                helpers=HELPERS,
-                relate=with_posts,
-            ),
-        ),
+        chains=chains,
         scorer=toxicity,
         unanswered=gave_up,
         ended_by_failure=("more",),
@@ -106,9 +81,8 @@ def clean(p: Profile) -> Clean:
 
 def export(run: Run, format: str) -> Summary:
     """Clean to release/reddit, or to export/<format>."""
-    write: dict[str, Callable[[Run], Summary]] = {
-        "parquet": partial(parquet.export, source="reddit"),
-        "minedojo": minedojo_reddit.export,
-        "convokit": convokit.export,
-    }
-    return Summary(write[format](run) | incomplete(run.root))
+    if format == "parquet":
+        summary = parquet.export(run, "reddit")
+    else:
+        summary = {"minedojo": minedojo_reddit, "convokit": convokit}[format].export(run)
+    return Summary(summary | incomplete(run.root))

@@ -22,9 +22,10 @@ from kb.export.minedojo_wiki import wiki
 from kb.filters.chain import Chain, Clean, Follow, SideFiles
 from kb.filters.judgement import Predicate
 from kb.filters.predicates import AtLeast, AtMost, Present, Told, Waits
-from kb.store.buckets import Kind
-from kb.wiki import parse, tables
-from kb.wiki.assemble import HELPERS, assemble
+from kb.wiki import tables
+from kb.wiki.assemble import HELPERS, KINDS, assemble
+
+NEEDED = ("page_id", "title", "url", "revision_id", "revision_timestamp")
 
 
 def crawl(run: Run, titles: Path | None = None) -> Summary:
@@ -37,53 +38,29 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
 def stages(p: Profile) -> tuple[Predicate, ...]:
     """What the crawl found out, then what a captured page must be like."""
     most = p.toxicity.threshold("wiki")
+    clear = () if most is None else (AtMost("toxicity", most, stage="toxicity", null_passes=True),)
     return (
         Waits("state", ("unanswered",), stage="missing", reason="unanswered", verdict="failed"),
         Told("missing", stage="missing"),
-        *(
-            Present(column, stage="missing")
-            for column in ("page_id", "title", "url", "revision_id", "revision_timestamp")
-        ),
+        *(Present(column, stage="missing") for column in NEEDED),
         Told("robots", value="said", stage="robots"),
         Told("render", value="said", stage="render"),
         Waits("captured", (False,), stage="render", reason="render"),
         AtLeast("word_count", p.section("wiki").min_words, stage="words"),
-        *(
-            (AtMost("toxicity", most, stage="toxicity", null_passes=True),)
-            if most is not None
-            else ()
-        ),
+        *clear,
     )
 
 
 def clean(p: Profile) -> Clean:
     """Raw answers and captured pages to pages, elements, cells and images."""
+    scores, told = {"text": "toxicity"}, ("title",)
+    also = ("title", "of_page")  # columns that a tombstone may name
+    pages = partial(Chain, "wiki/pages", "key", scores=scores, helpers=HELPERS)
     return Clean(
         source="wiki",
-        kinds={
-            "pages": Kind(
-                parse.pages, key=("of", "name"), bucket="name", prefer="answered", echo="echo"
-            ),
-            "renders": Kind(
-                parse.renders, key=("page_id", "captured", "revision_id", "title"), bucket="page_id"
-            ),
-            "files": Kind(parse.files, key=("key",), named_by=("renders", "files")),
-            "site": Kind(parse.site, key=()),
-            "titles": Kind(parse.nothing, key=()),
-            "imageinfo": Kind(parse.nothing, key=()),
-        },
+        kinds=KINDS,
         assemble=partial(assemble, url=p.section("wiki").url),
-        chains=(
-            Chain(
-                "wiki/pages",
-                "key",
-                stages(p),
-                scores={"text": "toxicity"},
-                helpers=HELPERS,
-                also=("title", "of_page"),
-                told=("title",),
-            ),
-        ),
+        chains=(pages(stages(p), also=also, told=told),),
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
         scorer=toxicity,
         side_files=SideFiles(tables.read_pages, tables.size),

@@ -20,26 +20,14 @@ from kb.core.verdict import Summary
 from kb.export import minedojo, parquet
 from kb.filters.chain import Chain, Clean, Follow
 from kb.filters.judgement import Predicate
-from kb.filters.predicates import AtLeast, AtMost, In, NotTrue, RatioAtLeast, passes
+from kb.filters.predicates import AtLeast, In, NotTrue, RatioAtLeast, none_above, passes
 from kb.filters.topic import Topic
 from kb.filters.transcripts import required
-from kb.store.buckets import Kind
-from kb.youtube import parse
-from kb.youtube.assemble import assemble, unanswered
+from kb.youtube.assemble import HELPERS, KINDS, assemble, unanswered
 
-
-def gate(p: Profile) -> tuple[Predicate, ...]:
-    """What a video of the profile's categories must pass before its transcript is worth three
-    requests.
-    """
-    return (
-        AtLeast("view_count", p.section("youtube").min_views, stage="views"),
-        RatioAtLeast(
-            "width", "height", p.section("youtube").min_aspect_ratio, stage="aspect_ratio"
-        ),
-        AtLeast("duration_s", p.section("youtube").min_duration_s, stage="duration"),
-        NotTrue("age_restricted", stage="age_restricted", reason="age_restricted"),
-    )
+TOLD = ("title", "channel_id", "channel_title")  # of a video that is left out
+SCORES = {"title": "toxicity_title", "description": "toxicity_description"}
+THERE = NotTrue("missing", stage="missing", reason="missing")
 
 
 def crawl(run: Run, only: str | None, ids: Path | None, part: tuple[int, int] | None) -> Summary:
@@ -49,61 +37,49 @@ def crawl(run: Run, only: str | None, ids: Path | None, part: tuple[int, int] | 
     return crawl(run, partial(promising, run.profile), only=only, ids=ids, part=part)
 
 
-def promising(p: Profile, videos: Any) -> list[str]:
-    """Of videos as parsed, the ids that are worth asking for a transcript: of the categories,
-    and through the gate.
+def gate(p: Profile) -> tuple[Predicate, ...]:
+    """What a video of the profile's categories must pass before its transcript is worth three
+    requests.
     """
-    rows = assemble({"videos": videos}, words=word_count_of_lists)["youtube/videos"]
-    stages: tuple[Predicate, ...] = (
-        NotTrue("missing", stage="missing", reason="missing"),
-        In("category_id", p.section("youtube").category_ids, stage="topic"),
-        *gate(p),
+    least = p.section("youtube")
+    return (
+        AtLeast("view_count", least.min_views, stage="views"),
+        RatioAtLeast("width", "height", least.min_aspect_ratio, stage="aspect_ratio"),
+        AtLeast("duration_s", least.min_duration_s, stage="duration"),
+        NotTrue("age_restricted", stage="age_restricted", reason="age_restricted"),
     )
-    return cast("list[str]", rows.filter(passes(stages, rows))["video_id"].to_pylist())
+
+
+def promising(p: Profile, videos: Any) -> list[str]:
+    """Ids of videos that are worth asking for a transcript: of the categories, through the gate."""
+    rows = assemble({"videos": videos}, words=word_count_of_lists)["youtube/videos"]
+    ours = In("category_id", p.section("youtube").category_ids, stage="topic")
+    kept = rows.filter(passes((THERE, ours, *gate(p)), rows))
+    return cast("list[str]", kept["video_id"].to_pylist())
+
+
+def stages(p: Profile) -> tuple[Predicate, ...]:
+    """The paper's, in its order."""
+    section, limit = p.section("youtube"), p.toxicity.threshold("youtube")
+    return (
+        THERE,
+        Topic(section.game_ids, section.category_ids, section.words, gate(p)),
+        *gate(p),
+        *none_above(limit, SCORES, stage="toxicity"),
+        *(required() if section.transcripts == "required" else ()),
+    )
 
 
 def clean(p: Profile) -> Clean:
-    """Raw answers to videos and transcripts, stages in the paper's order."""
-    limit, helpers = (
-        p.toxicity.threshold("youtube"),
-        ("missing", "game_label_id", "game_label", "transcript_outcome"),
-    )
-    scored = {"title": "toxicity_title", "description": "toxicity_description"}
-    stages: tuple[Predicate, ...] = (
-        NotTrue("missing", stage="missing", reason="missing"),
-        Topic(
-            p.section("youtube").game_ids,
-            p.section("youtube").category_ids,
-            p.section("youtube").words,
-            gate(p),
-        ),
-        *gate(p),
-        *(
-            AtMost(column, limit, stage="toxicity", null_passes=True, reason=text)
-            for text, column in scored.items()
-            if limit is not None
-        ),
-        *(required() if p.section("youtube").transcripts == "required" else ()),
+    """Raw answers to videos and transcripts."""
+    videos = Chain(
+        "youtube/videos", "video_id", stages(p), scores=SCORES, helpers=HELPERS, told=TOLD
     )
     return Clean(
         source="youtube",
-        kinds={
-            "videos": Kind(parse.videos, key=("video_id",), bucket="video_id"),
-            "transcripts": Kind(
-                parse.transcripts, key=("video_id",), bucket="video_id", prefer="final"
-            ),
-        },
+        kinds=KINDS,
         assemble=partial(assemble, words=word_count_of_lists),
-        chains=(
-            Chain(
-                "youtube/videos",
-                "video_id",
-                stages,
-                scores=scored,
-                helpers=helpers,
-                told=("title", "channel_id", "channel_title"),
-            ),
-        ),
+        chains=(videos,),
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),
         scorer=toxicity,
         unanswered=unanswered,

@@ -6,35 +6,19 @@ their time.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import sysconfig
 import venv
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from filelock import FileLock
 
 from tests import trap
 from tests.cli.conftest import clean_environment
+from tests.once import once
 
 ROOT = Path(__file__).resolve().parents[1]
-
-
-def _once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
-    """A folder that the first test process makes and all use."""
-    base = factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        base = base.parent
-    folder = base / name
-    with FileLock(base / f"{name}.lock"):
-        if not (folder / ".made").exists():
-            folder.mkdir(exist_ok=True)
-            make(folder)
-            (folder / ".made").touch()
-    return folder
 
 
 @pytest.fixture(scope="session")
@@ -59,7 +43,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
             check=True,
         )
 
-    (built,) = _once(tmp_path_factory, "wheel", build).glob("lorebase-*.whl")
+    (built,) = once(tmp_path_factory, "wheel", build).glob("lorebase-*.whl")
     return built
 
 
@@ -94,7 +78,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
             "\n".join({sysconfig.get_paths()["purelib"], sysconfig.get_paths()["platlib"]}) + "\n"
         )
 
-    return _once(tmp_path_factory, "installed", install) / "venv" / "bin"
+    return once(tmp_path_factory, "installed", install) / "venv" / "bin"
 
 
 def outside() -> dict[str, str]:
@@ -143,4 +127,4 @@ def demo(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
             )
         assert code == 0, (folder / "demo.err").read_text()[-3000:]
 
-    return _once(tmp_path_factory, "demo", run)
+    return once(tmp_path_factory, "demo", run)

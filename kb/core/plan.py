@@ -24,6 +24,23 @@ class Phase(NamedTuple):
     hours: float = 0.0
     gb: float = 0.0
 
+    def of(self, whom: str) -> Phase:
+        """The same phase, with whom it asks."""
+        return self._replace(phase=f"{self.phase} of {whom}")
+
+
+class Part(NamedTuple):
+    """What one source adds to a plan of several."""
+
+    phases: Sequence[Phase] = ()
+    assumed: Sequence[str] = ()
+
+
+def join(command: str, parts: Sequence[Part]) -> dict[str, Any]:
+    """One plan of all parts, in their order."""
+    phases = [phase for part in parts for phase in part.phases]
+    return plan(command, "", phases, [said for part in parts for said in part.assumed])
+
 
 def plan(
     command: str, source: str, phases: Sequence[Phase], assumed: Sequence[str] = (), **more: Any

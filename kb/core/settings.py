@@ -181,6 +181,10 @@ class Settings(BaseSettings):
             self.check_contact()
         return text
 
+    def named(self, field: str) -> str:
+        """The variable of `field`, and whether it is set: for a plan."""
+        return field.upper() if getattr(self, field) is not None else f"{field.upper()} (not set)"
+
     def check_contact(self) -> None:
         """Raises SettingError when a contact is set that nobody could write to or look at."""
         if self.kb_contact and not _CONTACT.search(self.kb_contact):

@@ -4,11 +4,12 @@ tell what was done.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from kb.core.context import Run
-from kb.core.errors import KbError
+from kb.core.errors import Interrupted, KbError, Stopped
 from kb.core.verdict import Summary
 from kb.crawl.loop import Loop
 from kb.crawl.session import Session, open_session
@@ -42,3 +43,40 @@ def work(
             error.summary = summarize(session, loop)
             raise
         return summarize(session, loop)
+
+
+class Parts:
+    """Jobs of one command: one that is stopped does not keep those after it from running.
+
+    Of their summaries the numbers `added` are added up, the first three also where they are
+    nought, and the `rows` of tables are taken over.
+    """
+
+    added = ("requests", "units", "failed", "left", "bad_lines", "truncated_files")
+
+    def __init__(self, command: str, rows: Sequence[str]) -> None:
+        self.summary = Summary(command=command, **dict.fromkeys(self.added[:3], 0))
+        self._rows = rows
+        self._stopped: list[Stopped] = []
+
+    def take(self, job: Callable[..., Summary], *args: Any, **options: Any) -> None:
+        """Run one job. Raises what `job` raises, except that only Interrupted ends the command."""
+        done: Mapping[str, Any]
+        try:
+            done = job(*args, **options)
+        except Interrupted:
+            raise
+        except Stopped as error:
+            done = error.summary or {}
+            self._stopped.append(error)
+        for name in self.added:
+            if done.get(name):
+                self.summary[name] = self.summary.get(name, 0) + done[name]
+        self.summary |= {name: done[name] for name in self._rows if name in done}
+
+    def finish(self) -> Summary:
+        """What was done by all. Raises the first job's Stopped, with that."""
+        if self._stopped:
+            self._stopped[0].summary = self.summary
+            raise self._stopped[0]
+        return self.summary

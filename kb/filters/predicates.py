@@ -8,7 +8,7 @@ read `malformed` with what was found (from the rows' `problems`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,6 +93,17 @@ class AtMost:
         limit = pa.scalar(self.most, values.type)  # a float32 score of 0.5 is no more than 0.5
         needed = () if self.null_passes else (self.column,)
         return compared(rows, values, pc.greater(values, limit), self.reason, self.most, needed)
+
+
+def none_above(limit: float | None, scores: Mapping[str, str], stage: str) -> tuple[Predicate, ...]:
+    """The scores (text → its column) at most `limit`; a text without a score passes, and without
+    a limit every text.
+    """
+    if limit is None:
+        return ()
+    return tuple(
+        AtMost(column, limit, stage, null_passes=True, reason=of) for of, column in scores.items()
+    )
 
 
 @dataclass(frozen=True)

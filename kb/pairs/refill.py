@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
+from kb.core.plan import Part, Phase
 from kb.core.verdict import Summary
 from kb.pairs import source
 from kb.pairs.build import SUMMARY
@@ -31,6 +32,7 @@ from kb.store import parquet, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
+from kb.store.reading import reading
 from kb.store.shards import sorted_shards, write_table
 
 
@@ -42,6 +44,26 @@ def refill(run: Run, index: Path) -> Summary:
     """
     files = source.parts(run.root, index=index)
     return fill(run, _read(index), files, Layout(run.root).pairs)
+
+
+def check(run: Run, indexes: Sequence[Path]) -> None:
+    """Whether these can be restored into one data root. Raises SettingError."""
+    if indexes:
+        run.profile.section("pairs")
+    if len(indexes) > 1:
+        raise SettingError(
+            "several folders of pairs", hint="restore one index at a time, each into its --data"
+        )
+
+
+def plan(indexes: Sequence[Path]) -> Part:
+    """Texts that would be filled in. Raises DamagedData."""
+    if not indexes:
+        return Part()
+    files = [path for index in indexes for path in sorted(index.glob("pairs-*-of-*.parquet"))]
+    with reading(files):
+        rows = sum(pq.read_metadata(path).num_rows for path in files)
+    return Part([Phase("texts of pairs, out of the transcripts", rows)])
 
 
 def restore(run: Run, index: Path, removed: Collection[str]) -> Summary:

@@ -19,9 +19,9 @@ from kb.core.sources import PUBLISHED
 from kb.core.verdict import Summary
 from kb.release import check, checksums, folders, history, measure, provenance, sample
 from kb.release.croissant import croissant
+from kb.release.facts import Facts
 from kb.release.folders import TOMBSTONES, Folder
 from kb.release.licences import KNOWN
-from kb.release.measure import Facts
 from kb.release.metadata import deposit
 from kb.release.pages import card, citation, datasheet, law
 from kb.release.problem import Problem
@@ -47,7 +47,7 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
 def _release(run: Run, only: Sequence[str]) -> Summary:
     found = exported(run, only)
     refuse(check.check(run, found))
-    lacking = " and ".join(provenance.lacking(run.profile))
+    lacking = " and ".join(run.profile.release.unsigned())
     if lacking:
         _log.warning(
             "the profile names no %s; `kb release publish` will refuse what is made without:"

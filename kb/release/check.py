@@ -7,11 +7,9 @@ release` added. An empty list opens the gate. Nothing is written here.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from datetime import timedelta
 from pathlib import Path
 
-import duckdb
 import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import ValidationError
@@ -19,7 +17,7 @@ from pydantic import ValidationError
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
-from kb.release import archives, checksums, columns, personal, scan
+from kb.release import archives, checksums, columns, personal, scan, scored
 from kb.release.folders import DEPOSIT, Folder, Part, released_tables
 from kb.release.licences import KNOWN, licence
 from kb.release.measure import folder_licence, page_licences
@@ -54,7 +52,7 @@ def check(run: Run, folders: list[Folder]) -> list[Problem]:
             problems += archives.check(folder)
             problems += _licence(run, folder)
         if not cleaned:
-            problems += _scores(run, folder, whole)
+            problems += scored.check(run, folder, whole)
         problems += [found for part in whole for found in _age(run, folder.source, part)]
         problems += scan.secrets(folder, run.settings.secret_values())
         problems += personal.personal(folder, run.profile.release)
@@ -169,12 +167,8 @@ def _clean(root: Path, declared: Table) -> list[Problem]:
             parquet.check(path)
             pq.read_metadata(path)
         except (pa.ArrowException, OSError, DamagedData) as error:
-            found.append(damaged(str(path.relative_to(root)), error, _again(declared.source)))
+            found.append(damaged(str(path.relative_to(root)), error, scored.again(declared.source)))
     return found
-
-
-def _again(source: str) -> str:
-    return "run `kb pairs --again`" if source == "pairs" else f"run `kb {source} filter` again"
 
 
 def _rows(paths: list[Path] | tuple[Path, ...]) -> int:
@@ -246,94 +240,22 @@ def _licence(run: Run, folder: Folder) -> list[Problem]:
     return found
 
 
-def _scores(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
-    """Every text that the source has must have been scored,
-    in clean/ and as released; `toxicity_<text>` belongs to `<text>`.
-    """
-    shards = {part.table.name: part.shards for part in whole}
-    found = []
-    for declared in released_tables(folder.source):
-        where = f"{folder.source}/{declared.short}"
-        clean = _unscored(Layout(run.root).rows(declared.name), declared, set(declared.names()))
-        released = _unscored(
-            shards.get(declared.name, ()), declared, set(declared.names(released=True))
-        )
-        if isinstance(clean, Problem):
-            found.append(clean)
-            continue
-        again = (
-            f"run `kb {folder.source} filter` and `kb {folder.source} export` again"
-            if run.profile.toxicity.on
-            else "the release is incomplete, toxicity is off in the profile"
-        )
-        found += [
-            Problem("toxicity", where, f"{rows:,} rows have no toxicity score of {text}; {again}")
-            for text, rows in clean.items()
-        ]
-        if not isinstance(released, Problem):
-            found += [
-                Problem(
-                    "toxicity",
-                    where,
-                    f"{rows:,} released rows have no toxicity score of {text};"
-                    " run the export again",
-                )
-                for text, rows in released.items()
-                if rows > clean.get(text, 0)
-            ]
-    return found
-
-
-def _unscored(files: Sequence[Path], declared: Table, names: set[str]) -> dict[str, int] | Problem:
-    """Text → rows with that text and without its score."""
-    scores = [
-        name
-        for name in sorted(names)
-        if name.startswith("toxicity_") and name.removeprefix("toxicity_") in names
-    ]
-    tests = {
-        name.removeprefix(
-            "toxicity_"
-        ): f'length(trim("{name.removeprefix("toxicity_")}")) > 0 AND "{name}" IS NULL'
-        for name in scores
-    }
-    if {"toxicity", "word_count"} <= names:
-        tests["the page's text"] = "word_count > 0 AND toxicity IS NULL"
-    if not files or not tests:
-        return {}
-    counts = ", ".join(f"count(*) FILTER (WHERE {test})" for test in tests.values())
-    try:
-        with database.connect() as con:
-            row = (
-                con.execute(
-                    f"SELECT {counts} FROM read_parquet(?)", [[str(path) for path in files]]
-                ).fetchone()
-                or ()
-            )
-    except duckdb.Error as error:
-        return damaged(f"clean rows of {declared.name}", error, _again(declared.source))
-    return {text: rows for text, rows in zip(tests, row, strict=True) if rows}
-
-
-def max_age_days(run: Run, source: str) -> int | None:
+def _max_age_days(run: Run, source: str) -> int | None:
     """How old rows may be: the source's own number first, then the release's."""
     section = getattr(run.profile, source, None)
     return getattr(section, "max_age_days", None) or run.profile.release.max_age_days
 
 
 def _age(run: Run, source: str, part: Part) -> list[Problem]:
-    days = max_age_days(run, source)
+    days = _max_age_days(run, source)
     if days is None or "fetched_at" not in part.table.names(released=True):
         return []
     limit = clock.now() - timedelta(days=days)
-    row = (
-        database.connect()
-        .execute(
+    with database.asking() as con:
+        row = con.execute(
             "SELECT count(*), min(fetched_at)::DATE FROM read_parquet(?) WHERE fetched_at < ?",
             [[str(path) for path in part.shards], limit],
-        )
-        .fetchone()
-    )
+        ).fetchone()
     if not row or not row[0]:
         return []
     what = f"{row[0]:,} rows were read more than {days} days ago (the oldest on {row[1]})"

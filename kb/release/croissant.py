@@ -12,8 +12,8 @@ from typing import Any
 
 from kb.core.context import Run
 from kb.release.about import about
+from kb.release.facts import Facts, File, TableFacts
 from kb.release.licences import licence
-from kb.release.measure import Facts, File, TableFacts
 from kb.release.pages import bibtex
 from kb.release.texts import SANDBOX_NOTE, day, language, name
 

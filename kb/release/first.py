@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from kb import __version__
-from kb.release.measure import ColumnFacts, Facts
+from kb.release.facts import ColumnFacts, Facts
 
 WIDTH = 40  # of the longest bar, in characters
 # The stages of the filters in their order, posts' and comments' together.

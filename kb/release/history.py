@@ -15,8 +15,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
+from kb.release.facts import Facts
 from kb.release.folders import Folder
-from kb.release.measure import Facts
 from kb.store import database, parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout, parquet_files
@@ -94,7 +94,7 @@ def _number(version: str) -> tuple[int, ...]:
 def _keys(folder: Folder) -> pa.Table:
     """table, key (a digest of the row's key) of every row, sorted."""
     parts = []
-    with database.connect() as con:
+    with database.asking() as con:
         for part in folder.parts:
             columns = ", ".join(f'"{name}"::VARCHAR' for name in part.table.key)
             found: pa.Table = con.sql(

@@ -1,113 +1,33 @@
-"""What a release folder measures: the figures that its card, datasheet and metadata are made of.
+"""How a release folder is measured (kb.release.facts).
 
 Only counts, extremes and medians over the whole data: the same data gives the same figures.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import pyarrow.parquet as pq
 from duckdb import DuckDBPyConnection
 
 from kb.core.context import Run
+from kb.release.facts import ColumnFacts, Facts, File, TableFacts
 from kb.release.folders import Folder, Part, released_tables
 from kb.release.gaps import gaps
 from kb.release.licences import KNOWN
 from kb.release.personal import personal_counts
-from kb.schema import Column, Table
+from kb.schema import Column
 from kb.store import complete, database, parquet, tombstones
 from kb.store.digests import digest
 from kb.store.layout import Layout, parquet_files
-from kb.store.reading import SANDBOX_MODEL, filtered
+from kb.store.reading import filtered
 from kb.store.tally import VERDICTS
 
 _TOPS = 8
 # DuckDB hands out times with a zone only where pytz is installed.
 _LOW, _HIGH = "min({} AT TIME ZONE 'UTC')", "max({} AT TIME ZONE 'UTC')"
-
-
-@dataclass(frozen=True, slots=True)
-class ColumnFacts:
-    """One column: `low`, `middle` (median) and `high` of numbers and times,
-    `top` values of categories.
-    """
-
-    column: Column
-    nulls: int
-    low: Any = None
-    middle: Any = None
-    high: Any = None
-    top: tuple[tuple[str, int], ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class File:
-    """A data file: bytes, rows (None when it is no table) and SHA-256."""
-
-    name: str
-    size: int
-    rows: int | None
-    sha256: str
-
-
-@dataclass(frozen=True, slots=True)
-class TableFacts:
-    """One table of the folder."""
-
-    table: Table
-    rows: int
-    files: tuple[File, ...]
-    columns: tuple[ColumnFacts, ...]
-
-    @property
-    def size(self) -> int:
-        """Bytes of all shards."""
-        return sum(file.size for file in self.files)
-
-
-@dataclass(frozen=True, slots=True)
-class Facts:
-    """All of a folder. `rejected` is (stage, reason) → rows; `spans` are dates of the material
-    itself.
-
-    `gaps` are sentences on what these very rows lack.
-    """
-
-    source: str
-    built: datetime
-    tables: tuple[TableFacts, ...]
-    others: tuple[File, ...]
-    licence: str
-    licences: tuple[tuple[str, int], ...]
-    read: tuple[datetime, datetime] | None
-    made: tuple[datetime, datetime] | None
-    rejected: tuple[tuple[str, str, int], ...]
-    failed: int
-    pending: int
-    models: tuple[tuple[str, str, str], ...]
-    tombstones: int
-    personal: dict[tuple[str, str], tuple[int, int, int]] = field(default_factory=dict)
-    gaps: tuple[str, ...] = ()
-
-    @property
-    def rows(self) -> int:
-        """Rows of all tables."""
-        return sum(table.rows for table in self.tables)
-
-    @property
-    def size(self) -> int:
-        """Bytes of all data files."""
-        return sum(table.size for table in self.tables) + sum(file.size for file in self.others)
-
-    @property
-    def sandbox(self) -> bool:
-        """Whether the sandbox's tiny model scored any of it."""
-        return any(model == SANDBOX_MODEL for model, _, _ in self.models)
 
 
 def measure(run: Run, folder: Folder) -> Facts:
@@ -146,7 +66,7 @@ def measure(run: Run, folder: Folder) -> Facts:
 
 def folder_licence(run: Run, folder: Folder) -> str:
     """SPDX id of the folder's licence; empty when neither data nor profile give one."""
-    with database.connect() as con:
+    with database.asking() as con:
         return _choose(con, run, folder)
 
 
@@ -155,7 +75,7 @@ def page_licences(folder: Folder) -> tuple[list[str], int]:
     and how many rows name none; nothing for other sources.
     """
     named: dict[str | None, int] = {}
-    with database.connect() as con:
+    with database.asking() as con:
         for part in folder.parts if folder.source == "wiki" else ():
             if part.table.short == "pages":
                 files = [str(shard) for shard in part.shards]
@@ -182,7 +102,7 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     if not files or "toxicity" in said:  # "not scored"
         return ()
     parquet.check(*files)
-    with database.connect() as con:
+    with database.asking() as con:
         if "model" not in said:
             return tuple(
                 con.execute(

@@ -13,9 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from kb.core.context import Run
 from kb.release.about import about
+from kb.release.facts import Facts
 from kb.release.languages import three_letters
 from kb.release.licences import licence
-from kb.release.measure import Facts
 from kb.release.provenance import software_address
 from kb.release.texts import SANDBOX_NOTE, day, language, name, size, span
 

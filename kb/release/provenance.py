@@ -11,7 +11,6 @@ import hashlib
 import importlib.metadata
 import json
 import re
-import tomllib
 from functools import cache
 from typing import Any
 
@@ -158,21 +157,6 @@ def keyword_text(profile: Profile) -> str:
         lines.append(f"# {name}")
         lines += [line for line in text.splitlines() if line.rstrip() != _COLUMNS]
     return "\n".join(lines) + "\n"
-
-
-def unsigned(text: str) -> list[str]:
-    """What a profile lacks to say who made a release: "a creator", "a contact"."""
-    section = tomllib.loads(text).get("release", {})
-    creators = any(one.get("name") for one in section.get("creators", []))
-    contact = section.get("contact") or section.get("homepage")
-    return ([] if creators else ["a creator"]) + ([] if contact else ["a contact"])
-
-
-def lacking(profile: Profile) -> list[str]:
-    """The same of a profile in use."""
-    section = profile.release
-    found = [] if "creators" in section.model_fields_set else ["a creator"]
-    return found + ([] if section.contact or section.homepage else ["a contact"])
 
 
 def _file(profile: Profile) -> str:

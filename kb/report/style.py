@@ -13,14 +13,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-BLUE, ORANGE, GREEN, RED, SKY, PURPLE, YELLOW = (
+BLUE, ORANGE, GREEN, RED, SKY, PURPLE = (
     "#0072B2",
     "#E69F00",
     "#009E73",
     "#D55E00",
     "#56B4E9",
     "#CC79A7",
-    "#F0E442",
 )
 INK, GREY, PALE = "#1F2933", "#52606D", "#D9E2EC"
 FONT = "DejaVu Sans"  # comes with matplotlib: the same letters everywhere

@@ -8,6 +8,7 @@ may have been purged since, so kb.store.leftovers asks `abandoned` and clears it
 
 from __future__ import annotations
 
+import functools
 import os
 import tempfile
 from pathlib import Path
@@ -37,9 +38,28 @@ def connect(
     if memory is not None:
         config["memory_limit"] = memory
     con = duckdb.connect(config=config)
+    _set(con)
+    return con
+
+
+def asking() -> duckdb.DuckDBPyConnection:
+    """A connection to the one DuckDB of this process, for a question that leaves no table or view
+    behind: opening one of its own costs more than most questions.
+    """
+    con = _own(os.getpid()).cursor()
+    _set(con)
+    return con
+
+
+@functools.cache
+def _own(pid: int) -> duckdb.DuckDBPyConnection:
+    """Of the process `pid`: a forked one has none of the threads of its parent's."""
+    return connect()
+
+
+def _set(con: duckdb.DuckDBPyConnection) -> None:
     con.execute("SET TimeZone = 'UTC'")
     con.execute("SET enable_progress_bar = false")
-    return con
 
 
 def _spill(root: Path | None) -> Path:

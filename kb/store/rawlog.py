@@ -17,7 +17,7 @@ import re
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import msgspec
 import zstandard
@@ -25,13 +25,12 @@ import zstandard
 from kb.core.errors import DamagedData
 from kb.net import redact
 from kb.store.atomic import full_disk_is_resumable, sync_folder
+from kb.store.frames import whole
 from kb.store.layout import Layout
 
 SUFFIX = ".ndjson.zst"
 OPEN = SUFFIX + ".open"
 SEGMENT_BYTES = 64 << 20
-_MAGIC = b"\x28\xb5\x2f\xfd"
-_CHUNK = 1 << 16  # small, as the rest of a chunk is copied once for each frame in it
 
 
 class Request(msgspec.Struct):
@@ -119,7 +118,7 @@ class Frames:
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
         at = self.good
         with self.path.open("rb") as file:
-            for start, end, line in _frames(file, at):
+            for start, end, line in whole(file, at):
                 if self._checked and not _is_envelope(line):
                     continue
                 if start > self.good:
@@ -147,62 +146,6 @@ def _damaged(path: Path, at: int) -> DamagedData:
     )
     error.path = path  # type: ignore[attr-defined]
     return error
-
-
-def _frames(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:
-    """(start, end, content) of every whole frame from `at` on, whatever lies between them."""
-    engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
-    file.seek(at)
-    rest = file.read(_CHUNK)
-    while rest:
-        found = _frame(engine, file, rest)
-        if found is None:
-            following = _next_frame(file, at + 1)
-            if following is None:
-                return
-            at = following
-            file.seek(at)
-            rest = file.read(_CHUNK)
-            continue
-        content, used, rest = found
-        yield at, at + used, content
-        at += used
-        rest = rest or file.read(_CHUNK)
-
-
-def _frame(
-    engine: zstandard.ZstdDecompressor, file: BinaryIO, rest: bytes
-) -> tuple[bytes, int, bytes] | None:
-    """A frame that begins with `rest`: content, size, and what was read behind it;
-    None: damaged.
-    """
-    frame = engine.decompressobj()
-    parts, used = [], 0
-    while rest:
-        try:
-            parts.append(frame.decompress(rest))
-        except (zstandard.ZstdError, MemoryError):
-            return None
-        used += len(rest) - len(frame.unused_data)
-        rest = frame.unused_data
-        if frame.eof:
-            return b"".join(parts), used, rest
-        rest = file.read(_CHUNK)
-    return None
-
-
-def _next_frame(file: BinaryIO, at: int) -> int | None:
-    """The offset of the next bytes that may begin a frame, at `at` or behind it."""
-    file.seek(at)
-    held = b""
-    while chunk := file.read(_CHUNK):
-        held += chunk
-        place = held.find(_MAGIC)
-        if place >= 0:
-            return at + place
-        known = max(0, len(held) - len(_MAGIC) + 1)
-        at, held = at + known, held[known:]
-    return None
 
 
 def _is_envelope(line: bytes) -> bool:

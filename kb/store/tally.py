@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from kb.store.database import connect
+from kb.store.database import asking
 from kb.store.layout import parquet_files
 from kb.store.reading import reading, scan
 
@@ -52,6 +52,6 @@ def _keys(folder: Path, tables: Mapping[str, str], where: str = "true") -> dict[
         return {}
     sums = ", ".join("count(*) FILTER (starts_with(key, ?))" for _ in tables)
     sql = f"SELECT {sums} FROM {scan(found)} WHERE {where}"
-    with reading(found), connect() as con:
+    with reading(found), asking() as con:
         counts = con.execute(sql, list(tables.values())).fetchone() or ()
     return dict(zip(tables, counts, strict=False))

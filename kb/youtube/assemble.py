@@ -10,10 +10,17 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.schema.tables import table
+from kb.store.buckets import Kind
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
+from kb.youtube import parse
 
 VIDEOS = "videos"  # kind in the frontier
+HELPERS = ("missing", "game_label_id", "game_label", "transcript_outcome")
+KINDS = {
+    "videos": Kind(parse.videos, key=("video_id",), bucket="video_id"),
+    "transcripts": Kind(parse.transcripts, key=("video_id",), bucket="video_id", prefer="final"),
+}
 WATCH = "https://www.youtube.com/watch?v="
 
 

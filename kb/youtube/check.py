@@ -147,19 +147,8 @@ class Check(YouTube):
 
     def summary(self, session: Session, loop: Loop) -> Summary:
         """What this run asked, and what is left."""
-        counts = session.frontier.counts(CHECKS)
-        requests, units = session.requests()
-        return Summary(
-            command="youtube check",
-            source="youtube",
-            counted="videos",
-            crawled=self.counts["crawled"],
-            missing=self.counts["missing"],
-            failed=counts.get("error", 0),
-            requests=requests,
-            units=units,
-            left=session.frontier.waiting(CHECKS),
-        )
+        asked = self.of_known("youtube check", session, CHECKS)
+        return Summary(asked, left=session.frontier.waiting(CHECKS))
 
 
 def _verdict(shown: Any, listed: Said) -> tuple[str, str]:

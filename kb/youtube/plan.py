@@ -60,11 +60,7 @@ def plan(run: Run, ids: Path | None = None, part: tuple[int, int] | None = None)
         "videos": math.ceil(left["videos"] / PACK),
     }
     general = calls["playlist_items"] + calls["videos"]
-    hours = (
-        0.0
-        if is_loopback(run.settings.kb_youtube_web or "")
-        else left["transcripts"] / profile.transcripts_per_hour
-    )
+    hours = _hours(run, left["transcripts"])
     sizes = _bytes_each(run, state)
     answers = {
         RAW_SEARCH: calls["search"],
@@ -101,6 +97,24 @@ def plan(run: Run, ids: Path | None = None, part: tuple[int, int] | None = None)
             units_left_today=max(0, profile.units_per_day - state["spent"]["general"]),
         )
     )
+
+
+def phases_of_known(run: Run, videos: int) -> list[Phase]:
+    """So many videos by their ids, and a transcript of each."""
+    calls, asked = math.ceil(videos / PACK), videos * REQUESTS_A_TRANSCRIPT
+    gb = {RAW_VIDEOS: calls * BYTES[RAW_VIDEOS] / 1e9}
+    gb[RAW_TRANSCRIPTS] = videos * BYTES[RAW_TRANSCRIPTS] / 1e9
+    return [
+        Phase("videos", videos, calls, calls, gb=gb[RAW_VIDEOS]),
+        Phase("transcripts", videos, asked, 0, _hours(run, videos), gb[RAW_TRANSCRIPTS]),
+    ]
+
+
+def _hours(run: Run, transcripts: int) -> float:
+    """At the profile's pace; on loopback nothing is waited for."""
+    if is_loopback(run.settings.kb_youtube_web or ""):
+        return 0.0
+    return transcripts / run.profile.section("youtube").transcripts_per_hour
 
 
 def _state(run: Run) -> dict[str, Any]:

@@ -124,18 +124,6 @@ class Refresh(YouTube):
 
     def summary(self, session: Session, loop: Loop) -> Summary:
         """What was read again, and what is left."""
-        requests, units = session.requests()
-        counts = session.frontier.counts(REFRESH)
-        left = vocabulary.left_by("youtube", {REFRESH: counts})
-        return Summary(
-            command="refresh youtube",
-            source="youtube",
-            counted="videos",
-            crawled=self.counts["crawled"],
-            missing=self.counts["missing"],
-            failed=counts.get("error", 0),
-            requests=requests,
-            units=units,
-            left=sum(left.values()),
-            left_by=left,
-        )
+        left = vocabulary.left_by("youtube", {REFRESH: session.frontier.counts(REFRESH)})
+        asked = self.of_known("refresh youtube", session, REFRESH)
+        return Summary(asked, left=sum(left.values()), left_by=left)

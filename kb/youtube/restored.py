@@ -23,6 +23,7 @@ import pyarrow.parquet as pq
 
 from kb.core.context import Run
 from kb.core.errors import Interrupted, Stopped
+from kb.core.plan import Part
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.source import Opened
@@ -32,6 +33,7 @@ from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.reading import reading
 from kb.store.shards import write_table
+from kb.youtube.plan import REQUESTS_A_TRANSCRIPT, phases_of_known
 from kb.youtube.source import YouTube
 
 # In the order of writing: a video whose row is there is not asked for again.
@@ -64,6 +66,16 @@ def found(root: Path) -> Found:
     return Found(there, set(cast("list[str]", gone["key"].to_pylist())))
 
 
+def plan(run: Run, ids: Collection[str], gone: Collection[str]) -> Part:
+    """What would be asked for, with which key. Sends and writes nothing."""
+    if not ids:
+        return Part()
+    videos, transcripts = phases_of_known(run, len(left(run, ids, gone)))
+    key = run.settings.named("youtube_api_key")
+    phases = [videos.of(f"YouTube's Data API, {key}"), transcripts.of("youtube.com, no key")]
+    return Part(phases, [f"{REQUESTS_A_TRANSCRIPT} requests a transcript"])
+
+
 def left(run: Run, ids: Iterable[str], gone: Collection[str]) -> list[str]:
     """Those of the ids that have to be asked for, in their order."""
     known = Found(set(), set()) if run.again else found(run.root)
@@ -75,11 +87,18 @@ def left(run: Run, ids: Iterable[str], gone: Collection[str]) -> list[str]:
     ]
 
 
+def check(run: Run, ids: Collection[str], gone: Collection[str]) -> None:
+    """What is needed, before anything is sent. Raises SettingError, MissingCredential."""
+    if ids:
+        run.profile.section("youtube")
+    if left(run, ids, gone):
+        run.settings.need("youtube_api_key")
+
+
 def bring(
     run: Run,
     ids: Iterable[str],
     sort: Callable[[Run], object],
-    *,
     gone: Collection[str] = (),
     had: Mapping[str, str] | None = None,
 ) -> Summary:

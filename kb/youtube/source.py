@@ -236,6 +236,20 @@ class YouTube(Plain):
             left_by=left,
         )
 
+    def of_known(self, command: str, session: Session, kind: str) -> Summary:
+        """What a run over known videos did, `kind` of the frontier; what is left is not in it."""
+        requests, units = session.requests()
+        return Summary(
+            command=command,
+            source="youtube",
+            counted="videos",
+            crawled=self.counts["crawled"],
+            missing=self.counts["missing"],
+            failed=session.frontier.counts(kind).get("error", 0),
+            requests=requests,
+            units=units,
+        )
+
     def check_keywords(self, summary: dict[str, Any]) -> None:
         """Name keywords that find no channel. Raises FatalError where none finds any."""
         error = no_channel(self.run, self._barren, summary["channels"])

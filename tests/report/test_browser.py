@@ -9,20 +9,13 @@ from typing import Any
 
 import pytest
 
-from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
-from kb.report.build import report
 from tests.conftest import skip_or_fail
-from tests.release.made import build
 
 SIZES = {"phone": (390, 844, True), "small phone": (320, 640, True), "desk": (1280, 900, False)}
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    root = build(tmp_path_factory.mktemp("data"), export=False, n=60)
-    report(Run(load_settings(dotenv=False), load_profile("minecraft"), root))
+@pytest.fixture
+def page(root: Path) -> Path:
     return root / "report" / "index.html"
 
 
@@ -60,7 +53,7 @@ def test_readable_without_scrolling_sideways(browser: Any, page: Path, name: str
         "return [...document.querySelectorAll('figure img')].map(i => [i.complete, i.naturalWidth,"
         " i.getBoundingClientRect().width, i.alt.length, i.parentElement.id])"
     )
-    assert len(pictures) == 24  # all but the quota, which this root has no ledger for
+    assert len(pictures) == 25
     assert all(complete and natural > 0 and alt > 20 for complete, natural, _, alt, _ in pictures)
     assert all(shown <= width for _, _, shown, _, _ in pictures)
     # Points of a figure's own width: what a label's letters measure on the screen. The wiki page in

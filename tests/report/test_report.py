@@ -4,9 +4,11 @@ and what is missing is said.
 
 from __future__ import annotations
 
+import functools
 import json
 import re
 import time
+from collections.abc import Callable
 from datetime import timedelta
 from io import BytesIO
 from pathlib import Path
@@ -61,27 +63,6 @@ FIGURES = {
 
 def a_run(root: Path, workers: int = 1) -> Run:
     return Run(load_settings(dotenv=False), load_profile("minecraft"), root, workers=workers)
-
-
-@pytest.fixture(scope="module")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from PIL import Image, ImageDraw
-
-    root = build(tmp_path_factory.mktemp("data"), export=False, n=120)
-    for page in range(1, 13):
-        picture = Image.new("RGB", (1280, 900), "white")
-        ImageDraw.Draw(picture).text((40, 40), f"page {page}", fill="black")
-        path = root / "raw" / "wiki" / "pages" / f"{page}.png"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        picture.save(path)
-    frontier = Frontier(root / "state" / "youtube.sqlite")
-    for day in (1, 2, 3):
-        for _ in range(day):
-            frontier.spend("search", 1, "search.list", f"2026-11-0{day}")
-            frontier.spend("general", 5, "videos.list", f"2026-11-0{day}")
-    frontier.close()
-    report(a_run(root))
-    return root
 
 
 def test_every_figure_is_there_as_svg_png_and_pdf(root: Path) -> None:
@@ -179,18 +160,6 @@ def test_word_cloud_counts_rows_not_mentions(root: Path) -> None:
         for row in rows(120)["reddit/posts"]
     ]
     assert found["honey"] == sum("honey" in words for words in texts)
-
-
-def test_missing_sources_are_said_in_a_line(tmp_path: Path) -> None:
-    build(tmp_path, sources=("youtube",), export=False, n=30)
-    summary = report(a_run(tmp_path))
-    page = (tmp_path / "report" / "index.html").read_text()
-    assert summary["without"] == "Wiki, Reddit, Video-text pairs, Services"
-    assert (
-        "No data of Reddit yet: run `kb reddit crawl` or `kb reddit import FILE`,"
-        " then `kb reddit filter`."
-    ) in page
-    assert "No data of YouTube" not in page
 
 
 def test_an_empty_root_gives_a_page_that_says_so(tmp_path: Path) -> None:
@@ -366,13 +335,35 @@ def test_a_table_of_one_row_with_nothing_in_it(tmp_path: Path) -> None:
     assert not {"youtube-dates", "youtube-channels", "youtube-videos-toxicity"} & made
 
 
+@pytest.fixture(scope="module")
+def of_one(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[str, Any]]:
+    """of_one(source): the page of a root that has this source alone, and the summary."""
+
+    @functools.cache
+    def make(source: str) -> tuple[str, Any]:
+        root = tmp_path_factory.mktemp(source)
+        build(root, sources=(source,), export=False, n=20)
+        summary = report(a_run(root))
+        return (root / "report" / "index.html").read_text(), summary
+
+    return make
+
+
 @pytest.mark.parametrize("source", ["youtube", "wiki", "reddit", "pairs"])
-def test_a_root_of_one_source(tmp_path: Path, source: str) -> None:
-    build(tmp_path, sources=(source,), export=False, n=20)
-    report(a_run(tmp_path))
-    page = (tmp_path / "report" / "index.html").read_text()
+def test_a_root_of_one_source(of_one: Callable[[str], tuple[str, Any]], source: str) -> None:
+    page, _ = of_one(source)
     assert page.count("No data of") == 3
     assert "may not be passed on" in page
+
+
+def test_missing_sources_are_said_in_a_line(of_one: Callable[[str], tuple[str, Any]]) -> None:
+    page, summary = of_one("youtube")
+    assert summary["without"] == "Wiki, Reddit, Video-text pairs, Services"
+    assert (
+        "No data of Reddit yet: run `kb reddit crawl` or `kb reddit import FILE`,"
+        " then `kb reddit filter`."
+    ) in page
+    assert "No data of YouTube" not in page
 
 
 def test_the_page_says_that_its_texts_may_not_be_passed_on(root: Path, tmp_path: Path) -> None:

@@ -89,6 +89,11 @@ class Release(Section):
         4.0, gt=0, le=50, description="size of the sample beside the shards, in megabytes"
     )
 
+    def unsigned(self) -> list[str]:
+        """What it lacks to say who made a release: "a creator", "a contact"."""
+        creator = [] if "creators" in self.model_fields_set else ["a creator"]
+        return creator + ([] if self.contact or self.homepage else ["a contact"])
+
     @field_validator("licenses")
     @classmethod
     def _known_sources(cls, value: dict[str, str]) -> dict[str, str]:

@@ -269,10 +269,11 @@ def _release(profile: Profile) -> Iterator[Said]:
     if not profile.toxicity.on:
         said = "'toxicity' is off: no text is scored"
         yield NOTE, "toxicity", said, "the release gate reports it as incomplete"
-    if not profile.release.contact and not profile.release.homepage:
+    unsigned = profile.release.unsigned()
+    if "a contact" in unsigned:
         said = "'release.contact' is not set"
         yield NOTE, "", said, "where removal requests go; a published data set needs one"
-    if "creators" not in profile.release.model_fields_set:
+    if "a creator" in unsigned:
         said = "'release.creators' is not set"
         yield NOTE, "", said, "who made the data set; a published one needs that"
 

@@ -1,0 +1,41 @@
+"""Posts and comments that `kb restore` brings back by their names: what it takes, and doing it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+from kb.core.context import Run
+from kb.core.plan import Part, Phase
+from kb.core.verdict import Summary
+from kb.reddit.plan import plan_rebuild
+from kb.reddit.reconstruction import need_key, rebuild
+from kb.store.layout import Layout
+
+
+def check(run: Run, folders: Sequence[Path], dumps: Sequence[Path]) -> None:
+    """What is needed. Raises SettingError, MissingCredential."""
+    if folders:
+        run.profile.section("reddit")
+        if not dumps:
+            need_key(run)
+
+
+def bring(
+    run: Run, folders: Sequence[Path], dumps: Sequence[Path], gone: Collection[str]
+) -> Summary:
+    """Read what released folders name into restored/reddit. `gone` were purged elsewhere.
+
+    Raises as `rebuild`.
+    """
+    place = Layout(run.root).restored("reddit")
+    return rebuild(run, [*folders], place, dumps=dumps, gone=gone)
+
+
+def plan(run: Run, folders: Sequence[Path], dumps: Sequence[Path]) -> Part:
+    """What would be asked for, of whom. Raises SettingError."""
+    if not folders:
+        return Part()
+    whom = "dumps, no key" if dumps else f"Reddit, {run.settings.named('reddit_client_id')}"
+    summary = plan_rebuild(run, [*folders], dumps)
+    return Part([Phase(**one).of(whom) for one in summary["phases"]], [str(summary["assumed"])])

@@ -1,0 +1,89 @@
+"""The gate's question whether every text was scored."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import duckdb
+
+from kb.core.context import Run
+from kb.release.folders import Folder, Part, released_tables
+from kb.release.problem import Problem, damaged
+from kb.schema import Table
+from kb.store import database
+from kb.store.layout import Layout
+
+
+def check(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
+    """Every text that the source has must have been scored,
+    in clean/ and as released; `toxicity_<text>` belongs to `<text>`.
+    """
+    shards = {part.table.name: part.shards for part in whole}
+    found = []
+    for declared in released_tables(folder.source):
+        where = f"{folder.source}/{declared.short}"
+        clean = _unscored(Layout(run.root).rows(declared.name), declared, set(declared.names()))
+        released = _unscored(
+            shards.get(declared.name, ()), declared, set(declared.names(released=True))
+        )
+        if isinstance(clean, Problem):
+            found.append(clean)
+            continue
+        command = (
+            f"run `kb {folder.source} filter` and `kb {folder.source} export` again"
+            if run.profile.toxicity.on
+            else "the release is incomplete, toxicity is off in the profile"
+        )
+        found += [
+            Problem("toxicity", where, f"{rows:,} rows have no toxicity score of {text}; {command}")
+            for text, rows in clean.items()
+        ]
+        if not isinstance(released, Problem):
+            found += [
+                Problem(
+                    "toxicity",
+                    where,
+                    f"{rows:,} released rows have no toxicity score of {text};"
+                    " run the export again",
+                )
+                for text, rows in released.items()
+                if rows > clean.get(text, 0)
+            ]
+    return found
+
+
+def _unscored(files: Sequence[Path], declared: Table, names: set[str]) -> dict[str, int] | Problem:
+    """Text → rows with that text and without its score."""
+    scores = [
+        name
+        for name in sorted(names)
+        if name.startswith("toxicity_") and name.removeprefix("toxicity_") in names
+    ]
+    tests = {
+        name.removeprefix(
+            "toxicity_"
+        ): f'length(trim("{name.removeprefix("toxicity_")}")) > 0 AND "{name}" IS NULL'
+        for name in scores
+    }
+    if {"toxicity", "word_count"} <= names:
+        tests["the page's text"] = "word_count > 0 AND toxicity IS NULL"
+    if not files or not tests:
+        return {}
+    counts = ", ".join(f"count(*) FILTER (WHERE {test})" for test in tests.values())
+    try:
+        with database.asking() as con:
+            row = (
+                con.execute(
+                    f"SELECT {counts} FROM read_parquet(?)", [[str(path) for path in files]]
+                ).fetchone()
+                or ()
+            )
+    except duckdb.Error as error:
+        return damaged(f"clean rows of {declared.name}", error, again(declared.source))
+    return {text: rows for text, rows in zip(tests, row, strict=True) if rows}
+
+
+def again(source: str) -> str:
+    """How the clean rows of a source are made again."""
+    return "run `kb pairs --again`" if source == "pairs" else f"run `kb {source} filter` again"
