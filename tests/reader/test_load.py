@@ -26,8 +26,10 @@ RELEASED = {
     "reddit_posts",
     "wiki_cells",
     "wiki_elements",
+    "wiki_facts",
     "wiki_images",
     "wiki_pages",
+    "wiki_recipes",
     "youtube_videos",
 }
 
