@@ -24,6 +24,7 @@ from kb.filters.judgement import Predicate
 from kb.filters.predicates import AtLeast, AtMost, Present, Told, Waits
 from kb.wiki import tables
 from kb.wiki.assemble import HELPERS, KINDS, assemble
+from kb.wiki.shown import Rules
 
 NEEDED = ("page_id", "title", "url", "revision_id", "revision_timestamp")
 
@@ -52,7 +53,9 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
 
 
 def clean(p: Profile) -> Clean:
-    """Raw answers and captured pages to pages, elements, cells and images."""
+    """Raw answers and captured pages to pages, elements, cells, images, facts and recipes."""
+    markup = p.section("wiki").markup
+    rules = Rules(markup.units, markup.item)
     scores, told = {"text": "toxicity"}, ("title",)
     also = ("title", "of_page")  # columns that a tombstone may name
     pages = partial(Chain, "wiki/pages", "key", scores=scores, helpers=HELPERS)
@@ -63,7 +66,7 @@ def clean(p: Profile) -> Clean:
         chains=(pages(stages(p), also=also, told=told),),
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
         scorer=toxicity,
-        side_files=SideFiles(tables.read_pages, tables.size),
+        side_files=SideFiles(partial(tables.read_pages, rules=rules), tables.size),
     )
 
 

@@ -95,6 +95,8 @@ WORDS: dict[str, Word] = {
     "elements": Word("Elements of pages.", "{n} elements"),
     "cells": Word("Cells of tables.", "{n} cells"),
     "images": Word("Images.", "{n} images"),
+    "facts": Word("Fields of infoboxes.", "{n} facts"),
+    "recipes": Word("Slots of recipes, each thing in them a row.", "{n} slots of recipes"),
     "wiki crawl.images": Word("Image files that were fetched, of all runs.", "{n} image files"),
     "images_failed": Word(
         "Image files that could not be fetched.", "{n} image files not to be had"

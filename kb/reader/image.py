@@ -7,7 +7,7 @@ import io
 import json
 import struct
 import tarfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -33,8 +33,22 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _AGAIN = "download it again, into the same folder"
 
 
+class Line(NamedTuple):
+    """The box of one line of a text, in CSS pixels of the screenshot's page."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+
 class Box(NamedTuple):
-    """An element's box in CSS pixels of the screenshot's page."""
+    """An element's box in CSS pixels of the screenshot's page.
+
+    `lines`: of a visible text the box of each of its lines, from the top. They leave out what
+    floats beside the text, which its own box covers as well. None where there are none: other
+    kinds, and pages of before lines were read.
+    """
 
     element_id: int
     kind: str
@@ -45,6 +59,19 @@ class Box(NamedTuple):
     y: float
     width: float
     height: float
+    lines: tuple[Line, ...] | None = None
+
+    @property
+    def parts(self) -> Sequence[Box | Line]:
+        """What there is to draw: its lines where it has some, else the box itself."""
+        return self.lines or (self,)
+
+
+def box(row: dict[str, Any]) -> Box:
+    """The box of a row of wiki_elements, with or without the column `lines`."""
+    lines = row.get("lines")
+    given = {name: row[name] for name in Box._fields if name != "lines"}
+    return Box(**given, lines=lines and tuple(Line(**line) for line in lines))
 
 
 def screenshot(home: Path, row: dict[str, Any]) -> Image:
@@ -75,16 +102,18 @@ def screenshot(home: Path, row: dict[str, Any]) -> Image:
 
 
 def outlined(whole: Image, boxes: Iterable[Box], scale: float) -> Image:
-    """A copy with an outline for each box; what is outside of the image is cut off."""
+    """A copy with an outline for each box, of a text one for each of its lines; what is outside of
+    the image is cut off.
+    """
     draw = needs("PIL.ImageDraw", install="pillow")
     copy = whole.convert("RGB")
     pen = draw.Draw(copy)
     width = max(1, round(_LINE * scale))
-    for one in boxes:
+    for kind, one in ((each.kind, part) for each in boxes for part in each.parts):
         left, top = round(one.x * scale), round(one.y * scale)
         right = max(left, round((one.x + one.width) * scale) - 1)
         bottom = max(top, round((one.y + one.height) * scale) - 1)
-        pen.rectangle((left, top, right, bottom), outline=COLOURS[one.kind], width=width)
+        pen.rectangle((left, top, right, bottom), outline=COLOURS[kind], width=width)
     return copy
 
 

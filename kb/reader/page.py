@@ -30,6 +30,7 @@ class Page:
     page.screenshot()                   # a Pillow image
     page.boxes("table")                 # a list of Box; .draw() draws them
     page.elements, page.cells, page.images      # the page's rows, as answers
+    page.facts, page.recipes                    # what its infoboxes and recipes say
     """
 
     def __init__(self, opened: Opened, placed: Placed, row: dict[str, Any]) -> None:
@@ -65,6 +66,16 @@ class Page:
         """The page's rows of wiki_images."""
         return self._rows("images", "element_id, frame_index")
 
+    @property
+    def facts(self) -> Answer:
+        """The page's rows of wiki_facts: what its infoboxes say, field by field."""
+        return self._rows("facts", "fact_id")
+
+    @property
+    def recipes(self) -> Answer:
+        """The page's rows of wiki_recipes: what lies in each slot, and in turn."""
+        return self._rows("recipes", "recipe_id, slot, alternative")
+
     @hinted
     def screenshot(self) -> Image:
         """The whole page as a Pillow image, out of the release's tar or the data root.
@@ -82,14 +93,15 @@ class Page:
 
             data.page("Creeper").boxes("table").draw()
 
-        Kinds are text, image, sprite, animation, table and cell; another raises UsageError.
+        A text's box has the boxes of its lines, which are what is drawn of it. Kinds are text,
+        image, sprite, animation, table and cell; another raises UsageError.
         `hidden`: also those that the page does not show.
         """
         if kind is not None and kind not in image.COLOURS:
             kinds = ", ".join(image.COLOURS)
             raise UsageError(f"no kind of element is {kind!r}", hint=f"one of {kinds}")
         found = [
-            Box(*(row[name] for name in Box._fields))
+            image.box(row)
             for row in self.elements
             if (hidden or row["visible"]) and kind in (None, row["kind"])
         ]
@@ -124,6 +136,7 @@ class Boxes(list[Box]):
     @hinted
     def draw(self) -> Image:
         """The page's screenshot with an outline for each box, a colour a kind: a Pillow image.
+        Of a text each line has an outline of its own.
 
             data.page("Creeper").boxes("cell").draw().show()
 

@@ -16,6 +16,7 @@ from kb.release.facts import Facts, File, TableFacts
 from kb.release.licences import licence
 from kb.release.pages import bibtex
 from kb.release.texts import SANDBOX_NOTE, day, language, name
+from kb.schema.tables import Column
 
 PARQUET = "application/x-parquet"
 CONFORMS = ["http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0"]
@@ -200,21 +201,33 @@ def _records(table: TableFacts) -> dict[str, Any]:
         "name": short,
         "description": f"{table.table.doc} {table.rows:,} rows.",
         "key": [{"@id": f"{short}/{column}"} for column in table.table.key],
-        "field": [
-            {
-                "@type": "cr:Field",
-                "@id": f"{short}/{fact.column.name}",
-                "name": fact.column.name,
-                "description": _described(fact.column),
-                "dataType": fact.column.parsed.croissant(),
-                "source": {**source, "extract": {"column": fact.column.name}},
-            }
-            for fact in table.columns
-        ],
+        "field": [_field(short, fact.column, source) for fact in table.columns],
     }
 
 
-def _described(column: Any) -> str:
+def _field(short: str, column: Column, source: dict[str, Any]) -> dict[str, Any]:
+    """A column; of a list of structs the parts of each as fields below it."""
+    key = f"{short}/{column.name}"
+    made = {"@type": "cr:Field", "@id": key, "name": column.name, "description": _described(column)}
+    extract = {**source, "extract": {"column": column.name}}
+    parts = column.parsed.item.fields if column.parsed.item is not None else ()
+    if not parts:
+        return {**made, "dataType": column.parsed.croissant(), "source": extract}
+    below = [
+        {
+            "@type": "cr:Field",
+            "@id": f"{key}/{part}",
+            "name": part,
+            "description": f"{part} of each of them.",
+            "dataType": kind.croissant(),
+            "source": {**extract, "transform": {"jsonPath": part}},
+        }
+        for part, kind in parts
+    ]
+    return {**made, "repeated": True, "subField": below}
+
+
+def _described(column: Column) -> str:
     parts = [column.doc]
     if column.unit:
         parts.append(f"Unit: {column.unit}.")

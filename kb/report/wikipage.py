@@ -1,4 +1,6 @@
-"""One wiki page with the boxes of its elements: the whole page, and a part at its own size."""
+"""One wiki page with the boxes of its elements and of its texts' lines: the whole page, and a part
+at its own size.
+"""
 
 from __future__ import annotations
 
@@ -52,12 +54,13 @@ _LETTERS = 13  # points of the legend: it is read on a phone as well
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle in CSS pixels of the page."""
+    """A rectangle in CSS pixels of the page; of a text also those of its lines."""
 
     x: float
     y: float
     width: float
     height: float
+    lines: tuple[Box, ...] = ()
 
     def grown(self, by: float) -> Box:
         """The box with its sides moved outwards, so that a line on them hides nothing inside."""
@@ -82,11 +85,11 @@ def page(data: Data, profile: Profile) -> tuple[Figure, ...]:
     title, url, shot, width, height = found[0]
     shown = _shown(data, number, width, height)
     boxes = [
-        (kind, Box(*place))
-        for kind, *place in data.rows(
+        (kind, Box(x, y, wide, high, tuple(Box(**line) for line in lines or ())))
+        for kind, x, y, wide, high, lines in data.rows(
             "wiki/elements",
-            "SELECT kind, x, y, width, height FROM {t} WHERE page_id = ? AND visible"
-            " AND width > 0 AND height > 0 AND y < ? ORDER BY reading_order",
+            f"SELECT kind, x, y, width, height, {_lines(data)} FROM {{t}} WHERE page_id = ?"
+            " AND visible AND width > 0 AND height > 0 AND y < ? ORDER BY reading_order",
             number,
             shown,
         )
@@ -102,7 +105,7 @@ def page(data: Data, profile: Profile) -> tuple[Figure, ...]:
         Figure(
             "wiki-page-overview",
             f"A page with its boxes: {title}",
-            f"Boxes of visible elements as the browser laid them out.{part} "
+            f"Boxes of visible elements as the browser laid them out, of texts a box a line.{part} "
             f"The dark frame is the part shown in its own size. {source}",
             f"The page {title} with outlines around its elements: {_counted(boxes)}.",
             _drawn(_part(image, whole, whole), whole, boxes, WIDTH / width * _CSS, frame=crop),
@@ -114,8 +117,8 @@ def page(data: Data, profile: Profile) -> tuple[Figure, ...]:
             "wiki-page",
             f"{title}, in its own size",
             f"{crop.width:.0f} by {crop.height:.0f} CSS pixels of the page, from "
-            f"({crop.x:.0f}, {crop.y:.0f}), at 1:1; each box is drawn just outside of its element. "
-            f"{source}",
+            f"({crop.x:.0f}, {crop.y:.0f}), at 1:1; each box is drawn just outside of its element, "
+            f"texts line by line. {source}",
             f"Part of the page {title} in its own size, with outlines around its elements: "
             f"{_counted(_inside(boxes, crop))}.",
             _drawn(_part(image, whole, crop), crop, _inside(boxes, crop), 1.0),
@@ -136,6 +139,12 @@ def _chosen(data: Data) -> int | None:
         " least(count(*), 120) DESC, 1 LIMIT 1",
     )
     return found[0][0] if found else None
+
+
+def _lines(data: Data) -> str:
+    """The column of lines; elements that an earlier version filtered have none."""
+    columns = (name for name, *_ in data.rows("wiki/elements", "DESCRIBE SELECT * FROM {t}"))
+    return "lines" if "lines" in columns else "NULL"
 
 
 def _shown(data: Data, number: int | None, width: float, height: float) -> float:
@@ -196,8 +205,8 @@ def _drawn(
         axes.imshow(image, extent=(part.x, right, bottom, part.y), interpolation="none")
     for kind, look in KINDS.items():
         for name, box in boxes:
-            if name == kind:
-                axes.add_patch(_outline(box, look, scale, thin))
+            for one in (box.lines or (box,)) if name == kind else ():
+                axes.add_patch(_outline(one, look, scale, thin))
     if frame is not None:
         axes.add_patch(_outline(frame, Kind(INK, "-", 1.8), scale))
     axes.set_xlim(part.x, right)

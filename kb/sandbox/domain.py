@@ -5,6 +5,7 @@ domain_of(profile)     its words, labels, subreddit, wiki and thresholds; the sa
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -24,6 +25,17 @@ OWN = "world.toml"  # words of a profile's own, beside it
 OTHER_LABEL = "UCsandboxOtherGame00001a"
 
 
+# The classes of what facts and recipes are read from, by the profile's names of their selectors.
+CLASSES = {
+    "infobox": "infobox",
+    "recipe": "mcui",
+    "slot": "invslot",
+    "slot_row": "mcui-row",
+    "slot_output": "mcui-output",
+    "quantity": "invslot-stacksize",
+}
+
+
 @dataclass(frozen=True)
 class Domain:
     """One domain. `labels`: browse id and name under a video of the topic and of another one."""
@@ -41,6 +53,7 @@ class Domain:
     sprite_image: str = "sprite-file"
     animation: str = "animated"
     active: str = "animated-active"
+    classes: Mapping[str, str] = field(default_factory=lambda: dict(CLASSES))
     words: Words = field(init=False)
 
     def __post_init__(self) -> None:
@@ -93,6 +106,9 @@ def _wiki(profile: Profile) -> dict[str, Any]:
         "animation": made_words.first_class(markup.animation),
         "active": markup.animation_active,
     }
-    named = {name: value for name, value in found.items() if value}
+    named: dict[str, Any] = {name: value for name, value in found.items() if value}
+    selectors = {**markup.model_dump(), "infobox": markup.regions.get("infobox", "")}
+    given = {name: made_words.first_class(selectors[name]) for name in CLASSES}
+    named["classes"] = {name: given[name] or plain for name, plain in CLASSES.items()}
     read = profile.wiki.namespaces
     return {**named, "namespace": read[0] if read and 0 not in read else 0}

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.templates import environment
-from kb.sandbox.domain import Domain
+from kb.sandbox.domain import CLASSES, Domain
 from kb.sandbox.wiki_recorded import HOST, Recorded, name_of
 
 TEMPLATES = Path(__file__).with_name("templates") / "wiki"
@@ -97,10 +97,12 @@ class Made(Recorded):
     def file(self, path: str) -> bytes | None:
         """A picture, a style sheet or a script."""
         data = super().file(_swapped(path, {made: old for old, made in _FILES.items()}))
-        if data is None or not path.startswith("/static/common"):
+        if data is None or not path.startswith(("/static/common", "/static/site")):
             return data
         text = _swapped(data.decode(), _FILES)
         given = self.domain
+        for name, plain in CLASSES.items():
+            text = re.sub(rf"(?<=\.){plain}(?= \{{)", given.classes[name], text)
         text = re.sub(r"(?<=\.)animated(?=[ ':])", given.animation, text)
         text = text.replace("animated-active", given.active)
         text = text.replace(".sprite-file", f".{given.sprite_image}")
@@ -157,6 +159,7 @@ class Made(Recorded):
                 sprite_image=given.sprite_image,
                 animation=given.animation,
                 active=given.active,
+                classes=given.classes,
             )
         )
         return text

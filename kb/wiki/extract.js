@@ -1,6 +1,6 @@
 // The whole page in one call: elements in reading order, cells on their grid, boxes in CSS pixels
 // of the page. Called as the body of a function with one argument, the profile's selectors.
-// Returns {page, elements, cells}; see kb/wiki/extraction.py for the meaning of every field.
+// Returns {page, elements, cells, facts, recipes}; kb/wiki/tables.py and kb/wiki/shown.py read it.
 const rules = arguments[0];
 const doc = document.documentElement;
 const root = document.querySelector(rules.root) || document.body;
@@ -9,9 +9,9 @@ const TEXT = new Set(["P", "H1", "H2", "H3", "H4", "H5", "H6", "UL", "OL", "DL",
 const SKIP = new Set(["SCRIPT", "STYLE", "TEMPLATE", "NOSCRIPT", "IFRAME", "OBJECT", "LINK", "META", "svg"]);
 const INLINE = new Set(["A", "ABBR", "B", "BDI", "BR", "CITE", "CODE", "EM", "I", "KBD", "MARK", "Q", "S", "SMALL",
   "SPAN", "STRONG", "SUB", "SUP", "TIME", "U", "VAR", "WBR", "IMG"]);
-const elements = [], cells = [];
-const styles = new Map(), clips = new Map();
-let truncated = false;
+const elements = [], cells = [], facts = [], recipes = [];
+const styles = new Map(), clips = new Map(), placed = new Map(), strokes = new Map();
+let truncated = false, entries = 0, without = null;
 
 // What JSON and Arrow can't hold becomes U+FFFD.
 const sound = (s) => (typeof s === "string" ? s.toWellFormed().replaceAll("\0", "\uFFFD") : s);
@@ -48,20 +48,62 @@ function place(rect, holder, seen) {
   return { visible, box: raw.map((n) => Math.round(n * 100) / 100) };
 }
 
+// The boxes of a text node on the page, one a line that it stands on, with what its holder lets through.
+function strokesOf(node) {
+  let found = strokes.get(node);
+  if (!found) {
+    const range = document.createRange(), area = clip(node.parentElement);
+    range.selectNodeContents(node);
+    found = [...range.getClientRects()].map((r) => meet(edges(r), area)).filter((b) => b[2] > b[0] && b[3] > b[1]);
+    strokes.set(node, found);
+  }
+  return found;
+}
+// Pieces that stand beside each other are one line: letters of one size or another, raised or lowered.
+// A column's end is one too: the same node goes on at another place of the same height.
+function linesOf(blocks) {
+  const lines = [];
+  for (const nodes of blocks) {
+    let line = null;
+    for (const node of nodes) {
+      strokesOf(node).forEach((b, number) => {
+        const high = line && Math.min(line[3], b[3]) - Math.max(line[1], b[1]);
+        const beside = line && high >= Math.min(line[3] - line[1], b[3] - b[1]) / 2;
+        const far = number && beside && (b[0] > line[2] + 1 || b[2] < line[0] - 1);
+        if (!beside || far) lines.push(line = [...b]);
+        else [line[0], line[1], line[2], line[3]] = [Math.min(line[0], b[0]), Math.min(line[1], b[1]), Math.max(line[2], b[2]), Math.max(line[3], b[3])];
+      });
+    }
+  }
+  return lines.map((b) => [b[0], b[1], b[2] - b[0], b[3] - b[1]].map((n) => Math.round(n * 100) / 100)).filter((b) => b[2] > 0 && b[3] > 0);
+}
+
 // Text as shown: chrome and tables left out, hidden parts left out of what is visible itself.
-function textOf(nodes, seen, pre) {
+// `blocks` gets the text nodes, those of each block and behind each break apart.
+function textOf(nodes, seen, pre, blocks) {
   let out = "";
   const line = () => { if (out && !out.endsWith("\n")) out += "\n"; };
   const take = (node, raw) => {
-    if (node.nodeType === 3) { out += raw ? node.data : node.data.replace(/[\s​]+/g, " "); return; }
-    if (node.nodeType !== 1 || isChrome(node) || node.tagName === "TABLE") return;
-    if (node.tagName === "BR") { out += "\n"; return; }
+    if (node.nodeType === 3) {
+      out += raw ? node.data : node.data.replace(/[\s​]+/g, " ");
+      if (blocks && /\S/.test(node.data)) blocks[blocks.length - 1].push(node);
+      return;
+    }
+    if (node.nodeType !== 1 || isChrome(node) || node.tagName === "TABLE" || node === without) return;
+    if (node.tagName === "BR") {
+      out += "\n";
+      if (blocks) blocks.push([]);
+      return;
+    }
     const s = style(node);
     if (seen && (s.display === "none" || s.visibility === "hidden" || !shown(node) && s.display !== "contents")) return;
     const block = !s.display.startsWith("inline") && !INLINE.has(node.tagName);
+    const apart = blocks && !/^(inline|contents)/.test(s.display);
     if (block) line();
+    if (apart) blocks.push([]);
     for (const child of node.childNodes) take(child, raw || s.whiteSpace.startsWith("pre"));
     if (block) line();
+    if (apart) blocks.push([]);
   };
   for (const node of nodes) take(node, pre);
   out = sound(out);
@@ -110,11 +152,12 @@ function backgroundOf(e) {
 }
 function add(kind, e, ctx, more) {
   if (elements.length >= rules.max_elements) { truncated = true; return ctx.parent; }
-  const { rect, ...rest } = more;
+  const { rect, blocks, ...rest } = more;
   const where = place(rect || e.getBoundingClientRect(), rect ? e : e.parentElement, ctx.seen ?? shown(e));
-  const id = elements.length;
+  const id = elements.length, lines = blocks ? { lines: where.visible ? linesOf(blocks) : null } : {};
   elements.push({ id, parent: ctx.parent, kind, tag: e.tagName.toLowerCase(), region: ctx.region, level: null,
-    text: null, ...where, ...rest });
+    text: null, ...where, ...lines, ...rest });
+  if (!placed.has(e)) placed.set(e, id);
   return id;
 }
 
@@ -154,9 +197,81 @@ function framesOf(e) {
   });
 }
 
+// Rows of an infobox: a field and its value, several beside each other, or values below their fields.
+function readFacts(box) {
+  const title = box.querySelector(rules.fact_subject), subject = title && textOf(title.childNodes, shown(title), false) || null;
+  let above = [];
+  for (const row of box.querySelectorAll(rules.fact)) {
+    if (isChrome(row)) continue;
+    let fields = [...row.querySelectorAll(rules.fact_field)];
+    const values = [...row.querySelectorAll(rules.fact_value)];
+    if (!fields.length && !above.length && values.length === 2) fields = [values.shift()];
+    const heads = fields.length ? fields : above;
+    above = !values.length && fields.length > 1 ? fields : [];
+    if (values.length !== heads.length) continue;
+    values.forEach((value, number) => {
+      const head = heads[number], seen = shown(value), { visible } = place(value.getBoundingClientRect(), value.parentElement, seen);
+      const pictures = [...value.querySelectorAll("img")].filter((img) => !seen || shown(img)).map(nameOf).filter(Boolean);
+      if (!room()) return;
+      facts.push({ subject, field: textOf(head.childNodes, shown(head), false),
+        value: textOf(value.childNodes, seen, false) || pictures.join("\n"), visible, at: value });
+    });
+  }
+}
+// Grids of slots: what lies in each, one after the other where it is shown in turn.
+function readRecipe(grid) {
+  const slots = [], last = { true: { row: -1, column: 0 }, false: { row: -1, column: 0 } };
+  for (const slot of grid.querySelectorAll(rules.slot)) {
+    if (isChrome(slot) || slot.parentElement.closest(rules.slot)) continue;
+    if (!room()) break;
+    const output = Boolean(slot.closest(rules.slot_output)), group = slot.closest(rules.slot_row), at = last[output];
+    if (at.row < 0 || at.group !== group) Object.assign(at, { group, row: at.row + 1, column: 0 }); else at.column++;
+    const turning = slot.matches(rules.animation) ? slot : slot.querySelector(rules.animation);
+    const turns = turning ? [...turning.children].filter((child) => !isChrome(child) && !child.matches(rules.quantity)) : [];
+    const frames = turns.flatMap((turn) => (turn.matches(rules.animation_group) ? [...turn.children] : [turn]));
+    const items = (frames.length > 1 ? frames : [slot]).map((frame) => itemOf(frame, slot));
+    const { visible } = place(slot.getBoundingClientRect(), slot.parentElement, shown(slot));
+    slots.push({ output, row: at.row, column: at.column, visible, items, at: slot });
+    entries += items.length;
+  }
+  if (slots.length) recipes.push({ slots });
+}
+function itemOf(e, slot) {
+  const every = [e, ...e.querySelectorAll("*")];
+  const named = (name) => sound(every.map((x) => x.getAttribute(name)).find((given) => given?.trim()) ?? null);
+  const amount = every.find((x) => x.matches(rules.quantity)) || [...slot.children].find((x) => x.matches(rules.quantity));
+  without = amount;
+  const text = textOf(e.childNodes, false, false) || null;
+  without = null;
+  return { filled: every.some((x) => x.tagName === "IMG" || x !== slot && backgroundOf(x)), tip: named("data-minetip-title"),
+    alt: named("alt"), title: named("title"), label: named("aria-label"), absent: every.some((x) => x.matches("a.new")), text,
+    quantity: amount && textOf(amount.childNodes, false, false) || null };
+}
+// As many as there may be elements.
+function room() {
+  if (facts.length + entries < rules.max_elements) return true;
+  truncated = true;
+  return false;
+}
+// The element that stands for what is in a slot: a picture of it before its text.
+const within = (e) => [e, ...e.querySelectorAll("*")].filter((x) => placed.has(x)).map((x) => placed.get(x));
+function elementOfSlot(slot) {
+  const found = within(slot);
+  return found.find((id) => elements[id].kind !== "text") ?? found[0] ?? null;
+}
+// The element that holds a value: its own, else the first inside of it, else the nearest around it.
+function elementOfValue(value) {
+  const [found] = within(value);
+  if (found !== undefined) return found;
+  for (let e = value.parentElement; e && e !== root; e = e.parentElement) if (placed.has(e)) return placed.get(e);
+  return null;
+}
+
 function walk(e, ctx, grids) {
   if (isChrome(e)) return;
   const tag = e.tagName, region = regionOf(e, ctx.region), here = { ...ctx, region };
+  if (!here.fact && e.matches(rules.infobox)) { here.fact = true; readFacts(e); }
+  if (!here.recipe && e.matches(rules.recipe)) { here.recipe = true; readRecipe(e); }
   if (e.matches(rules.animation) && e.children.length > 1) {
     const frames = framesOf(e), steps = window.__kb ? window.__kb.delay(e) : null;
     if (frames.some((frame) => frame.src)) {
@@ -196,10 +311,10 @@ function walk(e, ctx, grids) {
     inside = { ...here, parent: id, covered: true };
     runs = false;
   } else if (TEXT.has(tag)) {
-    const text = textOf(e.childNodes, shown(e), tag === "PRE");
+    const blocks = [[]], text = textOf(e.childNodes, shown(e), tag === "PRE", blocks);
     if (text.trim()) {
       const level = /^H[1-6]$/.test(tag) ? Number(tag[1]) : null;
-      inside = { ...here, parent: add("text", e, here, { text, level }), covered: true };
+      inside = { ...here, parent: add("text", e, here, { text, level, blocks }), covered: true };
       runs = false;
     }
   }
@@ -227,22 +342,24 @@ function emitRun(e, nodes, ctx, grids) {
   let inside = ctx;
   if (nodes.some((n) => n.textContent.trim())) {
     const seen = shown(e) && nodes.some((n) => n.nodeType === 3 ? n.data.trim() : shown(n));
-    const text = textOf(nodes, seen, style(e).whiteSpace.startsWith("pre"));
+    const blocks = [[]], text = textOf(nodes, seen, style(e).whiteSpace.startsWith("pre"), blocks);
     if (text.trim()) {
       const range = document.createRange();
       range.setStartBefore(nodes[0]);
       range.setEndAfter(nodes[nodes.length - 1]);
-      inside = { ...ctx, covered: true, parent: add("text", e, { ...ctx, seen }, { text, rect: range.getBoundingClientRect() }) };
+      inside = { ...ctx, covered: true, parent: add("text", e, { ...ctx, seen }, { text, blocks, rect: range.getBoundingClientRect() }) };
     }
   }
   for (const n of nodes) if (n.nodeType === 1) walk(n, inside, grids);
 }
 
 walk(root, { parent: null, region: "content", covered: false }, null);
+for (const fact of facts) { fact.element = elementOfValue(fact.at); delete fact.at; }
+for (const slot of recipes.flatMap((recipe) => recipe.slots)) { slot.element = elementOfSlot(slot.at); delete slot.at; }
 const conf = window.mw?.config?.get ? { ...window.RLCONF, ...window.mw.config.get() } : window.RLCONF || {};
 return {
   page: { width: pageWidth, height: pageHeight, viewport_width: innerWidth, device_pixel_ratio: devicePixelRatio,
     url: location.href, title: sound(document.title), page_id: conf.wgArticleId ?? null, revision_id: conf.wgRevisionId ?? null,
     redirected_from: conf.wgRedirectedFrom ?? null, truncated },
-  elements, cells,
+  elements, cells, facts, recipes,
 };

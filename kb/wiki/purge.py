@@ -26,7 +26,7 @@ from kb.wiki.titles import Titles, read_names
 
 _PURGED = "purged titles"  # cursor of the frontier
 ROWS = (
-    *(place_of(f"wiki/{name}", "page_id") for name in ("pages", "elements", "cells", "images")),
+    *(place_of(name, "page_id") for name in ("wiki/pages", *tables.PARTS)),
     *verdicts_of("wiki"),
 )
 

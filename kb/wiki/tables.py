@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache, partial
+from itertools import accumulate
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,13 @@ from kb.schema.tables import Column, table
 from kb.store import sidefiles
 from kb.store.inside import inside
 from kb.store.layout import BELOW, Layout
-from kb.wiki import addresses
+from kb.wiki import addresses, shown
 
 Row = dict[str, Any]
 Files = Mapping[str, Row]
 
-PARTS = ("wiki/elements", "wiki/cells", "wiki/images")
+PARTS = ("wiki/elements", "wiki/cells", "wiki/images", "wiki/facts", "wiki/recipes")
+_SIDES = ("x", "y", "width", "height")
 LEAST_BYTES = (
     32 << 10
 )  # what a small extraction counts at least: at most 256 pages to a bucket of 8 MB
@@ -35,11 +37,14 @@ def size(root: Path) -> int:
     )
 
 
-def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
-    """Pages with sizes, `text` and `word_count`; with `whole` also elements, cells and images.
+def read_pages(
+    root: Path, rows: dict[str, Any], whole: bool, *, rules: shown.Rules
+) -> dict[str, Any]:
+    """Pages with sizes, `text` and `word_count`; with `whole` also the tables of PARTS.
 
-    `rows` is what kb.wiki.assemble gave; a page that was not captured gets nulls. Of the
-    extractions one at a time is held. Raises DamagedData.
+    `rows` is what kb.wiki.assemble gave; a page that was not captured gets nulls. `rules` tell
+    names and units of facts and recipes. Of the extractions one at a time is held. Raises
+    DamagedData.
     """
     pages = rows["wiki/pages"]
     held: Files = (
@@ -52,9 +57,8 @@ def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
     columns: dict[str, list[Any]] = {
         name: [] for name in ("screenshot_path", *measured, "word_count", "text")
     }
-    for page_id, folder in zip(
-        pages["page_id"].to_pylist(), pages["folder"].to_pylist(), strict=True
-    ):
+    for page in pages.select(["page_id", "folder", "title", "revision_id"]).to_pylist():
+        page_id, folder = page["page_id"], page["folder"]
         found: Row = {}
         if folder is not None:
             extraction = read_extraction(root, inside(root, folder))
@@ -68,9 +72,14 @@ def read_pages(root: Path, rows: dict[str, Any], whole: bool) -> dict[str, Any]:
             if whole:
                 parts["wiki/elements"].append(elements(page_id, extraction["elements"]))
                 parts["wiki/cells"].append(cells(page_id, extraction["cells"]))
-                parts["wiki/images"].append(
-                    _columns("wiki/images", image_rows(page_id, extraction, held))
-                )
+                said = {
+                    "wiki/images": image_rows(page_id, extraction, held),
+                    # Extractions of earlier versions have neither.
+                    "wiki/facts": shown.facts(page, extraction.get("facts", ()), rules),
+                    "wiki/recipes": shown.recipes(page, extraction.get("recipes", ()), rules),
+                }
+                for name, made in said.items():
+                    parts[name].append(_columns(name, made))
         for name, values in columns.items():
             values.append(found.get(name))
     types = {column.name: column.parsed.arrow() for column in table("wiki/pages").columns}
@@ -121,7 +130,23 @@ def elements(page_id: int, found: list[Row]) -> pa.Table:
     makers = _declared("wiki/elements", "elements") | {
         "text": lambda element: element["text"] if element["kind"] in held else None
     }
-    return _made("wiki/elements", page_id, found, makers, reading_order=range(len(found)))
+    del makers["lines"]
+    order, boxes = range(len(found)), _lines(found)
+    return _made("wiki/elements", page_id, found, makers, reading_order=order, lines=boxes)
+
+
+def _lines(found: list[Row]) -> pa.Array[Any]:
+    """The boxes of each text's lines; null for what has none: pictures, hidden text, and pages
+    that an earlier version captured.
+    """
+    each = [element.get("lines") for element in found]
+    ends = list(accumulate((len(lines or ()) for lines in each), initial=0))
+    # Arrow takes the end of a list as null where the list is.
+    offsets = [None if lines is None else end for lines, end in zip(each, ends, strict=False)]
+    flat = [box for lines in each for box in lines or ()]
+    sides = [pa.array([float(box[side]) for box in flat], pa.float64()) for side in range(4)]
+    boxes = pa.StructArray.from_arrays(sides, names=list(_SIDES))
+    return pa.ListArray.from_arrays(pa.array([*offsets, ends[-1]], pa.int32()), boxes)
 
 
 def cells(page_id: int, found: list[Row]) -> pa.Table:
@@ -152,7 +177,6 @@ def _number(field: str, column: Column) -> Callable[[Row], int | float]:
 @cache
 def _declared(name: str, entries: str) -> dict[str, Callable[[Row], Any]]:
     """How a table's columns are read from an entry of the extraction's list, by their `from`."""
-    sides = ("x", "y", "width", "height")
     makers: dict[str, Callable[[Row], Any]] = {}
     for column in table(name).columns:
         if column.source.kind != "extraction":
@@ -160,7 +184,7 @@ def _declared(name: str, entries: str) -> dict[str, Callable[[Row], Any]]:
         field = column.source.path.removeprefix(f"{entries}[].")
         take: Callable[[Row], Any] = itemgetter(field)
         if field == "box":
-            take = partial(_side, sides.index(column.name))
+            take = partial(_side, _SIDES.index(column.name))
         makers[column.name] = take
     return makers
 
@@ -184,7 +208,12 @@ def _made(
         | {"page_id": [page_id] * len(found)}
     )
     schema = table(name).arrow()
-    return pa.table([pa.array(columns[field.name], field.type) for field in schema], schema=schema)
+    made = (columns[field.name] for field in schema)
+    arrays = (
+        one if isinstance(one, pa.Array) else pa.array(one, field.type)
+        for one, field in zip(made, schema, strict=True)
+    )
+    return pa.table(list(arrays), schema=schema)
 
 
 def _columns(name: str, rows: list[Row]) -> pa.Table:

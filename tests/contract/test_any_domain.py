@@ -89,6 +89,7 @@ def test_data_in_every_table(cooking: Path) -> None:
         "clean.wiki_rejected", "clean.reddit_posts", "clean.reddit_comments",
         "clean.reddit_rejected", "release.youtube_videos", "release.wiki_pages",
         "release.wiki_elements", "release.wiki_cells", "release.wiki_images",
+        "clean.wiki_facts", "clean.wiki_recipes", "release.wiki_facts", "release.wiki_recipes",
         "release.reddit_posts", "release.reddit_comments", "release.pairs",
     } <= names  # fmt: skip
 

@@ -17,7 +17,8 @@ from PIL import Image
 
 import kb
 from kb.core.errors import KbError, UsageError
-from kb.reader.image import COLOURS
+from kb.reader import image
+from kb.reader.image import COLOURS, Box
 from kb.store import tombstones
 
 RELEASED = {
@@ -26,8 +27,10 @@ RELEASED = {
     "reddit_posts",
     "wiki_cells",
     "wiki_elements",
+    "wiki_facts",
     "wiki_images",
     "wiki_pages",
+    "wiki_recipes",
     "youtube_videos",
 }
 
@@ -166,6 +169,43 @@ def test_boxes_are_returned_and_drawn_where_they_are(release: Path) -> None:
     assert all(box.kind == "table" for box in page.boxes("table"))
     with pytest.raises(UsageError, match="'tabel'"):
         page.boxes("tabel")
+
+
+def test_texts_are_drawn_line_by_line(release: Path) -> None:
+    """The paragraph beside the infobox has a box that reaches over it, and lines that don't."""
+    page = kb.load(release).page("Saltstone")
+    texts = page.boxes("text")
+    (infobox,) = (box for box in page.boxes("table") if box.region == "infobox")
+    over = [box for box in texts if box.tag == "p" and box.x + box.width > infobox.x > box.x]
+    over = [box for box in over if box.y < infobox.y + infobox.height]
+    assert over
+    drawn = texts.draw()
+    colour = tuple(bytes.fromhex(COLOURS["text"][1:]))
+    for box in over:
+        assert box.lines
+        assert all(line.x + line.width <= infobox.x for line in box.lines)
+        for line in box.lines:
+            assert drawn.getpixel((round(line.x + line.width / 2), round(line.y))) == colour
+        assert drawn.getpixel((round(infobox.x + 2), round(box.y))) != colour
+    assert {box.lines for box in page.boxes("cell")} == {None}
+
+
+def test_pages_of_an_older_release_have_no_lines() -> None:
+    row = {name: 1 for name in Box._fields if name != "lines"} | {"kind": "text"}
+    for made in (image.box(row), image.box(row | {"lines": []})):
+        assert not made.lines
+        assert made.parts == (made,)
+
+
+def test_facts_and_recipes_of_a_page(release: Path) -> None:
+    data = kb.load(release)
+    facts = [(row["field"], row["value"], row["unit"]) for row in data.page("Saltstone").facts]
+    assert facts == [("Hardness", "3", None), ("Melts", "in rain", None)]
+    rows = list(data.page("Net loom").recipes)
+    shown = [(row["role"], row["slot"], row["item"], row["quantity"]) for row in rows]
+    assert shown[:2] == [("input", 0, "Cord 0", 1), ("input", 0, "Cord 1", 1)]
+    assert shown[-1] == ("output", 4, "Net", 2)
+    assert list(data.page("Saltstone").recipes) == []
 
 
 def orphaned(release: Path) -> str:

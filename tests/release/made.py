@@ -114,9 +114,53 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
             "y": 30.0 + 70 * k,
             "width": 140.0,
             "height": 55.0,
+            "lines": [
+                {
+                    "x": 40.0 + 150 * (k % 5),
+                    "y": 32.0 + 70 * k + 20 * n,
+                    "width": 90.0,
+                    "height": 18.0,
+                }
+                for n in range(2)
+            ]
+            if k % 5 == 0
+            else None,
         }
         for page in made["wiki/pages"]
         for k in range(12)
+    ]
+    made["wiki/facts"] = [
+        {
+            "page_id": page["page_id"],
+            "fact_id": n,
+            "subject": page["title"],
+            "field": ("Weight", "Kept")[n],
+            "value": ("3", "in a dry place")[n],
+            "unit": ("kg", None)[n],
+            "element_id": 3,
+            "visible": True,
+            "revision_id": page["revision_id"],
+        }
+        for page in made["wiki/pages"]
+        for n in range(2)
+    ]
+    made["wiki/recipes"] = [
+        {
+            "page_id": page["page_id"],
+            "recipe_id": 0,
+            "slot": slot,
+            "role": ("input", "output")[slot],
+            "row_index": 0,
+            "column_index": 0,
+            "alternative": turn,
+            "item": f"kind {turn}" if slot or turn else None,
+            "quantity": 4 if slot or turn else None,
+            "element_id": 1,
+            "visible": True,
+            "revision_id": page["revision_id"],
+        }
+        for page in made["wiki/pages"]
+        for slot, turn in ((0, 0), (0, 1), (1, 0))
     ]
     made["wiki/cells"] = [
         {

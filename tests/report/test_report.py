@@ -16,6 +16,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import duckdb
+import pyarrow.parquet as pq
 import pytest
 
 from kb.core.context import Run
@@ -297,7 +298,12 @@ def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(tmp_path: Path) 
     shown = shown.crop((0, shown.height - 2 * height, 2 * width, shown.height))
     url = detail.caption.rpartition("_")[2]
     page = Image.open(tmp_path / "raw" / "wiki" / "pages" / f"{int(url) + 1}.png")
-    boxes = data.rows("wiki/elements", "SELECT x, y, width, height FROM {t} WHERE page_id = 1")
+    boxes = data.rows(
+        "wiki/elements",
+        "SELECT x, y, width, height FROM {t} WHERE page_id = 1 AND lines IS NULL UNION ALL"
+        " SELECT l.x, l.y, l.width, l.height FROM"
+        " (SELECT unnest(lines) AS l FROM {t} WHERE page_id = 1)",
+    )
     inside = [
         (x - left, y - top, x - left + w, y - top + h)
         for x, y, w, h in boxes
@@ -310,6 +316,14 @@ def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(tmp_path: Path) 
     for box in inside:
         place = tuple(round(2 * edge) for edge in box)
         assert shown.crop(place).tobytes() == part.crop(place).tobytes()
+
+
+def test_pages_filtered_by_an_earlier_version_are_drawn_by_their_blocks(tmp_path: Path) -> None:
+    build(tmp_path, sources=("wiki",), export=False, n=10)
+    for path in (tmp_path / "clean" / "wiki" / "elements").iterdir():
+        pq.write_table(pq.read_table(path).drop_columns("lines"), path)
+    whole, _ = wikipage.page(Data(a_run(tmp_path)), load_profile("minecraft"))
+    assert ("text", 3) in whole.rows
 
 
 def test_a_table_of_one_row_with_nothing_in_it(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ CONTRACT = {
     "wiki/elements": (
         (
             "page_id element_id parent_id kind tag region heading_level text x y width height"
-            " visible reading_order"
+            " visible reading_order lines"
         ),
         "",
     ),
@@ -56,6 +56,17 @@ CONTRACT = {
         (
             "page_id element_id src path sha256 media_type width height alt_text caption"
             " frame_index frame_duration_ms license"
+        ),
+        "",
+    ),
+    "wiki/facts": (
+        "page_id fact_id subject field value unit element_id visible revision_id",
+        "",
+    ),
+    "wiki/recipes": (
+        (
+            "page_id recipe_id slot role row_index column_index alternative item quantity"
+            " element_id visible revision_id"
         ),
         "",
     ),

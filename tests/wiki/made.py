@@ -49,13 +49,24 @@ def told(*pages: dict[str, Any]) -> dict[str, Any]:
 
 
 def captured(
-    root: Path, key: int, title: str, revision: int = 1, text: str = WORDS
+    root: Path,
+    key: int,
+    title: str,
+    revision: int = 1,
+    text: str = WORDS,
+    *,
+    lines: list[list[float]] | None = None,
+    more: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Writes a capture's extraction: a heading, a picture, a table of one cell; its answer."""
+    """Writes a capture's extraction: a heading, a picture, a table of one cell; its answer.
+
+    Without `lines` of the heading and without `more` it is as earlier versions wrote it.
+    """
     box = [0, 0.5, 100, 20]
     held = {"region": "content", "box": box, "visible": True, "level": None, "parent": None}
     elements = [
-        {**held, "id": 0, "kind": "text", "tag": "p", "text": text},
+        {**held, "id": 0, "kind": "text", "tag": "p", "text": text}
+        | ({"lines": lines} if lines else {}),
         {
             **held,
             "id": 1,
@@ -81,7 +92,8 @@ def captured(
     size = {"width": 1280, "height": 2000, "viewport_width": 1280, "device_pixel_ratio": 1}
     folder = f"raw/wiki/pages/{key}/{revision}"
     (root / folder).mkdir(parents=True, exist_ok=True)
-    extraction = json.dumps({"page": size, "elements": elements, "cells": [cell], "sprites": {}})
+    seen = {"page": size, "elements": elements, "cells": [cell], "sprites": {}, **(more or {})}
+    extraction = json.dumps(seen)
     (root / folder / "extraction.json.zst").write_bytes(
         zstandard.ZstdCompressor().compress(extraction.encode())
     )

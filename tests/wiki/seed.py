@@ -8,12 +8,15 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw
 
+from tests.wiki import workshop
+
 COLOURS = [(200, 40, 40), (40, 200, 40), (40, 40, 200), (200, 200, 40)]
 
 CSS = """
 .sprite { display: inline-block; width: 16px; height: 16px; background-image: url(/images/sheet.png); background-repeat: no-repeat; }
 .animated > * { display: none; } .animated > .animated-active { display: block; }
 .invslot { display: inline-block; width: 36px; height: 36px; background: #8b8b8b; }
+.mcui { display: inline-block; } .mcui-row { display: block; } .portable-infobox { width: 240px; }
 .infobox { float: right; width: 240px; border: 1px solid #999; } .navbox { width: 100%; clear: both; }
 .wikitable { border-collapse: collapse; } .wikitable td, .wikitable th { border: 1px solid #aaa; padding: 3px; }
 """
@@ -126,6 +129,8 @@ text
     "To be deleted": "This page is thrown away. " + FILLER,
     "Öfen & 窯 (100%)": "A name full of traps. " + FILLER,
     "Old name": "#REDIRECT [[Grids]]",
+    "Workshop": workshop.text(),
+    **workshop.TEMPLATES,
 }
 
 

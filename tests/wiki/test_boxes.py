@@ -124,3 +124,90 @@ def test_css_sprites_are_cropped_pixel_for_pixel(pages, look, tmp_path):
         with Image.open(tmp_path / "crop.png") as crop:
             assert crop.size == (16, 16)
             assert crop.getcolors() == [(256, (200, 20, 220))]
+
+
+def show(pages, look, name: str, body: str):
+    """A page of that body: (what was captured, its text elements)."""
+    found = look(
+        pages.put(
+            f"/lines/{name}",
+            "<!DOCTYPE html><body style='margin:0;font:16px/20px sans-serif'>"
+            f"<div id=content>{body}</div>",
+        )
+    )
+    return found, [e for e in found.extraction["elements"] if e["kind"] == "text"]
+
+
+def meet(one, other) -> bool:
+    """Whether two boxes have an area in common."""
+    return all(
+        max(one[side], other[side]) < min(one[side] + one[side + 2], other[side] + other[side + 2])
+        for side in (0, 1)
+    )
+
+
+def test_lines_of_a_paragraph_leave_out_what_floats_beside_it(pages, look):
+    """The block's box covers the infobox, its lines don't: by box and by pixel."""
+    box = (
+        '<div style="float:right;width:300px;height:90px;background:#f00;color:#f00"'
+        ' class="infobox">box</div>'
+    )
+    words = (
+        "The kiln burns from the <b>first</b> frost<sup style='line-height:0'>1</sup> to <i>the</i> thaw. "
+        * 20
+    )
+    found, texts = show(pages, look, "float", f'{box}<p style="margin:0">{words}</p>')
+    (paragraph,) = (e for e in texts if e["tag"] == "p")
+    held = [1280 - 300, 0, 300, 90]
+    lines = paragraph["lines"]
+    assert meet(paragraph["box"], held)
+    assert not [line for line in lines if meet(line, held)]
+    beside = [line for line in lines if line[1] + line[3] / 2 < 90]
+    assert len(beside) >= 4
+    assert max(line[2] for line in beside) <= 980 < max(line[2] for line in lines)
+    tops = [line[1] for line in lines]
+    assert tops == sorted(set(tops))
+    assert len(lines) == round(paragraph["box"][3] / 20)
+    with Image.open(found.picture) as image:
+        for line in lines:
+            left, top, right, bottom = snapped(line)
+            colours = image.convert("RGB").crop((left, top, right, bottom)).getcolors(4096)
+            assert (255, 0, 0) not in {colour for _, colour in colours}
+            assert len(colours) > 1, "there are letters in it"
+
+
+def test_lines_hold_what_is_shown_of_a_text_and_no_more(pages, look):
+    """Neither edit links, hidden words nor tables; what a container cuts off is cut off."""
+    body = (
+        '<h2>Short<span class="mw-editsection"> [edit this section]</span></h2>'
+        '<p>one<br>two<span style="display:none"> and much more of it</span></p>'
+        '<div style="width:60px;height:30px;overflow:hidden"><p>cutoffcutoffcutoff</p></div>'
+        '<p style="display:none">never shown</p>'
+        "<ul><li>first</li><li>second<ul><li>inner</li></ul></li></ul>"
+        '<p style="columns:2;orphans:1;widows:1;width:600px;margin:0">left<br>right</p>'
+        '<p><span style="float:right">far</span>near</p>'
+    )
+    _, texts = show(pages, look, "shown", body)
+    by_text = {e["text"]: e["lines"] for e in texts}
+    ((_, _, heading, _),) = by_text["Short"]
+    assert heading < 100
+    assert [line[2] < 60 for line in by_text["one\ntwo"]] == [True, True]
+    ((left, _, width, _),) = by_text["cutoffcutoffcutoff"]
+    assert (left, width) == (0, 60)
+    assert by_text["never shown"] is None
+    assert by_text["first\nsecond\ninner"] == [
+        *by_text["first"],
+        *by_text["second\ninner"],
+    ]
+    assert by_text["second\ninner"][1:] == by_text["inner"]
+    assert len(by_text["left\nright"]) == 2
+    assert sorted(line[0] > 300 for line in by_text["left\nright"]) == [False, True]
+    assert sorted(line[0] > 600 for line in by_text["farnear"]) == [False, True]
+
+
+def test_other_kinds_have_no_lines(pages, look):
+    found, _ = show(pages, look, "kinds", "<table><tr><td>cell<p>text</p></td></tr></table>")
+    held = {e["kind"]: e.get("lines") for e in found.extraction["elements"]}
+    assert held["table"] is None
+    assert held["cell"] is None
+    assert len(held["text"]) == 1

@@ -523,6 +523,9 @@ def test_purge_leaves_nothing(whole, make_run, sandbox, tmp_path):
     }
     assert {"Net loom", "Long pier"}.isdisjoint(left)
     assert "Saltstone" in left
+    for name, pages in (("recipes", set()), ("facts", {20})):  # Net loom's and Saltstone's
+        for place in (root / "clean/wiki" / name, next(root.glob(f"release/wiki/{name}-*"))):
+            assert set(pq.read_table(place)["page_id"].to_pylist()) == pages
     for path in root.rglob("*"):
         assert "Net_loom" not in path.name
     gone = {row["sha256"] for row in whole[2]["images"] if row["page_id"] == 22}

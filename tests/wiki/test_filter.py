@@ -129,6 +129,8 @@ def test_every_page_has_one_answer(root: Path) -> None:
         "wiki/elements": 4,
         "wiki/cells": 1,
         "wiki/images": 1,
+        "wiki/facts": 0,
+        "wiki/recipes": 0,
     }
 
 
@@ -154,6 +156,49 @@ def test_a_kept_page_has_its_tables(root: Path) -> None:
         "A kiln",
         None,
     )
+
+
+def test_a_page_captured_by_an_earlier_version_has_no_lines_facts_or_recipes(root: Path) -> None:
+    run_clean(run_at(root), "wiki")
+    assert [row["lines"] for row in rows(root, "elements")] == [None] * 4
+    assert rows(root, "facts") == rows(root, "recipes") == []
+
+
+def test_lines_facts_and_recipes_of_a_page(root: Path) -> None:
+    item = dict.fromkeys(("tip", "title", "label", "text", "quantity")) | {"absent": False}
+    slot = {"output": True, "row": 0, "column": 0, "visible": True, "element": 1}
+    things = [{**item, "alt": "Jar", "filled": True}, {**item, "alt": None, "filled": False}]
+    fact = {"subject": None, "field": "Weight:", "value": "2 kg", "visible": False, "element": 3}
+    more = {
+        "facts": [{**fact, "value": ""}, fact],
+        "recipes": [{"slots": [{**slot, "items": things}]}],
+    }
+    lines = [[0, 1, 2, 3], [0, 4, 1.5, 3]]
+    put(root, "pages", (FRIDAY, told(page(1, "Kept", 2))))
+    put(root, "renders", (FRIDAY, captured(root, 1, "Kept", 2, lines=lines, more=more)))
+    run_clean(run_at(root), "wiki")
+    sides = ("x", "y", "width", "height")
+    assert [row["lines"] for row in rows(root, "elements")] == [
+        [dict(zip(sides, line, strict=True)) for line in lines],
+        *[None] * 3,
+    ]
+    assert rows(root, "facts") == [
+        {
+            "page_id": 1,
+            "fact_id": 0,
+            "subject": "Kept",
+            "field": "Weight",
+            "value": "2",
+            "unit": "kg",
+            "element_id": 3,
+            "visible": False,
+            "revision_id": 2,
+        }
+    ]
+    assert [
+        (row["role"], row["alternative"], row["item"], row["quantity"], row["revision_id"])
+        for row in rows(root, "recipes")
+    ] == [("output", 0, "Jar", 1, 2), ("output", 1, None, None, 2)]
 
 
 def test_the_newest_answer_wins(root: Path) -> None:
@@ -242,7 +287,7 @@ def test_buckets_and_workers_change_no_row(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     many(root, 60)
-    names = ("pages", "elements", "cells", "images", "rejected", "pending")
+    names = ("pages", "elements", "cells", "images", "facts", "recipes", "rejected", "pending")
     run_clean(run_at(root), "wiki")
     whole = {name: rows(root, name) for name in names}
     monkeypatch.setattr(buckets, "RAW_BYTES", 100_000)

@@ -36,6 +36,7 @@ TITLES = {
     "To be moved",
     "To be deleted",
     "Öfen & 窯 (100%)",
+    "Workshop",
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from urllib.parse import urlsplit
 
 from pydantic import Field, field_validator
@@ -40,6 +41,50 @@ class Markup(Section):
         ".animated", description="elements whose children are shown in turn by a script"
     )
     animation_active: str = Field("animated-active", description="class of the child that is shown")
+    animation_group: str = Field(
+        ".animated-subframe", description="children that hold several things, shown one a turn"
+    )
+    fact: str = Field(
+        "tr, .pi-data, .pi-smart-group",
+        description="rows of an infobox (the region of that name) that hold fields and values",
+    )
+    fact_field: str = Field(
+        ":scope > th, :scope > .pi-data-label, :scope > * > .pi-smart-data-label",
+        description="names in such a row",
+    )
+    fact_value: str = Field(
+        ":scope > td, :scope > .pi-data-value, :scope > * > .pi-smart-data-value",
+        description="what the row says of them, in the same order",
+    )
+    fact_subject: str = Field(
+        ".infobox-title, .infobox-above, .pi-title, caption, tr:first-child > th:only-child",
+        description="what an infobox is about; the page's title where it names nothing",
+    )
+    units: tuple[str, ...] = Field(
+        (),
+        description="the domain's own units of figures in infoboxes, besides the usual ones"
+        " (kg, hours, % …)",
+    )
+    recipe: str = Field(".mcui", description="grids of slots that show how a thing is made")
+    slot: str = Field(".invslot", description="slots of a recipe")
+    slot_row: str = Field(".mcui-row", description="rows of its grid")
+    slot_output: str = Field(".mcui-output", description="what holds the slots of the outcome")
+    quantity: str = Field(".invslot-stacksize", description="how many there are in a slot")
+    item: str = Field(
+        "",
+        description="expression whose first group is a thing's name in longer texts of pictures",
+    )
+
+    @field_validator("item")
+    @classmethod
+    def _expression(cls, value: str) -> str:
+        try:
+            groups = re.compile(value).groups
+        except re.error as error:
+            raise ValueError(f"is no regular expression: {error}") from None
+        if value and groups != 1:
+            raise ValueError("must have one group, which is the name: Icon of (.+)")
+        return value
 
     @field_validator("regions")
     @classmethod
@@ -124,6 +169,16 @@ class Wiki(Section):
             "sprite_image": markup.sprite_image,
             "animation": markup.animation,
             "animation_active": markup.animation_active,
+            "animation_group": markup.animation_group,
+            "fact": markup.fact,
+            "fact_field": markup.fact_field,
+            "fact_value": markup.fact_value,
+            "fact_subject": markup.fact_subject,
+            "recipe": markup.recipe,
+            "slot": markup.slot,
+            "slot_row": markup.slot_row,
+            "slot_output": markup.slot_output,
+            "quantity": markup.quantity,
             "regions": list(markup.regions.items()),
             "infobox": markup.regions.get("infobox", ".infobox"),
             "max_elements": self.max_elements,
