@@ -1,7 +1,10 @@
 """Raw data of the paper's shape at any share of its size, in the raw log's own form: segments of
-zstd frames, an envelope each. Run as a script.
+zstd frames, an envelope each. Run as a module.
 
-    python scale_raw.py ROOT SHARE [youtube] [reddit]      SHARE 1 is the paper's size
+    python -m tests.bench.scale_raw ROOT SHARE [youtube] [reddit] [wiki]    1 is the paper's size
+
+`dumps` writes archive dumps for `kb reddit import`: every line is of the subreddit, as in a file of
+one subreddit.
 
 Texts have real word frequencies (Zipf's law over common English words and invented ones); the words
 of the profile's keyword list stand among them as often as the paper's pairs say: about 0.9 pairs a
@@ -11,6 +14,7 @@ segments can be made side by side.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import os
 import random
@@ -23,11 +27,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import orjson
+import zstandard
 
 from kb.core.profile import load_profile
 from kb.schema.raw import raw, types
 from kb.store.rawlog import SUFFIX, compressor
 
+SOURCES = ("youtube", "reddit", "wiki")
 VIDEOS = 1_460_000  # listed; about half of them pass all stages
 WORDS = 3_014  # a transcript: 2.2 billion words of 730 thousand kept videos
 POSTS, COMMENTS = 340_000, 6_600_000
@@ -48,7 +54,7 @@ class Part(NamedTuple):
     after: int
 
 
-def parts(share: float, sources: Iterable[str] = ("youtube", "reddit")) -> list[Part]:
+def parts(share: float, sources: Iterable[str] = SOURCES) -> list[Part]:
     """The segments of a share."""
     videos, posts = round(VIDEOS * share), round(POSTS * share)
     plan = {
@@ -66,15 +72,58 @@ def parts(share: float, sources: Iterable[str] = ("youtube", "reddit")) -> list[
     return [
         Part(source, kind, number, first, min(first + size, total))
         for source in sources
+        if source in plan
         for kind, total, size in plan[source]
         for number, first in enumerate(range(0, total, size), 1)
     ]
 
 
-def make(root: Path, share: float, sources: Iterable[str] = ("youtube", "reddit")) -> None:
+def make(root: Path, share: float, sources: Iterable[str] = SOURCES) -> None:
     """Write the raw data of a share below `root`."""
+    from tests.bench import scale_wiki
+
+    if "reddit" in sources:  # the key with which the authors' names were hashed
+        (root / "state").mkdir(parents=True, exist_ok=True)
+        (root / "state" / "reddit.key").write_text("5eed" * 16 + "\n")
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(write, [root] * len(parts(share, sources)), parts(share, sources)))
+        made = [pool.submit(write, root, part) for part in parts(share, sources)]
+        pages = scale_wiki.parts(share) if "wiki" in sources else []
+        made += [pool.submit(scale_wiki.write, root, part) for part in pages]
+        for each in made:
+            each.result()
+
+
+def dumps(folder: Path, share: float) -> list[Path]:
+    """Write archive dumps of the posts and comments that came from such; their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    posts, comments = folder / "RS_2022-01.zst", folder / "RC_2022-01.zst"
+    chance = random.Random("dumps")
+    words = Words(chance.getrandbits(32))
+    with _dump(posts) as of_posts, _dump(comments) as of_comments:
+        for number in range(round(POSTS * share) // 2):
+            found, count = _tree(number, chance, words)
+            of_posts.write(_line(_post(number, count, chance, words), chance))
+            for data, _ in found:
+                of_comments.write(_line(data, chance))
+    return [posts, comments]
+
+
+@contextlib.contextmanager
+def _dump(path: Path) -> Iterator[Any]:
+    engine = zstandard.ZstdCompressor(
+        compression_params=zstandard.ZstdCompressionParameters.from_level(3, window_log=27)
+    )
+    with path.open("wb") as file, engine.stream_writer(file) as out:
+        yield out
+
+
+def _line(data: dict[str, Any], chance: random.Random) -> bytes:
+    """A thing as dumps have it: with the author's name."""
+    if data["author"] != "[deleted]":
+        name = f"person{chance.getrandbits(17)}"
+        data = {**data, "author": name, "author_fullname": f"t2_{name[6:]}"}
+    data = {key: value for key, value in data.items() if key != "replies"}
+    return orjson.dumps({**data, "retrieved_on": data["created_utc"] + 500_000}) + b"\n"
 
 
 def write(root: Path, part: Part) -> None:
@@ -455,4 +504,4 @@ _MAKERS = {
 
 
 if __name__ == "__main__":
-    make(Path(sys.argv[1]), float(sys.argv[2]), sys.argv[3:] or ("youtube", "reddit"))
+    make(Path(sys.argv[1]), float(sys.argv[2]), sys.argv[3:] or SOURCES)
