@@ -18,7 +18,6 @@ from typing import Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.core import plan as planned
 from kb.core.addresses import is_loopback
@@ -287,7 +286,7 @@ def _reasons(path: Path) -> pa.Table:
 
 def _rows(files: Sequence[Path]) -> int:
     with reading(files):
-        return sum(pq.read_metadata(path).num_rows for path in files)
+        return sum(parquet.footer(path).num_rows for path in files)
 
 
 def _key(settings: Settings, name: str) -> str:

@@ -111,6 +111,7 @@ class Worlds:
         root = shutil.copytree(self.base("released"), self.base("purged"))
         for source in self.sources:
             self._done(*self._purge(source).words, f"--data={root}")
+        self._done("index", f"--data={root}")
 
     def _done(self, *words: str) -> None:
         ended = harm.run([*words, "--quiet"], self._job.env, self.place)
