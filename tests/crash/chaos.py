@@ -157,6 +157,7 @@ class Trial:
                 self.root / folder
             ).items()
             if not name.endswith(_COUNTS[self.case.words[0] != "refresh" :])
+            and (folder, Path(name).suffix) != ("index", ".json")  # says when it was written
         }
         paths = (path.relative_to(self.root) for path in self.root.rglob("*"))
         return Outcome(
