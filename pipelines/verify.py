@@ -20,6 +20,7 @@ from kb.pairs.build import build
 from kb.reddit.crawl import crawl as crawl_reddit
 from kb.reddit.source import Reddit
 from kb.release.build import release
+from kb.search.build import follow
 from kb.store import lock, mending
 from kb.store.layout import Layout
 from kb.verify import repair as mend
@@ -53,6 +54,10 @@ def repair(run: Run, look: Look) -> list[str]:
         if mend.made_again(look, "pairs", at.pairs):
             step = partial(build, replace(run, again=True))
             said += mend.make(look, "kb pairs --again", at.pairs, step)
+        for source in SOURCES:
+            if {at.index(source), at.indexed(source)} & {one.path for one in look.of("index")}:
+                step = partial(follow, replace(run, again=True), source)
+                said += mend.tried("kb index", step)
         for source in (*SOURCES, "pairs"):
             if mend.made_again(look, "release", at.release(source)):
                 command = "kb pairs" if source == "pairs" else f"kb {source} export"

@@ -121,8 +121,7 @@ def _answers(root: Path, source: str) -> dict[str, Any]:
 
 def _released(root: Path, source: str) -> dict[str, int]:
     """Rows by table of release/<source>."""
-    import pyarrow.parquet as pq
-
+    from kb.store import parquet
     from kb.store.reading import reading
 
     files = parquet_files(Layout(root).release(source))
@@ -130,7 +129,7 @@ def _released(root: Path, source: str) -> dict[str, int]:
     with reading(files):
         for file in files:
             name = file.name.split("-", 1)[0]
-            found[name] = found.get(name, 0) + pq.read_metadata(file).num_rows
+            found[name] = found.get(name, 0) + parquet.footer(file).num_rows
     return dict(sorted(found.items(), key=lambda item: vocabulary.place(item[0])))
 
 
@@ -204,8 +203,8 @@ def _quota(run: Run, source: str, frontier: Any) -> dict[str, Any]:
 
 def _age(run: Run, source: str) -> dict[str, Any]:
     """How old the kept rows are, and how many are older than the profile allows."""
-    from kb.store import database
-    from kb.store.reading import reading, scan
+    from kb.store.reading import reading
+    from kb.store.tally import span
 
     section = getattr(run.profile, source)
     max_age = getattr(section, "max_age_days", None)
@@ -215,18 +214,8 @@ def _age(run: Run, source: str) -> dict[str, Any]:
     limit = clock.now() - timedelta(days=max_age or 0)
     for folder in _table_folders(run.root, source):
         files = parquet_files(folder)
-        with reading(files), database.connect() as db:
-            columns = {
-                row[0] for row in db.execute(f"DESCRIBE SELECT * FROM {scan(files)}").fetchall()
-            }
-            if "fetched_at" not in columns:
-                continue
-            spans = db.execute(
-                "SELECT min(fetched_at)::TIMESTAMP, max(fetched_at)::TIMESTAMP,"
-                f" count(*) FILTER (fetched_at < ?::TIMESTAMPTZ) FROM {scan(files)}",
-                [clock.stamp(limit)],
-            ).fetchall()
-        low, high, old = spans[0]
+        with reading(files):
+            low, high, old = span(files, "fetched_at", limit)
         too_old += old if max_age else 0
         oldest = min(filter(None, (oldest, low)), default=None)
         newest = max(filter(None, (newest, high)), default=None)
@@ -240,15 +229,14 @@ def _age(run: Run, source: str) -> dict[str, Any]:
 
 def _tables(root: Path, source: str) -> dict[str, int]:
     """Rows by table of clean/<source>, from the files' footers."""
-    import pyarrow.parquet as pq
-
+    from kb.store import parquet
     from kb.store.reading import reading
 
     found = {}
     for folder in _table_folders(root, source, verdicts=True):
         files = parquet_files(folder)
         with reading(files):
-            found[folder.name] = sum(pq.read_metadata(file).num_rows for file in files)
+            found[folder.name] = sum(parquet.footer(file).num_rows for file in files)
     return dict(sorted(found.items(), key=lambda item: vocabulary.place(item[0])))
 
 

@@ -125,7 +125,13 @@ def query(
         if tables:
             answer = _listing(_catalog(run), for_people=chosen == Format.table)
         else:
-            answer = select(db, sql or "", root=run.root, text=chosen != Format.parquet)
+            answer = select(
+                db,
+                sql or "",
+                root=run.root,
+                text=chosen != Format.parquet,
+                progress=run.progress,
+            )
         write(_first(answer, options.limit) if options.limit else answer, chosen, out)
 
 

@@ -11,11 +11,14 @@ import duckdb
 import pyarrow as pa
 
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
+from kb.core.progress import Progress, Silent
 from kb.query import nearest, statements
 from kb.query.views import View, found
+from kb.store import parquet
 from kb.store.reading import broken
 
 _BATCH = 10_000  # rows
+_LONG = 1 << 30  # bytes that are read in a moment
 
 
 def select(
@@ -25,8 +28,12 @@ def select(
     root: Path | None = None,
     views: Sequence[View] | None = None,
     text: bool = False,
+    progress: Progress | None = None,
 ) -> pa.RecordBatchReader:
     """Run one query and stream its rows; columns of one name become a, a_1, a_2.
+
+    The files of the views that it names are read for their checksums first, once a process;
+    `progress` hears of it where that takes longer than a moment.
 
     What Arrow can't hold (intervals, bits) comes as text, with `text` bytes too. Raises UsageError
     in one line for what is wrong with it (with the nearest names there are), and for anything that
@@ -37,6 +44,7 @@ def select(
         views = list(found(root.absolute())) if root else []
     try:
         statements.check(con, sql)
+        _check(statements.asked(sql, views), progress or Silent())
         relation = con.sql(sql)
         cast = statements.casts(relation, text=text)
         answer: Any = relation.query("answer", cast) if cast else relation
@@ -50,6 +58,17 @@ def select(
     names = statements.distinct(reader.schema.names)
     fields = [field.with_name(name) for field, name in zip(reader.schema, names, strict=True)]
     return pa.RecordBatchReader.from_batches(pa.schema(fields), _batches(reader, names, views))
+
+
+def _check(asked: Sequence[View], progress: Progress) -> None:
+    """Raises DamagedData for a file whose bytes are not what was written."""
+    files = [path for view in asked for path in view.files]
+    size = parquet.unread(files)
+    if size < _LONG:
+        parquet.check(*files)
+        return
+    with progress.task("check the tables, once", total=size, unit="bytes") as task:
+        parquet.check(*files, advance=task.advance)
 
 
 def _batches(

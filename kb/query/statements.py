@@ -10,7 +10,10 @@ import duckdb
 import duckdb.sqltypes
 
 from kb.core.errors import UsageError
+from kb.query.views import SCHEMAS, View
 
+# A table by a text that is put together, or by its file's name.
+_ANY = re.compile(r"\b(query|query_table|\w*parquet\w*|read_\w+|glob)\b|/|u&")
 _COMMENTS = re.compile(r"\A(?:\s*--[^\n]*(?:\n|\Z))+")
 _READS = {"select", "from", "with", "values", "(", "pivot", "pivot_wider", "describe", "summarize"}
 # DuckDB's names of types that Arrow or Parquet lacks, or holds as bytes of DuckDB's own.
@@ -25,6 +28,21 @@ _NO_ARROW = {
     "geometry",
     "tuple",
 }
+
+
+def asked(sql: str, views: Sequence[View]) -> list[View]:
+    """The views that a query may read: all where it may name one other than by its name."""
+    text = sql.lower()
+    if _ANY.search(text):
+        return list(views)
+    return [view for view in views if _names(text, view)]
+
+
+def _names(sql: str, view: View) -> bool:
+    """Whether a query names a view, or a table of its name in no schema."""
+    pattern = rf'(?:\b(\w+)"?\s*\.\s*"?)?\b{re.escape(view.name.lower())}\b'
+    schemas = {found[1] for found in re.finditer(pattern, sql)}
+    return view.schema in schemas or bool(schemas - set(SCHEMAS))
 
 
 def without_comments(sql: str) -> str:

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import duckdb
-import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
 from kb.core.sources import PUBLISHED
 from kb.schema.tables import Table, table, tables
-from kb.store import complete, database
+from kb.store import complete, database, parquet
 from kb.store.advice import advice
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import escaped, reading, scan
@@ -183,8 +182,8 @@ def catalog(root: Path) -> list[Listed]:
     listing = []
     for view in found(root):
         with reading(view.files):
-            footers = [pq.read_metadata(path) for path in view.files]
-        columns = len(pq.read_schema(view.files[0]))
+            footers = [parquet.footer(path) for path in view.files]
+        columns = len(footers[0].schema.to_arrow_schema())
         rows = sum(footer.num_rows for footer in footers)
         listing.append(Listed(view.schema, view.name, rows, columns, view.doc))
     return sorted(listing)

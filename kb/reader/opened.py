@@ -11,6 +11,7 @@ import pyarrow as pa
 from kb import query
 from kb.query.views import SCHEMAS
 from kb.reader.places import Placed
+from kb.store import parquet
 from kb.store.reading import reading
 
 
@@ -41,6 +42,7 @@ class Opened:
         """The rows of a query of our own, with values for its question marks."""
         files = [path for view in self.views if view.name in sql for path in view.files]
         with reading(files):
+            parquet.check(*files)
             table: pa.Table = self.con.sql(sql, params=list(parameters)).to_arrow_table()
             return table
 

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 import pyarrow.dataset as ds
+import pyarrow.parquet as pq
 
 from kb.core.errors import MissingExtra, UsageError
 from kb.query.views import View
 from kb.reader import html
 from kb.reader.hints import hinted
+from kb.store import parquet
 from kb.store.reading import reading
 
 if TYPE_CHECKING:
@@ -116,16 +118,21 @@ class Table(Rows):
 
     @property
     def dataset(self) -> ds.Dataset:
-        """The shards as a pyarrow Dataset. Raises DamagedData."""
+        """The shards as a pyarrow Dataset, every byte of them checked. Raises DamagedData."""
         if self._dataset is None:
             with reading(self.view.files):
+                parquet.check(*self.view.files)
                 self._dataset = ds.dataset(list(map(str, self.view.files)), format=_PARQUET)
         return self._dataset
 
     @property
     def schema(self) -> pa.Schema:
         """Columns with their types; `schema.field("fps").metadata` says what one means."""
-        return self.dataset.schema
+        if self._dataset is not None:
+            return self._dataset.schema
+        with reading(self.view.files):
+            parquet.footer(self.view.files[0])
+            return pq.read_schema(self.view.files[0])
 
     @hinted
     def to_table(
@@ -156,7 +163,7 @@ class Table(Rows):
     def count_rows(self) -> int:
         """How many rows there are, by the files' footers. Raises DamagedData."""
         with reading(self.view.files):
-            return int(self.dataset.count_rows())
+            return sum(parquet.footer(path).num_rows for path in self.view.files)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):

@@ -67,7 +67,7 @@ class Files:
     def __init__(self, files: list[Path]) -> None:
 
         self._columns = [(path, *_column(path)) for path in files]
-        self._rows = sum(pq.read_metadata(path).num_rows for path in files)
+        self._rows = sum(parquet.footer(path).num_rows for path in files)
 
     def __len__(self) -> int:
         return self._rows

@@ -173,7 +173,7 @@ def _clean(root: Path, declared: Table) -> list[Problem]:
 
 def _rows(paths: list[Path] | tuple[Path, ...]) -> int:
 
-    return sum(pq.read_metadata(path).num_rows for path in paths)
+    return sum(parquet.footer(path).num_rows for path in paths)
 
 
 def _counts(root: Path, source: str, part: Part) -> list[Problem]:

@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
 
-import pyarrow.parquet as pq
 from duckdb import DuckDBPyConnection
 
 from kb.core.context import Run
@@ -156,7 +155,7 @@ def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tu
 def _table(con: DuckDBPyConnection, part: Part) -> TableFacts:
 
     files = tuple(
-        File(shard.name, shard.stat().st_size, pq.read_metadata(shard).num_rows, digest(shard))
+        File(shard.name, shard.stat().st_size, parquet.footer(shard).num_rows, digest(shard))
         for shard in part.shards
     )
     names = [str(shard) for shard in part.shards]

@@ -95,6 +95,7 @@ def usable(root: Path, sources: Sequence[str]) -> list[str]:
 @contextlib.contextmanager
 def _opened(root: Path, source: str) -> Iterator[sqlite.Connection]:
     path = Layout(root).index(source)
+    indexed.check(root, source)
     try:
         with contextlib.closing(sqlite.connect(path, readonly=True)) as con:
             yield con

@@ -85,9 +85,11 @@ def follow(run: Run, source: str) -> Made | None:
             return None
         rules, note = _rules(run.profile, source), indexed.read(run.root, source)
         now = indexed.stamps(paths, note.files if note else None)
-        if note and not run.again and note.rules == rules and indexed.same(note.files, now):
-            if note.files != now:  # the same bytes, copied: they need not be read once more
-                indexed.write(run.root, source, Note(rules, now, note.passages))
+        current = note is not None and note.rules == rules and indexed.same(note.files, now)
+        if note and current and not run.again and indexed.is_whole(run.root, source):
+            own = indexed.stamp(Layout(run.root).index(source))
+            if (note.files, note.own) != (now, own):  # the same bytes, copied
+                indexed.write(run.root, source, Note(rules, now, own, note.passages))
             return Made(note.passages, fresh=False)
         with run.progress.task(f"index {source}", unit="passages") as task:
             count = _write(
@@ -96,7 +98,8 @@ def follow(run: Run, source: str) -> Made | None:
                 rules["tokens"],
                 task,
             )
-        indexed.write(run.root, source, Note(rules, now, count))
+        own = indexed.stamp(Layout(run.root).index(source))
+        indexed.write(run.root, source, Note(rules, now, own, count))
     return Made(count, fresh=True)
 
 

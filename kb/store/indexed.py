@@ -27,7 +27,11 @@ TABLES = {
     "wiki": ("pages", "elements", "cells", "images"),
     "reddit": ("posts", "comments"),
 }
-FORM = 1  # of an index; one of another form is made again
+CHANGED = "its bytes are not those that were written"
+_LARGE = 256 << 20  # bytes that are not read for a question
+FORM = 2  # of an index; one of another form is made again
+
+_checked: set[tuple[str, int, int, int]] = set()  # indexes that this process has read
 
 
 class Stamp(msgspec.Struct):
@@ -40,11 +44,12 @@ class Stamp(msgspec.Struct):
 
 class Note(msgspec.Struct):
     """What an index was made of: `files` by "<table>/<name>", and `rules`, whatever else decides
-    what is in it.
+    what is in it; `own`: the index itself.
     """
 
     rules: dict[str, Any]
     files: dict[str, Stamp]
+    own: Stamp
     passages: int
     form: int = FORM
 
@@ -82,7 +87,7 @@ def stamps(paths: dict[str, Path], known: dict[str, Stamp] | None = None) -> dic
         about = path.stat()
         old = (known or {}).get(name)
         if old is None or (old.size, old.changed) != (about.st_size, about.st_mtime_ns):
-            old = Stamp(about.st_size, about.st_mtime_ns, digest(path))
+            old = stamp(path)
         found[name] = old
     return found
 
@@ -113,8 +118,45 @@ def follow(root: Path, source: str) -> None:
         forget(root, source)
 
 
+def check(root: Path, source: str) -> None:
+    """Raises DamagedData for an index whose bytes are not those that were written.
+
+    It is read once a process, which is not worth it for a large one that nobody has written to
+    since: of that `kb verify` tells.
+    """
+    path, note = Layout(root).index(source), read(root, source)
+    if note is None:
+        return
+    about = path.stat()
+    mark = str(path), about.st_ino, about.st_size, about.st_mtime_ns
+    touched = (note.own.size, note.own.changed) != mark[2:]
+    if mark in _checked or (about.st_size > _LARGE and not touched):
+        return
+    if not is_whole(root, source):
+        raise DamagedData(f"{path} can't be read: {CHANGED}", hint="run `kb index --again`")
+    _checked.add(mark)
+
+
+def is_whole(root: Path, source: str) -> bool:
+    """Whether an index has the bytes that its note says."""
+    path, note = Layout(root).index(source), read(root, source)
+    return (
+        note is not None
+        and path.stat().st_size == note.own.size
+        and digest(path) == note.own.sha256
+    )
+
+
+def stamp(path: Path) -> Stamp:
+    """A file as it is now."""
+    about = path.stat()
+    return Stamp(about.st_size, about.st_mtime_ns, digest(path))
+
+
 def problem(path: Path) -> str:
-    """What is wrong with an index's file, "" when every page of it is whole."""
+    """What is wrong with an index's file, "" when every byte of it is whole."""
+    if read(path.parent.parent, path.stem) and not is_whole(path.parent.parent, path.stem):
+        return CHANGED
     try:
         with contextlib.closing(sqlite.connect(path, readonly=True)) as con:
             said = str(con.execute("PRAGMA integrity_check(1)").fetchone()[0])

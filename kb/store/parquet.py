@@ -2,12 +2,14 @@
 
 Every page that is written has a checksum, which other readers can check too. It says nothing of
 what lies between the pages, and DuckDB doesn't look at it; so the footer of a file also holds the
-CRC-32 of the whole file, reckoned with zeros in the place of its own eight digits:
+CRC-32 of the whole file, reckoned with zeros in the place of its own eight digits, and that of the
+footer alone, with zeros in the place of both:
 
-    key-value metadata   lorebase.crc32 = 1f2e3d4c
+    key-value metadata   lorebase.crc32 = 1f2e3d4c, lorebase.footer = 5a6b7c8d
 
-`check` reads a file once for it, as fast as the disk is; a process does so once a file. Files of
-others have none: of those the pages are verified, as far as they have checksums.
+Whoever reads rows calls `check`, which reads a file once for it, as fast as the disk is; a process
+does so once a file. Whoever needs counts or columns alone asks `footer`, at no cost. Files of
+others have neither: of those the pages are verified, as far as they have checksums.
 """
 
 from __future__ import annotations
@@ -15,9 +17,10 @@ from __future__ import annotations
 import contextlib
 import os
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import IO, Any, BinaryIO, NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -26,15 +29,27 @@ from kb.core.errors import DamagedData
 from kb.store.advice import advice
 
 KEY = b"lorebase.crc32"
+FOOTER = b"lorebase.footer"
 CHANGED = "its bytes are not those that were written"
 _ZEROS = b"00000000"
-_FIELD = KEY + b"\x18\x08"  # in Thrift's compact form: the key, then a text of eight bytes
+_EIGHT = b"\x18\x08"  # in Thrift's compact form: a text of eight bytes
 _TAIL = 8  # the footer's length and the magic bytes
 _MOST = 64 << 20  # bytes of a footer
 _CHUNK = 1 << 20
+_AT_ONCE = 4  # files that are read at a time
 _PIECE, _BITS = 4, 8  # bytes of the name that are looked for, and how many bits may differ
 
-_checked: set[tuple[str, int, int, int]] = set()  # files that this process has read in full
+
+class _Mark(NamedTuple):
+    """A file as it is now: another one has another inode, size or time."""
+
+    path: str
+    inode: int
+    size: int
+    changed: int
+
+
+_checked: set[_Mark] = set()  # files that this process has read in full
 
 
 @contextlib.contextmanager
@@ -51,7 +66,8 @@ def writing(
     ) as file:
         yield file
         if isinstance(place, Path):
-            file.add_key_value_metadata({KEY.decode(): _ZEROS.decode()})
+            zeros = _ZEROS.decode()
+            file.add_key_value_metadata({KEY.decode(): zeros, FOOTER.decode(): zeros})
     if isinstance(place, Path):
         _seal(place)
 
@@ -74,22 +90,59 @@ def read_table(path: Path | str, columns: Sequence[str] | None = None) -> pa.Tab
         return file.read(columns=None if columns is None else list(columns))
 
 
-def check(*paths: Path | str) -> None:
+def footer(path: Path | str) -> pq.FileMetaData:
+    """What a file's footer says of rows and columns, against its checksum; no row is read.
+
+    Raises DamagedData, and what pyarrow raises for a file that is no Parquet.
+    """
+    with Path(path).open("rb") as file:
+        held = _footer(file)[1]
+        at = _place(held, FOOTER)
+        if at is not None:
+            said = held[at : at + len(_ZEROS)]
+            for place in (at, _place(held, KEY)):
+                if place is not None:
+                    held = held[:place] + _ZEROS + held[place + len(_ZEROS) :]
+            if said != b"%08x" % zlib.crc32(held):
+                raise _changed(Path(path))
+    if at is None:
+        check(path)  # of before there was one: by that of the whole file
+    return pq.read_metadata(path)
+
+
+def check(*paths: Path | str, advance: Callable[[int], None] | None = None) -> None:
     """Raises DamagedData for the first file whose bytes are not what was written.
 
     What is no Parquet file at all passes: whoever opens it says so. DuckDB verifies nothing, so
-    call it for files whose rows come by that way.
+    call it for files whose rows come by that way. `advance` hears how many bytes were read.
     """
-    for path in map(Path, paths):
-        about = path.stat()
-        mark = str(path), about.st_ino, about.st_size, about.st_mtime_ns
-        if mark not in _checked:
-            if not holds(path):
-                raise DamagedData(
-                    f"{path} can't be read: {CHANGED}",
-                    hint=advice(path),
-                )
-            _checked.add(mark)
+    fresh = _unchecked(paths)
+    if len(fresh) > 1 and sum(mark.size for mark in fresh) > _CHUNK:
+        with ThreadPoolExecutor(min(_AT_ONCE, len(fresh))) as pool:
+            whole = list(pool.map(lambda mark: holds(Path(mark.path), advance), fresh))
+    else:
+        whole = [holds(Path(mark.path), advance) for mark in fresh]
+    for mark, is_whole in zip(fresh, whole, strict=True):
+        if not is_whole:
+            raise _changed(Path(mark.path))
+        _checked.add(mark)
+
+
+def unread(paths: Iterable[Path | str]) -> int:
+    """How many bytes `check` would read."""
+    return sum(mark.size for mark in _unchecked(paths))
+
+
+def _unchecked(paths: Iterable[Path | str]) -> list[_Mark]:
+    marks = []
+    for path in dict.fromkeys(map(str, paths)):
+        about = os.stat(path)  # noqa: PTH116  of many files
+        marks.append(_Mark(path, about.st_ino, about.st_size, about.st_mtime_ns))
+    return [mark for mark in marks if mark not in _checked]
+
+
+def _changed(path: Path) -> DamagedData:
+    return DamagedData(f"{path} can't be read: {CHANGED}", hint=advice(path))
 
 
 def holds(path: Path, advance: Callable[[int], None] | None = None) -> bool:
@@ -98,7 +151,7 @@ def holds(path: Path, advance: Callable[[int], None] | None = None) -> bool:
     `advance` hears how many bytes were read.
     """
     with path.open("rb") as file:
-        at = _place(file)
+        at = _whole(file)
         if at is None:
             return True
         file.seek(at)
@@ -109,44 +162,60 @@ def holds(path: Path, advance: Callable[[int], None] | None = None) -> bool:
 def has_checksum(path: Path) -> bool:
     """Whether a file says the checksum of its bytes."""
     with path.open("rb") as file:
-        return _place(file) is not None
+        return _whole(file) is not None
 
 
 def _seal(path: Path) -> None:
-    """Put the checksum of a file into its footer."""
+    """Put the checksums of a file into its footer: first the footer's, then that of all bytes."""
     with path.open("r+b") as file:
-        at = _place(file)
-        assert at is not None, "the writer has made room for it"
-        digits = _reckoned(file, at)
-        file.seek(at)
+        begin, held = _footer(file)
+        own, whole = _place(held, FOOTER), _place(held, KEY)
+        assert own is not None, "the writer has made room for it"
+        assert whole is not None
+        file.seek(begin + own)
+        file.write(b"%08x" % zlib.crc32(held))
+        digits = _reckoned(file, begin + whole)
+        file.seek(begin + whole)
         file.write(digits)
 
 
-def _place(file: BinaryIO) -> int | None:
-    """Where the digits stand; None in a file without them, or that is no Parquet."""
+def _footer(file: BinaryIO) -> tuple[int, bytes]:
+    """Where the footer begins, as far as the file says it, and its bytes to the file's end."""
     size = file.seek(0, os.SEEK_END)
     if size < _TAIL:
-        return None
+        return 0, b""
     file.seek(size - _TAIL)
     length = int.from_bytes(file.read(4), "little")
-    start = max(0, size - _TAIL - min(length, _MOST))
-    file.seek(start)
-    footer = file.read(size - start)
+    begin = max(0, size - _TAIL - min(length, _MOST))
+    file.seek(begin)
+    return begin, file.read(size - begin)
+
+
+def _whole(file: BinaryIO) -> int | None:
+    """Where the digits of the whole file stand; None in a file without them, or no Parquet."""
+    begin, held = _footer(file)
+    at = _place(held, KEY)
+    return None if at is None else begin + at
+
+
+def _place(footer: bytes, key: bytes) -> int | None:
+    """Where a key's digits stand in a footer."""
     # What the rows say (statistics) comes before it, so the last one is ours.
-    found = footer.rfind(_FIELD)
+    field = key + _EIGHT
+    found = footer.rfind(field)
     if found < 0:
-        found = _nearly(footer)
-    return None if found < 0 else start + found + len(_FIELD)
+        found = _nearly(footer, field)
+    return None if found < 0 else found + len(field)
 
 
-def _nearly(footer: bytes) -> int:
+def _nearly(footer: bytes, field: bytes) -> int:
     """Where the name stands with a few bits changed, which must not hide it; -1: nowhere.
 
-    A quarter of it at least has to be whole.
+    Some four bytes of it have to be whole.
     """
-    wanted, size = int.from_bytes(_FIELD, "big"), len(_FIELD)
-    for begin in range(0, size, _PIECE):
-        piece = _FIELD[begin : begin + _PIECE]
+    wanted, size = int.from_bytes(field, "big"), len(field)
+    for begin in range(0, size - _PIECE + 1, _PIECE):
+        piece = field[begin : begin + _PIECE]
         at = footer.rfind(piece)
         while at >= begin:
             held = footer[at - begin : at - begin + size]

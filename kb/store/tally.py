@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from datetime import datetime
 from pathlib import Path
+from typing import Any
 
-import pyarrow.parquet as pq
-
+from kb.store import parquet
 from kb.store.database import asking
 from kb.store.layout import parquet_files
 from kb.store.reading import reading, scan
@@ -18,7 +19,7 @@ def rows(folder: Path) -> int:
     """Rows of a table, from its files' footers. Raises DamagedData."""
     found = parquet_files(folder)
     with reading(found):
-        return sum(pq.read_metadata(file).num_rows for file in found)
+        return sum(parquet.footer(file).num_rows for file in found)
 
 
 def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
@@ -52,6 +53,45 @@ def _keys(folder: Path, tables: Mapping[str, str], where: str = "true") -> dict[
         return {}
     sums = ", ".join("count(*) FILTER (starts_with(key, ?))" for _ in tables)
     sql = f"SELECT {sums} FROM {scan(found)} WHERE {where}"
+    parquet.check(*found)
     with reading(found), asking() as con:
         counts = con.execute(sql, list(tables.values())).fetchone() or ()
     return dict(zip(tables, counts, strict=False))
+
+
+def span(
+    files: Iterable[Path], column: str, limit: datetime
+) -> tuple[datetime | None, datetime | None, int]:
+    """The first and last time of a column, and how many are before `limit`.
+
+    From the files' footers; rows are read only where the limit falls into a row group. Nothing for
+    files without that column. Raises DamagedData.
+    """
+    times: list[datetime] = []
+    before = 0
+    for path in files:
+        footer = parquet.footer(path)
+        names = footer.schema.to_arrow_schema().names
+        for group in range(footer.num_row_groups if column in names else 0):
+            said = _statistics(footer.row_group(group), column)
+            if said is not None and said.has_min_max:
+                low, high, count = said.min, said.max, said.num_values
+                before += count if high < limit else 0
+                times += (low, high)
+                if not low < limit <= high:
+                    continue
+            with parquet.open_file(path) as file:
+                read = file.read_row_group(group, [column])[column].to_pylist()
+            held = [time for time in read if time is not None]
+            times += held
+            before += sum(time < limit for time in held)
+    return min(times, default=None), max(times, default=None), before
+
+
+def _statistics(group: Any, column: str) -> Any:
+    """What a row group's footer says of a column, None where it says nothing."""
+    for number in range(group.num_columns):
+        chunk = group.column(number)
+        if chunk.path_in_schema == column:
+            return chunk.statistics
+    return None

@@ -222,7 +222,7 @@ class _Root:
         look.advance(path.stat().st_size)
         what = _json(path) if path.suffix == ".json" else indexed.problem(path)
         if what:
-            look.damaged("index", path, what, "delete it; the next `kb index` makes it again")
+            look.damaged("index", path, what, "run `kb index --again`")
         else:
             look.whole("index", path)
 

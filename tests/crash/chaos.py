@@ -1,8 +1,10 @@
 """Fault injection over every command that writes: killed before any of its file operations, joined
 by a second one while it stands still, and given damaged files.
 
-`make chaos` (KB_CHAOS_KILLS a command, KB_CHAOS_FLIPS, SEED, ONLY=command) prints two tables and
-ends with 1 when something was lost, leaked, left over or silent. `make test` has a sample of it in
+`make chaos` (KB_CHAOS_KILLS a command, KB_CHAOS_FLIPS, KB_CHAOS_AT_ONCE commands, SEED,
+ONLY=command) prints tables and ends with 1 when something was lost, leaked, left over or silent. It
+takes hours: KB_CHAOS_LOG names a file that gets a line of JSON for each moment of harm, so that
+what was tried is known of a run that was stopped too. `make test` has a sample of it in
 tests/crash/test_chaos.py.
 
 After each kill the same command is run again. Then the folders that it makes have the bytes of an
@@ -12,6 +14,7 @@ and of what was purged no byte is anywhere.
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import shutil
@@ -22,12 +25,13 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import duckdb
 
 from kb.core.errors import KbError
 from kb.core.progress import Silent
+from kb.sandbox.zenodo_answers import Deposit
 from kb.store import leftovers
 from kb.verify.root import verify
 from tests.crash import harm, worlds
@@ -58,6 +62,13 @@ def tables(folder: Path) -> dict[str, str]:
     return found
 
 
+def noted(**what: Any) -> None:
+    """A line of the log, for a run that is stopped before its tables."""
+    if place := os.environ.get("KB_CHAOS_LOG"):
+        with Path(place).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(what) + "\n")
+
+
 class Outcome(NamedTuple):
     """What a run left: bytes by path, every path outside of raw/, and what `kb verify` said."""
 
@@ -76,6 +87,7 @@ class Result:
 
     def add(self, moment: str, wrong: list[tuple[str, str]]) -> None:
         """A moment of harm, and (kind, what) of everything that was not right after it."""
+        noted(command=self.case.name, moment=moment, wrong=wrong)
         self.counts["kills"] += 1
         self.counts["right"] += not wrong
         for kind in {kind for kind, _ in wrong}:
@@ -91,6 +103,9 @@ class Trial:
         self.root = place / "data"
         self.env = made.env | {"KB_DATA": str(self.root)} | case.env
         self._whole: dict[str, tuple[Outcome, int]] = {}
+        self._publishes = "publish" in case.words
+        service: Any = made.sandbox.servers["zenodo"].application
+        self._deposits: dict[int, Deposit] = service.deposits.by_id
 
     def whole(self, base: str) -> tuple[Outcome, int]:
         """What an unharmed run leaves, and how many file operations it makes."""
@@ -109,6 +124,8 @@ class Trial:
     def fresh(self, base: str) -> None:
         """A copy of a base."""
         shutil.rmtree(self.place, ignore_errors=True)
+        if self._publishes:
+            self._deposits.clear()
         shutil.copytree(self.made.base(base), self.root, symlinks=True)
 
     def run(self, kind: str = "", before: int = 0) -> harm.Ended:
@@ -140,6 +157,7 @@ class Trial:
                 self.root / folder
             ).items()
             if not name.endswith(_COUNTS[self.case.words[0] != "refresh" :])
+            and (folder, Path(name).suffix) != ("index", ".json")  # says when it was written
         }
         paths = (path.relative_to(self.root) for path in self.root.rglob("*"))
         return Outcome(
@@ -176,7 +194,17 @@ class Trial:
             if _is_left(path, self.root) and not (aside and ".damaged" in path.name)
         ]
         wrong += [("left over", str(sorted(set(more))[:5]))] if more else []
+        wrong += self._published() if self._publishes else []
         return wrong + [("leaked", what) for what in leaked(self.root, self.case.gone)]
+
+    def _published(self) -> list[tuple[str, str]]:
+        """Each folder is one public record with the folder's files, and there is nothing else."""
+        folders = [path for path in (self.root / "release").iterdir() if path.is_dir()]
+        wanted = [{one.name: one.read_bytes() for one in path.iterdir()} for path in folders]
+        there = [one.files for one in self._deposits.values() if one.submitted]
+        wrong = [] if all(one in there for one in wanted) else [("lost", "a folder has no record")]
+        more = len(self._deposits) - len(folders)
+        return wrong + ([("left over", f"{more} deposits more than folders")] if more else [])
 
     def kill(self, base: str, before: int, kind: str) -> tuple[str, list[tuple[str, str]]]:
         """Kill, run again, look: (the moment, what is wrong); no moment: it had ended before."""
@@ -315,14 +343,15 @@ def main() -> int:
         made = Worlds(place / "made", sandbox, wiki)
         if not wiki:
             print("no browser: the wiki's commands are left out")
-        cases, done = chosen(made, only), []
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
+        cases, done = sorted(chosen(made, only), key=lambda case: case.slow), []
+        at_once = int(os.environ.get("KB_CHAOS_AT_ONCE") or os.cpu_count() or 1)
+        with ThreadPoolExecutor(at_once) as pool:
             started = [
                 pool.submit(
                     partial(
                         told,
                         Trial(made, case, place / f"trial-{number}"),
-                        min(count, 5) if case.slow and not only else count,
+                        count,
                         seed,
                         joins=1 + (count >= 20),
                     )

@@ -173,8 +173,9 @@ class _Operations:
 
     def _wrapped(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         def counted(descriptor: int, *rest: Any) -> Any:
-            if descriptor > 2:
-                self._next(f"{name} {_path(descriptor)}", descriptor if name == "fsync" else -1)
+            # Pipes too are written to; a kill while a worker is asked for ends the server.
+            if descriptor > 2 and self._ours(path := _path(descriptor)):
+                self._next(f"{name} {path}", descriptor if name == "fsync" else -1)
             return call(descriptor, *rest)
 
         return counted

@@ -40,21 +40,25 @@ class Case(NamedTuple):
     then: tuple[tuple[str, ...], ...] = ()
     env: dict[str, str] = {}  # noqa: RUF012  of a tuple
     gone: tuple[bytes, ...] = ()  # what no byte of the root may hold afterwards
-    slow: bool = False  # starts browsers
+    slow: bool = False  # takes longest: it comes last
     finished: str = ""  # what it may say instead of doing it all again
 
     @property
     def name(self) -> str:
-        """The command's words, without names of files and options that have a value."""
-        return " ".join(word for word in self.words if not {"/", "="} & set(word))
+        """The command's words, without files and what only says where from and where to."""
+        return " ".join(
+            word
+            for word in self.words
+            if "/" not in word and not word.startswith(("--ids=", "--older-than=", "--to="))
+        )
 
 
 class Worlds:
     """`base(name)` is a root to copy; `cases` are all commands that can run on this machine."""
 
     def __init__(self, place: Path, sandbox: Sandbox, wiki: bool) -> None:
-        self.place, self.wiki = place, wiki
-        self._job = Job(sandbox, place, toxicity=True, KB_PROGRESS="0")
+        self.place, self.wiki, self.sandbox = place, wiki, sandbox
+        self._job = Job(sandbox, place, toxicity=True)
         self._job.profile(*_CHANGES)
         plain = place / "plain" / "profile.toml"
         shutil.copytree(place / "profile", plain.parent)
@@ -87,6 +91,7 @@ class Worlds:
             self._done("annotate", source)
         self._kept("scored")
         each("filter")
+        self._done("index")
         self._kept("clean")
         each("export")
         self._done("pairs")
@@ -98,7 +103,15 @@ class Worlds:
         one = self.base("figures") / "clean"
         shutil.copytree(self.base("clean") / "clean" / self.sources[-1], one / self.sources[-1])
         (self.base("figures") / "state").mkdir()
+        self._purged()
         self._damage(shutil.copytree(self.base("released"), self.base("damaged")))
+
+    def _purged(self) -> None:
+        """A root with everything, tombstones too."""
+        root = shutil.copytree(self.base("released"), self.base("purged"))
+        for source in self.sources:
+            self._done(*self._purge(source).words, f"--data={root}")
+        self._done("index", f"--data={root}")
 
     def _done(self, *words: str) -> None:
         ended = harm.run([*words, "--quiet"], self._job.env, self.place)
@@ -144,12 +157,23 @@ class Worlds:
                 ((source, "filter"),),
                 plain | LATER,
             )
+        yield from self._with_workers()
         yield Case(("reddit", "reconstruct"), ("made",), ("export/reconstructed",))
+        for words in (
+            ("youtube", "export", "--format=minedojo"),
+            ("reddit", "export", "--format=convokit"),
+            ("pairs", "--format=video2dataset"),
+        ):
+            yield Case(words, ("made",), ("export",))
+        yield Case(("index", "--again"), ("clean",), ("index",))
         yield Case(("pairs",), ("clean",), ("pairs", "release/pairs"))
         yield Case(("pairs", "--again"), ("made",), ("pairs", "release/pairs"))
         yield Case(("release",), ("made", "released"), ("release",))
-        yield Case(("report",), ("figures",), ("report",))
-        yield Case(("restore", str(self.place / "released")), ("keyed",), ("restored",))
+        to = "--to=zenodo-sandbox"
+        yield Case(("release", "publish", to, "--publish"), ("released",), ("release",))
+        yield Case(("report",), ("figures",), ("report",), slow=True)
+        released = str(self.place / "released")
+        yield Case(("restore", released), ("keyed",), ("restored",), slow=True)
         yield Case(("verify", "--repair"), ("damaged",), made)
         yield Case(
             ("profile", "new", "ferns", "--out=data/ferns"),
@@ -157,6 +181,20 @@ class Worlds:
             ("ferns",),
             finished="is there already",
         )
+
+    def _with_workers(self) -> Iterator[Case]:
+        """The same with processes of their own, which end with the one that is killed."""
+        two, filtered = "--workers=2", (("reddit", "filter"),)
+        yield Case(("youtube", "filter", two), ("scored", "made"), ("clean/youtube",))
+        yield Case(
+            ("reddit", "import", *self.dumps, two),
+            ("keyed", "crawled"),
+            ("clean/reddit",),
+            filtered,
+            self.plain,
+        )
+        yield Case(("annotate", "reddit", two), ("crawled",), ("clean/reddit",), filtered)
+        yield Case(("pairs", "--again", two), ("made",), ("pairs", "release/pairs"))
 
     def _purge(self, source: str) -> Case:
         """A kept row with a title of its own is named."""
@@ -202,5 +240,5 @@ def services(wiki: bool = True) -> tuple[Sandbox, bool]:
             chromium.find()
         except MissingExtra:
             wiki = False
-    names = ["youtube", "reddit", *(["wiki"] if wiki else [])]
+    names = ["youtube", "reddit", "zenodo", *(["wiki"] if wiki else [])]
     return Sandbox(world(), services=names), wiki

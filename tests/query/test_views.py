@@ -13,6 +13,7 @@ from kb import query
 from kb.core.errors import DamagedData, UsageError
 from kb.store import tombstones
 from kb.store.layout import Layout
+from kb.store.reading import literal
 from kb.store.shards import write_table
 
 
@@ -189,6 +190,31 @@ def test_pages_that_are_broken_name_their_file_also_while_rows_stream(root: Path
         pytest.raises(DamagedData, match=r"part-00001\.parquet can't be read"),
     ):
         query.select(con, "FROM clean.youtube_videos", root=root).read_all()
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "SELECT count(*) FROM clean.youtube_videos",
+        "SELECT max(title) FROM Youtube_Videos",
+        "FROM query_table('clean.youtube' || '_videos')",
+        "FROM query('FROM youtube_' || 'videos')",
+        "SUMMARIZE youtube_videos",
+        "FROM read_parquet({path})",
+    ],
+)
+def test_a_changed_bit_never_changes_an_answer(root: Path, sql: str) -> None:
+    path = next(root.glob("clean/youtube/videos/*.parquet"))
+    sql = sql.format(path=literal(path))
+    with query.connect(root) as con:
+        query.select(con, sql, root=root).read_all()
+    data = bytearray(path.read_bytes())
+    data[len(data) // 3] ^= 1
+    path.write_bytes(data)
+    with query.connect(root) as con:
+        query.select(con, "FROM release.youtube_videos", root=root).read_all()  # another's files
+        with pytest.raises(DamagedData, match=f"{path.name} can't be read: its bytes are not"):
+            query.select(con, sql, root=root).read_all()
 
 
 def test_an_empty_root_says_what_to_do(tmp_path: Path) -> None:

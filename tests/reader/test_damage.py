@@ -72,6 +72,27 @@ def test_a_damaged_shard_is_named_when_it_is_read(folder: Path, cut: int) -> Non
     assert len(data["reddit_comments"]) == 5
 
 
+def test_a_changed_bit_is_told_by_rows_and_by_counts(folder: Path) -> None:
+    path = folder / "posts-00002-of-00003.parquet"
+    data = bytearray(path.read_bytes())
+    data[60] ^= 1  # in a page
+    path.write_bytes(data)
+    posts = kb.load(folder)["reddit_posts"]
+    assert (len(posts), posts.schema.names[0]) == (12, "post_id")  # the footers are whole
+    for read in (
+        posts.to_table,
+        lambda: posts.dataset,
+        lambda: kb.load(folder).sql("SELECT count(*) FROM reddit_posts"),
+        lambda: kb.load(folder).thread("x"),
+    ):
+        with pytest.raises(DamagedData, match=f"{path.name} can't be read: its bytes are not"):
+            read()
+    data[-40] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(DamagedData, match=f"{path.name} can't be read: its bytes are not"):
+        len(kb.load(folder)["reddit_posts"])
+
+
 def test_damaged_pages_of_a_shard_with_a_good_footer(folder: Path) -> None:
     path = folder / "posts-00000-of-00003.parquet"
     held = bytearray(path.read_bytes())

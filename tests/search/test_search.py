@@ -379,7 +379,16 @@ def break_index(path: Path) -> None:
     path.write_bytes(data)
 
 
-@pytest.mark.parametrize("spoil", [break_index, lambda path: path.write_bytes(b"no database" * 99)])
+def flip_index(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[data.index(b"camel")] ^= 1
+    path.write_bytes(data)
+
+
+SPOIL = [flip_index, break_index, lambda path: path.write_bytes(b"no database" * 99)]
+
+
+@pytest.mark.parametrize("spoil", SPOIL)
 def test_a_damaged_index_is_told(root: Path, spoil: Callable[[Path], Any]) -> None:
     assert not verify(root, run_at(root).progress).of("index")
     spoil(Layout(root).index("wiki"))
@@ -388,3 +397,6 @@ def test_a_damaged_index_is_told(root: Path, spoil: Callable[[Path], Any]) -> No
     assert caught.value.hint == "run `kb index --again`"
     (bad,) = verify(root, run_at(root).progress).of("index")
     assert (bad.state, bad.path) == ("damaged", Layout(root).index("wiki"))
+    index(run_at(root))
+    assert search(root, "camel")
+    assert not verify(root, run_at(root).progress).of("index")

@@ -36,6 +36,7 @@ def read(path: Path) -> Any:
     if not path.name.endswith(".parquet"):
         return [line for _, line in rawlog.Frames(path)]
     with reading([path]):
+        assert parquet.footer(path).num_rows >= 0
         rows = parquet.read_table(path)
         with duckdb.connect() as con:
             same = con.sql("FROM read_parquet($file)", params={"file": str(path)}).to_arrow_table()

@@ -78,6 +78,38 @@ def test_the_same_rows_give_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
 
 
+def test_a_footer_is_told_by_itself(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    parquet.write(path, pa.table({"a": list(range(1_000))}))
+    whole, length = path.read_bytes(), pq.read_metadata(path).serialized_size
+    assert parquet.footer(path).num_rows == 1_000
+    path.write_bytes(whole[:50] + bytes([whole[50] ^ 1]) + whole[51:])
+    assert parquet.footer(path).num_rows == 1_000  # a page: nothing of it was read
+    silent = []
+    for place in range(len(whole) - length - 8, len(whole)):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
+        try:
+            parquet.footer(path)
+        except (DamagedData, pa.ArrowException, OSError):
+            continue
+        silent.append(place)
+    # The digits of the whole file's checksum are no part of the footer's own.
+    assert len(silent) == 8
+    assert whole[silent[0] - 2 - len(parquet.KEY) :].startswith(parquet.KEY)
+
+
+def test_files_of_before_and_of_others_have_no_checksum_of_the_footer(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    with pq.ParquetWriter(path, pa.schema([("a", pa.int64())])) as file:
+        file.write_table(pa.table({"a": [1]}))
+        file.add_key_value_metadata({parquet.KEY.decode(): "0" * 8})
+    assert parquet.has_checksum(path)
+    with pytest.raises(DamagedData, match="not those that were written"):
+        parquet.footer(path)
+    pq.write_table(pa.table({"a": [1]}), path)
+    assert parquet.footer(path).num_rows == 1
+
+
 def test_files_of_others_are_read_as_they_are(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     pq.write_table(pa.table({"a": [1]}), path)
