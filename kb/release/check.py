@@ -19,6 +19,7 @@ from pydantic import ValidationError
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
+from kb.core.sources import SOURCES, made_by
 from kb.release import archives, checksums, columns, personal, scan
 from kb.release.folders import DEPOSIT, Folder, Part, released_tables
 from kb.release.licences import KNOWN, licence
@@ -174,7 +175,8 @@ def _clean(root: Path, declared: Table) -> list[Problem]:
 
 
 def _again(source: str) -> str:
-    return "run `kb pairs --again`" if source == "pairs" else f"run `kb {source} filter` again"
+    again = f"run `{made_by(source)}"
+    return f"{again}` again" if source in SOURCES else f"{again} --again`"
 
 
 def _rows(paths: list[Path] | tuple[Path, ...]) -> int:
