@@ -57,7 +57,7 @@ def restore(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = No
     refill.check(run, wanted.pairs)
     verify(run, folders)
     if not (wanted.videos or wanted.reddit or wanted.pairs):
-        run.progress.say("a release of the wiki holds everything: there is nothing to bring back")
+        run.progress.say("these folders hold everything: there is nothing to bring back")
         return parts.summary
     if wanted.videos:
         parts.take(youtube.bring, run, wanted.videos, _sort, gone["youtube"], had)

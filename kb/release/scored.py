@@ -8,6 +8,7 @@ from pathlib import Path
 import duckdb
 
 from kb.core.context import Run
+from kb.core.sources import SOURCES, made_by
 from kb.release.folders import Folder, Part, released_tables
 from kb.release.problem import Problem, damaged
 from kb.schema import Table
@@ -86,4 +87,5 @@ def _unscored(files: Sequence[Path], declared: Table, names: set[str]) -> dict[s
 
 def again(source: str) -> str:
     """How the clean rows of a source are made again."""
-    return "run `kb pairs --again`" if source == "pairs" else f"run `kb {source} filter` again"
+    again = f"run `{made_by(source)}"
+    return f"{again}` again" if source in SOURCES else f"{again} --again`"
