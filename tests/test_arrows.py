@@ -31,8 +31,9 @@ ALLOWED: dict[str, set[str]] = {
     **{room: GROUND | {"core"} | ({"crawl"} if room in SOURCES else set()) for room in ROOMS},
     **{room: {"store", "schema", "core"} for room in ASKING},
     "reader": ASKING | {"store", "schema", "core"},
+    "mcp": {"reader"} | ASKING | {"store", "schema", "core"},
     "sandbox": ROOMS | GROUND | {"core"},
-    "cli": ROOMS | ASKING | GROUND | {"core", "sandbox"},
+    "cli": ROOMS | ASKING | GROUND | {"core", "sandbox", "mcp"},
     "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", "sandbox"},
 }
 
@@ -49,6 +50,7 @@ HEAVY = {
     "matplotlib",
     "wordcloud",
     "mlcroissant",
+    "mcp",
     "cffconvert",
     "PIL",
     "datasets",
