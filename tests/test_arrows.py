@@ -32,8 +32,9 @@ ALLOWED: dict[str, set[str]] = {
     **{room: {"store", "schema", "core"} for room in ASKING},
     "links": {"pairs", "store", "schema", "core"},  # over the pairs' matcher
     "reader": ASKING | {"store", "schema", "core"},
+    "mcp": {"reader"} | ASKING | {"store", "schema", "core"},
     "sandbox": ROOMS | GROUND | {"core"},
-    "cli": ROOMS | ASKING | GROUND | {"core", "links", "sandbox"},
+    "cli": ROOMS | ASKING | GROUND | {"core", "links", "sandbox", "mcp"},
     "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", "links", "sandbox"},
 }
 
@@ -50,6 +51,7 @@ HEAVY = {
     "matplotlib",
     "wordcloud",
     "mlcroissant",
+    "mcp",
     "cffconvert",
     "PIL",
     "datasets",

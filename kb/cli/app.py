@@ -32,6 +32,7 @@ TREE = {
     "profile": ("kb.cli.profile", "A new domain's profile; what is wrong with one."),
     "index": ("kb.cli.index", "One local index over everything that is clean."),
     "search": ("kb.cli.search", "Ranked answers out of the index, with links to the place."),
+    "mcp": ("kb.cli.mcp", "Search and tables for agents (Model Context Protocol on stdio)."),
     "query": ("kb.cli.query", "SQL over the tables of the data root, by DuckDB."),
     "refresh": ("kb.cli.refresh", "Read again what the services' terms ask to keep fresh."),
     "purge": ("kb.cli.purge", "Remove for good what was deleted at its source, or named."),

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from kb.core.context import Run
     from kb.query import Listed
 
+TIMEOUT = 600.0  # seconds
+
 app = group("SQL over the tables of the data root, by DuckDB.")
 
 
@@ -89,6 +91,9 @@ def query(
             " [default: by --out's suffix, else table]",
         ),
     ] = None,
+    timeout: Annotated[
+        float, typer.Option("--timeout", min=0.1, metavar="SECONDS", help="How long it may take.")
+    ] = TIMEOUT,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -99,15 +104,17 @@ def query(
         ),
     ] = None,
 ) -> None:
-    """Run one SQL query over the data root's tables. It only reads.
+    """Run one SQL query over the data root's tables. It only reads, and these tables alone.
 
     Schemas clean and release hold one view a table (clean.reddit_posts, release.youtube_videos),
     restored what a reconstruction brought back, links the entities; a bare name is the clean one
     where it exists, else the released, else the restored one. Times are UTC. --limit N gives the
     first N rows, with exit code 0. DIR of --data may be the folder of a reconstruction as well.
+    A query has half of the machine's memory; what does not fit is spilled below the data root.
     """
     from kb.core.errors import UsageError
     from kb.query import connect, select
+    from kb.query.bounds import bounded, generous
     from kb.query.write import choose, write
 
     if [tables, sql is not None, file is not None].count(True) != 1:
@@ -121,7 +128,8 @@ def query(
         sql = _read(sql, file)
     run = options.make_run(needs="root")
     _there(run)
-    with contextlib.closing(connect(run.root)) as db:
+    limits = generous(timeout)
+    with contextlib.closing(connect(run.root, limits=limits)) as db, bounded(db, limits):
         if tables:
             answer = _listing(_catalog(run), for_people=chosen == Format.table)
         else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Iterator
 from enum import StrEnum
@@ -99,12 +98,12 @@ def search(
     from kb.core import terminal
     from kb.core.verdict import Summary
     from kb.search.ask import search as ask
-    from kb.search.rank import Only
+    from kb.search.rank import Only, day_given
 
     only = Only(
         kinds=tuple(map(str, kind or ())),
-        since=_day("--since", since),
-        until=_day("--until", until),
+        since=day_given("--since", since),
+        until=day_given("--until", until),
         least=least,
         each=None if every else each,
         limit=options.limit or LIMIT,
@@ -134,20 +133,6 @@ def _follow(run: Run, sources: list[str]) -> None:
         if indexed.files(run.root, source) and not indexed.is_current(run.root, source):
             run.progress.say(f"no index of {source} that follows clean/{source}: making it")
             follow(run, source)
-
-
-def _day(option: str, given: str) -> str:
-    """A date as it was given. Raises SettingError."""
-    from datetime import date
-
-    from kb.core.errors import SettingError
-
-    try:
-        if given and not re.fullmatch(r"\d{4}-\d\d-\d\d", given):
-            raise ValueError
-        return date.fromisoformat(given).isoformat() if given else ""
-    except ValueError:
-        raise SettingError(f"{option} is {given!r}", hint="write it like 2023-01-31") from None
 
 
 def _lines(number: int, one: Answer) -> Iterator[str]:

@@ -28,6 +28,18 @@ _NO_ARROW = {
     "geometry",
     "tuple",
 }
+# Functions in FROM that read nothing but the views, the catalog and their own arguments. All others
+# read files, memory by its address, settings or logs, or run a text as a query.
+_SOURCES = {
+    "duckdb_columns", "duckdb_constraints", "duckdb_functions", "duckdb_indexes",
+    "duckdb_keywords", "duckdb_schemas", "duckdb_tables", "duckdb_types", "duckdb_views",
+    "generate_series", "histogram", "histogram_values", "icu_calendar_names", "json_each",
+    "json_tree", "pg_timezone_names", "pragma_show", "pragma_table_info", "pragma_version",
+    "range", "repeat", "repeat_row", "summary", "test_all_types", "unnest",
+}  # fmt: skip
+_SHOWS = {"show", "describe", "desc"}
+_BARRED = {"current_setting", "getenv", "getvariable", "write_log"}  # functions of one value
+_SETTINGS = {"pg_settings", "duckdb_logs", "duckdb_prepared_statements", "pg_prepared_statements"}
 
 
 def asked(sql: str, views: Sequence[View]) -> list[View]:
@@ -61,6 +73,7 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
             f"{len(statements)} statements; kb query runs one", hint="give each its own command"
         )
     kind = statements[0].type
+    _refuse(con, sql)
     words = _words(sql)
     at, first = next(words, (0, ""))
     # DuckDB splits what holds a PIVOT without its list of values; COPY and CREATE may hold one
@@ -87,13 +100,32 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
     )
 
 
+def _refuse(con: duckdb.DuckDBPyConnection, sql: str) -> None:
+    """Raise UsageError for the name of a function or view that reads anything but the views."""
+    found = con.execute(
+        "SELECT DISTINCT lower(function_name) FROM duckdb_functions()"
+        " WHERE function_type IN ('table', 'table_macro') AND internal"
+    )
+    barred = _BARRED | ({name for (name,) in found.fetchall()} - _SOURCES)
+    settings = {name for (name,) in con.execute("SELECT name FROM duckdb_settings()").fetchall()}
+    words = [word for _, word in _words(sql)]
+    for word, after in zip(words, [*words[1:], ""], strict=True):
+        setting = word in _SHOWS and after in settings
+        if word in _SETTINGS or setting or (after == "(" and word in barred):
+            raise UsageError(
+                f"{word} is not for queries here: they read the views and nothing else",
+                hint="`kb query --tables` lists the views",
+            )
+
+
 def _words(sql: str) -> Iterator[tuple[int, str]]:
     """(offset in bytes, word in lower case) of each token that is no comment."""
     raw = sql.encode()
     for at, kind in duckdb.tokenize(sql):
-        found = re.match(rb"\w+|.", raw[at:], re.DOTALL)
+        found = re.match(rb'"(?:[^"]|"")*"|\w+|.', raw[at:], re.DOTALL)
         if found and kind != duckdb.token_type.comment:
-            yield at, found[0].decode(errors="replace").lower()
+            word = found[0].decode(errors="replace").lower()
+            yield at, word[1:-1].replace('""', '"') if word.startswith('"') else word
 
 
 def casts(relation: duckdb.DuckDBPyRelation, *, text: bool) -> str | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 from collections.abc import Iterator
 from datetime import date, datetime, timedelta
 from decimal import Decimal
@@ -63,6 +64,26 @@ def as_csv(answer: pa.RecordBatchReader) -> Iterator[str]:
             buffer.seek(0)
             buffer.truncate()
     yield buffer.getvalue()
+
+
+def csv_lines(answer: pa.RecordBatchReader, most: int) -> Iterator[str]:
+    """The head line, then one row at a time; a value of more than `most` characters is cut, and
+    says so.
+    """
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    for row in itertools.chain([answer.schema.names], rows(answer)):
+        writer.writerow([_at_most(value, most) for value in row])
+        yield buffer.getvalue()
+        buffer.seek(0)
+        buffer.truncate()
+
+
+def _at_most(value: Any, most: int) -> Any:
+    shown = _dump(value) if isinstance(value, (dict, list)) else _plain(value)
+    if not isinstance(shown, str) or len(shown) <= most:
+        return shown
+    return f"{shown[:most]}… (cut, {len(shown):,} characters in all)"
 
 
 def as_json(answer: pa.RecordBatchReader) -> Iterator[str]:

@@ -16,6 +16,7 @@ import duckdb
 
 from kb.core.errors import DamagedData
 from kb.core.sources import PUBLISHED, SOURCES
+from kb.query.bounds import Limits
 from kb.schema.tables import Table, table, tables
 from kb.store import complete, database, parquet
 from kb.store.advice import advice
@@ -141,25 +142,39 @@ def bare(views: Iterable[View]) -> dict[str, View]:
     return {view.name: view for view in ranked}
 
 
-def connect(root: Path | None, views: Sequence[View] | None = None) -> duckdb.DuckDBPyConnection:
+def connect(
+    root: Path | None, views: Sequence[View] | None = None, limits: Limits | None = None
+) -> duckdb.DuckDBPyConnection:
     """An in-memory DuckDB with the data root's views, which can reach nothing else.
 
     `views`: these instead of what is found at `root`, with absolute paths; without a `root`
-    nothing is written beside them. Raises DamagedData for a file that is no Parquet.
+    nothing is written beside them. `limits`: of memory and what is spilled; time is
+    `kb.query.bounds.bounded`'s. Raises DamagedData for a file that is no Parquet.
     """
-    con = database.connect(root)
+    con = _open(root, limits)
     if views is None:
         views = list(found(root.absolute())) if root else []
         for folder in complete.tables(root.absolute()) if root else ():
             complete.check(folder)
     _make(con, views)
-    folders = {f"{view.files[0].parent}/" for view in views}
+    files = {str(path) for view in views for path in view.files}
     # The pattern is checked, then the file.
-    allowed = sorted(folders | {escaped(folder) for folder in folders})
-    con.execute(f"SET allowed_directories = [{', '.join(_quoted(folder) for folder in allowed)}]")
+    allowed = sorted(files | {escaped(file) for file in files})
+    con.execute(f"SET allowed_paths = [{', '.join(map(_quoted, allowed))}]")
     con.execute("SET python_enable_replacements = false")  # no table is a variable of this program
     con.execute("SET enable_external_access = false")
     con.execute("SET lock_configuration = true")
+    return con
+
+
+def _open(root: Path | None, limits: Limits | None) -> duckdb.DuckDBPyConnection:
+    if limits is None:
+        return database.connect(root)
+    con = database.connect(root, threads=limits.threads, memory=f"{limits.memory}B")
+    if limits.spill:
+        con.execute(f"SET max_temp_directory_size = '{limits.spill}B'")
+    else:
+        con.execute("SET temp_directory = ''")
     return con
 
 

@@ -14,7 +14,7 @@ from kb.reader.opened import Opened
 from kb.reader.places import Placed, look
 from kb.reader.rows import Answer, Table
 from kb.reader.tables import Tables
-from kb.search.rank import Only
+from kb.search.rank import Only, day_given
 
 Place = str | os.PathLike[str]
 _WAYS = ("sql", "page", "thread", "clips", "search")
@@ -124,7 +124,8 @@ class Data:
         `each`: answers of one video, page or thread, None for all; `size`: characters of a text.
         Raises UsageError where there is no index, or one older than the clean tables.
         """
-        only = Only(_several(kind), since, until, least_score, each, limit)
+        days = day_given("since", since), day_given("until", until)
+        only = Only(_several(kind), *days, least_score, each, limit)
         return search.find(self._opened, words, _several(source), only, size)
 
     def _repr_html_(self) -> str:

@@ -15,10 +15,13 @@ too: it would decide nothing, and looking it up would take the longest.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import date
 from typing import NamedTuple
 
+from kb.core.errors import UsageError
 from kb.search.words import Question, Term
 from kb.store.sqlite import Connection
 
@@ -40,6 +43,16 @@ class Only:
     least: float = 0.0
     each: int | None = 1
     limit: int = 10
+
+
+def day_given(name: str, given: str) -> str:
+    """A day as somebody wrote it, "" for none. Raises UsageError unless it is like 2023-01-31."""
+    try:
+        if given and not re.fullmatch(r"\d{4}-\d\d-\d\d", given):
+            raise ValueError
+        return date.fromisoformat(given).isoformat() if given else ""
+    except ValueError:
+        raise UsageError(f"{name} is {given!r}", hint="write it like 2023-01-31") from None
 
 
 class Ranked(NamedTuple):
@@ -145,10 +158,10 @@ def _best(
     if only.kinds:
         where.append(f"kind IN ({', '.join('?' * len(only.kinds))})")
         bounds += only.kinds
-    for sign, date in ((">=", only.since), ("<=", only.until)):
-        if date:
+    for sign, day in ((">=", only.since), ("<=", only.until)):
+        if day:
             where.append(f"date {sign} ?")
-            bounds.append(date)
+            bounds.append(day)
     each = "" if only.each is None else "WHERE nth <= ?"
     bounds += [] if only.each is None else [only.each]
     sql = f"""

@@ -140,6 +140,7 @@ WITHOUT = {
     "models fetch": {"data", "profile"},
     "profile new": {"data", "profile"},
     "sandbox": {"json"},
+    "mcp": {"json"},
 }
 VALUES = {"workers": "2", "limit": "3", "engine": "local", "scheduler": "tcp://127.0.0.1:1"} | {
     "pipeline": "mine.py",

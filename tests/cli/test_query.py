@@ -480,3 +480,13 @@ def test_a_terminal_s_box_is_safe_and_says_utc(hostile: Path, tmp_path: Path) ->
     assert not (_BAD - {"\r"}) & set(seen)
     assert "\\x1b]0;owned" in seen
     assert "2026-11-20T10:00:00Z" in seen
+
+
+def test_a_query_that_does_not_end_is_ended(kb: Any, root: Path) -> None:
+    endless = "SELECT count(*) FROM range(9999999) a, range(9999999) b WHERE a.range % 9 > b.range"
+    answer = kb("query", endless, "--data", str(root), "--timeout", "0.5", "--out", "x.csv")
+    assert answer.returncode == 1
+    assert "the query took longer than 0.5 s; ask for less" in answer.stderr
+    assert not (root.parent / "x.csv").exists()
+    # The next one is not bound by what was left of the first.
+    assert kb("query", "SELECT 1", "--data", str(root)).returncode == 0

@@ -33,7 +33,7 @@ MINEDOJO = {
             "type": "array",
             "minItems": 3,
             "maxItems": 3,
-            "items": [
+            "prefixItems": [
                 {"type": "string", "minLength": 1},
                 {"type": "number", "minimum": 0},
                 {"type": "number", "exclusiveMinimum": 0},

@@ -69,11 +69,11 @@ def _column(field: pa.Field[Any], rows: list[dict[str, Any]]) -> pa.Array[Any]:
     return pa.array([row.get(field.name, instead) for row in rows], kind)
 
 
-def world(root: Path) -> Path:
-    """clean/ of all three sources."""
+def world(root: Path, hostile: str = "") -> Path:
+    """clean/ of all three sources; `hostile` is a comment more, under the first post."""
     youtube(root)
     wiki(root)
-    reddit(root)
+    reddit(root, hostile)
     return root
 
 
@@ -161,7 +161,7 @@ def wiki(root: Path) -> None:
     write(root, "wiki/images", images)
 
 
-def reddit(root: Path) -> None:
+def reddit(root: Path, hostile: str = "") -> None:
     posts, comments = [], []
     for number, action, animal in combinations():
         when = START + timedelta(days=number)
@@ -186,5 +186,7 @@ def reddit(root: Path) -> None:
                 "created_utc": when + timedelta(hours=1),
             }
         )
+        if hostile and number == 0:
+            comments.append({**comments[0], "comment_id": "c900", "body": hostile})
     write(root, "reddit/posts", posts)
     write(root, "reddit/comments", comments)

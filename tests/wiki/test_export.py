@@ -20,7 +20,7 @@ from kb.store.shards import write_table
 
 BOX = {
     "type": "array",
-    "items": [*[{"type": "number"}] * 2, *[{"type": "integer", "minimum": 1}] * 2],
+    "prefixItems": [*[{"type": "number"}] * 2, *[{"type": "integer", "minimum": 1}] * 2],
     "minItems": 4,
     "maxItems": 4,
 }

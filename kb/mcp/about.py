@@ -1,0 +1,103 @@
+"""`about`: what is in here, how fresh it is, and under which licences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from kb.core import terminal
+from kb.core.context import Run
+from kb.core.sources import SOURCES
+from kb.mcp.fence import Fence, Unit, cut, together
+from kb.query.views import bare
+from kb.reader.opened import Opened
+from kb.reader.places import look
+from kb.reader.rows import Table
+from kb.store import indexed
+
+_THINGS = {"youtube": "youtube_videos", "wiki": "wiki_pages", "reddit": "reddit_posts"}
+_WHEN = {
+    "youtube": ("published_at", "published"),
+    "wiki": ("revision_timestamp", "last edited"),
+    "reddit": ("created_utc", "written"),
+}
+_LICENCES = 10  # of a source
+
+
+def about(run: Run, size: int) -> str:
+    """Sources with dates and licences, the index, the views. Raises DamagedData, UsageError."""
+    opened = Opened(look([run.root]))
+    fence = Fence()
+    head = (
+        f"{fence.note}\n"
+        f"A Lorebase knowledge base, profile {run.profile.name}: {run.profile.title}.\n"
+        "`search` finds places, `read` gives what stands around one, `query` runs SQL (DuckDB)"
+        " over the views below; SELECT column_name FROM (DESCRIBE view) lists columns."
+    )
+    sources = [Unit(_source(opened, source), _licences(opened, source)) for source in _THINGS]
+    known = [unit for unit in sources if unit.facts]
+    index = Unit("\n".join(["What `search` looks through:", *_indexed(run)]), "")
+    views = [Unit(line, "") for line in _views(opened)]
+    return together(fence, head, [*known, index, *views], _left, size)
+
+
+def _left(count: int) -> str:
+    return f"{count} more parts were left out: raise max_chars."
+
+
+def _source(opened: Opened, source: str) -> str:
+    table = _THINGS[source]
+    ranked = opened.ranked(table)
+    if not ranked:
+        return ""
+    view, (when, word) = ranked[0].view.full, _WHEN[source]
+    row = _row(
+        opened,
+        f"SELECT count(*) AS n, min({when}) AS first, max({when}) AS last,"
+        f" min(fetched_at) AS oldest, max(fetched_at) AS newest FROM {view}",
+    )
+    noun = table.partition("_")[2]
+    return (
+        f"{source}: {row['n']:,} {noun}, {word} from {_day(row['first'])} to {_day(row['last'])},"
+        f" fetched from {_day(row['oldest'])} to {_day(row['newest'])} ({view})"
+        + ("; texts are their authors', Reddit gives no licence" if source == "reddit" else "")
+    )
+
+
+def _licences(opened: Opened, source: str) -> str:
+    ranked = opened.ranked(_THINGS[source])
+    if not ranked or source == "reddit":
+        return ""
+    sql = f"SELECT license, count(*) AS n FROM {ranked[0].view.full} GROUP BY 1 ORDER BY 2 DESC, 1"
+    rows = opened.rows(sql).to_pylist()
+    lines = [
+        f"licence {cut(terminal.one_line(row['license'] or 'none given'), 200)}: {row['n']:,}"
+        for row in rows[:_LICENCES]
+    ]
+    return "\n".join([*lines, *([f"and {len(rows) - _LICENCES} more"] * (len(rows) > _LICENCES))])
+
+
+def _row(opened: Opened, sql: str) -> dict[str, Any]:
+    return dict(opened.rows(sql).to_pylist()[0])
+
+
+def _day(when: Any) -> str:
+    return when.date().isoformat() if when is not None else "an unknown day"
+
+
+def _indexed(run: Run) -> Iterator[str]:
+    for source in SOURCES:
+        if not indexed.files(run.root, source):
+            yield f"{source}: no clean texts here"
+        elif indexed.is_current(run.root, source):
+            note = indexed.read(run.root, source)
+            yield f"{source}: {note.passages if note else 0:,} passages"
+        else:
+            yield f"{source}: its index is made at the first search"
+
+
+def _views(opened: Opened) -> Iterator[str]:
+    short = {view.full: name for name, view in bare(opened.views).items()}
+    for name, one in sorted(opened.placed.items()):
+        also = f" (also {short[name]})" if name in short else ""
+        yield f"view {name}{also}: {Table(one.view).count_rows():,} rows. {one.view.doc}"

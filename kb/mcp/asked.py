@@ -1,0 +1,38 @@
+"""`query`: one SQL query over the views, in a process of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from kb.core.errors import UsageError
+from kb.mcp.fence import Fence, cut
+from kb.query import guarded
+from kb.query.bounds import Limits
+from kb.reader.places import look
+
+ROWS, MOST_ROWS = 100, 1_000
+SECONDS, MOST_SECONDS = 10, 60
+_MEMORY = 1 << 30  # bytes
+_LEFT = "More rows were left out: raise max_chars or max_rows, or ask for less."
+
+
+def asked(root: Path, sql: str, rows: int, seconds: float, size: int) -> str:
+    """The first rows as CSV in at most `size` characters. Raises DamagedData."""
+    fence = Fence()
+    views = [one.view for one in look([root]).values()]
+    head = f"{fence.note}\nThe answer as CSV, times in UTC."
+    room = size - len(head) - len(_LEFT) - len(fence.around("")) - 6
+    try:
+        told = guarded.ask(
+            sql,
+            views,
+            rows=rows,
+            characters=room,
+            cell=room // 2,
+            limits=Limits(seconds, _MEMORY),
+        )
+    except UsageError as error:  # it may show a value
+        hint = error.hint.replace("`kb query --tables`", "`about`")
+        raise UsageError(f"{fence.note}\n{fence.around(cut(f'{error}; {hint}', room))}") from None
+    body = fence.around("".join(told.lines).rstrip("\n"))
+    return "\n\n".join([head, body, *([_LEFT] if told.more else [])])

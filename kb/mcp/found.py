@@ -1,0 +1,74 @@
+"""`search`: ranked answers, each with its source, link and ref."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from urllib.parse import parse_qs, urlsplit
+
+from kb.core.context import Run
+from kb.core.sources import SOURCES
+from kb.mcp.fence import Fence, Unit, together
+from kb.mcp.places import Place, of_link
+from kb.search.ask import Answer, search
+from kb.search.build import follow
+from kb.search.rank import Only
+from kb.store import indexed
+
+_ONE_AT_A_TIME = threading.Lock()  # an index is made once
+
+
+def found(run: Run, words: str, sources: Sequence[str], only: Only, size: int) -> str:
+    """The answers, the best first, in at most `size` characters. Raises KbError.
+
+    An index that is missing or does not follow the clean tables is made first.
+    """
+    chosen = [one for one in SOURCES if not sources or one in sources]
+    with _ONE_AT_A_TIME:
+        for source in chosen:
+            if indexed.files(run.root, source) and not indexed.is_current(run.root, source):
+                follow(run, source)
+    answers = search(run.root, words, sources=chosen, only=only, size=size)
+    fence = Fence()
+    if not answers:
+        return "No answers. Try other or fewer words, or fewer filters."
+    said = "1 answer" if len(answers) == 1 else f"{len(answers)} answers"
+    head = f"{fence.note}\n{said}, the best first; `read` with a ref gives what stands around it."
+    units = [_unit(number, one) for number, one in enumerate(answers, 1)]
+    return together(fence, head, units, _left, size)
+
+
+def _left(count: int) -> str:
+    what = "1 more answer was" if count == 1 else f"{count} more answers were"
+    return f"{what} left out: raise max_chars, or lower limit."
+
+
+def _unit(number: int, one: Answer) -> Unit:
+    parts = [f"{one.source} {one.kind}", one.date, revision(one.url), _licence(one.licence)]
+    facts = " · ".join(part for part in parts if part)
+    where = " › ".join(part for part in (one.title, one.path) if part)
+    return Unit(
+        f"{number}. {facts} · score {one.score:.2f}\nlink: {one.url}\nref: {ref(one)}",
+        f"{where}\n{one.text}",
+        f"{where}\n{one.snippet}",
+    )
+
+
+def revision(url: str) -> str:
+    """The revision that a wiki's link names."""
+    number = parse_qs(urlsplit(url).query).get("oldid")
+    return f"revision {number[0]}" if number else ""
+
+
+def _licence(licence: str | None) -> str:
+    return f"licence {licence}" if licence else "no licence given"
+
+
+def ref(one: Answer) -> str:
+    """What `read` takes for an answer's place."""
+    known = of_link(one.url)
+    if one.source == "wiki":
+        return Place("wiki", one.key, urlsplit(one.url).fragment).ref
+    if known is None or known.source != one.source:
+        return f"{one.source}:{one.key}"
+    return known.ref
