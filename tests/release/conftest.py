@@ -10,6 +10,7 @@ import pytest
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
+from kb.core.sources import PUBLISHED
 from kb.release.build import release
 from tests.release.made import build
 from tests.release.signed import signed
@@ -45,6 +46,6 @@ def released(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The data root of a whole release; tests must not change it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
-        root = build(tmp_path_factory.mktemp("released"))
+        root = build(tmp_path_factory.mktemp("released"), sources=PUBLISHED)
         release(a_run(root))
     return root

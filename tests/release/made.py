@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.schema import Table, table
+from kb.store.layout import Layout
 from kb.store.shards import sorted_shards, write_table
 
 START = datetime(2026, 11, 1, tzinfo=UTC)
@@ -251,6 +252,30 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
         }
         for i in range(2 * n)
     ]
+    made["links/entities"] = [
+        {
+            "entity": keyword,
+            "kind": "item",
+            "aliases": [f"{keyword}s"],
+            "wiki_page_id": i + 1 if i < 3 else None,
+        }
+        for i, keyword in enumerate(KEYWORDS)
+    ]
+    made["links/links"] = [
+        {
+            "entity": keyword,
+            "source": "youtube",
+            "key": f"vid{i:08d}",
+            "part": part,
+            "how": "mention",
+            "count": 1 + i % 3,
+            "first_at_s": 4.0 * i if part == "transcript" else None,
+        }
+        for keyword in KEYWORDS
+        for i in range(n)
+        for part in ("title", "transcript")
+        if spread("link", keyword, i, part) % 4 == 0
+    ]
     return made
 
 
@@ -277,7 +302,7 @@ REJECTED = {
         ("toxicity", "above", "0.8", "0.5", 3),
     ],
 }
-PAIRS = "pairs/pairs"
+PART = "part-00000.parquet"
 
 
 def build(
@@ -296,8 +321,8 @@ def build(
         if edit:
             edit(name, made)
         arrow = pa.Table.from_pylist([filled(declared, row) for row in made], declared.arrow())
-        folder = root / "pairs" if name == PAIRS else root / "clean" / name
-        part = write_table(folder / "part-00000.parquet", arrow, declared)
+        file = f"{declared.short}-00000.parquet" if declared.source == "links" else PART
+        part = write_table(Layout(root).table(name) / file, arrow, declared)
         if export and not name.startswith("wiki/"):
             released(root, name, part.path)
     for source, lines in REJECTED.items():
