@@ -51,7 +51,7 @@ def one_date():
 
 
 @pytest.fixture(scope="module")
-def sandbox(programs):
+def sandbox(shared_browsers):
     with Sandbox(World(), services=["wiki"]) as held:
         yield held
 
