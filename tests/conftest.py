@@ -27,11 +27,23 @@ pytest_plugins = ["tests.installed", "tests.inprocess"]
 SLOW = ("wheel", "dask", "crash", "mediawiki")  # marks; pyproject.toml says what they mean
 
 
+# Files of half a minute and more.
+LONG = (
+    "crash/test_chaos.py",
+    "wiki/test_crawl.py",
+    "report/test_report.py",
+    "wiki/test_odd_pages.py",
+    "youtube/test_faults.py",
+    "test_style.py",
+)
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files of slow kinds first: a worker that took a long one last would leave the others idle."""
+    """Long files and slow kinds first: a worker that took one last would leave the others idle."""
+    long = {ROOT / "tests" / name for name in LONG}
     slow = {item.path for item in items if any(item.get_closest_marker(name) for name in SLOW)}
-    items.sort(key=lambda item: item.path not in slow)
+    items.sort(key=lambda item: (item.path not in long, item.path not in slow))
 
 
 @pytest.fixture(autouse=True)

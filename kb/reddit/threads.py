@@ -13,7 +13,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.reddit.parse import OPEN, READ
+from kb.reddit.records import OPEN, READ
 from kb.store import parquet
 from kb.store.layout import parquet_files
 from kb.store.reading import reading

@@ -13,6 +13,7 @@ from typing import Any
 
 from kb.core import clock
 from kb.sandbox.domain import Domain, usual
+from kb.sandbox.post_cases import CASES, RUDE, shape
 
 START = 1_700_000_000  # 2023-11-14
 _YEAR = 31_536_000
@@ -24,36 +25,6 @@ _PEOPLE = [
         for second in ("otter", "lantern", "anvil", "heron", "pebble")
     )
 ]
-_RUDE = [
-    "you are a stupid worthless idiot",
-    "shut up you pathetic moron",
-    "what a dumb ugly loser you are",
-]
-CASES = (
-    "text",
-    "image",
-    "image_album",
-    "image_direct",
-    "video_hosted",
-    "video_youtube",
-    "video_gifv",
-    "link",
-    "poll",
-    "gallery",
-    "crosspost",
-    "low_score",
-    "nsfw",
-    "removed",
-    "deleted",
-    "rude_title",
-    "rude_body",
-    "odd_text",
-    "no_score",
-    "deep",
-    "wide",
-    "link_video_page",
-    "empty_text",
-)
 
 
 class Subreddit:
@@ -192,103 +163,8 @@ class Subreddit:
                 (5, 6, 2, 2, 1, 3),
             )[0]
         )
-        self._shape(post, case, rng)
+        shape(post, case, self.domain, rng)
         return post
-
-    def _shape(self, post: dict[str, Any], case: str, rng: random.Random) -> None:
-        key = post["id"]
-        links = {
-            "image": f"https://i.redd.it/{key}pic.png",
-            "image_album": f"https://imgur.com/a/{key}",
-            "image_direct": f"https://pictures.example/{key}.jpg",
-            "video_hosted": f"https://v.redd.it/{key}",
-            "video_youtube": f"https://www.youtube.com/watch?v={key}vid0",
-            "video_gifv": f"https://i.imgur.com/{key}.gifv",
-            "link": f"https://notes.example/{self.domain.speech.link_word(rng)}/{key}",
-            "link_video_page": "https://www.youtube.com/@brisk-otter-builds",
-            "gallery": f"https://www.reddit.com/gallery/{key}",
-        }
-        if case in links:
-            post |= {
-                "is_self": False,
-                "selftext": "",
-                "url": links[case],
-                "url_overridden_by_dest": links[case],
-                "domain": links[case].split("/")[2],
-                "is_video": case == "video_hosted",
-            }
-            if case == "image":
-                post["post_hint"] = "image"
-        if case == "gallery":
-            post |= {
-                "is_gallery": True,
-                "gallery_data": {
-                    "items": [{"media_id": f"{key}a", "id": 1}, {"media_id": f"{key}b", "id": 2}]
-                },
-                "media_metadata": {
-                    f"{key}{part}": {"status": "valid", "e": "Image", "m": "image/png"}
-                    for part in "ab"
-                },
-            }
-        elif case == "poll":
-            post["poll_data"] = {
-                "options": [
-                    {"text": word, "id": str(n), "vote_count": 3 * n}
-                    for n, word in enumerate(self.domain.words.poll)
-                ],
-                "total_vote_count": 3,
-                "voting_end_timestamp": int(post["created_utc"] * 1_000) + 86_400_000,
-            }
-        elif case == "crosspost":
-            parent = {
-                **post,
-                "id": "zz9zz9",
-                "name": "t3_zz9zz9",
-                "subreddit": "u_mossy_heron17",
-                "is_self": False,
-                "selftext": "",
-                "permalink": "/user/mossy_heron17/comments/zz9zz9/post/",
-                "url": "https://v.redd.it/zz9zz9",
-                "is_video": True,
-            }
-            post |= {
-                "crosspost_parent": "t3_zz9zz9",
-                "crosspost_parent_list": [parent],
-                "is_self": False,
-                "selftext": "",
-                "url": "https://v.redd.it/zz9zz9",
-            }
-        elif case == "low_score":
-            post["score"] = rng.randrange(0, max(1, self.domain.min_score))
-        elif case == "no_score":
-            del post["score"]
-        elif case == "nsfw":
-            post["over_18"] = True
-        elif case == "removed":
-            post |= {
-                "selftext": "[removed]",
-                "removed_by_category": "moderator",
-                "is_robot_indexable": False,
-            }
-        elif case == "deleted":
-            post |= {
-                "selftext": "[deleted]",
-                "author": "[deleted]",
-                "removed_by_category": "deleted",
-                "is_robot_indexable": False,
-            }
-            del post["author_fullname"]
-        elif case == "rude_title":
-            post["title"] = _RUDE[0].capitalize()
-        elif case == "rude_body":
-            post["selftext"] = _RUDE[1]
-        elif case == "odd_text":
-            post |= {
-                "title": "A tower 🗼 مرحبا & <b>bold</b>",
-                "selftext": "tab\tand\0nul and \ud83d alone",
-            }
-        elif case == "empty_text":
-            post["selftext"] = ""
 
     def _thread(self, number: int, post: dict[str, Any]) -> list[dict[str, Any]]:
         rng = clock.rng("thread", self.seed, number)
@@ -342,7 +218,7 @@ class Subreddit:
         elif roll < 0.07:
             comment |= {"body": "[removed]", "author": "[deleted]"}
         elif roll < 0.12:
-            comment["body"] = rng.choice(_RUDE)
+            comment["body"] = rng.choice(RUDE)
         return comment
 
 

@@ -161,6 +161,13 @@ def look(pool: Pool, section: Any, tmp_path: Path) -> Callable[..., Any]:
     return capture_page
 
 
+@pytest.fixture(scope="module")
+def shared_browsers(programs: chromium.Programs) -> Iterator[None]:
+    """Crawls in this process share browsers."""
+    with beside("shelf").kept():
+        yield
+
+
 @pytest.fixture(scope="session")
 def mediawiki(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A running, seeded MediaWiki."""

@@ -21,7 +21,7 @@ TALL = f"<p>{WORDS}</p><div style='height:120000px'></div>"
 
 
 @pytest.fixture
-def wiki(serve, programs):
+def wiki(serve, shared_browsers):
     held = SmallWiki()
     held.url = serve(held.application)
     return held
