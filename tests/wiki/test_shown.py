@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kb.core.errors import ItemFinal
 from kb.core.profile import load_profile
 from kb.filters.clean import run_clean
 from kb.wiki import shown
@@ -109,7 +110,102 @@ def test_an_edit_of_one_slot_changes_that_slot(run, mediawiki):
     assert {row["revision_id"] for row in table(run, "recipes")} == {page["revision_id"]}
 
 
-# -- without a wiki -------------------------------------------------------------------------------
+# -- markup that this MediaWiki has not ------------------------------------------------------------
+
+MINECRAFT = load_profile("minecraft").wiki.markup
+RULES = shown.Rules(MINECRAFT.units, MINECRAFT.item)
+PAGE = {"page_id": 1, "title": "The page", "revision_id": 5}
+
+
+def seen(pages, look, name: str, body: str):
+    """(facts, recipes) of a page of that body."""
+    html = f"<!DOCTYPE html><body><div id=content>{body}</div>"
+    extraction = look(pages.put(f"/shown/{name}", html)).extraction
+    return (
+        shown.facts(PAGE, extraction["facts"], RULES),
+        shown.recipes(PAGE, extraction["recipes"], RULES),
+    )
+
+
+def test_infoboxes_of_other_wikis(pages, look):
+    body = """
+      <div class="notaninfobox"><div class="infobox-title">Torch</div>
+        <table class="infobox-rows"><tr><th>Tool</th><td><img alt="Any"> <img alt="Axe"></td></tr>
+        <tr><th>Burns</th><td>20 ticks<br>for ever</td></tr><tr><th>Drops</th><td> </td></tr>
+        <tr style="display:none"><th>Secret</th><td>12 ticks</td></tr></table></div>
+      <table class="infobox"><tr><th>A</th><td>1</td><th>B</th><td>2</td></tr>
+        <tr><td>Time</td><td>30 min</td></tr><tr><td><img alt="x"></td><td>caption</td></tr>
+        <tr><th colspan=2>Section</th></tr><tr><td colspan=2>words below it</td></tr>
+        <tr><th>Held</th><td>before<table><tr><th>Inner</th><td>7 days</td></tr></table></td></tr>
+      </table>
+      <aside class="portable-infobox"><table class="pi-horizontal-group"><thead>
+        <tr><th>Mass (kg)</th><th>Hue</th></tr></thead>
+        <tbody><tr><td>1,200</td><td>red</td></tr></tbody></table></aside>
+      <table class="wikitable"><tr><th>No</th><td>fact</td></tr></table>"""
+    facts, recipes = seen(pages, look, "boxes", body)
+    assert [
+        (row["subject"], row["field"], row["value"], row["unit"], row["visible"]) for row in facts
+    ] == [
+        ("Torch", "Tool", "Any\nAxe", None, True),
+        ("Torch", "Burns", "20 ticks\nfor ever", None, True),
+        ("Torch", "Secret", "12", "ticks", False),
+        ("The page", "A", "1", None, True),
+        ("The page", "B", "2", None, True),
+        ("The page", "Time", "30", "min", True),
+        ("The page", "Held", "before", None, True),
+        ("The page", "Inner", "7", "days", True),
+        ("The page", "Mass (kg)", "1,200", "kg", True),
+        ("The page", "Hue", "red", None, True),
+    ]
+    assert recipes == []
+
+
+def test_recipes_of_minecraft_wiki(pages, look):
+    """Tooltips with colours, long texts of pictures, sprites, turns in turns; no rows at all."""
+
+    def item(name: str, more: str = "", shown: str = "") -> str:
+        alt = f"Invicon {name}.png: Inventory sprite for {name} in Minecraft as shown in-game"
+        link = f'<a href="/w/{name}" title="Elsewhere"><img alt="{alt}"></a>'
+        return f'<span class="invslot-item{shown}">{link}{more}</span>'
+
+    size = '<span class="invslot-stacksize">{}</span>'.format
+    first = " animated-active"
+    body = f"""<style>.animated > *, .animated-subframe > * {{ display: none }}
+        .animated > .animated-active {{ display: block }} .s {{ background: url(/shown/s.png) }}
+        .invslot {{ display: inline-block; width: 32px; height: 32px }}</style>
+      <div class="mcui mcui-Furnace"><span class="mcui-input">
+        <span class="invslot animated">{item("Coal", shown=first)}<span class="animated-subframe">
+          {item("Log", size(4))}{item("Plank")}</span>{item("Lava")}</span>
+        <span class="mcui-fuel"></span>
+        <span class="invslot"><span class="invslot-item"
+          data-minetip-title="&amp;6Golden &amp;oApple" title="x"><img alt=""></span></span></span>
+        <span class="mcui-output"><span class="invslot invslot-large"><span class="s" title="Glass">
+          </span>{size(64)}</span></span></div>
+      <div style="display:none"><div class="mcui"><span class="invslot">{item("Bow")}</span></div></div>
+      <p><span class="invslot">{item("Alone")}</span></p>"""
+    facts, recipes = seen(pages, look, "grids", body)
+    assert facts == []
+    names = ("recipe_id", "slot", "role", "column_index", "alternative", "item", "quantity")
+    assert [tuple(row[name] for name in (*names, "visible")) for row in recipes] == [
+        (0, 0, "input", 0, 0, "Coal", 1, True),
+        (0, 0, "input", 0, 1, "Log", 4, True),
+        (0, 0, "input", 0, 2, "Plank", 1, True),
+        (0, 0, "input", 0, 3, "Lava", 1, True),
+        (0, 1, "input", 1, 0, "Golden Apple", 1, True),
+        (0, 2, "output", 0, 0, "Glass", 64, True),
+        (1, 0, "input", 0, 0, "Bow", 1, False),
+    ]
+
+
+def test_more_slots_than_a_page_may_have_elements_are_too_many(pages, look):
+    slots = '<span class="invslot"></span>' * 60
+    url = pages.put("/shown/many", f"<!DOCTYPE html><div id=content><div class=mcui>{slots}</div>")
+    with pytest.raises(ItemFinal, match="too_many_elements"):
+        look(url, rules={"max_elements": 50})
+    assert look(url, rules={"max_elements": 70}).extraction["recipes"]
+
+
+# -- without a browser -----------------------------------------------------------------------------
 
 
 @given(
