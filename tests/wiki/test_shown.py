@@ -63,6 +63,29 @@ def test_infoboxes_of_other_wikis(pages, look):
     assert recipes == []
 
 
+@pytest.mark.parametrize(
+    "slash",
+    [
+        "",
+        '<span class="slash" style="display:none">/</span>',
+        '<span class="slash" style="position:absolute;clip:rect(0 0 0 0)">/</span>',
+    ],
+)
+def test_stacked_fractions_keep_their_slash(pages, look, slash):
+    def stacked(over: int, under: int) -> str:
+        parts = f'<span class="num">{over}</span>{slash}<span class="den">{under}</span>'
+        return f'<span class="sfrac"><span class="tion">{parts}</span></span>'
+
+    style = "<style>.tion { display: inline-block } .num, .den { display: block }</style>"
+    words = f"Odds: {stacked(82, 100)} × {stacked(499, 500)}, or 3<sup>1</sup>⁄<sub>2</sub>."
+    box = f'<table class="infobox"><tr><th>Chance</th><td>{stacked(1, 12)} s</td></tr></table>'
+    html = f"<!DOCTYPE html><div id=content>{style}<p>{words}</p>{box}</div>"
+    extraction = look(pages.put("/shown/fractions", html)).extraction
+    assert extraction["elements"][0]["text"] == "Odds: 82/100 × 499/500, or 31⁄2."
+    (fact,) = shown.facts(PAGE, extraction["facts"], RULES)
+    assert (fact["value"], fact["unit"]) == ("1/12", "s")
+
+
 def test_recipes_of_minecraft_wiki(pages, look):
     """Tooltips with colours, long texts of pictures, sprites, turns in turns; no rows at all."""
 
