@@ -97,6 +97,8 @@ function textOf(nodes, seen, pre, blocks) {
     }
     const s = style(node);
     if (seen && (s.display === "none" || s.visibility === "hidden" || !shown(node) && s.display !== "contents")) return;
+    // The slash of a fraction that stands upright is drawn as a line, if it is there at all.
+    if (node.matches(rules.denominator) && /[^/⁄\s]\s*$/.test(out)) out = `${out.trimEnd()}/`;
     const block = !s.display.startsWith("inline") && !INLINE.has(node.tagName);
     const apart = blocks && !/^(inline|contents)/.test(s.display);
     if (block) line();

@@ -134,10 +134,9 @@ def _names(item: Row, expression: str) -> Iterator[str]:
     if item["tip"]:
         yield _ESCAPED.sub(r"\1", _FORMATTING.sub("", item["tip"])).strip()
     alt = " ".join((item["alt"] or "").split())
-    if expression and (match := re.search(expression, alt)):
-        yield (match[1] or "").strip()
-    elif not _FILE.match(alt):
-        yield alt
+    named = inside(alt, expression) or ""
+    if not _FILE.match(named):
+        yield named
     title = " ".join((item["title"] or "").split())
     if item["absent"]:  # MediaWiki's words on a page that is not there, in any language
         title = re.sub(r" ?\([^()]*\)$", "", title)
@@ -146,6 +145,15 @@ def _names(item: Row, expression: str) -> Iterator[str]:
     yield item["text"] or ""
     if match := _FILE.match(alt):  # better than nothing
         yield match[0].rpartition(".")[0]
+
+
+def inside(text: str | None, expression: str) -> str | None:
+    """The name that stands inside of a picture's longer text, by the profile's expression; the text
+    itself where there is none.
+    """
+    if not text or not expression or not (match := re.search(expression, text)):
+        return text
+    return (match[1] or "").strip() or text
 
 
 def quantity(item: Row) -> int | None:

@@ -70,7 +70,7 @@ def read_pages(
                 "text": text,
             }
             if whole:
-                parts["wiki/elements"].append(elements(page_id, extraction["elements"]))
+                parts["wiki/elements"].append(elements(page_id, extraction["elements"], rules))
                 parts["wiki/cells"].append(cells(page_id, extraction["cells"]))
                 said = {
                     "wiki/images": image_rows(page_id, extraction, held),
@@ -124,12 +124,16 @@ def page_text(elements: list[Row]) -> str:
     return "\n".join(element["text"] for element in tops(elements) if element["text"])
 
 
-def elements(page_id: int, found: list[Row]) -> pa.Table:
+def elements(page_id: int, found: list[Row], rules: shown.Rules) -> pa.Table:
     """Rows of wiki/elements, in reading order."""
-    held = ("text", "cell", "sprite")
-    makers = _declared("wiki/elements", "elements") | {
-        "text": lambda element: element["text"] if element["kind"] in held else None
-    }
+
+    def text(element: Row) -> str | None:
+        if element["kind"] == "sprite":
+            return shown.inside(element["text"], rules.item)
+        said: str | None = element["text"] if element["kind"] in ("text", "cell") else None
+        return said
+
+    makers = _declared("wiki/elements", "elements") | {"text": text}
     del makers["lines"]
     order, boxes = range(len(found)), _lines(found)
     return _made("wiki/elements", page_id, found, makers, reading_order=order, lines=boxes)

@@ -64,6 +64,14 @@ def test_a_profile_by_path_with_one_source(tmp_path):
             ("[youtube]", "[toxicity.thresholds]\nyoutube = -inf\n[youtube]"),
             r"'toxicity.thresholds.youtube' is -inf",
         ),
+        (
+            ("[youtube]", '[wiki]\nurl = "https://a.b"\nmarkup.item = "Icon of .+"\n[youtube]'),
+            "'wiki.markup.item' is \"Icon of .*must have one group",
+        ),
+        (
+            ("[youtube]", '[wiki]\nurl = "https://a.b"\nmarkup.item = "(."\n[youtube]'),
+            "'wiki.markup.item' .*is no regular expression",
+        ),
         (('keywords = ["roses"]\n', ""), "'youtube.keywords' is missing"),
         (('title = "Garden"', "title = "), "not valid TOML"),
     ],

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+import zstandard
 
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError
@@ -199,6 +201,20 @@ def test_lines_facts_and_recipes_of_a_page(root: Path) -> None:
         (row["role"], row["alternative"], row["item"], row["quantity"], row["revision_id"])
         for row in rows(root, "recipes")
     ] == [("output", 0, "Jar", 1, 2), ("output", 1, None, None, 2)]
+
+
+def test_an_icon_bears_the_name_inside_of_its_picture_s_text(root: Path) -> None:
+    captured(root, 1, "Kept")
+    path = root / "raw/wiki/pages/1/1/extraction.json.zst"
+    seen = json.loads(zstandard.ZstdDecompressor().decompress(path.read_bytes()))
+    told = "ItemSprite emerald.png: Sprite image for emerald in Minecraft"
+    seen["elements"] += [
+        {**seen["elements"][1], "id": 4 + n, "kind": "sprite", "text": text}
+        for n, text in enumerate((told, "Clay", None))
+    ]
+    path.write_bytes(zstandard.ZstdCompressor().compress(json.dumps(seen).encode()))
+    run_clean(run_at(root), "wiki")
+    assert [row["text"] for row in rows(root, "elements")][4:] == ["emerald", "Clay", None]
 
 
 def test_the_newest_answer_wins(root: Path) -> None:

@@ -6,6 +6,7 @@ import dataclasses
 import re
 from collections import Counter
 from functools import partial
+from itertools import groupby
 from urllib.parse import unquote
 
 import duckdb
@@ -20,6 +21,7 @@ from kb.wiki import capture
 from kb.wiki.browser import Browser, reach
 from kb.wiki.pool import Pool
 from kb.wiki.source import crawl
+from tests.wiki import workshop
 
 pytestmark = pytest.mark.mediawiki
 
@@ -58,7 +60,7 @@ def data(mediawiki, programs, run_on, tmp_path_factory):
 def query(run, sql):
     """Rows of a query over the clean tables as dicts."""
     con = duckdb.connect()
-    for name in ("pages", "elements", "cells", "images"):
+    for name in ("pages", "elements", "cells", "images", "facts", "recipes"):
         con.execute(
             f"CREATE VIEW {name} AS SELECT * FROM"
             f" read_parquet('{run.root}/clean/wiki/{name}/*.parquet')"
@@ -326,6 +328,68 @@ def test_boxes_of_a_tall_wiki_page_hold_their_colour(data):
             assert picture.getpixel(at) == (40 + 5 * n, 250 - 5 * n, (n * 53) % 256)
 
 
+# Facts and recipes, as they were written: each infobox and recipe of a page differs from the first
+# in one field or slot, and so must its rows.
+
+IDS = ("page_id", "recipe_id", "fact_id", "element_id", "visible", "revision_id")
+
+
+def workshop_rows(run, table):
+    """What the workshop's page says, in its order."""
+    order = "fact_id" if table == "facts" else "recipe_id, slot, alternative"
+    found = f"SELECT t.* FROM {table} t JOIN pages p USING (page_id) WHERE title = 'Workshop'"
+    return query(run, f"{found} ORDER BY {order}")
+
+
+def bare(rows):
+    return [{name: value for name, value in row.items() if name not in IDS} for row in rows]
+
+
+def test_each_recipe_is_what_was_written_slot_for_slot(data):
+    run, *_ = data
+    written = list(workshop.recipes())
+    rows = workshop_rows(run, "recipes")
+    found = [bare(group) for _, group in groupby(rows, key=lambda row: row["recipe_id"])]
+    assert len(found) == len(written) > 40
+    for (slot, recipe), rows in zip(written, found, strict=True):
+        assert rows == workshop.expected_recipe(recipe)
+        differ = [row for row in rows if row not in found[0]]
+        differ += [row for row in found[0] if row not in rows]
+        assert {row["slot"] for row in differ} == ({slot} if slot is not None else set())
+
+
+def test_each_infobox_is_what_was_written_field_for_field(data):
+    run, *_ = data
+    expected = [row for _, box in workshop.boxes() for row in workshop.expected_facts(box)]
+    rows = workshop_rows(run, "facts")
+    assert bare(rows) == expected
+    assert [row["fact_id"] for row in rows] == list(range(len(expected)))
+
+
+def test_facts_and_recipes_name_their_elements_and_revision(data):
+    run, *_ = data
+    (page,) = query(run, "SELECT revision_id FROM pages WHERE title = 'Workshop'")
+    by_id = {row["element_id"]: row for row in elements(run, "Workshop")}
+    facts, recipes = workshop_rows(run, "facts"), workshop_rows(run, "recipes")
+    assert {row["revision_id"] for row in facts + recipes} == {page["revision_id"]}
+    assert all(row["visible"] for row in facts + recipes)
+    for row in facts:
+        held = by_id[row["element_id"]]
+        assert (held["kind"], held["region"]) in (("cell", "infobox"), ("text", "infobox"))
+        assert held["text"].startswith(row["value"])
+    for row in recipes:
+        if row["element_id"] is None:
+            assert row["item"] is None
+        else:
+            held = by_id[row["element_id"]]
+            assert held["region"] == "recipe"
+            assert held["kind"] in ("image", "animation")
+    (other,) = query(
+        run, "SELECT f.* FROM facts f JOIN pages USING (page_id) WHERE title = 'Pictures'"
+    )
+    assert bare([other]) == [{"subject": "Pictures", "field": "Weight", "value": "2", "unit": "kg"}]
+
+
 def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     """Runs last: it changes the wiki."""
     run, *_ = data
@@ -343,6 +407,10 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
         "A page that nobody has seen before, and that tells at some length of nothing in"
         " particular, in more than twenty words.",
     )
+    old = bare(workshop_rows(run, "recipes"))
+    first = list(workshop.BASE)
+    first[4] = (workshop.Thing("Salt", 1), workshop.Thing("Sand", 2))
+    mediawiki.edit("Workshop", workshop.text(tuple(first)))
     (mediawiki.folder / "moves.txt").write_text("To be moved|Has moved\n")
     mediawiki.php("moveBatch", str(mediawiki.folder / "moves.txt"))
     (mediawiki.folder / "gone.txt").write_text("To be deleted\n")
@@ -355,10 +423,14 @@ def test_a_second_crawl_shows_only_what_changed(data, mediawiki):
     )
     assert crawl(run)["crawled"] == 0
     again = crawl(dataclasses.replace(run, again=True))
-    assert again["crawled"] == 3
+    assert again["crawled"] == 4
     renders = [e.response["title"] for e in rawlog.read(run.root, "wiki", "renders")][shown:]
-    assert sorted(renders) == ["Brand new", "Grids", "Has moved"]
+    assert sorted(renders) == ["Brand new", "Grids", "Has moved", "Workshop"]
     run_clean(run, "wiki")
+    # An edit of one slot changes the row of that slot.
+    new = bare(workshop_rows(run, "recipes"))
+    changed = [row for row, before in zip(new, old, strict=True) if row != before]
+    assert [(row["slot"], row["item"], row["quantity"]) for row in changed] == [(4, "Sand", 2)]
     rows = {row["title"]: row for row in query(run, "SELECT * FROM pages")}
     assert "To be deleted" not in rows
     # A picture that was replaced under its name is fetched again, without showing its pages again.

@@ -1,115 +1,137 @@
-"""Facts and recipes, against what a real MediaWiki was given to render: each infobox and recipe of
-a page differs from the first in one slot, and so must its rows.
+"""Facts and recipes of markup that MediaWiki's own packages don't have, and what is told from their
+texts. Against a real MediaWiki: test_mediawiki.py.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
-import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kb.core.errors import ItemFinal
 from kb.core.profile import load_profile
-from kb.filters.clean import run_clean
 from kb.wiki import shown
-from kb.wiki.source import crawl
-from tests.wiki import workshop
 
 UNITS = shown.UNITS
-IDS = ("page_id", "recipe_id", "fact_id", "element_id", "visible", "revision_id")
+MINECRAFT = load_profile("minecraft").wiki.markup
+RULES = shown.Rules(MINECRAFT.units, MINECRAFT.item)
+PAGE = {"page_id": 1, "title": "The page", "revision_id": 5}
 
 
-def bare(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [{name: value for name, value in row.items() if name not in IDS} for row in rows]
+def seen(pages, look, name: str, body: str):
+    """(facts, recipes) of a page of that body."""
+    html = f"<!DOCTYPE html><body><div id=content>{body}</div>"
+    extraction = look(pages.put(f"/shown/{name}", html)).extraction
+    return (
+        shown.facts(PAGE, extraction["facts"], RULES),
+        shown.recipes(PAGE, extraction["recipes"], RULES),
+    )
 
 
-def table(run, name: str) -> list[dict[str, Any]]:
-    return pq.read_table(run.root / "clean/wiki" / name).to_pylist()
+def test_infoboxes_of_other_wikis(pages, look):
+    body = """
+      <div class="notaninfobox"><div class="infobox-title">Torch</div>
+        <table class="infobox-rows"><tr><th>Tool</th><td><img alt="Any"> <img alt="Axe"></td></tr>
+        <tr><th>Burns</th><td>20 ticks<br>for ever</td></tr><tr><th>Drops</th><td> </td></tr>
+        <tr style="display:none"><th>Secret</th><td>12 ticks</td></tr></table></div>
+      <table class="infobox"><tr><th>A</th><td>1</td><th>B</th><td>2</td></tr>
+        <tr><td>Time</td><td>30 min</td></tr><tr><td><img alt="x"></td><td>caption</td></tr>
+        <tr><th colspan=2>Section</th></tr><tr><td colspan=2>words below it</td></tr>
+        <tr><th>Held</th><td>before<table><tr><th>Inner</th><td>7 days</td></tr></table></td></tr>
+      </table>
+      <aside class="portable-infobox"><table class="pi-horizontal-group"><thead>
+        <tr><th>Mass (kg)</th><th>Hue</th></tr></thead>
+        <tbody><tr><td>1,200</td><td>red</td></tr></tbody></table></aside>
+      <table class="wikitable"><tr><th>No</th><td>fact</td></tr></table>"""
+    facts, recipes = seen(pages, look, "boxes", body)
+    assert [
+        (row["subject"], row["field"], row["value"], row["unit"], row["visible"]) for row in facts
+    ] == [
+        ("Torch", "Tool", "Any\nAxe", None, True),
+        ("Torch", "Burns", "20 ticks\nfor ever", None, True),
+        ("Torch", "Secret", "12", "ticks", False),
+        ("The page", "A", "1", None, True),
+        ("The page", "B", "2", None, True),
+        ("The page", "Time", "30", "min", True),
+        ("The page", "Held", "before", None, True),
+        ("The page", "Inner", "7", "days", True),
+        ("The page", "Mass (kg)", "1,200", "kg", True),
+        ("The page", "Hue", "red", None, True),
+    ]
+    assert recipes == []
 
 
-def grouped(run, name: str, key: str) -> list[list[dict[str, Any]]]:
-    """The rows of each recipe."""
-    held: dict[int, list[dict[str, Any]]] = {}
-    for row in table(run, name):
-        held.setdefault(row[key], []).append(row)
-    return list(held.values())
+@pytest.mark.parametrize(
+    "slash",
+    [
+        "",
+        '<span class="slash" style="display:none">/</span>',
+        '<span class="slash" style="position:absolute;clip:rect(0 0 0 0)">/</span>',
+    ],
+)
+def test_stacked_fractions_keep_their_slash(pages, look, slash):
+    def stacked(over: int, under: int) -> str:
+        parts = f'<span class="num">{over}</span>{slash}<span class="den">{under}</span>'
+        return f'<span class="sfrac"><span class="tion">{parts}</span></span>'
+
+    style = "<style>.tion { display: inline-block } .num, .den { display: block }</style>"
+    words = f"Odds: {stacked(82, 100)} × {stacked(499, 500)}, or 3<sup>1</sup>⁄<sub>2</sub>."
+    box = f'<table class="infobox"><tr><th>Chance</th><td>{stacked(1, 12)} s</td></tr></table>'
+    html = f"<!DOCTYPE html><div id=content>{style}<p>{words}</p>{box}</div>"
+    extraction = look(pages.put("/shown/fractions", html)).extraction
+    assert extraction["elements"][0]["text"] == "Odds: 82/100 × 499/500, or 31⁄2."
+    (fact,) = shown.facts(PAGE, extraction["facts"], RULES)
+    assert (fact["value"], fact["unit"]) == ("1/12", "s")
 
 
-@pytest.fixture(scope="module")
-def run(mediawiki, programs, run_on, tmp_path_factory):
-    """The workshop's page, crawled and filtered."""
-    root = tmp_path_factory.mktemp("workshop")
-    made = run_on(root / "data", mediawiki.url)
-    off = made.profile.toxicity.model_copy(update={"toxicity": "off"})
-    made = dataclasses.replace(made, profile=made.profile.model_copy(update={"toxicity": off}))
-    (root / "titles.txt").write_text("Workshop\n")
-    crawl(made, root / "titles.txt")
-    run_clean(made, "wiki")
-    return made
+def test_recipes_of_minecraft_wiki(pages, look):
+    """Tooltips with colours, long texts of pictures, sprites, turns in turns; no rows at all."""
+
+    def item(name: str, more: str = "", shown: str = "") -> str:
+        alt = f"Invicon {name}.png: Inventory sprite for {name} in Minecraft as shown in-game"
+        link = f'<a href="/w/{name}" title="Elsewhere"><img alt="{alt}"></a>'
+        return f'<span class="invslot-item{shown}">{link}{more}</span>'
+
+    size = '<span class="invslot-stacksize">{}</span>'.format
+    first = " animated-active"
+    body = f"""<style>.animated > *, .animated-subframe > * {{ display: none }}
+        .animated > .animated-active {{ display: block }} .s {{ background: url(/shown/s.png) }}
+        .invslot {{ display: inline-block; width: 32px; height: 32px }}</style>
+      <div class="mcui mcui-Furnace"><span class="mcui-input">
+        <span class="invslot animated">{item("Coal", shown=first)}<span class="animated-subframe">
+          {item("Log", size(4))}{item("Plank")}</span>{item("Lava")}</span>
+        <span class="mcui-fuel"></span>
+        <span class="invslot"><span class="invslot-item"
+          data-minetip-title="&amp;6Golden &amp;oApple" title="x"><img alt=""></span></span></span>
+        <span class="mcui-output"><span class="invslot invslot-large"><span class="s" title="Glass">
+          </span>{size(64)}</span></span></div>
+      <div style="display:none"><div class="mcui"><span class="invslot">{item("Bow")}</span></div></div>
+      <p><span class="invslot">{item("Alone")}</span></p>"""
+    facts, recipes = seen(pages, look, "grids", body)
+    assert facts == []
+    names = ("recipe_id", "slot", "role", "column_index", "alternative", "item", "quantity")
+    assert [tuple(row[name] for name in (*names, "visible")) for row in recipes] == [
+        (0, 0, "input", 0, 0, "Coal", 1, True),
+        (0, 0, "input", 0, 1, "Log", 4, True),
+        (0, 0, "input", 0, 2, "Plank", 1, True),
+        (0, 0, "input", 0, 3, "Lava", 1, True),
+        (0, 1, "input", 1, 0, "Golden Apple", 1, True),
+        (0, 2, "output", 0, 0, "Glass", 64, True),
+        (1, 0, "input", 0, 0, "Bow", 1, False),
+    ]
 
 
-@pytest.mark.mediawiki
-def test_each_recipe_is_what_was_written_slot_for_slot(run):
-    written = list(workshop.recipes())
-    found = grouped(run, "recipes", "recipe_id")
-    assert len(found) == len(written) > 40
-    base = bare(found[0])
-    for (slot, recipe), rows in zip(written, found, strict=True):
-        assert bare(rows) == workshop.expected_recipe(recipe)
-        differ = [row for row in bare(rows) if row not in base]
-        differ += [row for row in base if row not in bare(rows)]
-        assert {row["slot"] for row in differ} == ({slot} if slot is not None else set())
+def test_more_slots_than_a_page_may_have_elements_are_too_many(pages, look):
+    slots = '<span class="invslot"></span>' * 60
+    url = pages.put("/shown/many", f"<!DOCTYPE html><div id=content><div class=mcui>{slots}</div>")
+    with pytest.raises(ItemFinal, match="too_many_elements"):
+        look(url, rules={"max_elements": 50})
+    assert look(url, rules={"max_elements": 70}).extraction["recipes"]
 
 
-@pytest.mark.mediawiki
-def test_each_infobox_is_what_was_written_field_for_field(run):
-    written = [box for _, box in workshop.boxes()]
-    expected = [row for box in written for row in workshop.expected_facts(box)]
-    assert bare(table(run, "facts")) == expected
-    assert [row["fact_id"] for row in table(run, "facts")] == list(range(len(expected)))
-
-
-@pytest.mark.mediawiki
-def test_facts_and_recipes_name_their_elements_and_revision(run):
-    (page,) = table(run, "pages")
-    by_id = {row["element_id"]: row for row in table(run, "elements")}
-    facts, recipes = table(run, "facts"), table(run, "recipes")
-    assert {row["revision_id"] for row in facts + recipes} == {page["revision_id"]}
-    assert all(row["visible"] for row in facts + recipes)
-    for row in facts:
-        held = by_id[row["element_id"]]
-        assert (held["kind"], held["region"]) in (("cell", "infobox"), ("text", "infobox"))
-        assert held["text"].startswith(row["value"])
-    for row in recipes:
-        if row["element_id"] is None:
-            assert row["item"] is None
-        else:
-            held = by_id[row["element_id"]]
-            assert held["region"] == "recipe"
-            assert held["kind"] in ("image", "animation")
-
-
-@pytest.mark.mediawiki
-def test_an_edit_of_one_slot_changes_that_slot(run, mediawiki):
-    """Runs last: it changes the wiki."""
-    before = bare(table(run, "recipes"))
-    first = list(workshop.BASE)
-    first[4] = (workshop.Thing("Salt", 1), workshop.Thing("Sand", 2))
-    mediawiki.edit("Workshop", workshop.text(tuple(first)))
-    titles = run.root.with_name("titles.txt")
-    crawl(dataclasses.replace(run, again=True), titles)
-    run_clean(run, "wiki")
-    after = bare(table(run, "recipes"))
-    changed = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
-    assert [(new["slot"], new["item"], new["quantity"]) for _, new in changed] == [(4, "Sand", 2)]
-    (page,) = table(run, "pages")
-    assert {row["revision_id"] for row in table(run, "recipes")} == {page["revision_id"]}
-
-
-# -- without a wiki -------------------------------------------------------------------------------
+# -- without a browser -----------------------------------------------------------------------------
 
 
 @given(

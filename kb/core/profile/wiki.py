@@ -31,6 +31,10 @@ class Markup(Section):
         " .mw-cite-backlink, .mw-empty-elt, .mw-collapsible-toggle",
         description="edit links and other tools that are no text of the page",
     )
+    denominator: str = Field(
+        ".frac .den, .sfrac .den, .tion .den",
+        description="lower parts of fractions; a slash stands before them where none is shown",
+    )
     regions: dict[str, str] = Field(
         default_factory=lambda: dict(_REGIONS),
         description="region name to selector; the innermost wins",
@@ -72,7 +76,7 @@ class Markup(Section):
     quantity: str = Field(".invslot-stacksize", description="how many there are in a slot")
     item: str = Field(
         "",
-        description="expression whose first group is a thing's name in longer texts of pictures",
+        description="expression whose group is a thing's name in longer texts of icons and slots",
     )
 
     @field_validator("item")
@@ -165,6 +169,7 @@ class Wiki(Section):
         return {
             "root": markup.root,
             "chrome": markup.chrome,
+            "denominator": markup.denominator,
             "sprite": markup.sprite,
             "sprite_image": markup.sprite_image,
             "animation": markup.animation,
