@@ -36,6 +36,10 @@ from kb.store.rawlog import SEGMENT_BYTES
 
 THINGS = 100
 BLOCK = 4 << 20  # decompressed bytes that a worker looks at in one go
+# Workers take about a second each to start. Before a file has cost as much it is read without them:
+# by what looking takes, not by the clock, which says something else each time.
+WORTH = 3.0  # seconds of one core
+_LOOKED, _TAKEN = 1e9, 12_000  # bytes and things a second
 
 
 class Job(msgspec.Struct):
@@ -327,10 +331,11 @@ def _side_by_side(
 ) -> Iterator[Looked]:
     """What is in the chunks, in their order, as one worker after the other would find it.
 
-    A block is looked at with what the search knew when it was handed out; where a block before it
-    taught the search something, it is looked at again.
+    The first blocks, of which most is learned, are looked at here. The others are with what the
+    search knew when they were handed out; where a block before it taught the search something, one
+    is looked at again.
     """
-    wanted, state = _rules(job), State((), True)
+    wanted, state, spent = _rules(job), State((), True), 0.0
     waiting: deque[tuple[Block, State, Future[tuple[list[Looked], State]]]] = deque()
 
     def next_found() -> list[Looked]:
@@ -341,10 +346,18 @@ def _side_by_side(
         found, state = future.result()
         return found
 
-    for number, block in enumerate(_blocks(_chunks(job, place, seen))):
+    for block in _blocks(_chunks(job, place, seen)):
+        if spent <= WORTH:
+            found, state = look_at_block(block, wanted, state)
+            size, things = (
+                sum(len(data) for _, data in block),
+                sum(len(one.things) for one in found),
+            )
+            spent += size / _LOOKED + things / _TAKEN
+            yield from found
+            continue
         waiting.append((block, state, executor.submit(look_at_block, block, wanted, state)))
-        # The first block teaches most: no other is looked at before it.
-        if len(waiting) >= window or not number:
+        if len(waiting) >= window:
             yield from next_found()
     while waiting:
         yield from next_found()

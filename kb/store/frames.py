@@ -7,7 +7,7 @@ from typing import BinaryIO
 
 import zstandard
 
-_MAGIC = b"\x28\xb5\x2f\xfd"
+MAGIC = b"\x28\xb5\x2f\xfd"
 _CHUNK = 1 << 16  # small, as the rest of a chunk is copied once for each frame in it
 
 
@@ -59,9 +59,9 @@ def _next_frame(file: BinaryIO, at: int) -> int | None:
     held = b""
     while chunk := file.read(_CHUNK):
         held += chunk
-        place = held.find(_MAGIC)
+        place = held.find(MAGIC)
         if place >= 0:
             return at + place
-        known = max(0, len(held) - len(_MAGIC) + 1)
+        known = max(0, len(held) - len(MAGIC) + 1)
         at, held = at + known, held[known:]
     return None

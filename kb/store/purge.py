@@ -130,8 +130,8 @@ def finder(texts: Iterable[str]) -> Callable[[bytes], bool]:
     needles = {msgspec.json.encode(text)[1:-1] for text in texts}
     if not needles or b"" in needles:
         return lambda line: bool(needles)
-    find = BytesAhoCorasick(sorted(needles)).find_matches_as_indexes
-    return lambda line: bool(find(line)) or b"\\u" in line
+    find = BytesAhoCorasick(sorted({*needles, b"\\u"})).find_matches_as_indexes
+    return lambda line: bool(find(line))
 
 
 def rewrite_raw(

@@ -191,6 +191,8 @@ FLOORS: dict[str, Callable[[Path], None]] = {
     "pairs": lambda root: _parquet(root, "clean/youtube/transcripts"),
     "release": lambda root: _files(root, "release"),
     "report": lambda root: _parquet(root, *_CLEAN["youtube"], *_CLEAN["reddit"], *_CLEAN["wiki"]),
+    "replay youtube": lambda root: _raw(root, "youtube"),
+    "replay reddit": lambda root: _raw(root, "reddit"),
     "refresh youtube": lambda root: _raw(root, "youtube"),
     "refresh reddit": lambda root: _raw(root, "reddit"),
     "purge youtube": lambda root: _raw(root, "youtube"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +54,7 @@ def test_blocks_give_the_same_segments_and_counts(
     dump: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(importing, "BLOCK", 100_000)
+    monkeypatch.setattr(importing, "WORTH", 0.0)
     jobs = []
     for name in ("one", "many"):
         importing.load_key(tmp_path / "one")  # the same key in both
@@ -79,7 +80,20 @@ def test_blocks_give_the_same_segments_and_counts(
     assert files(tmp_path / "many") == files(tmp_path / "one")
 
 
-def test_a_file_left_in_the_middle_goes_on_with_all_workers(dump: Path, tmp_path: Path) -> None:
+def test_a_small_dump_starts_no_worker(dump: Path, tmp_path: Path) -> None:
+    class Nobody(Executor):
+        def submit(self, *task: Any, **options: Any) -> Any:
+            raise AssertionError("a worker costs more than the file")
+
+    importing.load_key(tmp_path)
+    job = Job(str(tmp_path), str(dump), "Minecraft", 0, 4e9, 0)
+    assert import_with(Nobody(), 4, job).things > 500
+
+
+def test_a_file_left_in_the_middle_goes_on_with_all_workers(
+    dump: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importing, "WORTH", 0.0)
     whole = import_dumps(run_in(tmp_path / "whole"), [dump])
     root = tmp_path / "parts"
     with pytest.raises(importing.LimitReached):

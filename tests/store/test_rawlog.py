@@ -15,7 +15,7 @@ from hypothesis import strategies as some
 
 from kb.core.errors import DamagedData, DiskFull
 from kb.net import redact
-from kb.store import rawlog
+from kb.store import damage, rawlog
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope, Frames, Request, Segment
 from kb.store.recorder import Recorder
@@ -182,6 +182,33 @@ def test_the_torn_tail_of_an_open_segment_is_no_damage(tmp_path):
     assert len(list(rawlog.read(tmp_path, "youtube", "videos"))) == 1
     path.write_bytes(path.read_bytes()[: offsets[0] - 1])
     assert not rawlog.any_answer(tmp_path, "youtube")
+
+
+@pytest.mark.parametrize("summed", [True, False], ids=["summed", "not summed"])
+@pytest.mark.parametrize(
+    "line",
+    [b"a note\n", b'{"status":200}\n', b'{"fetched_at":null,"request"', b"\n", b""],
+    ids=["text", "other JSON", "cut off", "blank", "empty"],
+)
+def test_a_whole_frame_without_an_envelope_is_damage(tmp_path, line, summed):
+    """Which frames are decoded for that must not be seen."""
+    written(tmp_path, 2)
+    [path] = rawlog.segments(tmp_path, "youtube", "videos")
+    good = path.read_bytes()
+    odd = zstandard.ZstdCompressor(write_checksum=summed).compress(line)
+    path.write_bytes(good + odd + good)
+    assert damage.gaps(path, path.stat().st_size) == [(len(good), len(good) + len(odd))]
+
+
+def test_answers_with_a_checksum_are_looked_at_without_being_decoded(tmp_path, monkeypatch):
+    written(tmp_path, 3)
+    [path] = rawlog.segments(tmp_path, "youtube", "videos")
+    old = zstandard.ZstdCompressor().compress(rawlog.encode(envelope(9)))
+    path.write_bytes(path.read_bytes() + old)
+    seen, decode = [], rawlog._is_envelope
+    monkeypatch.setattr(rawlog, "_is_envelope", lambda line: seen.append(line) or decode(line))
+    assert damage.gaps(path, path.stat().st_size) == []
+    assert seen == [rawlog.encode(envelope(9))]
 
 
 def test_a_line_that_is_no_envelope_says_so():
