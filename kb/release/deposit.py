@@ -9,6 +9,7 @@ a wait or exit 3 with the time, 5xx and broken connections a few more tries and 
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
@@ -21,6 +22,7 @@ import requests
 
 from kb.core import clock, signals
 from kb.core.errors import CredentialRefused, FatalError, QuotaSpent, Retryable, Unreachable
+from kb.net import redact
 from kb.net.retry import attempt, retry_after
 from kb.net.session import Session, failure, host_of, refusal
 from kb.store.digests import digest
@@ -30,6 +32,8 @@ TIMEOUT_S = (10.0, 300.0)  # seconds to connect, and between two bytes of an ans
 LONGEST_WAIT = 120  # seconds that a limit may ask for before the run stops instead
 LONGEST_LIMIT = 366 * 86_400  # seconds: what asks for more is no time to come back at
 PAGE = 100
+MOST = 64 << 20  # bytes of an answer
+_SHOWN = 600  # characters of a message
 _GO_ON = "the same command goes on where it stopped"
 _SCOPES = "it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own"
 
@@ -105,6 +109,7 @@ class Zenodo:
         self._session, self._wait = session, wait
         self.root = endpoint.rstrip("/").removesuffix("/api")
         self._base = f"{self.root}/api/deposit/depositions"
+        self._token = token
         self._headers = {"Authorization": f"Bearer {token}"}
 
     def create(self, metadata: dict[str, Any]) -> dict[str, Any]:
@@ -134,7 +139,7 @@ class Zenodo:
     def remove(self, number: int, file: str) -> None:
         """Remove an uploaded file of a draft; one that is gone already is what was wanted."""
         with contextlib.suppress(Gone):
-            self._json("DELETE", f"{self._base}/{number}/files/{file}")
+            self._json("DELETE", f"{self._base}/{number}/files/{quote(file, safe='')}")
 
     def upload(self, bucket: str, path: Path, md5: str, sent: Callable[[int], None]) -> None:
         """Put a file into a draft's bucket, again when the service received other bytes.
@@ -175,10 +180,10 @@ class Zenodo:
             "PUT", f"{self._base}/{number}", shape=_Described, json={"metadata": metadata}
         )
         taken = answer.get("metadata", {}).get("license")
-        if str(taken).lower() != metadata["license"]:
+        if not isinstance(taken, str) or taken.lower() != metadata["license"]:
+            said = repr(taken[:100]) if isinstance(taken, str) else "that is none"
             raise FatalError(
-                f"the deposit service took the licence {taken!r} instead of"
-                f" {metadata['license']!r}",
+                f"the deposit service took the licence {said} instead of {metadata['license']!r}",
                 hint="look at the draft; it was not published",
             )
         return answer
@@ -242,26 +247,35 @@ class Zenodo:
         headers: dict[str, str] | None = None,
         **what: Any,
     ) -> Any:
-        if host_of(url) != host_of(self.root):
+        if not self._is_ours(url):
             raise stray(url)
         try:
             # Redirects would carry the token to wherever they point.
-            answer = self._session.request(
+            with self._session.request(
                 method,
                 url,
                 headers={**self._headers, **(headers or {})},
                 allow_redirects=False,
+                stream=True,
                 **what,
-            )
+            ) as answer:
+                # What it says may come to a terminal and a file: never our token.
+                content = _content(answer).replace(self._token.encode(), redact.MARK.encode())
         except requests.RequestException as error:
             raise failure(error, url) from None
+        if answer.is_redirect or 300 <= answer.status_code < 400:
+            raise FatalError(
+                f"the deposit service leads elsewhere ({answer.status_code})",
+                hint="nothing was sent there; check KB_ZENODO_ENDPOINT",
+            )
+        message = self._message(answer, content)
         if answer.status_code == 401 or (answer.status_code == 403 and url == self._base):
             raise CredentialRefused(
                 "the deposit service does not accept ZENODO_TOKEN", hint=_SCOPES
             )
         if answer.status_code == 403:
             raise Forbidden(
-                f"the deposit service refused (403): {_message(answer)}",
+                f"the deposit service refused (403): {message}",
                 hint="look at the draft there, then run the same command again",
             )
         if answer.status_code == 429:
@@ -275,20 +289,39 @@ class Zenodo:
             )
         if answer.status_code in (404, 410):
             raise Gone(
-                f"the deposit service answered {answer.status_code}: {_message(answer)}",
+                f"the deposit service answered {answer.status_code}: {message}",
                 hint="the deposit may have been removed by hand",
             )
         if not 200 <= answer.status_code < 300:
             raise FatalError(
-                f"the deposit service refused ({answer.status_code}): {_message(answer)}",
+                f"the deposit service refused ({answer.status_code}): {message}",
                 hint="correct that, then run the same command again",
             )
         try:
-            body = answer.json() if answer.content else {}
+            body = json.loads(content) if content else {}
             msgspec.convert(body, shape)
         except (ValueError, RecursionError):
             raise Retryable("an answer that is none of the deposit API", unreachable=True) from None
         return body
+
+    def _is_ours(self, url: str) -> bool:
+        """Whether an address that the service gave is one of its own."""
+        try:
+            return host_of(url) == host_of(self.root)
+        except ValueError:
+            return False  # no address at all
+
+    def _message(self, answer: requests.Response, content: bytes) -> str:
+        """What an error answer says, with every field it names."""
+        try:
+            said = msgspec.convert(json.loads(content), _Refusal)
+            fields = [
+                f"{one.field}: {one.message or ' '.join(map(str, one.messages))}"
+                for one in said.errors
+            ]
+        except (ValueError, RecursionError):
+            return str(answer.reason or "no message").replace(self._token, redact.MARK)[:_SHOWN]
+        return "; ".join([said.message.strip(), *fields])[:_SHOWN]
 
     def _limited(self, headers: Any) -> Exception:
         """A short wait is waited out, a long one ends the run with the time to come back (or
@@ -339,14 +372,15 @@ def _latest(deposit: dict[str, Any]) -> str:
     return str(deposit.get("links", {}).get("latest_draft", ""))
 
 
-def _message(answer: Any) -> str:
-    """What an error answer says, with every field it names."""
-    try:
-        body = answer.json()
-        said = msgspec.convert(body, _Refusal)
-    except (ValueError, RecursionError):
-        return answer.reason or "no message"
-    fields = [
-        f"{one.field}: {one.message or ' '.join(map(str, one.messages))}" for one in said.errors
-    ]
-    return "; ".join([said.message.strip(), *fields])[:600]
+def _content(answer: requests.Response) -> bytes:
+    """The bytes of an answer. Raises FatalError for more than any answer of the API has."""
+    pieces, size = [], 0
+    for piece in answer.iter_content(1 << 16):
+        size += len(piece)
+        if size > MOST:
+            raise FatalError(
+                f"the deposit service answered with more than {MOST >> 20} MB",
+                hint="check KB_ZENODO_ENDPOINT",
+            )
+        pieces.append(piece)
+    return b"".join(pieces)

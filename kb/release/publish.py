@@ -34,6 +34,7 @@ from kb.store.lock import RELEASES, taking, writer
 from kb.store.reading import SANDBOX_MODEL
 
 HOSTS = {"zenodo-sandbox": "https://sandbox.zenodo.org", "zenodo": "https://zenodo.org"}
+_LONGEST = 2_000  # characters of an identifier or address
 MOST_FILES, MOST_BYTES = 100, 50 * 10**9  # a record at Zenodo
 
 
@@ -229,14 +230,14 @@ class _Upload:
         return {
             "state": "draft",
             "id": draft["id"],
-            "doi": shown.get("doi"),
+            "doi": _doi(shown),
             "page": _page(shown),
             "uploaded": uploaded,
         }
 
     def _published(self, shown: dict[str, Any], state: str, uploaded: int) -> dict[str, Any]:
         """Note a record, so that it is not made again."""
-        told = {"id": shown["id"], "doi": shown.get("doi"), "page": _page(shown)}
+        told = {"id": shown["id"], "doi": _doi(shown), "page": _page(shown)}
         self._write({**told, "published": self.digest})
         return {"state": state, **told, "uploaded": uploaded}
 
@@ -266,7 +267,7 @@ class _Upload:
                     return found
                 if self._same(found):
                     return found
-                known = {"id": found["id"], "published": "", "doi": found.get("doi")}
+                known = {"id": found["id"], "published": "", "doi": _doi(found)}
             except Gone:
                 known.pop("draft")
         if "id" in known:
@@ -364,7 +365,13 @@ def _md5_of(file: dict[str, Any]) -> str:
     return str(file.get("checksum", "")).removeprefix("md5:")
 
 
+def _doi(shown: dict[str, Any]) -> str | None:
+    """The identifier that the service gave, None where it gave none."""
+    doi = shown.get("doi")
+    return doi[:_LONGEST] if isinstance(doi, str) and doi else None
+
+
 def _page(shown: dict[str, Any]) -> str | None:
     """Where a person looks at the deposit."""
     page = shown.get("links", {}).get("html")
-    return str(page) if page else None
+    return page[:_LONGEST] if isinstance(page, str) and page else None
