@@ -245,7 +245,7 @@ class _Root:
         if path.stat().st_size or path.suffix not in (".json", ".jsonl", ".html", ".png", ".svg"):
             self._look.whole(kind, path)
         else:
-            self._look.damaged(kind, path, "is empty", "run the command that made it again")
+            self._look.damaged(kind, path, "is empty", advice(path))
 
     def _index(self, path: Path) -> None:
         """What `kb search` reads; it is made again at any time."""
