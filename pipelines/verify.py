@@ -40,6 +40,17 @@ def verify(run: Run, folder: Path) -> Look:
     return look_at(folder, run.progress)
 
 
+def mended(run: Run, folder: Path) -> tuple[Look, list[str]]:
+    """Look, repair and look again, under all locks: (what is left, lines of what was done).
+
+    Raises WriterLocked.
+    """
+    with lock.taking(run.root, *lock.ORDER):
+        look = verify(run, folder)
+        said = repair(run, look) if look.found else []
+        return (verify(run, folder) if said else look), said
+
+
 def repair(run: Run, look: Look) -> list[str]:
     """Mend what can be; a line for each thing done, or left and how to go on."""
     at = Layout(run.root)

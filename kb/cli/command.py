@@ -203,7 +203,7 @@ def _call(
                 first = options.make_run(needs=nature.needs, checks=nature.checks)
             if nature.needs_data:
                 _existing(first.root)
-            if nature.binds:
+            if nature.binds and not values.get("plan"):  # which writes nothing at all
                 _bind(first)
             try:
                 summary = function(first, **values)

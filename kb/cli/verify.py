@@ -66,11 +66,9 @@ def verify(
     run = options.make_run(needs="profile" if repair else "root")
     place = run.root if folder is None or from_root else folder.expanduser().absolute()
     room = pipeline(run, "verify")
-    look: Look = room.verify(run, place)
-    done: list[str] = []
-    if repair and look.found:
-        done = room.repair(run, look)
-        look = room.verify(run, place)
+    look: Look
+    done: list[str]
+    look, done = room.mended(run, place) if repair else (room.verify(run, place), [])
     getattr(run.progress, "close", lambda: None)()
     _print(look, done)
     summary = Summary(command="verify", **look.summary(place), repaired=done)

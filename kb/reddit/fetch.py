@@ -40,6 +40,14 @@ class Fetch:
         }
         return ways[kind](items)
 
+    def is_shut(self) -> bool:
+        """Whether the subreddit itself can't be had: it is private, barred or banned."""
+        try:
+            self._client.get(f"{self._base}/new", {"limit": 1, "raw_json": 1})
+        except ItemFinal:
+            return True
+        return False
+
     def _listing(self, items: list[Item]) -> Answer:
         """The next page of a listing; the span goes into the record, as it says what is
         left out.

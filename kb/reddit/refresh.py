@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterator
 from contextlib import closing
 from dataclasses import replace
 from datetime import datetime, timedelta
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -107,16 +108,23 @@ class Refresh(Reddit):
         those behind it that give none either.
 
         A subreddit that is closed for a day looks like that. Kept, the answer would say that all
-        of them are gone, and the next purge would remove them.
+        of them are gone, and the next purge would remove them. Of few ids that may well be so:
+        then the subreddit itself is asked for.
         """
         there = sum(item.payload is None or item.payload.there for item in items)
         given_any = any(item.key in given for item in items)
-        self._closed = not given_any and there > 0 and (self._closed or there >= _NONE_OF)
+        none = not given_any and there > 0
+        self._closed = none and (self._closed or there >= _NONE_OF or self._is_shut)
         if self._closed:
             raise Retryable(
                 f"Reddit gave none of {len(items)} posts and comments that were there"
                 " (a closed subreddit?); nothing is taken for gone"
             )
+
+    @cached_property
+    def _is_shut(self) -> bool:
+        """Whether the subreddit is shut, asked once a run."""
+        return self._fetch.is_shut()
 
     def summary(self, session: Session, loop: Loop) -> Summary:
         """Figures of this run and what is left."""

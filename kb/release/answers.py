@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import msgspec
+import requests
+
+from kb.core.errors import FatalError
+
+MOST = 64 << 20  # bytes of an answer
+_SHOWN = 600  # characters of a message
+_LONGEST = 2_000  # characters of an identifier or address
 
 
 class Deposit(msgspec.Struct):
@@ -57,14 +65,41 @@ def latest_draft(deposit: dict[str, Any]) -> str:
     return str(deposit.get("links", {}).get("latest_draft", ""))
 
 
-def message(answer: Any) -> str:
-    """What an error answer says, with every field it names."""
+def doi(shown: dict[str, Any]) -> str | None:
+    """The identifier that the service gave, None where it gave none."""
+    return _text(shown.get("doi"))
+
+
+def page(shown: dict[str, Any]) -> str | None:
+    """Where a person looks at the deposit."""
+    return _text(shown.get("links", {}).get("html"))
+
+
+def _text(value: Any) -> str | None:
+    return value[:_LONGEST] if isinstance(value, str) and value else None
+
+
+def message(content: bytes, reason: str) -> str:
+    """What an error answer says, with every field it names; `reason` where it says nothing."""
     try:
-        body = answer.json()
-        said = msgspec.convert(body, Refusal)
+        said = msgspec.convert(json.loads(content), Refusal)
+        fields = [
+            f"{one.field}: {one.message or ' '.join(map(str, one.messages))}" for one in said.errors
+        ]
     except (ValueError, RecursionError):
-        return answer.reason or "no message"
-    fields = [
-        f"{one.field}: {one.message or ' '.join(map(str, one.messages))}" for one in said.errors
-    ]
-    return "; ".join([said.message.strip(), *fields])[:600]
+        return (reason or "no message")[:_SHOWN]
+    return "; ".join([said.message.strip(), *fields])[:_SHOWN]
+
+
+def content_of(answer: requests.Response) -> bytes:
+    """The bytes of an answer. Raises FatalError for more than any answer of the API has."""
+    pieces, size = [], 0
+    for piece in answer.iter_content(1 << 16):
+        size += len(piece)
+        if size > MOST:
+            raise FatalError(
+                f"the deposit service answered with more than {MOST >> 20} MB",
+                hint="check KB_ZENODO_ENDPOINT",
+            )
+        pieces.append(piece)
+    return b"".join(pieces)

@@ -9,6 +9,7 @@ a wait or exit 3 with the time, 5xx and broken connections a few more tries and 
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
@@ -21,9 +22,18 @@ import requests
 
 from kb.core import clock, signals
 from kb.core.errors import CredentialRefused, FatalError, QuotaSpent, Retryable, Unreachable
+from kb.net import redact
 from kb.net.retry import attempt, retry_after
 from kb.net.session import Session, failure, host_of, refusal
-from kb.release.answers import Deposit, Described, File, Sent, latest_draft, message
+from kb.release.answers import (
+    Deposit,
+    Described,
+    File,
+    Sent,
+    content_of,
+    latest_draft,
+    message,
+)
 from kb.store.digests import digest
 
 TRIES = 5
@@ -61,6 +71,7 @@ class Zenodo:
         self._session, self._wait = session, wait
         self.root = endpoint.rstrip("/").removesuffix("/api")
         self._base = f"{self.root}/api/deposit/depositions"
+        self._token = token
         self._headers = {"Authorization": f"Bearer {token}"}
 
     def create(self, metadata: dict[str, Any]) -> dict[str, Any]:
@@ -90,7 +101,7 @@ class Zenodo:
     def remove(self, number: int, file: str) -> None:
         """Remove an uploaded file of a draft; one that is gone already is what was wanted."""
         with contextlib.suppress(Gone):
-            self._json("DELETE", f"{self._base}/{number}/files/{file}")
+            self._json("DELETE", f"{self._base}/{number}/files/{quote(file, safe='')}")
 
     def upload(self, bucket: str, path: Path, md5: str, sent: Callable[[int], None]) -> None:
         """Put a file into a draft's bucket, again when the service received other bytes.
@@ -131,10 +142,10 @@ class Zenodo:
             "PUT", f"{self._base}/{number}", shape=Described, json={"metadata": metadata}
         )
         taken = answer.get("metadata", {}).get("license")
-        if str(taken).lower() != metadata["license"]:
+        if not isinstance(taken, str) or taken.lower() != metadata["license"]:
+            said = repr(taken[:100]) if isinstance(taken, str) else "that is none"
             raise FatalError(
-                f"the deposit service took the licence {taken!r} instead of"
-                f" {metadata['license']!r}",
+                f"the deposit service took the licence {said} instead of {metadata['license']!r}",
                 hint="look at the draft; it was not published",
             )
         return answer
@@ -198,26 +209,35 @@ class Zenodo:
         headers: dict[str, str] | None = None,
         **what: Any,
     ) -> Any:
-        if host_of(url) != host_of(self.root):
+        if not self._is_ours(url):
             raise stray(url)
         try:
             # Redirects would carry the token to wherever they point.
-            answer = self._session.request(
+            with self._session.request(
                 method,
                 url,
                 headers={**self._headers, **(headers or {})},
                 allow_redirects=False,
+                stream=True,
                 **what,
-            )
+            ) as answer:
+                # What it says may come to a terminal and a file: never our token.
+                content = content_of(answer).replace(self._token.encode(), redact.MARK.encode())
         except requests.RequestException as error:
             raise failure(error, url) from None
+        if answer.is_redirect or 300 <= answer.status_code < 400:
+            raise FatalError(
+                f"the deposit service leads elsewhere ({answer.status_code})",
+                hint="nothing was sent there; check KB_ZENODO_ENDPOINT",
+            )
+        said = message(content, str(answer.reason or "").replace(self._token, redact.MARK))
         if answer.status_code == 401 or (answer.status_code == 403 and url == self._base):
             raise CredentialRefused(
                 "the deposit service does not accept ZENODO_TOKEN", hint=_SCOPES
             )
         if answer.status_code == 403:
             raise Forbidden(
-                f"the deposit service refused (403): {message(answer)}",
+                f"the deposit service refused (403): {said}",
                 hint="look at the draft there, then run the same command again",
             )
         if answer.status_code == 429:
@@ -231,20 +251,27 @@ class Zenodo:
             )
         if answer.status_code in (404, 410):
             raise Gone(
-                f"the deposit service answered {answer.status_code}: {message(answer)}",
+                f"the deposit service answered {answer.status_code}: {said}",
                 hint="the deposit may have been removed by hand",
             )
         if not 200 <= answer.status_code < 300:
             raise FatalError(
-                f"the deposit service refused ({answer.status_code}): {message(answer)}",
+                f"the deposit service refused ({answer.status_code}): {said}",
                 hint="correct that, then run the same command again",
             )
         try:
-            body = answer.json() if answer.content else {}
+            body = json.loads(content) if content else {}
             msgspec.convert(body, shape)
         except (ValueError, RecursionError):
             raise Retryable("an answer that is none of the deposit API", unreachable=True) from None
         return body
+
+    def _is_ours(self, url: str) -> bool:
+        """Whether an address that the service gave is one of its own."""
+        try:
+            return host_of(url) == host_of(self.root)
+        except ValueError:
+            return False  # no address at all
 
     def _limited(self, headers: Any) -> Exception:
         """A short wait is waited out, a long one ends the run with the time to come back (or

@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData
+from kb.release.answers import doi, page
 from kb.release.deposit import Forbidden, Gone, Zenodo, md5
 from kb.release.folders import DEPOSIT, Folder
 from kb.release.metadata import Document
@@ -79,14 +80,14 @@ class Upload:
         return {
             "state": "draft",
             "id": draft["id"],
-            "doi": shown.get("doi"),
-            "page": _page(shown),
+            "doi": doi(shown),
+            "page": page(shown),
             "uploaded": uploaded,
         }
 
     def _published(self, shown: dict[str, Any], state: str, uploaded: int) -> dict[str, Any]:
         """Note a record, so that it is not made again."""
-        told = {"id": shown["id"], "doi": shown.get("doi"), "page": _page(shown)}
+        told = {"id": shown["id"], "doi": doi(shown), "page": page(shown)}
         self._write({**told, "published": self.digest})
         return {"state": state, **told, "uploaded": uploaded}
 
@@ -116,7 +117,7 @@ class Upload:
                     return found
                 if self._same(found):
                     return found
-                known = {"id": found["id"], "published": "", "doi": found.get("doi")}
+                known = {"id": found["id"], "published": "", "doi": doi(found)}
             except Gone:
                 known.pop("draft")
         if "id" in known:
@@ -212,9 +213,3 @@ def _is_entry(entry: dict[str, Any]) -> bool:
 
 def _md5_of(file: dict[str, Any]) -> str:
     return str(file.get("checksum", "")).removeprefix("md5:")
-
-
-def _page(shown: dict[str, Any]) -> str | None:
-    """Where a person looks at the deposit."""
-    page = shown.get("links", {}).get("html")
-    return str(page) if page else None

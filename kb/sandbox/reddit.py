@@ -19,7 +19,7 @@ from kb.sandbox.subreddit import START, Subreddit
 from kb.sandbox.world import World
 
 CLIENT, SECRET, TOKEN = "sandbox-reddit-app", "sandbox-reddit-secret", "sandbox-reddit-token"
-WINDOW_S, ROOM = 600, 1_000
+WINDOW_S = 600
 LISTED, PAGE, TREE, DEEPEST, BATCH = 1_000, 100, 500, 10, 100
 
 
@@ -58,7 +58,7 @@ class Service:
                 {"WWW-Authenticate": 'Bearer realm="reddit", error="invalid_token"'},
             )
         room = self._room()
-        if room["x-ratelimit-remaining"] == "0.0" and self._used > ROOM:
+        if room["x-ratelimit-remaining"] == "0.0" and self._used > self.subreddit.room:
             return _json(
                 {"message": "Too Many Requests", "error": 429},
                 429,
@@ -91,7 +91,7 @@ class Service:
             if monotonic() - self._window > WINDOW_S:
                 self._window, self._used = monotonic(), 0
             self._used += 1
-            left = max(0, ROOM - self._used)
+            left = max(0, self.subreddit.room - self._used)
             return {
                 "x-ratelimit-used": str(self._used),
                 "x-ratelimit-remaining": f"{left}.0",

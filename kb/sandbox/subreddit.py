@@ -46,6 +46,7 @@ class Subreddit:
         self.seed, self.n_posts, self.width, self.depth = seed, n_posts, width, depth
         self.domain = domain or usual()
         self.name = name or self.domain.subreddit
+        self.room = 1_000  # requests in ten minutes, of whoever asks
         self.gone: set[str] = set()  # full names that the service no longer knows
         self.removed: set[str] = set()  # full names whose content moderators took down
 

@@ -5,6 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 SOURCES = ("youtube", "wiki", "reddit")
+_LAYOUTS = {
+    "youtube_full.json": "kb youtube export --format minedojo",
+    "youtube_tutorial.json": "kb youtube export --format minedojo",
+    "wiki_full": "kb wiki export --format minedojo",
+    "reddit.json": "kb reddit export --format minedojo",
+    "pairs.json": "kb pairs --format minedojo",
+    "convokit": "kb reddit export --format convokit",
+    "clip4mc": "kb pairs --format clip4mc",
+    "video2dataset": "kb pairs --format video2dataset",
+    "reconstructed": "kb reddit reconstruct",
+}  # what makes a file or folder below export/
 
 
 def advice(path: Path) -> str:
@@ -26,4 +37,14 @@ def advice(path: Path) -> str:
             return f"remove it, then run `kb {source} filter`: what it held is scored again"
         case ("tombstones.parquet", _, "raw" | "state", *_):
             return "run `kb verify --repair`: its copy takes its place"
-    return "put it back from a copy"
+    command = _made_by(path)
+    return f"run `{command}` again" if command else "put it back from a copy"
+
+
+def _made_by(path: Path) -> str:
+    """The command that makes a file of export/ or report/ again, "" for one of another place."""
+    parts = path.parts
+    if "report" in parts[-3:-1]:
+        return "kb report"
+    below = parts[len(parts) - parts[::-1].index("export") :] if "export" in parts else ()
+    return next((_LAYOUTS[name] for name in below if name in _LAYOUTS), "")

@@ -97,6 +97,32 @@ def taking(root: Path, *names: str) -> Iterator[None]:
         yield
 
 
+def holders(root: Path) -> dict[str, str]:
+    """By lock, the pid of another process that holds it now."""
+    found = {}
+    for name in ORDER:
+        path = Layout(root).lock(name)
+        try:
+            if path.resolve() in _taken or not path.stat().st_size:
+                continue  # ours, or nobody's: whoever holds it has written its number
+            descriptor = os.open(path, os.O_RDONLY)
+        except FileNotFoundError:
+            continue
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            found[name] = os.read(descriptor, 32).decode(errors="replace").strip() or "unknown"
+        finally:
+            os.close(descriptor)
+    return found
+
+
+def used(root: Path) -> dict[str, int]:
+    """By lock, when it was taken or given back last, in nanoseconds."""
+    paths = {name: Layout(root).lock(name) for name in ORDER}
+    return {name: path.stat().st_mtime_ns for name, path in paths.items() if path.exists()}
+
+
 def another(root: Path) -> str:
     """The pid of another process that writes to any source of a data root now, "" for none."""
     for name in SOURCES:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import copy
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,6 +27,7 @@ KINDS = (
     "leftovers",
     "other",
 )
+_TRIES = 3  # of a step while files are replaced
 
 
 class Found(NamedTuple):
@@ -49,6 +51,26 @@ class Look:
         self.advance = advance
         self.found: list[Found] = []
         self._counts: dict[str, dict[str, tuple[int, int]]] = {}
+
+    def steadily(self, step: Callable[[], object]) -> None:
+        """Take a step again where a file that it was reading has been replaced meanwhile."""
+        for _ in range(_TRIES):
+            found, counts = len(self.found), copy.deepcopy(self._counts)
+            try:
+                step()
+                return
+            except FileNotFoundError:
+                del self.found[found:]
+                self._counts = counts
+
+    def drop(self, gone: Collection[Found]) -> None:
+        """What was found and is so no more."""
+        for one in gone:
+            files, size = self._counts[one.kind][one.state]
+            self._counts[one.kind][one.state] = files - 1, size - one.size
+            if files == 1:
+                del self._counts[one.kind][one.state]
+        self.found = [one for one in self.found if one not in gone]
 
     def whole(self, kind: str, path: Path) -> None:
         """A file that is what was written."""
@@ -87,7 +109,7 @@ class Look:
                     for state, (files, size) in self._counts[kind].items()
                 }
                 for kind in KINDS
-                if kind in self._counts
+                if self._counts.get(kind)
             },
             "found": [{**one._asdict(), "path": str(one.path)} for one in self.found],
         }
@@ -96,7 +118,7 @@ class Look:
         """Lines of cells: a head, a line a kind, all together; files and bytes of each state."""
         yield ("kind", *STATES)
         for kind in KINDS:
-            if kind in self._counts:
+            if self._counts.get(kind):
                 counts = self._counts[kind]
                 yield (kind, *(_cell(*counts.get(state, (0, 0))) for state in STATES))
         yield ("all", *(_cell(*self.total(state)) for state in STATES))

@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import duckdb
@@ -19,6 +20,7 @@ from kb.store.layout import Layout, parquet_files
 from kb.store.reading import scan
 from kb.store.tally import VERDICTS
 from kb.verify import raw, releases, tables
+from kb.verify.busy import Busy
 from kb.verify.found import Look
 
 # Beside the folders of commands: other roots and what belongs to a checkout.
@@ -31,8 +33,9 @@ _CLEARED = "a killed command left it: `kb verify --repair` or the next command t
 def verify(folder: Path, progress: Progress) -> Look:
     """Read every byte of a data root, a release folder or a folder of releases.
 
-    Changes nothing and takes no lock. Memory is bounded by a piece of a file and the names of
-    files. Raises UsageError for a folder that is none of these.
+    Changes nothing and takes no lock: what other processes write to meanwhile is looked at once
+    more, and what is on its way there is not told. Memory is bounded by a piece of a file and the
+    names of files. Raises UsageError for a folder that is none of these.
     """
     folder = folder.absolute()
     if not folder.is_dir():
@@ -40,7 +43,7 @@ def verify(folder: Path, progress: Progress) -> Look:
     several = [one for one in sorted(folder.iterdir()) if one.is_dir() and releases.is_release(one)]
     of_root = is_root(folder)
     files = list(_files(folder))
-    size = sum(path.stat().st_size for path in files if path.is_file())
+    size = sum(map(_size, files))
     with progress.task(f"verify {folder.name}", total=size, unit="bytes") as task:
         read = 0
 
@@ -56,7 +59,9 @@ def verify(folder: Path, progress: Progress) -> Look:
             for one in several:
                 releases.folder(look, one, lambda path: _DOWNLOAD, described=True)
         elif of_root:
+            busy = Busy(folder)
             _Root(look, folder).all(files)
+            _look_again(look, folder, busy, progress)
         else:
             raise UsageError(
                 f"{folder} is neither a data root nor a release",
@@ -64,6 +69,32 @@ def verify(folder: Path, progress: Progress) -> Look:
             )
         task.advance(max(0, size - read))  # locks and lists
     return look
+
+
+def _look_again(look: Look, root: Path, busy: Busy, progress: Progress) -> None:
+    """Drop what was found only because another process was writing there."""
+    doubtful = [one for one in look.found if busy.touches(one.path)]
+    if not doubtful:
+        return
+    second = Look(look.advance)
+    _Root(second, root).all([path for path in _files(root) if busy.touches(path)])
+    again = {(one.kind, one.state, one.path) for one in second.found}
+    held = {
+        one
+        for one in doubtful
+        if (one.kind, one.state, one.path) not in again
+        or (one.kind == "leftovers" and not busy.is_abandoned(one.path))
+    }
+    look.drop(held)
+    for pid in sorted({pid for one in held for pid in busy.holders(one.path)}):
+        progress.say(f"another process (pid {pid}) is writing: what is on its way is not told")
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size if path.is_file() else 0
+    except FileNotFoundError:
+        return 0  # replaced meanwhile
 
 
 def is_root(folder: Path) -> bool:
@@ -100,9 +131,12 @@ class _Root:
                 continue  # replaced meanwhile; what is gone for good is told below
         for segments in self._segments.values():
             segments.end()
-        raw.lost_side_files(self._look, self._root)
-        self._tables()
-        self._releases()
+        steadily = self._look.steadily
+        steadily(lambda: raw.lost_side_files(self._look, self._root))
+        steadily(self._tables)
+        for source in PUBLISHED:
+            steadily(partial(self._release, source))
+        self._foreign_releases()
 
     def _file(self, path: Path, parts: tuple[str, ...]) -> None:
         look = self._look
@@ -211,7 +245,7 @@ class _Root:
         if path.stat().st_size or path.suffix not in (".json", ".jsonl", ".html", ".png", ".svg"):
             self._look.whole(kind, path)
         else:
-            self._look.damaged(kind, path, "is empty", "run the command that made it again")
+            self._look.damaged(kind, path, "is empty", advice(path))
 
     def _index(self, path: Path) -> None:
         """What `kb search` reads; it is made again at any time."""
@@ -277,13 +311,14 @@ class _Root:
             what = f"{more:,} keys are in two of kept, rejected, failed and pending"
             self._look.damaged("clean", clean / "summary.json", what, advice(clean / "x"))
 
-    def _releases(self) -> None:
-        for source in PUBLISHED:
-            folder = self._at.release(source)
-            if folder.is_dir() and any(folder.iterdir()):
-                releases.folder(self._look, folder, advice, described=False)
-            elif complete.exported(self._root, source):
-                self._look.missing("release", folder, advice(folder / "x"))
+    def _release(self, source: str) -> None:
+        folder = self._at.release(source)
+        if folder.is_dir() and any(folder.iterdir()):
+            releases.folder(self._look, folder, advice, described=False)
+        elif complete.exported(self._root, source):
+            self._look.missing("release", folder, advice(folder / "x"))
+
+    def _foreign_releases(self) -> None:
         for other in sorted(self._at.release().glob("*/")):
             if other.name not in PUBLISHED and not leftovers.is_left((other.name,)):
                 what = "no export has written it"

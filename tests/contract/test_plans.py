@@ -4,6 +4,7 @@ nothing is sent or kept.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -136,3 +137,22 @@ def test_options_that_change_a_plan_are_taken(job: Job, tmp_path: Path) -> None:
     assert 0 < half["videos"] < whole["videos"] == 100
     one = planned(job, "wiki", "crawl", "--workers", "1", KB_WIKI_URL="https://minecraft.wiki")
     assert "each of 1 browsers" in one["assumed"]
+
+
+def test_a_plan_of_a_root_that_was_moved_writes_nothing(job: Job, tmp_path: Path) -> None:
+    """The remembered file of the profile is beside the root, as before, at another place."""
+    job.done("reddit", "crawl")
+    shutil.copytree(job.place, tmp_path / "moved")
+    root = tmp_path / "moved" / job.root.name
+    profile = tmp_path / "moved" / "profile" / "profile.toml"
+
+    def files() -> dict[str, tuple[int, bytes]]:
+        # SQLite needs two files beside one that it reads, and leaves them.
+        paths = [path for path in root.rglob("*") if path.is_file() and "sqlite-" not in path.name]
+        return {str(path): (path.stat().st_mtime_ns, path.read_bytes()) for path in paths}
+
+    before = files()
+    for words in ("purge reddit", "reddit crawl", "refresh reddit"):
+        moved = {"KB_DATA": str(root), "KB_PROFILE": str(profile)}
+        job.done(*words.split(), "--plan", **moved)
+        assert files() == before

@@ -2,9 +2,9 @@
 by a second one while it stands still, and given damaged files.
 
 `make chaos` (KB_CHAOS_KILLS a command, KB_CHAOS_FLIPS, KB_CHAOS_AT_ONCE commands, SEED,
-ONLY=command) prints tables and ends with 1 when something was lost, leaked, left over or silent. It
-takes hours: KB_CHAOS_LOG names a file that gets a line of JSON for each moment of harm, so that
-what was tried is known of a run that was stopped too. `make test` has a sample of it in
+ONLY=command,command) prints tables and ends with 1 when something was lost, leaked, left over or
+silent. It takes hours: KB_CHAOS_LOG names a file that gets a line of JSON for each moment of harm,
+so that what was tried is known of a run that was stopped too. `make test` has a sample of it in
 tests/crash/test_chaos.py.
 
 After each kill the same command is run again. Then the folders that it makes have the bytes of an
@@ -315,8 +315,9 @@ def _last(ended: harm.Ended) -> str:
 
 
 def chosen(made: Worlds, only: str) -> list[Case]:
-    """The cases whose command begins with these words."""
-    return [case for case in made.cases if case.name.startswith(only)]
+    """The cases whose command begins with one of these words, which commas part; all for none."""
+    words = tuple(word.strip() for word in only.split(","))
+    return [case for case in made.cases if case.name.startswith(words)]
 
 
 def table(head: Sequence[str], lines: Sequence[Sequence[object]]) -> str:

@@ -9,16 +9,21 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from kb.core.progress import Silent
 from kb.core.resources import folder
+from kb.filters.clean import run_clean
+from kb.pairs.build import build
+from kb.verify.root import verify
 from tests import forked
 from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT
 from tests.crash.killed import GONE, make, traces
-from tests.filters.made import digests
+from tests.filters.made import digests, run_at
 
 pytestmark = pytest.mark.crash
 
@@ -109,3 +114,70 @@ def test_the_second_names_the_first_and_nothing_comes_back(
     else:
         assert digests(root / "release" / "youtube")
     assert not list(root.rglob(".*"))
+
+
+def test_verify_beside_a_writer_tells_damage_and_not_what_is_on_its_way(root: Path) -> None:
+    child = start(root, "youtube", "filter", pause=".youtube.new")
+    try:
+        _, status = os.waitpid(child.pid, os.WUNTRACED)
+        assert os.WIFSTOPPED(status), child.communicate()
+        (root / "clean/.youtube.new/videos").mkdir(parents=True)
+        (root / "clean/.youtube.new/videos/part-00000.parquet").write_bytes(b"on its way")
+        whole = kb(root, "verify")
+        assert whole.returncode == 0, whole.stdout
+        assert f"another process (pid {child.pid}) is writing" in whole.stderr
+        refused = kb(root, "verify", "--repair")
+        assert refused.returncode == 1
+        assert f"another process (pid {child.pid}) writes to youtube" in refused.stderr
+        path = next(root.glob("clean/youtube/videos/*.parquet"))
+        data = path.read_bytes()
+        path.write_bytes(data[:60] + bytes([data[60] ^ 1]) + data[61:])
+        told = kb(root, "verify")
+        assert told.returncode == 1
+        assert f"damaged: {path}" in told.stdout
+        assert "leftovers" not in told.stdout
+        shutil.rmtree(root / "clean/.youtube.new")
+    finally:
+        os.kill(child.pid, signal.SIGCONT)
+    assert child.wait(timeout=120) == 0
+    assert kb(root, "verify", "--repair").returncode == 0
+
+
+def test_verify_while_everything_is_made_again_finds_nothing(root: Path) -> None:
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            for _ in range(4):
+                run_clean(run_at(root), "youtube")
+                build(replace(run_at(root), again=True))
+            code = 0
+        finally:
+            os.write(write, b"x")
+            os._exit(code)
+    looks = 0
+    while os.waitpid(child, os.WNOHANG) == (0, 0):
+        found = [(one.state, str(one.path)) for one in verify(root, Silent()).found]
+        assert found == []
+        looks += 1
+    os.close(read), os.close(write)
+    assert looks > 1
+
+
+def test_two_repairs_at_once_are_one_and_a_line_with_its_pid(root: Path) -> None:
+    path = next(root.glob("clean/youtube/videos/*.parquet"))
+    path.unlink()
+    child = start(root, "verify", "--repair", pause=".youtube.new")
+    try:
+        _, status = os.waitpid(child.pid, os.WUNTRACED)
+        assert os.WIFSTOPPED(status), child.communicate()
+        other = kb(root, "verify", "--repair")
+        assert other.returncode == 1
+        assert f"another process (pid {child.pid}) writes to" in other.stderr
+    finally:
+        os.kill(child.pid, signal.SIGCONT)
+    said = child.communicate(timeout=120)
+    assert child.returncode == 0, said
+    assert path.is_file()
+    assert kb(root, "verify").returncode == 0

@@ -229,6 +229,7 @@ def world() -> World:
     """A small one, whose services answer however often they are asked."""
     made = World(n_channels=4, n_videos=40)
     made.reddit = Subreddit(0, 24, width=40, depth=6)
+    made.reddit.room = 10**9
     made.quota = dict.fromkeys(made.quota, 10**9)
     return made
 

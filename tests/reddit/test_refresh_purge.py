@@ -98,6 +98,23 @@ def test_an_answer_without_any_of_them_is_not_believed(
     assert done["missing"] < done["crawled"] / 2
 
 
+@pytest.mark.parametrize("shut", [False, True])
+def test_of_few_ids_the_subreddit_tells_whether_it_is_closed(
+    tiny: Work, monkeypatch: pytest.MonkeyPatch, shut: bool
+) -> None:
+    monkeypatch.setattr("kb.reddit.refresh._NONE_OF", 10**6)  # as if all were few
+    monkeypatch.setenv("KB_NOW", LATER)
+    nothing = {"kind": "Listing", "data": {"children": [], "after": None}}
+    private = {"reason": "private", "message": "Forbidden", "error": 403}
+    tiny.sandbox.faults.add("/api/info", status=200, body=nothing, times=None)
+    if shut:
+        tiny.sandbox.faults.add("/r/[^/]*/new", status=403, body=private, times=None)
+    since = len(tiny.sandbox.ledger)
+    done = tiny.refresh()
+    assert len(tiny.sandbox.ledger.requests("/new", since=since)) == 1
+    assert (done["missing"] == 0, done["failed"] > 0) == (shut, shut)
+
+
 def test_a_plan_waits_for_no_writer(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("KB_NOW", LATER)
     files = {path: path.stat().st_mtime_ns for path in tiny.root.rglob("*") if path.is_file()}

@@ -35,6 +35,7 @@ from kb.release.publish import publish
 from kb.sandbox.server import Sandbox
 from kb.sandbox.zenodo import TOKEN, Deposits
 from tests.conftest import ROOT
+from tests.inprocess import Here
 from tests.release.conftest import a_run
 from tests.release.made import build
 from tests.release.signed import LINES, signed
@@ -304,6 +305,69 @@ def test_token_goes_to_no_other_host(root: Path, service: Sandbox) -> None:
         with pytest.raises(FatalError):
             send(root, service, only="reddit")
         assert other.ledger.requests() == []
+
+
+DEEP = "[" * 100_000 + "]" * 100_000
+_DEEPISH = '{"license": ' * 400 + "1" + "}" * 400
+ODD: dict[str, dict[str, Any]] = {
+    "deep": {"body": DEEP},
+    "deep refusal": {"status": 400, "body": DEEP},
+    "deep licence": {"method": "PUT", "body": f'{{"metadata": {_DEEPISH}}}'},
+    "no object": {"body": '"text"'},
+    "a number": {"body": "1e400"},
+    "other types": {"body": {"id": "7", "links": [], "submitted": "no"}},
+    "no deposits": {"method": "POST", "body": {"id": 7, "links": {"bucket": ["x"]}}},
+    "no address": {"method": "POST", "body": {"id": 7, "links": {"bucket": "http://["}}},
+    "a name and a word": {
+        "method": "POST",
+        "body": {"id": 7, "links": {"bucket": "http://127.0.0.1@other.example/"}},
+    },
+    "not the text": {"body": b"\xff\xfe\x00"},
+    "a redirect": {"status": 302, "headers": {"Location": "http://other.example/"}},
+    "a permanent one": {"status": 308, "headers": {"Location": "//other.example/x"}},
+    "odd fields": {"status": 400, "body": {"message": "a\nb\x1b[31m", "errors": [{"field": 5}]}},
+    "our token": {"status": 400, "body": {"message": f"bad {TOKEN}"}},
+    "too large": {"body": lambda environ: b" " * (3 << 20)},
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_an_odd_answer_is_one_line_and_the_token_goes_nowhere(
+    root: Path, service: Sandbox, monkeypatch: pytest.MonkeyPatch, name: str, here: Here
+) -> None:
+    monkeypatch.setattr("kb.release.answers.MOST", 2 << 20)
+    headers = {"Content-Type": "application/json"}
+    odd = {"status": 200, "times": None, "headers": headers, **ODD[name]}
+    service.faults.add("/api/deposit", **odd)
+    service.faults.add("/api/deposit/depositions/7/files", status=200, body="[]")
+    env = service.settings() | {"KB_PROFILE": str(signed()), "KB_DATA": str(root)}
+    words = ("release", "publish", "--to", "zenodo-sandbox", "--only", "pairs", "--publish")
+    done = here(*words, env=env)
+    assert done.code in (1, 3), done.err
+    lines = [line for line in done.err.splitlines() if not line.startswith("pairs")]
+    assert [line for line in lines if line.startswith("kb: ")] == lines[-1:], done.err
+    assert "unexpected" not in done.err
+    assert "Traceback" not in done.err
+    assert "\x1b" not in done.err
+    assert TOKEN not in done.err + done.out
+    noted = root / "state" / "deposits.json"
+    assert not noted.exists() or TOKEN not in noted.read_text()
+    asked = {seen.path.partition("?")[0] for seen in service.ledger.requests()}
+    assert all(path.startswith("/api/") for path in asked)
+
+
+def test_a_token_that_comes_back_is_noted_nowhere(root: Path, service: Sandbox) -> None:
+    number = send(root, service)["sources"]["pairs"]["id"]
+    said = {
+        "id": number,
+        "submitted": True,
+        "doi": {"a": 1},
+        "links": {"html": f"http://127.0.0.1/?x={TOKEN}"},
+    }
+    service.faults.add("/actions/publish", status=202, body=said)
+    told = send(root, service, publish=True)["sources"]["pairs"]
+    assert told["doi"] is None
+    assert TOKEN not in f"{told} {(root / 'state' / 'deposits.json').read_text()}"
 
 
 def test_changed_release_becomes_a_new_version(root: Path, service: Sandbox) -> None:

@@ -144,6 +144,30 @@ def test_what_no_command_has_written_is_foreign(root: Path, name: str, kind: str
     assert bool(found(root)) == (kind != "leftovers")
 
 
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("export/minedojo/youtube_full.json", "kb youtube export --format minedojo"),
+        ("export/minedojo/wiki_full/Cave/0/data.json", "kb wiki export --format minedojo"),
+        ("export/convokit/utterances.jsonl", "kb reddit export --format convokit"),
+        ("export/video2dataset/clips.parquet", "kb pairs --format video2dataset"),
+        ("export/reconstructed/posts/part-00000.parquet", "kb reddit reconstruct"),
+        ("report/index.html", "kb report"),
+        ("report/figures/words.svg", "kb report"),
+    ],
+)
+def test_of_what_repair_does_not_make_the_table_names_the_command(
+    root: Path, name: str, command: str
+) -> None:
+    path = root / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    emptied(path)
+    (told,) = verify(root).found
+    assert (told.state, told.advice) == ("damaged", f"run `{command}` again")
+    repair(root)
+    assert [one.path for one in verify(root).found] == [path]
+
+
 def test_a_key_with_two_answers_is_told(root: Path) -> None:
     path = one(root, "clean/youtube/videos/*.parquet")
     shutil.copyfile(path, path.with_name("part-00001.parquet"))
