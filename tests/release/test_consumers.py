@@ -24,6 +24,7 @@ import pyarrow.parquet as pq
 import pytest
 import requests
 
+from kb.core.sources import PUBLISHED
 from kb.release.publish import publish
 from kb.sandbox.server import Sandbox
 from kb.sandbox.zenodo import TOKEN
@@ -32,7 +33,7 @@ from tests.conftest import skip_or_fail
 from tests.release.conftest import a_run
 from tests.release.made import rows
 
-SOURCES = ("youtube", "wiki", "reddit", "pairs")
+SOURCES = PUBLISHED
 TABLES = [
     name for name, declared in tables().items() if declared.released and declared.source in SOURCES
 ]
