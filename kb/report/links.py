@@ -60,7 +60,7 @@ def least(data: Data, profile: Profile) -> Figure | None:
     return _named(
         "links-least",
         "What is spoken of least",
-        f"{data.count(_ENTITIES) - named:,} entities are named nowhere; of those that are, the"
+        f"Named nowhere: {data.count(_ENTITIES) - named:,} entities; of those that are named, the"
         f" {len(found)} least frequent.",
         found,
         ORANGE,
@@ -72,15 +72,14 @@ def known(data: Data, profile: Profile) -> Figure | None:
     found = {who: (n, names) for who, n, names in data.rows(_LINKS, _KNOWN)}
     if not found:
         return None
-    nobody = data.count(_ENTITIES) - sum(n for n, _ in found.values())
+    nowhere = data.count(_ENTITIES) - sum(n for n, _ in found.values())
     rows = [(said, *found.get(who, (0, ""))) for who, said in _WHO.items()]
-    rows.append(("nobody", nobody, ""))
     sheet = bars([row[0] for row in rows], [row[1] for row in rows], unit="entities", colors=SKY)
     return Figure(
         "links-known",
         "Who knows what",
-        f"Entities by the sources that name them; {sum(row[1] for row in rows[:3]):,} are named by"
-        " one source alone.",
+        f"Entities by the sources that name them: one source alone names"
+        f" {sum(row[1] for row in rows[:3]):,}, none {nowhere:,}.",
         "Bars of entities by who names them: "
         + ", ".join(f"{who} {n:,}" for who, n, _ in rows)
         + ".",
