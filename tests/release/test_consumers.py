@@ -41,7 +41,7 @@ TABLES = [
 
 @pytest.fixture(scope="session")
 def downloaded(released: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """The four records, fetched by the addresses that the service gives."""
+    """The records, fetched by the addresses that the service gives."""
     folder = tmp_path_factory.mktemp("downloaded")
     with pytest.MonkeyPatch.context() as patch, Sandbox(services=["zenodo"]) as service:
         patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
