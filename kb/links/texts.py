@@ -84,7 +84,7 @@ def _elements(path: Path) -> Iterator[Part]:
     taken = np.flatnonzero(tops(rows, page))
     texts = _one(rows["text"]).take(pa.array(taken))
     keys = pa.array(pages).cast(pa.string())
-    yield from _in_pieces("page", keys, page[taken], texts)
+    yield from in_pieces("page", keys, page[taken], texts)
 
 
 _READ: dict[str, Callable[[Path], Iterator[Part]]] = {
@@ -161,7 +161,7 @@ def _texts(
         things.append(thing)
     thing = np.concatenate(things)
     order = np.argsort(thing, kind="stable")
-    yield from _in_pieces(
+    yield from in_pieces(
         part, _one(keys), thing[order], pa.concat_arrays(texts).take(pa.array(order))
     )
 
@@ -170,7 +170,7 @@ def _one(column: pa.ChunkedArray[Any]) -> pa.Array[Any]:
     return pa.concat_arrays([pa.array([], column.type), *column.chunks])
 
 
-def _in_pieces(
+def in_pieces(
     part: str, keys: pa.Array[Any], thing: np.ndarray, texts: pa.Array[Any]
 ) -> Iterator[Part]:
     """Texts of `keys`, each out of the `texts` whose `thing` is its number, in rising order; as

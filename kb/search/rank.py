@@ -26,6 +26,7 @@ from kb.search.words import Question, Term
 from kb.store.sqlite import Connection
 
 WEIGHTS = {"title": 2.0, "path": 1.5, "text": 1.0, "alt": 0.5}
+KEYS = "linked"  # a temporary table beside an index: the keys that alone may be answers
 _MANY = 10_000  # passages from which common words are left out
 _COMMON = 0.2
 _MARKED = 0.3  # of the rarest term's rarity
@@ -101,10 +102,15 @@ def weigh(indexes: Mapping[str, Connection], question: Question) -> Weighed:
 
 
 def rank(
-    indexes: Mapping[str, Connection], question: Question, weighed: Weighed, only: Only
+    indexes: Mapping[str, Connection],
+    question: Question,
+    weighed: Weighed,
+    only: Only,
+    *,
+    linked: bool = False,
 ) -> list[Ranked]:
     """The best passages of all indexes, at most `only.limit`, the best first; of equal ones in
-    the order of sources and rows.
+    the order of sources and rows. `linked`: those alone whose keys the table KEYS has.
     """
     ranked: list[Ranked] = []
     for source, con in indexes.items():
@@ -116,7 +122,7 @@ def rank(
         if factors:
             ranked += (
                 Ranked(-score, source, number)
-                for number, score in _best(con, factors, question, only)
+                for number, score in _best(con, factors, question, only, linked=linked)
             )
     return sorted(ranked)[: only.limit]
 
@@ -137,7 +143,12 @@ def _is_common(term: Term, having: int, passages: int) -> bool:
 
 
 def _best(
-    con: Connection, factors: Mapping[Term, float], question: Question, only: Only
+    con: Connection,
+    factors: Mapping[Term, float],
+    question: Question,
+    only: Only,
+    *,
+    linked: bool,
 ) -> list[tuple[int, float]]:
     weights = ", ".join(str(weight) for weight in WEIGHTS.values())
     values: list[str | float | int] = []
@@ -149,7 +160,7 @@ def _best(
         )
         values += [factor, term.match]
     every = " UNION ALL ".join(f"SELECT id, part FROM hits{n}" for n in range(len(factors)))
-    where = ["score >= ?"]
+    where = ["score >= ?", *([f"key IN (SELECT key FROM {KEYS})"] if linked else [])]
     bounds: list[str | float | int] = [only.least]
     has = "(SELECT rowid FROM found WHERE found MATCH ?)"
     for sign, matches in (("IN", question.needed), ("NOT IN", question.barred)):

@@ -35,9 +35,10 @@ OF_SOURCES = [
 NAMES = [
     *OF_SOURCES,
     *("reddit import", "refresh youtube", "refresh reddit", "reddit reconstruct"),
-    *("pairs", "pairs --again", "release", "report", "restore", "verify --repair"),
-    *("index --again", "release publish --publish", "reddit export --format=convokit"),
-    *("youtube filter --workers=2", "reddit import --workers=2"),
+    *("pairs", "pairs --again", "links", "links --again", "release", "report", "restore"),
+    *("verify --repair", "index --again", "release publish --publish"),
+    *("reddit export --format=convokit", "youtube filter --workers=2"),
+    "reddit import --workers=2",
     "profile new ferns",
 ]
 

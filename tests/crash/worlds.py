@@ -95,6 +95,7 @@ class Worlds:
         self._kept("clean")
         each("export")
         self._done("pairs")
+        self._done("links")
         self._kept("made")
         self._done("release")
         shutil.copytree(self._job.root / "release", self.place / "released")
@@ -168,6 +169,8 @@ class Worlds:
         yield Case(("index", "--again"), ("clean",), ("index",))
         yield Case(("pairs",), ("clean",), ("pairs", "release/pairs"))
         yield Case(("pairs", "--again"), ("made",), ("pairs", "release/pairs"))
+        yield Case(("links",), ("clean",), ("links", "release/links"))
+        yield Case(("links", "--again"), ("made",), ("links", "release/links"))
         yield Case(("release",), ("made", "released"), ("release",))
         to = "--to=zenodo-sandbox"
         yield Case(("release", "publish", to, "--publish"), ("released",), ("release",))
@@ -220,7 +223,7 @@ class Worlds:
         return Case(
             ("purge", source, f"--ids={ids}"),
             ("made", "released"),
-            ("clean", "pairs", "release"),
+            ("clean", "pairs", "links", "release"),
             gone=tuple(gone),
         )
 

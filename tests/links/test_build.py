@@ -390,3 +390,32 @@ def test_leftovers_of_a_killed_run_go_with_the_next(run: Run) -> None:
         path.write_text(SECRET)
     made.links(run, NAMES)
     assert not [path for path in left if path.exists()]
+
+
+def test_a_search_within_what_names_an_entity(run: Run, here: Here) -> None:
+    at = ("--data", str(run.root), "--profile", str(run.profile.path))
+    asked = ("search", "creeper", "--entity", "dragon", "--all", "--limit", "50", "--json", *at)
+    done = here(*asked)
+    assert done.code == 2
+    assert "there are no entity tables" in done.err
+    assert "run `kb links --data " in done.err
+    assert here("links", *at).code == 0
+    found = json.loads(here(*asked).out.splitlines()[-1])["answers"]
+    linked = {row["key"] for row in made.rows(run.root) if row["entity"] == "Ender Dragon"}
+    assert {one["key"] for one in found} == {made.video_id(n) for n in range(6)}
+    assert {one["key"] for one in found} < linked  # "dragon" is another of its forms
+    every = json.loads(here("search", "creeper", *asked[4:]).out.splitlines()[-1])["answers"]
+    scores = {(one["key"], one["text"]): one["score"] for one in every}
+    assert len(every) > len(found)  # and the same scores
+    assert all(one["score"] == scores[one["key"], one["text"]] for one in found)
+    data = kb.load(run.root)
+    answers = data.search("creeper", entity="Ender Dragon", source="youtube", each=None, limit=50)
+    assert {row["key"] for row in answers.to_pylist()} == {one["key"] for one in found}
+    done = here("search", "creeper", "--entity", "ender dargon", *at)
+    assert done.code == 2
+    assert "no entity 'ender dargon'; did you mean Ender Dragon?" in done.err
+    # What was filtered since is not linked: that is said, and no answer is left out in silence.
+    made.fill(run.root, comments=["a dragon and a creeper"], posts=[("Dragon", "", [])])
+    done = here(*asked)
+    assert done.code == 2
+    assert "are older than clean/reddit" in done.err

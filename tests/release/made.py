@@ -15,6 +15,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from kb.core.sources import PUBLISHED
 from kb.schema import Table, table
 from kb.store.layout import Layout
 from kb.store.shards import sorted_shards, write_table
@@ -256,25 +257,30 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
         {
             "entity": keyword,
             "kind": "item",
-            "aliases": [f"{keyword}s"],
-            "wiki_page_id": i + 1 if i < 3 else None,
+            "aliases": [f"{keyword.lower()}s"],
+            "wiki_page_id": i + 1 if i % 2 else None,
         }
-        for i, keyword in enumerate(KEYWORDS)
+        for i, keyword in enumerate(sorted(KEYWORDS))
     ]
+    # The first keyword is named everywhere, others by fewer, the last one by videos alone.
     made["links/links"] = [
         {
             "entity": keyword,
-            "source": "youtube",
-            "key": f"vid{i:08d}",
+            "source": source,
+            "key": key.format(i),
             "part": part,
             "how": "mention",
-            "count": 1 + i % 3,
-            "first_at_s": 4.0 * i if part == "transcript" else None,
+            "count": 1 + spread("links", i) % 4,
+            "first_at_s": 1.5 * i if part == "transcript" else None,
         }
-        for keyword in KEYWORDS
-        for i in range(n)
-        for part in ("title", "transcript")
-        if spread("link", keyword, i, part) % 4 == 0
+        for rank, keyword in enumerate(KEYWORDS)
+        for source, part, key in (
+            ("youtube", "transcript", "vid{:08d}"),
+            ("wiki", "page", "{}"),
+            ("reddit", "comment", "t1_c{:05x}0"),
+        )
+        for i in range(n // (rank + 1))
+        if source == "youtube" or rank < len(KEYWORDS) - 1
     ]
     return made
 
@@ -302,18 +308,23 @@ REJECTED = {
         ("toxicity", "above", "0.8", "0.5", 3),
     ],
 }
-PART = "part-00000.parquet"
+NAMES = {
+    "links/entities": "entities-00000-of-00001.parquet",
+    "links/links": "links-00000-of-00001.parquet",
+}
 
 
 def build(
     root: Path,
     edit: Edit | None = None,
-    sources: tuple[str, ...] = ("youtube", "wiki", "reddit", "pairs"),
+    sources: tuple[str, ...] = PUBLISHED,
     n: int = 60,
     *,
     export: bool = True,
 ) -> Path:
-    """Write clean/, pairs/ and release/ under `root`. `edit(table, rows)` may change rows first."""
+    """Write clean/, pairs/, links/ and release/ under `root`. `edit(table, rows)` may change rows
+    first.
+    """
     for name, made in rows(n).items():
         if name.partition("/")[0] not in sources:
             continue
@@ -321,8 +332,8 @@ def build(
         if edit:
             edit(name, made)
         arrow = pa.Table.from_pylist([filled(declared, row) for row in made], declared.arrow())
-        file = f"{declared.short}-00000.parquet" if declared.source == "links" else PART
-        part = write_table(Layout(root).table(name) / file, arrow, declared)
+        path = Layout(root).table(name) / NAMES.get(name, "part-00000.parquet")
+        part = write_table(path, arrow, declared)
         if export and not name.startswith("wiki/"):
             released(root, name, part.path)
     for source, lines in REJECTED.items():
