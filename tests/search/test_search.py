@@ -135,7 +135,7 @@ def brute(passages: list[tuple[str, dict[str, list[str]]]], words: list[str]) ->
     return scores
 
 
-@pytest.mark.parametrize("words", ["camel", "ride camel bones", "a the camel welcome leather"])
+@pytest.mark.parametrize("words", ["camel", "ride camel bones", "nobody camel welcome leather"])
 def test_scores_are_those_of_a_reckoning_by_hand(made: Path, words: str) -> None:
     passages, places = [], []
     for source in SOURCES:
@@ -218,6 +218,10 @@ def test_what_is_typed_becomes() -> None:
     assert [term.match for term in asked.terms] == ['"wolf"', '"bed rock"', '"craft" *', '"iron"']
     assert asked.needed == ('"bed rock"', '"iron"')
     assert asked.barred == ('"dog"', '"a b"')
+    asked = question("How do I tame the wolf?")
+    assert [term.match for term in asked.terms] == ['"tame"', '"wolf"']
+    assert len(question("how to").terms) == 2
+    assert len(question('+how "to the" wolf').terms) == 3
     assert question("x" + " y z" * 100).terms == question("x y z").terms
     assert len(question(" ".join(map(str, range(100)))).terms) == 32
 
