@@ -6,7 +6,7 @@ post and its comments. The place's own piece is taken first, then those nearest 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from kb.reader.opened import Opened
 from kb.reader.places import look
 from kb.search.passage import plain
 from kb.search.sections import grid, link, sections
-from kb.search.transcripts import cues, joined, windows
+from kb.search.transcripts import Talk, talk
 
 _WATCH = "https://www.youtube.com/watch?v="
 
@@ -108,9 +108,10 @@ def _video(opened: Opened, place: Place) -> Whole:
     pieces = []
     if described := plain(row.get("description")).strip():
         pieces.append(Piece(Place("youtube", place.key), "description", url, described))
-    for window in _windows(opened, place.key):
-        text, times = joined(window)
-        second = int(times[0][1])
+    said = _said_in(opened, place.key)
+    for begin, after in said.windows():
+        text, _ = said.joined(begin, after)
+        second = int(said.starts[begin])
         at = Place("youtube", place.key, str(second))
         pieces.append(Piece(at, f"{_clock(second)} transcript", f"{url}&t={second}s", text))
     if not pieces:
@@ -122,9 +123,10 @@ def _video(opened: Opened, place: Place) -> Whole:
     return Whole(facts, title, pieces, _outward(centre, len(pieces)))
 
 
-def _windows(opened: Opened, key: str) -> Iterator[list[Any]]:
-    row = _first(opened, "youtube_transcripts", "video_id = ?", [key])
-    yield from windows(list(cues((row or {}).get("cues") or ())))
+def _said_in(opened: Opened, key: str) -> Talk:
+    row = _first(opened, "youtube_transcripts", "video_id = ?", [key]) or {}
+    cues = row.get("cues") or ()
+    return talk(*([one[name] for one in cues] for name in ("start_s", "duration_s", "text")))
 
 
 def _number(at: str) -> float:

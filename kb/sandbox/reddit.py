@@ -1,4 +1,5 @@
-"""The sandbox's Reddit: token, listings, post pages, morechildren, info, with rate headers.
+"""The sandbox's Reddit: token, listings, post pages, morechildren, info, with rate headers, and
+what permalinks open.
 
 Both hosts (www and oauth) are one root here. Forms and limits are those of the recorded answers.
 """
@@ -15,6 +16,7 @@ from typing import Any
 import zstandard
 from werkzeug.wrappers import Request, Response
 
+from kb.sandbox.reddit_pages import permalink
 from kb.sandbox.subreddit import START, Subreddit
 from kb.sandbox.world import World
 
@@ -51,6 +53,8 @@ class Service:
         path = request.path.strip("/").removesuffix(".json")
         if path == "api/v1/access_token":
             return self._token(request)
+        if page := permalink(self.subreddit, path):
+            return page
         if request.headers.get("Authorization") != f"bearer {TOKEN}":
             return _json(
                 {"message": "Unauthorized", "error": 401},

@@ -45,14 +45,19 @@ def _application(world: Any) -> Any:
         if path in ("/w/api.php", "/api.php"):
             return _api({**request.args.to_dict(), **request.form.to_dict()}, site, later, root)
         if path.startswith("/wiki/"):
-            return _page(site, path.removeprefix("/wiki/").replace("_", " "), later, root)
+            title = path.removeprefix("/wiki/").replace("_", " ")
+            return _page(site, title, later, root, request.args.get("oldid", ""))
         return _file(site, path)
 
     return serve
 
 
-def _page(site: Recorded, title: str, later: bool, root: str) -> Response:
+def _page(site: Recorded, title: str, later: bool, root: str, oldid: str = "") -> Response:
+    """The page as it is now, or of the revision `oldid`."""
     text = site.html(title, later)
+    if oldid:
+        states = (state for state in (later, False) if _revision(site, title, state) == oldid)
+        text = next((site.html(title, state) for state in states), None)
     if text is not None:
         return Response(text.replace(HOST, root), mimetype="text/html")
     return Response(
@@ -60,6 +65,11 @@ def _page(site: Recorded, title: str, later: bool, root: str) -> Response:
         404,
         mimetype="text/html",
     )
+
+
+def _revision(site: Recorded, title: str, later: bool) -> str:
+    page = site.pages(later).get(title)
+    return str(page["lastrevid"]) if page else ""
 
 
 def _file(site: Recorded, path: str) -> Response:

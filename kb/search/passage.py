@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+
 from kb.schema import table
 from kb.store import complete
 from kb.store.merge import Merge
@@ -53,11 +55,17 @@ def day(when: Any) -> str | None:
 
 def rows(root: Path, name: str, columns: list[str]) -> Iterator[dict[str, Any]]:
     """The rows of a declared clean table in its order, a few at a time. Raises DamagedData."""
+    for part in batches(root, name, columns):
+        yield from part.to_pylist()
+
+
+def batches(root: Path, name: str, columns: list[str]) -> Iterator[pa.Table]:
+    """The same as Arrow tables of a few rows."""
     files, declared = complete.rows(root, name), table(name)
     with closing(Merge(files, order(declared), columns)) as merged:
         for part in merged:
             for start in range(0, part.num_rows, _AT_ONCE):
-                yield from part.slice(start, _AT_ONCE).to_pylist()
+                yield part.slice(start, _AT_ONCE)
 
 
 class Beside:

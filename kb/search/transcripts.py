@@ -4,30 +4,61 @@ title and description.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from kb.search.passage import Beside, Passage, day, pieces, plain, rows
+import pyarrow.compute as pc
+
+from kb.search.passage import Beside, Passage, batches, day, pieces, plain, rows
 
 MOST = 120  # words of a window
 LEAST = 60  # words before which no pause ends one
+_CUE = ["start_s", "duration_s", "text"]
 _VIDEO = ["video_id", "title", "description", "license", "published_at"]
 _WATCH = "https://www.youtube.com/watch?v="
 
 
-class Cue(NamedTuple):
-    """Words that are shown together, from `start_s` to `end_s`, and how many they are."""
+class Talk(NamedTuple):
+    """What is said in a video, by cue: when it begins and ends (s), its text, words until there."""
 
-    start_s: float
-    end_s: float
-    text: str
-    words: int
+    starts: list[float]
+    ends: list[float]
+    texts: list[str]
+    words: list[int]
+
+    def windows(self) -> Iterator[tuple[int, int]]:
+        """The cues in groups (first, one past the last) of at most MOST words. A group ends before
+        the longest pause after its first LEAST words; of equal pauses before the last.
+        """
+        begin, count = 0, len(self.texts)
+        while begin < count:
+            end = bisect_right(self.words, self.words[begin] + MOST, begin + 1) - 1
+            best, pause = end, -1.0
+            if end < count:
+                first = bisect_left(self.words, self.words[begin] + LEAST, begin + 1)
+                for after in range(first, end + 1):
+                    gap = max(0.0, round(self.starts[after] - self.ends[after - 1], 3))
+                    if gap >= pause:
+                        best, pause = after, gap
+            yield begin, best
+            begin = best
+
+    def joined(self, begin: int, after: int) -> tuple[str, list[tuple[int, float]]]:
+        """A group's text, and where in it which second begins."""
+        texts = self.texts[begin:after]
+        at = accumulate((len(text) + 1 for text in texts), initial=0)
+        return " ".join(texts), [
+            (place, round(start, 2))
+            for place, start in zip(at, self.starts[begin:after], strict=False)
+        ]
 
 
 def passages(root: Path) -> Iterator[Passage]:
     """The passages of all kept videos, by video. Raises DamagedData."""
-    spoken = Beside(rows(root, "youtube/transcripts", ["video_id", "cues"]), "video_id")
+    heard = Beside(spoken(root), "video_id")
     for video in rows(root, "youtube/videos", _VIDEO):
         key, title = video["video_id"], plain(video["title"])
         about = {
@@ -40,50 +71,62 @@ def passages(root: Path) -> Iterator[Passage]:
         described = plain(video["description"]).splitlines()
         for text in list(pieces(described)) or [""]:
             yield Passage("video", text=text, url=f"{_WATCH}{key}", **about)
-        for transcript in spoken.of(key):
-            for window in windows(list(cues(transcript["cues"] or ()))):
-                text, times = joined(window)
-                url = f"{_WATCH}{key}&t={int(window[0].start_s)}s"
+        for transcript in heard.of(key):
+            said: Talk = transcript["talk"]
+            for begin, after in said.windows():
+                text, times = said.joined(begin, after)
+                url = f"{_WATCH}{key}&t={int(said.starts[begin])}s"
                 yield Passage("transcript", text=text, url=url, times=times, **about)
 
 
-def cues(given: Sequence[dict[str, Any]]) -> Iterator[Cue]:
-    """Cues with words, none of them longer than a window: a longer one is divided by its words."""
-    for one in given:
-        text = one["text"] or ""
-        words = (text if text.isprintable() else plain(text)).split()
-        start, length = max(0.0, one["start_s"] or 0.0), max(0.0, one["duration_s"] or 0.0)
-        for at in range(0, len(words), MOST):
-            part = words[at : at + MOST]
-            first, last = at / len(words), (at + len(part)) / len(words)
-            yield Cue(start + first * length, start + last * length, " ".join(part), len(part))
+def spoken(root: Path) -> Iterator[dict[str, Any]]:
+    """`video_id` of each transcript and its `talk`, by video.
 
-
-def windows(spoken: Sequence[Cue]) -> Iterator[list[Cue]]:
-    """The cues in groups of at most MOST words. A group ends before the longest pause after its
-    first LEAST words; of equal pauses before the last.
+    Cues never become an object each: there are a hundred times as many as anything else.
     """
-    begin = 0
-    while begin < len(spoken):
-        count, end, best, pause = 0, begin, 0, -1.0
-        while end < len(spoken) and count + spoken[end].words <= MOST:
-            count += spoken[end].words
-            end += 1
-            if end < len(spoken) and count >= LEAST:
-                gap = max(0.0, round(spoken[end].start_s - spoken[end - 1].end_s, 3))
-                if gap >= pause:
-                    best, pause = end, gap
-        if end == len(spoken):
-            best = end
-        best = best or end
-        yield list(spoken[begin:best])
-        begin = best
+    for part in batches(root, "youtube/transcripts", ["video_id", "cues"]):
+        keys, lists = part["video_id"].to_pylist(), part["cues"].combine_chunks()
+        counts = pc.list_value_length(lists).to_pylist()
+        cues = pc.list_flatten(lists)
+        columns = [pc.struct_field(cues, [name]).to_pylist() for name in _CUE]
+        at = 0
+        for key, count in zip(keys, counts, strict=True):
+            after = at + (count or 0)
+            yield {"video_id": key, "talk": talk(*(one[at:after] for one in columns))}
+            at = after
 
 
-def joined(window: Sequence[Cue]) -> tuple[str, list[tuple[int, float]]]:
-    """A window's text, and where in it which second begins."""
-    at, times = 0, []
-    for cue in window:
-        times.append((at, round(cue.start_s, 2)))
-        at += len(cue.text) + 1
-    return " ".join(cue.text for cue in window), times
+def talk(
+    starts: Sequence[float | None], durations: Sequence[float | None], texts: Sequence[str | None]
+) -> Talk:
+    """The cues with words, none of them longer than a window: a longer one is divided by its words.
+
+    Times in seconds.
+    """
+    begun = [max(0.0, start or 0.0) for start in starts]
+    ended = [
+        start + max(0.0, length or 0.0) for start, length in zip(begun, durations, strict=True)
+    ]
+    said = [text or "" for text in texts]
+    if not "".join(said).isprintable():
+        said = list(map(plain, said))
+    words = list(map(str.split, said))
+    counts = list(map(len, words))
+    if counts and (min(counts) == 0 or max(counts) > MOST):
+        begun, ended, words = _divided(begun, ended, words)
+        counts = list(map(len, words))
+    return Talk(begun, ended, list(map(" ".join, words)), list(accumulate(counts, initial=0)))
+
+
+def _divided(
+    begun: list[float], ended: list[float], words: list[list[str]]
+) -> tuple[list[float], list[float], list[list[str]]]:
+    """Cues without words left out, those of more than a window's in parts."""
+    starts, ends, parts = [], [], []
+    for start, end, said in zip(begun, ended, words, strict=True):
+        for at in range(0, len(said), MOST):
+            after = min(at + MOST, len(said))
+            starts.append(start + at / len(said) * (end - start))
+            ends.append(start + after / len(said) * (end - start))
+            parts.append(said[at:after])
+    return starts, ends, parts

@@ -1,6 +1,7 @@
 """What a person types, as questions to FTS5.
 
-    wolf tame       either word, the more and the rarer the better
+    wolf tame       either word, the more and the rarer the better; words that only make a
+                    sentence ("how", "the") count where nothing else is asked for
     "bed rock"      these words side by side; an answer has to have them
     +wolf  -dog     has to have it; must not have it
     craft*          words that begin like this
@@ -13,10 +14,21 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Collection
 from typing import NamedTuple
 
 MOST = 32  # terms of one question; what is typed after them is left out
 _TERM = re.compile(r'(?P<sign>(?<!\S)[+-])?(?:"(?P<phrase>[^"]*)"?|(?P<word>[^\s"]+))(?P<any>\*)?')
+# What questions are made with. Titles are questions too, and would match these alone.
+_SMALL = {
+    "a", "about", "am", "an", "and", "any", "are", "as", "at", "be", "been", "but", "by",
+    "can", "could", "did", "do", "does", "for", "from", "had", "has", "have", "he", "her",
+    "here", "him", "his", "how", "i", "if", "in", "into", "is", "it", "its", "just", "may",
+    "me", "might", "must", "my", "of", "on", "or", "our", "she", "should", "so", "than",
+    "that", "the", "their", "them", "then", "there", "these", "they", "this", "those", "to",
+    "us", "was", "we", "were", "what", "when", "where", "which", "who", "whom", "whose", "why",
+    "will", "with", "would", "you", "your",
+}  # fmt: skip
 
 
 class Term(NamedTuple):
@@ -54,8 +66,15 @@ def question(text: str) -> Question:
         if must:
             needed[match] = None
             terms[match] = Term(match, plain=False)
-    kept = tuple(terms.values())[:MOST]
+    kept = tuple(_telling(terms.values()))[:MOST]
     return Question(kept, tuple(needed)[:MOST], tuple(barred)[:MOST])
+
+
+def _telling(terms: Collection[Term]) -> Collection[Term]:
+    """Without small words, unless there are no others."""
+    return [
+        one for one in terms if not one.plain or one.match.strip('"').lower() not in _SMALL
+    ] or terms
 
 
 def _clean(text: str) -> str:

@@ -25,7 +25,7 @@ from kb.search.ask import search
 from kb.search.build import index
 from kb.search.passage import MOST_WORDS
 from kb.search.rank import WEIGHTS, Only
-from kb.search.transcripts import LEAST, MOST, Cue, windows
+from kb.search.transcripts import LEAST, MOST, talk
 from kb.search.words import question
 from kb.store import indexed, lock
 from kb.store.layout import Layout
@@ -135,7 +135,7 @@ def brute(passages: list[tuple[str, dict[str, list[str]]]], words: list[str]) ->
     return scores
 
 
-@pytest.mark.parametrize("words", ["camel", "ride camel bones", "a the camel welcome leather"])
+@pytest.mark.parametrize("words", ["camel", "ride camel bones", "nobody camel welcome leather"])
 def test_scores_are_those_of_a_reckoning_by_hand(made: Path, words: str) -> None:
     passages, places = [], []
     for source in SOURCES:
@@ -218,6 +218,10 @@ def test_what_is_typed_becomes() -> None:
     assert [term.match for term in asked.terms] == ['"wolf"', '"bed rock"', '"craft" *', '"iron"']
     assert asked.needed == ('"bed rock"', '"iron"')
     assert asked.barred == ('"dog"', '"a b"')
+    asked = question("How do I tame the wolf?")
+    assert [term.match for term in asked.terms] == ['"tame"', '"wolf"']
+    assert len(question("how to").terms) == 2
+    assert len(question('+how "to the" wolf').terms) == 3
     assert question("x" + " y z" * 100).terms == question("x y z").terms
     assert len(question(" ".join(map(str, range(100)))).terms) == 32
 
@@ -225,14 +229,29 @@ def test_what_is_typed_becomes() -> None:
 def test_windows_end_where_the_talk_pauses() -> None:
     words = " ".join(["word"] * 10)
     starts = [0.0, 3, 6, 9, 12, 15, 18, 25, 28, 31, 34, 37, 40, 43, 46, 49]
-    found = list(windows([Cue(start, start + 3, words, 10) for start in starts]))
-    assert [window[0].start_s for window in found] == [0.0, 25]  # before the pause from 21 to 25
-    assert [cue for window in found for cue in window] == [
-        Cue(start, start + 3, words, 10) for start in starts
+    said = talk(starts, [3.0] * 16, [words] * 16)
+    found = list(said.windows())
+    assert [starts[begin] for begin, _ in found] == [0.0, 25]  # before the pause from 21 to 25
+    assert [n for begin, after in found for n in range(begin, after)] == list(range(16))
+    text, times = said.joined(*found[1])
+    assert [(text[at : at + 4], second) for at, second in times] == [
+        ("word", start) for start in starts[7:]
     ]
-    even = list(windows([Cue(3.0 * n, 3.0 * n + 3, words, 10) for n in range(100)]))
-    sizes = [10 * len(window) for window in even]
+    even = talk([3.0 * n for n in range(100)], [3.0] * 100, [words] * 100).windows()
+    sizes = [10 * (after - begin) for begin, after in even]
+    assert sum(sizes) == 1000
     assert all(LEAST <= size <= MOST for size in sizes[:-1])
+
+
+def test_cues_without_words_or_times_and_of_too_many_words() -> None:
+    said = talk(
+        [None, 1.0, -5.0, 20.0], [None, 2.0, 1.0, 10.0], ["", None, "a\nb ", "x " * (MOST + 1)]
+    )
+    assert said.texts[0] == "a b"
+    assert [len(text.split()) for text in said.texts] == [2, MOST, 1]
+    assert said.starts == [0.0, 20.0, pytest.approx(20 + 10 * MOST / (MOST + 1))]
+    assert said.ends[-1] == 30.0
+    assert list(talk([], [], []).windows()) == []
 
 
 def test_no_passage_is_long(tmp_path: Path) -> None:
