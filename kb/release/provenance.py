@@ -60,12 +60,12 @@ _RULES = {
 def rules(profile: Profile, source: str) -> list[tuple[str, str]]:
     """(key, value) of thresholds and search words of a source, as the profile has them."""
     section = getattr(profile, source)
-    found = [] if section is None else [(name, getattr(section, name)) for name in _RULES[source]]
+    values = [] if section is None else [(name, getattr(section, name)) for name in _RULES[source]]
     threshold = profile.toxicity.threshold("youtube" if source == "pairs" else source)
     if source != "pairs":
-        found.append(("toxicity", "not dropped" if threshold is None else threshold))
+        values.append(("toxicity", "not dropped" if threshold is None else threshold))
     return [
-        (f"{source}.{name}", _shown(value)) for name, value in found if value not in ((), [], "")
+        (f"{source}.{name}", _shown(value)) for name, value in values if value not in ((), [], "")
     ]
 
 
