@@ -34,15 +34,15 @@ class Limit:
 
 def upstream(phases: Sequence[Phase], kind: str) -> set[str]:
     """The kinds whose answers lead to items of `kind`, directly or by way of others."""
-    found: set[str] = set()
+    kinds: set[str] = set()
     waiting = [kind]
     while waiting:
         wanted = waiting.pop()
         for phase in phases:
-            if wanted in phase.feeds and phase.kind not in found and phase.kind != kind:
-                found.add(phase.kind)
+            if wanted in phase.feeds and phase.kind not in kinds and phase.kind != kind:
+                kinds.add(phase.kind)
                 waiting.append(phase.kind)
-    return found
+    return kinds
 
 
 def together(phases: Sequence[Phase], phase: Phase, stop: Stopped) -> set[str]:

@@ -26,8 +26,8 @@ class Keys(dict[str, str]):
 
     said: dict[str, int]
 
-    def __init__(self, found: dict[str, str], said: dict[str, int] | None = None) -> None:
-        super().__init__(found)
+    def __init__(self, reasons: dict[str, str], said: dict[str, int] | None = None) -> None:
+        super().__init__(reasons)
         self.said = said or {}
 
 
@@ -71,8 +71,8 @@ def purge_raw(
     with open_session(run, source, asks=False, every=True) as session:
         # Opening it has set damage aside and taken in what was not read yet.
         session.recorder.close()
-        found = collect(session)
-        keys = Keys(purge.begin(run.root, source.name, found), found.said)
+        collected = collect(session)
+        keys = Keys(purge.begin(run.root, source.name, collected), collected.said)
         if not keys:
             return keys
         frontier = session.frontier

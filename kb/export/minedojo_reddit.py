@@ -33,20 +33,20 @@ def export(run: Run) -> Summary:
         raise FatalError(
             "nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first"
         )
-    found: list[tuple[str, str]] = []
+    posts: list[tuple[str, str]] = []
     for part in parts:
         with reading([part]):
             rows = parquet.read_table(part, columns=["post_id", "type"])
         ids = cast("list[str]", rows["post_id"].to_pylist())
         types = cast("list[str]", rows["type"].to_pylist())
-        found += zip(ids, types, strict=True)
+        posts += zip(ids, types, strict=True)
     path = Layout(run.root).export("minedojo", "reddit.json")
     with writing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write("[")
-        for number, (key, kind) in enumerate(sorted(found)):
+        for number, (key, kind) in enumerate(sorted(posts)):
             file.write((",\n" if number else "\n") + _line(key, kind))
         file.write("\n]\n")
-    return Summary(command="reddit export", source="reddit", posts=len(found), path=str(path))
+    return Summary(command="reddit export", source="reddit", posts=len(posts), path=str(path))
 
 
 def _line(key: str, kind: str) -> str:

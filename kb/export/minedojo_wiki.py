@@ -153,9 +153,9 @@ class _Grouped:
             self._next = next(self._groups, None)
         if self._next is None or self._next[0] != page_id:
             return []
-        found = list(self._next[1])
+        group = list(self._next[1])
         self._next = next(self._groups, None)
-        return found
+        return group
 
 
 def box(row: Row) -> list[float | int]:

@@ -53,8 +53,8 @@ def export(
         for declared in tables().values()
         if declared.source == source and declared.released
     ]
-    found = {declared.name: complete.rows(run.root, declared.name) for declared in released}
-    if not any(found.values()):
+    files = {declared.name: complete.rows(run.root, declared.name) for declared in released}
+    if not any(files.values()):
         place = at.table(released[0].name)
         raise FatalError(
             f"nothing to export: {place.parent if source in SOURCES else place} has no rows",
@@ -62,7 +62,7 @@ def export(
         )
     again = made_by(source) if source in SOURCES else f"{made_by(source)} --again"
     for declared in released:
-        shards.check_columns(found[declared.name], declared, f"run `{again}`")
+        shards.check_columns(files[declared.name], declared, f"run `{again}`")
     summary: dict[str, int] = {}
     size = run.profile.release.rows_per_shard
     folder = Layout(run.root.absolute()).release(source)
@@ -75,7 +75,7 @@ def export(
             if change is not None:
                 # What the change knows is in this process only.
                 made = shards.sorted_shards(
-                    found[declared.name],
+                    files[declared.name],
                     fresh,
                     declared,
                     rows_per_shard=size,
@@ -89,7 +89,7 @@ def export(
         tasks = (
             (
                 declared.name,
-                [str(path.absolute()) for path in found[declared.name]],
+                [str(path.absolute()) for path in files[declared.name]],
                 str(fresh),
                 size,
             )

@@ -135,7 +135,7 @@ def _screenshots(root: Path, lost: set[Path]) -> Iterator[Sample]:
 def _images(root: Path, lost: set[Path]) -> Iterator[Sample]:
     """Every file once, by its hash, with what the first row says about it."""
     names = ["sha256", "media_type", "width", "height", "src", "license"]
-    found: dict[str, tuple[str, dict[str, Any]]] = {}
+    images: dict[str, tuple[str, dict[str, Any]]] = {}
     for row in rows(
         root,
         "wiki/images",
@@ -143,9 +143,9 @@ def _images(root: Path, lost: set[Path]) -> Iterator[Sample]:
         ["page_id", "element_id", "frame_index"],
     ):
         if row["path"]:
-            found.setdefault(row["sha256"], (row["path"], {name: row[name] for name in names}))
-    for sha256 in sorted(found):
-        path, about = found[sha256]
+            images.setdefault(row["sha256"], (row["path"], {name: row[name] for name in names}))
+    for sha256 in sorted(images):
+        path, about = images[sha256]
         yield _sample(sha256, inside(root, path), about, lost)
 
 

@@ -144,8 +144,8 @@ def sort_rows(
         judged = stage.judge(rows)
         out_of = pc.is_valid(judged.reason)
         if pc.any(out_of).as_py():
-            for verdict, found in _verdicts(rows, judged, out_of, chain, stage.stage):
-                out[verdict].append(found)
+            for verdict, result in _verdicts(rows, judged, out_of, chain, stage.stage):
+                out[verdict].append(result)
             rows = rows.filter(pc.invert(out_of))
     if not until and not joined:
         rows = join(rows)
@@ -185,9 +185,9 @@ def _verdicts(
         if isinstance(judged.verdict, str) and judged.verdict != verdict:
             continue
         schema = table(f"shared/{verdict}").arrow()
-        found = whole.filter(hit).select(schema.names)
-        if found.num_rows:
-            yield verdict, found.cast(schema)
+        hits = whole.filter(hit).select(schema.names)
+        if hits.num_rows:
+            yield verdict, hits.cast(schema)
 
 
 def _told(rows: pa.Table, name: str, chain: Chain) -> pa.Array[Any]:

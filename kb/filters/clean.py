@@ -123,15 +123,15 @@ class _work:
 
 
 def _segments(root: Path, spec: Clean) -> list[tuple[str, Path]]:
-    found = [
+    segments = [
         (kind, path) for kind in spec.kinds for path in rawlog.segments(root, spec.source, kind)
     ]
-    if not any(spec.kinds[kind].bucket for kind, _ in found):
+    if not any(spec.kinds[kind].bucket for kind, _ in segments):
         raise FatalError(
             f"nothing to filter: {Layout(root).raw(spec.source)} is empty",
             hint=f"run `kb {spec.source} crawl` first",
         )
-    return found
+    return segments
 
 
 def _buckets(root: Path, spec: Clean, segments: list[tuple[str, Path]]) -> int:
@@ -160,12 +160,12 @@ def _parse(run: Run, job: Job, segments: list[tuple[str, Path]], executor: Any) 
     return total
 
 
-def _damaged(job: Job, found: list[tuple[str, Path, int]]) -> DamagedData:
-    _, path, at = found[0]
-    more = f" (and {len(found) - 1:,} more files)" if len(found) > 1 else ""
+def _damaged(job: Job, files: list[tuple[str, Path, int]]) -> DamagedData:
+    _, path, at = files[0]
+    more = f" (and {len(files) - 1:,} more files)" if len(files) > 1 else ""
     error = DamagedData(f"{path} is damaged at byte {at:,}{more}")
-    error.paths = [path for _, path, _ in found]  # type: ignore[attr-defined]
-    error.summary = Summary(source=job.source, truncated_files=len(found))
+    error.paths = [path for _, path, _ in files]  # type: ignore[attr-defined]
+    error.summary = Summary(source=job.source, truncated_files=len(files))
     return error
 
 
@@ -276,9 +276,9 @@ def _summary(
 ) -> Summary:
     """The numbers of the written files, by table. Raises CountMismatch when the workers' differ."""
     tables = {table(chain.table).short: chain.prefix for chain in spec.chains}
-    found = tally.tally(folder, tables)
+    tallies = tally.tally(folder, tables)
     names = ("crawled", "kept", "rejected", "failed", "pending")
-    total = Tally(*(sum(each[name] for each in found.values()) for name in names))
+    total = Tally(*(sum(each[name] for each in tallies.values()) for name in names))
     if total.check(spec.source) != Tally(*(counts[name] for name in names)):
         raise CountMismatch(
             f"{spec.source}: the files hold {asdict(total)},"
@@ -290,8 +290,8 @@ def _summary(
         source=spec.source,
         counted=" and ".join(tables),
         **asdict(total),
-        missing=sum(each["missing"] for each in found.values()),
-        tally=found,
+        missing=sum(each["missing"] for each in tallies.values()),
+        tally=tallies,
     )
     summary["duplicates"] = counts["duplicates"]
     summary["truncated_files"] = 0  # with any there is no summary of a filter: DamagedData has it

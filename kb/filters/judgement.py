@@ -67,15 +67,15 @@ def malformed(rows: pa.Table, column: str) -> pa.Array[Any]:
     if "problems" not in rows.column_names or not rows.num_rows:
         return nothing(rows)
     problems = one(rows, "problems")
-    found = pc.list_flatten(problems)
-    if not len(found):
+    entries = pc.list_flatten(problems)
+    if not len(entries):
         return nothing(rows)
     hit = pc.and_(
-        pc.equal(found.field("column"), column), pc.equal(found.field("reason"), "malformed")
+        pc.equal(entries.field("column"), column), pc.equal(entries.field("reason"), "malformed")
     )
     parents = pc.list_parent_indices(problems).filter(hit)
     at = pc.index_in(pa.array(range(rows.num_rows), parents.type), value_set=parents)
-    values: pa.Array[Any] = found.field("value").filter(hit).take(at)
+    values: pa.Array[Any] = entries.field("value").filter(hit).take(at)
     return values
 
 

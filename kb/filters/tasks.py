@@ -97,19 +97,19 @@ def sort_bucket(job: Job, number: int) -> dict[str, int]:
 
     rows, counts = _assembled(job, spec, number, whole=True)
     done, follows = _walk(job, spec, rows, join)
-    whole = {chain.table: found.kept for chain, found in done}
+    whole = {chain.table: result.kept for chain, result in done}
     if spec.complete is not None:
         whole = spec.complete(whole)
-    for chain, found in done:
-        counts["crawled"] += sum(part.num_rows for part in found)
-        counts["kept"] += found.kept.num_rows
-        counts[f"kept {chain.table}"] += found.kept.num_rows
+    for chain, result in done:
+        counts["crawled"] += sum(part.num_rows for part in result)
+        counts["kept"] += result.kept.num_rows
+        counts[f"kept {chain.table}"] += result.kept.num_rows
         _write(job, chain.table, number, declared_columns(whole[chain.table], chain))
     for name, followed in follows.items():
         counts[f"kept {name}"] += followed.num_rows
         _write(job, name, number, followed)
     for verdict in VERDICTS if done else ():  # a bucket may be empty
-        out = pa.concat_tables([getattr(found, verdict) for _, found in done])
+        out = pa.concat_tables([getattr(result, verdict) for _, result in done])
         counts[verdict] += out.num_rows
         for entry in (
             out.group_by(["stage"]).aggregate([([], "count_all")]).to_pylist()
@@ -194,9 +194,9 @@ def _walk(
         if chain.relate is not None:
             mine = chain.relate(mine, kept)
         until = chain.scored if dry and chain.scores else ""
-        found = sort_rows(mine, chain, partial(join, chain), until=until)
-        kept[chain.table] = found.kept
-        done.append((chain, found))
+        result = sort_rows(mine, chain, partial(join, chain), until=until)
+        kept[chain.table] = result.kept
+        done.append((chain, result))
     follows = {}
     for follow in spec.follow if not dry else ():
         if follow.table in rows and follow.of in kept:

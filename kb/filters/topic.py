@@ -133,18 +133,18 @@ class Topic:
         category = text(one(rows, "category_id"))
         named, categorised = self._named(rows), self._categorised(rows)
         places = self._places(rows, off)
-        found = pc.coalesce(
+        keyword = pc.coalesce(
             *(pc.if_else(hit, f"keyword in {name}", None) for name, hit in places.items())
         )
         matched = [
             pc.if_else(pc.and_(named, self._ours(rows)), _with("label", label), None),
             pc.if_else(categorised, _with("category", category), None),
-            found,
+            keyword,
         ]
         unmatched = [
             pc.if_else(pc.and_(named, pc.invert(self._ours(rows))), _with("label", label), None),
             pc.if_else(categorised, None, pc.fill_null(_with("category", category), "category")),
-            pc.if_else(pc.is_valid(found), None, "keywords"),
+            pc.if_else(pc.is_valid(keyword), None, "keywords"),
         ]
         return _listed(matched), _listed(unmatched)
 
@@ -169,10 +169,10 @@ class Topic:
         """Whether a keyword is in the title, else in the tags, else in the description;
         asked of candidates only.
         """
-        found = pa.array([False] * rows.num_rows, pa.bool_())
+        hits = pa.array([False] * rows.num_rows, pa.bool_())
         for hit in self._places(rows, candidate).values():
-            found = pc.or_(found, hit)
-        return found
+            hits = pc.or_(hits, hit)
+        return hits
 
     def _places(self, rows: pa.Table, candidate: pa.Array[Any]) -> dict[str, pa.Array[Any]]:
         """Text → the candidates where a keyword stands in it and in none before it."""

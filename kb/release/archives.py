@@ -25,14 +25,14 @@ def check(folder: Folder) -> list[Problem]:
     if folder.source != "wiki":
         return []
     tars = {path.name: path.stat().st_size for path in folder.others if path.suffix == ".tar"}
-    found = [
+    problems = [
         Problem("damaged", f"wiki/{kind}", f"archives are missing or of two exports; {_AGAIN}")
         for kind in ("screenshots", "images")
         if not numbered([name for name in tars if name.startswith(kind)], kind, "tar")
     ]
     index = folder.path / INDEX
     if not index.is_file():
-        return [*found, Problem("damaged", f"wiki/{INDEX}", f"is not there; {_AGAIN}")]
+        return [*problems, Problem("damaged", f"wiki/{INDEX}", f"is not there; {_AGAIN}")]
     with database.connect() as con:
         con.execute("CREATE TABLE tars (tar VARCHAR, bytes BIGINT)")
         if tars:
@@ -48,14 +48,14 @@ def check(folder: Folder) -> list[Problem]:
                 ' WHERE coalesce(bytes, 0) < "offset" + size GROUP BY 1 ORDER BY 1'
             ).fetchall()
         except duckdb.Error as error:
-            return [*found, damaged(f"wiki/{INDEX}", error, _AGAIN)]
+            return [*problems, damaged(f"wiki/{INDEX}", error, _AGAIN)]
         for tar, files in cut:
             what = (
                 f"is cut off: {files:,} of its files end beyond it"
                 if tar in tars
                 else f"is not there; {INDEX} names {files:,} files in it"
             )
-            found.append(Problem("damaged", f"wiki/{tar}", f"{what}; {_AGAIN}"))
+            problems.append(Problem("damaged", f"wiki/{tar}", f"{what}; {_AGAIN}"))
         for part in folder.parts:
             for column in (column for short, column in _PATHS if short == part.table.short):
                 missing = (
@@ -66,7 +66,7 @@ def check(folder: Folder) -> list[Problem]:
                     0
                 ]
                 if rows:
-                    found.append(
+                    problems.append(
                         Problem(
                             "damaged",
                             f"wiki/{part.table.short}",
@@ -74,4 +74,4 @@ def check(folder: Folder) -> list[Problem]:
                             f" holds; {_AGAIN}",
                         )
                     )
-    return found
+    return problems

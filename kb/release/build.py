@@ -45,8 +45,8 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
 
 
 def _release(run: Run, only: Sequence[str]) -> Summary:
-    found = exported(run, only)
-    refuse(check.check(run, found))
+    exports = exported(run, only)
+    refuse(check.check(run, exports))
     lacking = " and ".join(run.profile.release.unsigned())
     if lacking:
         _log.warning(
@@ -54,11 +54,11 @@ def _release(run: Run, only: Sequence[str]) -> Summary:
             " add [[release.creators]] and release.contact to it",
             lacking.replace("a ", "").replace(" and ", " and no "),
         )
-    facts = [write(run, folder) for folder in found]
-    refuse(check.check_made(run, [folders.read(folder.path, folder.source) for folder in found]))
+    facts = [write(run, folder) for folder in exports]
+    refuse(check.check_made(run, [folders.read(folder.path, folder.source) for folder in exports]))
     return Summary(
         command="release",
-        folders=len(found),
+        folders=len(exports),
         rows=sum(one.rows for one in facts),
         bytes=sum(one.size for one in facts),
         sandbox_model="yes, not for publication" if any(one.sandbox for one in facts) else None,
@@ -81,8 +81,8 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[Folder]:
     Raises ReleaseRefused when nothing was exported, or a folder that was has lost its data;
     UsageError for a source that was not exported.
     """
-    at, found = Layout(run.root), folders.find(run.root)
-    there = {folder.source for folder in found}
+    at, exports = Layout(run.root), folders.find(run.root)
+    there = {folder.source for folder in exports}
     wanted = only or PUBLISHED
     refuse(
         [
@@ -91,7 +91,7 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[Folder]:
             if source not in there and complete.exported(run.root, source)
         ]
     )
-    if not found:
+    if not exports:
         raise ReleaseRefused(
             f"there is nothing to release under {at.release()}",
             hint="run an export first, such as `kb youtube export`",
@@ -99,9 +99,9 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[Folder]:
     if strange := sorted(set(only) - there):
         raise UsageError(
             f"there is no folder {', '.join(strange)} in {at.release()}",
-            hint=f"exported: {', '.join(folder.source for folder in found)}",
+            hint=f"exported: {', '.join(folder.source for folder in exports)}",
         )
-    return [folder for folder in found if folder.source in wanted]
+    return [folder for folder in exports if folder.source in wanted]
 
 
 def _lost(source: str) -> str:

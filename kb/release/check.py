@@ -36,24 +36,24 @@ def check(run: Run, folders: list[Folder]) -> list[Problem]:
         problems += _layout(folder)
         tables, whole = _tables(folder)
         problems += tables
-        cleaned = [
-            found
+        unreadable = [
+            problem
             for declared in released_tables(folder.source)
-            if (found := _clean(run.root, declared))
+            for problem in _clean(run.root, declared)
         ]
-        problems += [problem for one in cleaned for problem in one]
-        if not cleaned:
-            problems += [
-                found for part in whole for found in _counts(run.root, folder.source, part)
-            ]
+        problems += unreadable
+        if not unreadable:
+            for part in whole:
+                problems += _counts(run.root, folder.source, part)
         problems += _absent(run.root, folder)
         problems += checksums.check(folder, folder.data)
         if len(whole) == len(folder.parts):
             problems += archives.check(folder)
             problems += _licence(run, folder)
-        if not cleaned:
+        if not unreadable:
             problems += scored.check(run, folder, whole)
-        problems += [found for part in whole for found in _age(run, folder.source, part)]
+        for part in whole:
+            problems += _age(run, folder.source, part)
         problems += scan.secrets(folder, run.settings.secret_values())
         problems += personal.personal(folder, run.profile.release)
     return problems
@@ -111,7 +111,7 @@ def _deposit(path: Path, where: str) -> list[Problem]:
 
 def _layout(folder: Folder) -> list[Problem]:
     """A flat folder of declared files."""
-    found = [
+    problems = [
         Problem("layout", f"{folder.source}/{path.name}", "is a folder; a deposit is flat")
         for path in sorted(folder.path.iterdir())
         if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")
@@ -122,8 +122,8 @@ def _layout(folder: Folder) -> list[Problem]:
             if path.is_symlink()
             else "is nothing that an export or a release writes; remove it"
         )
-        found.append(Problem("undeclared file", f"{folder.source}/{path.name}", what))
-    return found
+        problems.append(Problem("undeclared file", f"{folder.source}/{path.name}", what))
+    return problems
 
 
 def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
@@ -157,7 +157,7 @@ def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
 
 def _clean(root: Path, declared: Table) -> list[Problem]:
     """Clean files that can't be read: nothing can be compared with them."""
-    found = []
+    problems = []
     try:
         complete.check(Layout(root).table(declared.name))
     except DamagedData as error:
@@ -167,8 +167,10 @@ def _clean(root: Path, declared: Table) -> list[Problem]:
             parquet.check(path)
             pq.read_metadata(path)
         except (pa.ArrowException, OSError, DamagedData) as error:
-            found.append(damaged(str(path.relative_to(root)), error, scored.again(declared.source)))
-    return found
+            problems.append(
+                damaged(str(path.relative_to(root)), error, scored.again(declared.source))
+            )
+    return problems
 
 
 def _rows(paths: list[Path] | tuple[Path, ...]) -> int:
@@ -214,9 +216,9 @@ def _licence(run: Run, folder: Folder) -> list[Problem]:
             f" carry (known: {', '.join(sorted(KNOWN))})"
         )
         return [Problem("licence", where, f"{what}; name the others with --only to release those")]
-    found = []
+    problems = []
     if named and unnamed:
-        found.append(
+        problems.append(
             Problem(
                 "licence",
                 f"{folder.source}/pages",
@@ -226,7 +228,7 @@ def _licence(run: Run, folder: Folder) -> list[Problem]:
     spdx = folder_licence(run, folder)
     if not spdx:
         return [
-            *found,
+            *problems,
             Problem(
                 "licence",
                 where,
@@ -236,8 +238,8 @@ def _licence(run: Run, folder: Folder) -> list[Problem]:
     try:
         licence(spdx)
     except KbError as error:
-        found.append(Problem("licence", where, f"{error}; {error.hint}"))
-    return found
+        problems.append(Problem("licence", where, f"{error}; {error.hint}"))
+    return problems
 
 
 def _max_age_days(run: Run, source: str) -> int | None:

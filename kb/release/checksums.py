@@ -48,20 +48,20 @@ def check(folder: Folder, files: Sequence[Path], *, all_listed: bool = False) ->
                 "what was exported can't be compared with it: export it again",
             )
         ]
-    found = []
+    problems = []
     for file in files:
         where = f"{folder.source}/{file.name}"
         if file.name not in sums:
             if all_listed and sums:
-                found.append(Problem("checksum", where, f"is not in {SUMS}; run `kb release`"))
+                problems.append(Problem("checksum", where, f"is not in {SUMS}; run `kb release`"))
         elif digest(file) != sums[file.name]:
-            found.append(Problem("checksum", where, f"differs from {SUMS}; export it again"))
+            problems.append(Problem("checksum", where, f"differs from {SUMS}; export it again"))
     gone = [
         name
         for name in sums
         if not (folder.path / name).exists() and (all_listed or not is_made(name, folder.source))
     ]
-    return found + [
+    return problems + [
         Problem(
             "checksum", f"{folder.source}/{name}", f"is in {SUMS} but not there; export it again"
         )

@@ -30,8 +30,8 @@ def check(path: Path, declared: Table, source: str) -> list[Problem]:
     try:
         parquet.check(path)
         schema = pq.read_schema(path)
-        found = _columns(declared, schema, where)
-        return found or _values(
+        problems = _columns(declared, schema, where)
+        return problems or _values(
             path, declared, where, ids_only=source == "reddit" and declared.source == source
         )
     except (pa.ArrowException, OSError, DamagedData) as error:
@@ -54,19 +54,19 @@ def check_sample(path: Path, declared: Table, source: str) -> list[Problem]:
             _strange(name, known.get(name), where, missing=name in expected.names)
             for name in strange
         ]
-    found = []
+    problems = []
     for field in expected:
         column = known[field.name]
         try:
             values = _array([row.get(field.name) for row in rows], field.type)
         except (pa.ArrowException, ValueError, TypeError):
             what = f"column {field.name} holds something else than {column.type}"
-            found.append(Problem("undescribed", where, what))
+            problems.append(Problem("undescribed", where, what))
             continue
         ids_only = source == "reddit" and declared.source == source
         if problem := _odd(values, column, where, ids_only=ids_only):
-            found.append(problem)
-    return found
+            problems.append(problem)
+    return problems
 
 
 def _array(values: list[Any], kind: pa.DataType) -> pa.Array[Any]:
@@ -90,41 +90,41 @@ def _strange(name: str, column: Column | None, where: str, *, missing: bool) -> 
 def _columns(declared: Table, schema: pa.Schema, where: str) -> list[Problem]:
     known = {column.name: column for column in declared.columns}
     expected = declared.arrow(True)
-    found = []
+    problems = []
     for field in schema:
         column = known.get(field.name)
         if column is None or not column.released:
-            found.append(_strange(field.name, column, where, missing=False))
+            problems.append(_strange(field.name, column, where, missing=False))
         elif field.type != expected.field(field.name).type:
-            found.append(
+            problems.append(
                 Problem(
                     "undescribed",
                     where,
                     f"column {field.name} is {field.type}, schemas/ says {column.type}",
                 )
             )
-    found += [
+    problems += [
         _strange(name, known[name], where, missing=True)
         for name in expected.names
         if name not in schema.names
     ]
-    return found
+    return problems
 
 
 def _values(path: Path, declared: Table, where: str, *, ids_only: bool) -> list[Problem]:
     """The first odd value of each column, read a batch at a time; what it says is not shown,
     as it may be content.
     """
-    found = []
+    problems = []
     file = parquet.open_file(path)
     for column in declared.columns:
         if not column.released:
             continue
         for batch in file.iter_batches(columns=[column.name]):
             if problem := _odd(batch.column(0), column, where, ids_only=ids_only):
-                found.append(problem)
+                problems.append(problem)
                 break
-    return found
+    return problems
 
 
 def _odd(values: pa.Array[Any], column: Column, where: str, *, ids_only: bool) -> Problem | None:

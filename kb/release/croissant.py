@@ -98,7 +98,7 @@ def croissant(run: Run, facts: Facts) -> str:
 def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
     said = about(run.profile, facts.source)
     emails, phones = (sum(counts[i] for counts in facts.personal.values()) for i in (1, 2))
-    found = {
+    fields = {
         "rai:dataCollection": said.collection,
         "rai:dataCollectionType": ["Web API", "Web scraping"]
         if facts.source in ("youtube", "wiki", "links")
@@ -129,8 +129,8 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
         "Harm by exposure of people is limited by leaving names and deleted material out.",
     }
     if facts.read:
-        found["rai:dataCollectionTimeframe"] = [day(moment) for moment in facts.read]
-    return {key: what for key, what in found.items() if what}
+        fields["rai:dataCollectionTimeframe"] = [day(moment) for moment in facts.read]
+    return {key: what for key, what in fields.items() if what}
 
 
 def _files(table: TableFacts) -> list[dict[str, Any]]:

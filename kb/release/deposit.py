@@ -83,20 +83,20 @@ class Zenodo:
 
     def drafts(self) -> list[dict[str, Any]]:
         """The newest unpublished deposits of the account."""
-        found: list[dict[str, Any]] = self._json(
+        drafts: list[dict[str, Any]] = self._json(
             "GET", self._base, shape=list[Deposit], params={"status": "draft", "size": PAGE}
         )
-        return found
+        return drafts
 
     def get(self, number: int) -> dict[str, Any]:
         """A deposit. Raises Gone."""
-        found: dict[str, Any] = self._json("GET", f"{self._base}/{number}", shape=Deposit)
-        return found
+        deposit: dict[str, Any] = self._json("GET", f"{self._base}/{number}", shape=Deposit)
+        return deposit
 
     def files(self, number: int) -> dict[str, dict[str, Any]]:
         """Name → {"id", "checksum" (md5, hexadecimal), "filesize"} of what was uploaded."""
-        found = self._json("GET", f"{self._base}/{number}/files", shape=list[File])
-        return {one["filename"]: one for one in found}
+        files = self._json("GET", f"{self._base}/{number}/files", shape=list[File])
+        return {one["filename"]: one for one in files}
 
     def remove(self, number: int, file: str) -> None:
         """Remove an uploaded file of a draft; one that is gone already is what was wanted."""

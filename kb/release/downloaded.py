@@ -45,7 +45,7 @@ class Downloaded(NamedTuple):
 
 def find(places: Sequence[Path]) -> list[Downloaded]:
     """Release folders that were named, or that lie in one that was. Raises SettingError."""
-    found: dict[Path, Downloaded] = {}
+    releases: dict[Path, Downloaded] = {}
     for place in places:
         mine = list(_of(place))
         if not mine:
@@ -56,8 +56,8 @@ def find(places: Sequence[Path]) -> list[Downloaded]:
                 hint="name a folder with *-00000-of-0000N.parquet and SHA256SUMS in it,"
                 " or one that holds such folders",
             )
-        found |= {one.path: one for one in mine}
-    return list(found.values())
+        releases |= {one.path: one for one in mine}
+    return list(releases.values())
 
 
 def _of(place: Path) -> Iterator[Downloaded]:
@@ -82,9 +82,9 @@ def _one(folder: Path) -> Downloaded | None:
     return Downloaded(folder, min(sources)) if len(sources) == 1 else None
 
 
-def verify(run: Run, found: Sequence[Downloaded]) -> None:
+def verify(run: Run, releases: Sequence[Downloaded]) -> None:
     """Compare every file with SHA256SUMS. Raises DamagedData for the first that differs."""
-    for one in found:
+    for one in releases:
         sums = _sums(one.path)
         for path in one.path.glob("*.parquet"):
             if path.name not in sums and _SHARD.fullmatch(path.name):
@@ -112,6 +112,6 @@ def _sums(folder: Path) -> dict[str, str]:
     return sums
 
 
-def profile_of(found: Sequence[Downloaded]) -> Path | None:
+def profile_of(releases: Sequence[Downloaded]) -> Path | None:
     """The profile that the folders were made with; None where none of them holds it."""
-    return next((path for one in found if (path := one.path / PROFILE).is_file()), None)
+    return next((path for one in releases if (path := one.path / PROFILE).is_file()), None)

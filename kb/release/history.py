@@ -97,10 +97,10 @@ def _keys(folder: Folder) -> pa.Table:
     with database.asking() as con:
         for part in folder.parts:
             columns = ", ".join(f'"{name}"::VARCHAR' for name in part.table.key)
-            found: pa.Table = con.sql(
+            rows: pa.Table = con.sql(
                 f"""SELECT ? AS "table", md5_number_lower(concat_ws(chr(31), {columns})) AS key
                 FROM read_parquet(?) ORDER BY key""",
                 params=[part.table.short, [str(shard) for shard in part.shards]],
             ).to_arrow_table()
-            parts.append(found)
+            parts.append(rows)
     return pa.concat_tables(parts)

@@ -54,7 +54,7 @@ def holds_phone(text: str) -> bool:
     """Whether a text that has the shape of `PHONE` holds a number that people can be called by."""
     if _SURE.search(text):
         return True
-    return any(_is_number(found[1] or found[2]) for found in _FORM.finditer(text))
+    return any(_is_number(match[1] or match[2]) for match in _FORM.finditer(text))
 
 
 def _is_number(text: str) -> bool:
@@ -70,14 +70,14 @@ def personal(folder: Folder, section: Release) -> list[Problem]:
     """A line for each column with more e-mail addresses or phone numbers than the profile
     tolerates.
     """
-    found = []
+    problems = []
     for (table, name), (rows, emails, phones) in personal_counts(folder).items():
         for what, hits, tolerated, key in (
             ("an e-mail address", emails, section.emails_per_thousand, "emails_per_thousand"),
             ("a phone number", phones, section.phones_per_thousand, "phones_per_thousand"),
         ):
             if hits * 1000 > tolerated * rows:
-                found.append(
+                problems.append(
                     Problem(
                         "personal data",
                         f"{folder.source}/{table}",
@@ -87,7 +87,7 @@ def personal(folder: Folder, section: Release) -> list[Problem]:
                         ),
                     )
                 )
-    return found
+    return problems
 
 
 def personal_counts(folder: Folder) -> dict[tuple[str, str], tuple[int, int, int]]:

@@ -66,12 +66,12 @@ def rules(profile: Profile, source: str) -> list[tuple[str, str]]:
     """(key, value) of thresholds and search words of a source, as the profile has them."""
     named = _SECTION.get(source, source)
     section = getattr(profile, named)
-    found = [] if section is None else [(name, getattr(section, name)) for name in _RULES[source]]
+    values = [] if section is None else [(name, getattr(section, name)) for name in _RULES[source]]
     if source in SOURCES:
         threshold = profile.toxicity.threshold(source)
-        found.append(("toxicity", "not dropped" if threshold is None else threshold))
+        values.append(("toxicity", "not dropped" if threshold is None else threshold))
     return [
-        (f"{named}.{name}", _shown(value)) for name, value in found if value not in ((), [], "")
+        (f"{named}.{name}", _shown(value)) for name, value in values if value not in ((), [], "")
     ]
 
 

@@ -45,21 +45,21 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
 
 
 def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str] | None) -> Summary:
-    found = exported(run, only or ())
-    _signed(run, found)
+    exports = exported(run, only or ())
+    _signed(run, exports)
     loopback = is_loopback(endpoint)
     refuse(
         [
-            *_marked(run, found, loopback),
-            *_limits(found),
-            *check.check(run, found),
-            *check.check_made(run, found),
+            *_marked(run, exports, loopback),
+            *_limits(exports),
+            *check.check(run, exports),
+            *check.check_made(run, exports),
         ]
     )
     deposits: dict[str, Any] = {}
     with writer(run.root, "deposits"):
         service = Zenodo(_session(run, endpoint), endpoint, token, wait=run.wait)
-        for folder in found:
+        for folder in exports:
             try:
                 signals.stop.check()
                 deposits[folder.source] = Upload(run, service, folder).go(publish=publish)
@@ -70,7 +70,7 @@ def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str]
     return _summary(deposits)
 
 
-def _signed(run: Run, found: list[Folder]) -> None:
+def _signed(run: Run, exports: list[Folder]) -> None:
     """Raises ProfileError where profile or folders don't say who made them and whom to write to."""
     lacking = run.profile.release.unsigned()
     if lacking:
@@ -79,7 +79,7 @@ def _signed(run: Run, found: list[Folder]) -> None:
             hint="add [[release.creators]] with a name, and release.contact, an address for removal"
             " requests; then run `kb release` again",
         )
-    for folder in found:
+    for folder in exports:
         used = folder.path / provenance.PROFILE
         if used.is_file() and _of(used).unsigned():
             raise ProfileError(
@@ -133,7 +133,7 @@ def _again(source: str) -> str:
     return f"{', '.join(filters)} and `{exported_by(source)}`"
 
 
-def _marked(run: Run, found: list[Folder], loopback: bool) -> list[Problem]:
+def _marked(run: Run, exports: list[Folder], loopback: bool) -> list[Problem]:
     """Scores of the sandbox's tiny model may go to a loopback service only."""
     if loopback:
         return []
@@ -146,15 +146,15 @@ def _marked(run: Run, found: list[Folder], loopback: bool) -> list[Problem]:
                 f" run `kb models fetch`, then {_again(folder.source)}"
             ),
         )
-        for folder in found
+        for folder in exports
         if any(model == SANDBOX_MODEL for model, _, _ in models(run.root, folder.source))
         or document_of(folder).get("sandbox_model")
     ]
 
 
-def _limits(found: list[Folder]) -> list[Problem]:
+def _limits(exports: list[Folder]) -> list[Problem]:
     problems = []
-    for folder in found:
+    for folder in exports:
         files = [*folder.files(), folder.path / SUMS]
         total = sum(path.stat().st_size for path in files if path.exists())
         if len(files) > MOST_FILES:

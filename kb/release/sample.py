@@ -52,19 +52,19 @@ def write(folder: Folder, megabytes: float) -> list[Path]:
 
 
 def _part(con: DuckDBPyConnection, folder: Folder, part: Part, shared: str, take: int) -> Path:
-    found = con.sql(
+    rows = con.sql(
         f'SELECT t.* FROM read_parquet(?) t WHERE t."{shared}" IN (SELECT k FROM chosen'
         f" ORDER BY h LIMIT {take})",
         params=[[str(shard) for shard in part.shards]],
     ).to_arrow_table()
-    found = found.sort_by([(name, "ascending") for name in order(part.table)])
+    rows = rows.sort_by([(name, "ascending") for name in order(part.table)])
     path = folder.path / sample_name(part.table)
-    columns = [_values(found[name]) for name in found.column_names]
+    columns = [_values(rows[name]) for name in rows.column_names]
     with writing(path) as temporary, temporary.open("wb") as file:
         file.write(b"[")
         for number, row in enumerate(zip(*columns, strict=True)):
             file.write(b",\n" if number else b"\n")
-            line = dict(zip(found.column_names, row, strict=True))
+            line = dict(zip(rows.column_names, row, strict=True))
             file.write(orjson.dumps(line, option=orjson.OPT_UTC_Z))
         file.write(b"\n]\n")
     (folder.path / old_sample_name(part.table)).unlink(missing_ok=True)

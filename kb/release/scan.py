@@ -51,28 +51,28 @@ _OVERLAP = 4096  # bytes of a piece that the next one begins with: more than any
 def secrets(folder: Folder, values: Sequence[str]) -> list[Problem]:
     """A line for each file and column that holds a secret; the value itself is never shown."""
     literals = [value for value in values if len(value) >= SHORTEST]
-    found = []
+    problems = []
     for path in folder.files():
         where = f"{folder.source}/{path.name}"
         for place, what in (
             _in_parquet(path, literals) if path.suffix == ".parquet" else _in_file(path, literals)
         ):
-            found.append(Problem("secret", where, f"{place} holds {what}"))
-    return found
+            problems.append(Problem("secret", where, f"{place} holds {what}"))
+    return problems
 
 
 def _in_file(path: Path, literals: Sequence[str]) -> Iterator[tuple[str, str]]:
     """The values and shapes in any file, read in pieces."""
     wanted = [value.encode() for value in literals]
     overlap = max((_OVERLAP, *(len(value) for value in wanted)))
-    found: dict[str, None] = {}
+    hits: dict[str, None] = {}
     tail = b""
     with path.open("rb") as file:
         while chunk := file.read(_CHUNK):
             chunk = tail + chunk
-            found |= dict.fromkeys(_in_bytes(chunk, wanted))
+            hits |= dict.fromkeys(_in_bytes(chunk, wanted))
             tail = chunk[-overlap:]
-    yield from (("it", what) for what in found)
+    yield from (("it", what) for what in hits)
 
 
 def _in_bytes(data: bytes, wanted: Sequence[bytes]) -> Iterator[str]:

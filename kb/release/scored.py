@@ -21,7 +21,7 @@ def check(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
     in clean/ and as released; `toxicity_<text>` belongs to `<text>`.
     """
     shards = {part.table.name: part.shards for part in whole}
-    found = []
+    problems = []
     for declared in released_tables(folder.source):
         where = f"{folder.source}/{declared.short}"
         clean = _unscored(Layout(run.root).rows(declared.name), declared, set(declared.names()))
@@ -29,19 +29,19 @@ def check(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
             shards.get(declared.name, ()), declared, set(declared.names(released=True))
         )
         if isinstance(clean, Problem):
-            found.append(clean)
+            problems.append(clean)
             continue
         command = (
             f"run `kb {folder.source} filter` and `kb {folder.source} export` again"
             if run.profile.toxicity.on
             else "the release is incomplete, toxicity is off in the profile"
         )
-        found += [
+        problems += [
             Problem("toxicity", where, f"{rows:,} rows have no toxicity score of {text}; {command}")
             for text, rows in clean.items()
         ]
         if not isinstance(released, Problem):
-            found += [
+            problems += [
                 Problem(
                     "toxicity",
                     where,
@@ -51,7 +51,7 @@ def check(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
                 for text, rows in released.items()
                 if rows > clean.get(text, 0)
             ]
-    return found
+    return problems
 
 
 def _unscored(files: Sequence[Path], declared: Table, names: set[str]) -> dict[str, int] | Problem:

@@ -66,7 +66,7 @@ def md(text: object) -> str:
 
 def cell(text: object) -> str:
     """Prose of our own in the cell of a Markdown table: code stays code, `<tar>` is no tag."""
-    return _IN_CELL.sub(lambda found: found[1] or "\\" + found[0], line(text).replace("|", "\\|"))
+    return _IN_CELL.sub(lambda match: match[1] or "\\" + match[0], line(text).replace("|", "\\|"))
 
 
 def bib(text: object) -> str:

@@ -112,12 +112,12 @@ class Upload:
         """
         if "draft" in known:
             try:
-                found = self.service.get(known["draft"])
-                if not found.get("submitted"):
-                    return found
-                if self._same(found):
-                    return found
-                known = {"id": found["id"], "published": "", "doi": doi(found)}
+                deposit = self.service.get(known["draft"])
+                if not deposit.get("submitted"):
+                    return deposit
+                if self._same(deposit):
+                    return deposit
+                known = {"id": deposit["id"], "published": "", "doi": doi(deposit)}
             except Gone:
                 known.pop("draft")
         if "id" in known:
@@ -182,18 +182,18 @@ class Upload:
         if not self.path.exists():
             return {}
         try:
-            found = json.loads(self.path.read_text(encoding="utf-8"))
+            state = json.loads(self.path.read_text(encoding="utf-8"))
         except ValueError:
-            found = None
-        if not isinstance(found, dict) or not all(
-            isinstance(one, dict) and _is_entry(one) for one in found.values()
+            state = None
+        if not isinstance(state, dict) or not all(
+            isinstance(one, dict) and _is_entry(one) for one in state.values()
         ):
             raise DamagedData(
                 f"{self.path} is damaged",
                 hint="restore it, or move it away: then new drafts are made,"
                 " also of what was published before",
             )
-        return found
+        return state
 
     def _read(self) -> dict[str, Any]:
         return dict(self._all().get(self.key, {}))

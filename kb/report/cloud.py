@@ -21,23 +21,23 @@ def words(data: Data, profile: Profile, table: str, columns: tuple[str, ...]) ->
     from wordcloud import STOPWORDS
 
     stop = {word.lower() for word in (*STOPWORDS, *_MORE.split(), *profile.report.stop_words)}
-    found = data.words(table, columns, stop, profile.report.cloud_words)
-    if len(found) < 5:
+    counts = data.words(table, columns, stop, profile.report.cloud_words)
+    if len(counts) < 5:
         return None
     source, _, rows = table.partition("/")
     return Figure(
         f"{source}-words",
         f"What {rows} are about",
         (
-            f"The {len(found)} most frequent words of {' and '.join(columns)}; "
+            f"The {len(counts)} most frequent words of {' and '.join(columns)}; "
             f"a word's size follows the number of {rows} that say it."
         ),
         "Word cloud; the largest words are "
-        + ", ".join(f"{word} ({number(n)})" for word, n in found[:12])
+        + ", ".join(f"{word} ({number(n)})" for word, n in counts[:12])
         + ".",
-        _drawn(dict(found), profile.seed),
+        _drawn(dict(counts), profile.seed),
         ("word", rows),
-        found[:60],
+        counts[:60],
     )
 
 

@@ -91,17 +91,17 @@ class Data:
 
     def count(self, name: str) -> int:
         """Rows of a table."""
-        found = self.rows(name, "SELECT count(*) FROM {t}")
-        return int(found[0][0]) if found else 0
+        rows = self.rows(name, "SELECT count(*) FROM {t}")
+        return int(rows[0][0]) if rows else 0
 
     def quantile(self, name: str, column: str, share: float) -> float | None:
         """The value below which that share of the rows lies."""
-        found = self.rows(
+        rows = self.rows(
             name,
             f'SELECT quantile_disc("{column}", ?) FROM {{t}} WHERE "{column}" IS NOT NULL',
             share,
         )
-        return None if not found or found[0][0] is None else float(found[0][0])
+        return None if not rows or rows[0][0] is None else float(rows[0][0])
 
     def histogram(self, name: str, column: str, edges: Sequence[float]) -> list[int]:
         """Rows between neighbouring edges; the last bin has its upper edge in it."""
@@ -112,8 +112,8 @@ class Data:
             f"count(*) FILTER (v >= {low!r} AND v {'<=' if high == edges[-1] else '<'} {high!r})"
             for low, high in itertools.pairwise(edges)
         ]
-        found = self.rows(name, f"SELECT {', '.join(tests)} FROM (SELECT {value} AS v FROM {{t}})")
-        return [int(n) for n in found[0]] if found else [0] * len(tests)
+        rows = self.rows(name, f"SELECT {', '.join(tests)} FROM (SELECT {value} AS v FROM {{t}})")
+        return [int(n) for n in rows[0]] if rows else [0] * len(tests)
 
     def top(self, name: str, column: str, n: int) -> list[tuple[str, int]]:
         """The most frequent values."""
@@ -130,10 +130,10 @@ class Data:
         """
         moment = f"\"{column}\" AT TIME ZONE 'UTC'"
         counted = ", ".join(f"date_diff('{step}', min(t), max(t))" for step in _STEPS)
-        found = self.rows(name, f"SELECT {counted} FROM (SELECT {moment} AS t FROM {{t}})")
-        if not found or found[0][0] is None:
+        spans = self.rows(name, f"SELECT {counted} FROM (SELECT {moment} AS t FROM {{t}})")
+        if not spans or spans[0][0] is None:
             return None
-        lengths = zip(_STEPS, found[0], strict=True)
+        lengths = zip(_STEPS, spans[0], strict=True)
         step = next((step for step, n in lengths if n < _PERIODS), "century")
         rows = self.rows(
             name,
@@ -204,14 +204,14 @@ class Data:
 
     def ledgers(self) -> list[tuple[str, str, str, int, int]]:
         """(source, day, bucket, requests, units) of every source that keeps a ledger, by day."""
-        found: dict[tuple[str, str, str], list[int]] = {}
+        ledger: dict[tuple[str, str, str], list[int]] = {}
         for path in sorted(Layout(self.root).state_folder().glob("*.sqlite")):
             with state(path) as frontier:
                 for day, bucket, _, requests, units in frontier.ledger():
-                    entry = found.setdefault((path.stem, day, bucket), [0, 0])
+                    entry = ledger.setdefault((path.stem, day, bucket), [0, 0])
                     entry[0] += requests
                     entry[1] += units or 0
-        return [(*key, sums[0], sums[1]) for key, sums in sorted(found.items())]
+        return [(*key, sums[0], sums[1]) for key, sums in sorted(ledger.items())]
 
     def words(
         self, name: str, columns: Sequence[str], stop: set[str], n: int
@@ -220,13 +220,13 @@ class Data:
         text = " || ' ' || ".join(f"coalesce(\"{column}\", '')" for column in columns)
         plain = f"lower(regexp_replace({text}, 'https?://\\S+', ' ', 'g'))"
         word = "[a-z][a-z''’-]+[a-z]"
-        found = self.rows(
+        rows = self.rows(
             name,
             "SELECT w, count(*) AS n FROM (SELECT"
             f" unnest(list_distinct(regexp_extract_all({plain}, '{word}'))) AS w"
             f" FROM {{t}}) GROUP BY 1 ORDER BY n DESC, w LIMIT {n + len(stop)}",
         )
-        return [(word, count) for word, count in found if word not in stop][:n]
+        return [(word, count) for word, count in rows if word not in stop][:n]
 
     def newest(self) -> str:
         """The newest time at which anything was read, as text; empty when unknown."""

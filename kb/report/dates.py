@@ -12,10 +12,10 @@ def dates(
     data: Data, profile: Profile, table: str, column: str, what: str, color: str
 ) -> Figure | None:
     """Rows of a table by the time in a column; `what` happened then, in words."""
-    found = data.timeline(table, column)
-    if found is None:
+    timeline = data.timeline(table, column)
+    if timeline is None:
         return None
-    step, periods = found
+    step, periods = timeline
     source, _, rows = table.partition("/")
     names, values = [name for name, _ in periods], [n for _, n in periods]
     most, n = max(periods, key=lambda period: period[1])

@@ -11,22 +11,22 @@ from kb.report.wikipage import KINDS
 
 def elements(data: Data, profile: Profile) -> Figure | None:
     """Elements of the wiki's pages by kind."""
-    found = data.top("wiki/elements", "kind", 10)
-    if not found:
+    top = data.top("wiki/elements", "kind", 10)
+    if not top:
         return None
     sheet = bars(
-        [name for name, _ in found],
-        [n for _, n in found],
+        [name for name, _ in top],
+        [n for _, n in top],
         unit="elements",
-        colors=[KINDS[name].color if name in KINDS else BLUE for name, _ in found],
+        colors=[KINDS[name].color if name in KINDS else BLUE for name, _ in top],
     )
-    total = sum(n for _, n in found)
+    total = sum(n for _, n in top)
     return Figure(
         "wiki-elements",
         "What is on the pages",
         f"{total:,} elements with a box, by kind.",
-        "Bars of elements by kind: " + ", ".join(f"{name} {n:,}" for name, n in found) + ".",
+        "Bars of elements by kind: " + ", ".join(f"{name} {n:,}" for name, n in top) + ".",
         saved(sheet),
         ("kind", "elements"),
-        found,
+        top,
     )

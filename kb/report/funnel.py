@@ -17,10 +17,10 @@ NAMES = {
 
 def funnel(data: Data, profile: Profile, name: str) -> Figure | None:
     """What is left after each filter stage."""
-    found = data.funnel(name)
-    if found is None:
+    counts = data.funnel(name)
+    if counts is None:
         return None
-    lines = _steps(found)
+    lines = _steps(counts)
     labels = [label for label, _, _ in lines]
     left = [n for _, n, _ in lines]
     notes = [number(n) + (f"  (−{number(gone)})" if gone else "") for _, n, gone in lines]
@@ -30,11 +30,11 @@ def funnel(data: Data, profile: Profile, name: str) -> Figure | None:
     ]
     what = NAMES.get(name, name)
     sheet = bars(labels, left, unit=f"{what} left after the stage", notes=notes, colors=colors)
-    share = found.kept / found.crawled if found.crawled else 0
+    share = counts.kept / counts.crawled if counts.crawled else 0
     return Figure(
         f"{name.replace('/', '-')}-funnel",
         f"What the filters leave of the {what}",
-        f"{found.kept:,} of {found.crawled:,} {what} are kept ({share:.0%}). "
+        f"{counts.kept:,} of {counts.crawled:,} {what} are kept ({share:.0%}). "
         "In brackets: what each stage dropped.",
         f"Bars of {what} left after each stage: "
         + ", ".join(f"{label} {n:,}" for label, n, _ in lines)
@@ -45,13 +45,13 @@ def funnel(data: Data, profile: Profile, name: str) -> Figure | None:
     )
 
 
-def _steps(found: Funnel) -> list[tuple[str, int, int]]:
+def _steps(counts: Funnel) -> list[tuple[str, int, int]]:
     """(label, rows left, rows gone) from what was crawled to what is kept."""
-    left = found.crawled
+    left = counts.crawled
     lines = [("crawled", left, 0)]
-    for stage, gone in (*found.dropped, ("failed", found.failed), ("pending", found.pending)):
+    for stage, gone in (*counts.dropped, ("failed", counts.failed), ("pending", counts.pending)):
         if stage in ("failed", "pending") and not gone:
             continue
         left -= gone
         lines.append((stage.replace("_", " "), left, gone))
-    return [*lines, ("kept", found.kept, 0)]
+    return [*lines, ("kept", counts.kept, 0)]

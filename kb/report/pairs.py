@@ -12,37 +12,37 @@ from kb.report.style import GREEN, ORANGE, Figure, canvas, readable, saved
 
 def keywords(data: Data, profile: Profile) -> Figure | None:
     """Pairs for each of the most frequent keywords."""
-    found = data.top("pairs/pairs", "keyword", profile.report.top_keywords)
-    if not found:
+    top = data.top("pairs/pairs", "keyword", profile.report.top_keywords)
+    if not top:
         return None
     total = data.count("pairs/pairs")
     distinct = data.rows("pairs/pairs", "SELECT count(DISTINCT keyword) FROM {t}")[0][0]
     sheet = bars(
-        [readable(name) for name, _ in found], [n for _, n in found], unit="pairs", colors=GREEN
+        [readable(name) for name, _ in top], [n for _, n in top], unit="pairs", colors=GREEN
     )
     return Figure(
         "pairs-keywords",
         "Which keywords are spoken",
-        f"{total:,} pairs of {distinct:,} keywords; the {len(found)} most frequent.",
-        "Bars of pairs by keyword: " + ", ".join(f"{name} {n:,}" for name, n in found[:10]) + ".",
+        f"{total:,} pairs of {distinct:,} keywords; the {len(top)} most frequent.",
+        "Bars of pairs by keyword: " + ", ".join(f"{name} {n:,}" for name, n in top[:10]) + ".",
         saved(sheet),
         ("keyword", "pairs"),
-        found,
+        top,
     )
 
 
 def lengths(data: Data, profile: Profile) -> Figure | None:
     """Lengths of clips and texts of the pairs."""
-    found = data.rows(
+    rows = data.rows(
         "pairs/pairs",
         (
             "SELECT min(token_count), max(token_count), min(clip_end_s - clip_start_s),"
             " max(clip_end_s - clip_start_s) FROM {t}"
         ),
     )
-    if not found or found[0][0] is None:
+    if not rows or rows[0][0] is None:
         return None
-    low, high, short, long = (float(value) for value in found[0])
+    low, high, short, long = (float(value) for value in rows[0])
     tokens = even(low, max(high, low + 1) + 1, 20)
     clips = even(short, max(long, short + 1), 20)
     by_token = data.histogram("pairs/pairs", "token_count", tokens)

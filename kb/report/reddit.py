@@ -19,11 +19,11 @@ TYPE_COLORS = {
 
 def post_types(data: Data, profile: Profile) -> Figure | None:
     """Shares of post types (the paper's figure)."""
-    found = data.top("reddit/posts", "type", 12)
-    total = sum(n for _, n in found)
+    top = data.top("reddit/posts", "type", 12)
+    total = sum(n for _, n in top)
     if not total:
         return None
-    names, values = [name for name, _ in found], [n for _, n in found]
+    names, values = [name for name, _ in top], [n for _, n in top]
     notes = [f"{number(n)}  ({n / total:.0%})" for n in values]
     sheet = bars(
         names,
@@ -36,8 +36,8 @@ def post_types(data: Data, profile: Profile) -> Figure | None:
         "reddit-types",
         "What kinds of posts there are",
         f"{total:,} kept posts by type; a crosspost has its parent's type.",
-        "Bars of posts by type: " + ", ".join(f"{name} {n:,}" for name, n in found) + ".",
+        "Bars of posts by type: " + ", ".join(f"{name} {n:,}" for name, n in top) + ".",
         saved(sheet),
         ("type", "posts"),
-        found,
+        top,
     )

@@ -75,14 +75,14 @@ def page(data: Data, profile: Profile) -> tuple[Figure, ...]:
     if not data.files("wiki/pages") or not data.files("wiki/elements"):
         return ()
     number = _chosen(data)
-    found = data.rows(
+    rows = data.rows(
         "wiki/pages",
         "SELECT title, url, screenshot_path, page_width, page_height FROM {t} WHERE page_id = ?",
         number,
     )
-    if not found:
+    if not rows:
         return ()
-    title, url, shot, width, height = found[0]
+    title, url, shot, width, height = rows[0]
     shown = _shown(data, number, width, height)
     boxes = [
         (kind, Box(x, y, wide, high, tuple(Box(**line) for line in lines or ())))
@@ -131,14 +131,14 @@ def page(data: Data, profile: Profile) -> tuple[Figure, ...]:
 
 def _chosen(data: Data) -> int | None:
     """The page with the most kinds of elements, then the most images, near its top."""
-    found = data.rows(
+    rows = data.rows(
         "wiki/elements",
         "SELECT page_id FROM {t} WHERE visible AND y < 1600 GROUP BY 1"
         " ORDER BY count(DISTINCT kind) DESC,"
         " least(count(*) FILTER (kind IN ('image', 'sprite', 'animation')), 12) DESC,"
         " least(count(*), 120) DESC, 1 LIMIT 1",
     )
-    return found[0][0] if found else None
+    return rows[0][0] if rows else None
 
 
 def _lines(data: Data) -> str:
@@ -158,7 +158,7 @@ def _shown(data: Data, number: int | None, width: float, height: float) -> float
 def _crop(data: Data, number: int | None, width: float, shown: float) -> Box:
     """The part with the most kinds of elements that are wholly in it, then the most elements."""
     wide, high = min(_CROP[0], width), min(_CROP[1], shown)
-    found = data.rows(
+    rows = data.rows(
         "wiki/elements",
         "SELECT l, t FROM (SELECT kind, x, y, x + width AS r, y + height AS b FROM {t}"
         " WHERE page_id = ? AND visible AND width > 0 AND height > 0),"
@@ -168,7 +168,7 @@ def _crop(data: Data, number: int | None, width: float, shown: float) -> Box:
         " GROUP BY ALL ORDER BY count(DISTINCT kind) DESC, count(*) DESC, t, l LIMIT 1",
         number,
     )
-    left, top = found[0] if found else (0, 0)
+    left, top = rows[0] if rows else (0, 0)
     return Box(left, top, wide, high)
 
 

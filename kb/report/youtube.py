@@ -54,25 +54,25 @@ def durations(data: Data, profile: Profile) -> Figure | None:
 
 def transcripts(data: Data, profile: Profile) -> Figure | None:
     """Where the videos' transcripts come from."""
-    found = data.top("youtube/videos", "transcript_kind", 8)
-    total = sum(n for _, n in found)
+    top = data.top("youtube/videos", "transcript_kind", 8)
+    total = sum(n for _, n in top)
     if not total:
         return None
     sheet = bars(
-        [_KINDS.get(kind, (kind, GREY))[0] for kind, _ in found],
-        [n for _, n in found],
+        [_KINDS.get(kind, (kind, GREY))[0] for kind, _ in top],
+        [n for _, n in top],
         unit="videos",
-        notes=[f"{number(n)}  ({n / total:.0%})" for _, n in found],
-        colors=[_KINDS.get(kind, (kind, GREY))[1] for kind, _ in found],
+        notes=[f"{number(n)}  ({n / total:.0%})" for _, n in top],
+        colors=[_KINDS.get(kind, (kind, GREY))[1] for kind, _ in top],
     )
     return Figure(
         "youtube-transcripts",
         "Where the transcripts come from",
         f"{total:,} kept videos by the kind of their transcript.",
-        "Bars of videos by transcript: " + ", ".join(f"{kind} {n:,}" for kind, n in found) + ".",
+        "Bars of videos by transcript: " + ", ".join(f"{kind} {n:,}" for kind, n in top) + ".",
         saved(sheet),
         ("transcript", "videos"),
-        found,
+        top,
     )
 
 

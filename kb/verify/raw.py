@@ -35,14 +35,14 @@ class Segments:
         """Read a segment in full."""
         look, name, size = self._look, rawlog.base_name(path), path.stat().st_size
         committed = self._known.pop((path.parent.name, name), 0)
-        found = damage.gaps(path, committed)
+        gaps = damage.gaps(path, committed)
         look.advance(size)
         if committed > size:
             what = f"ends at byte {size:,}, {committed - size:,} bytes are missing"
             look.damaged("raw answers", path, what, self._crawl)
-        elif found:
-            start, end = found[0]
-            more = f" (and {len(found) - 1:,} more places)" if len(found) > 1 else ""
+        elif gaps:
+            start, end = gaps[0]
+            more = f" (and {len(gaps) - 1:,} more places)" if len(gaps) > 1 else ""
             what = f"{end - start:,} bytes at {start:,} can't be read{more}"
             look.damaged("raw answers", path, what, f"run `kb verify --repair`, or {self._crawl}")
         else:

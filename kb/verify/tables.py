@@ -27,9 +27,9 @@ def problem(path: Path, advance: Callable[[int], None]) -> str:
         except (pa.ArrowException, OSError) as error:
             return _first(error)
         return ""
-    found = broken([path])
+    damage = broken([path])
     advance(path.stat().st_size)
-    return "" if found is None else str(found).removeprefix(f"{path} ")
+    return "" if damage is None else str(damage).removeprefix(f"{path} ")
 
 
 def _first(error: BaseException) -> str:
