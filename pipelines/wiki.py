@@ -57,7 +57,7 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
 
 
 def clean(p: Profile) -> Clean:
-    """Raw answers and captured pages to pages, elements, cells, images, facts, recipes."""
+    """Raw answers and captured pages to pages, elements, cells and images."""
     return Clean(
         source="wiki",
         kinds={
