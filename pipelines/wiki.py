@@ -25,6 +25,7 @@ from kb.filters.predicates import AtLeast, AtMost, Present, Told, Waits
 from kb.store.buckets import Kind
 from kb.wiki import parse, tables
 from kb.wiki.assemble import HELPERS, assemble
+from kb.wiki.shown import Rules
 
 
 def crawl(run: Run, titles: Path | None = None) -> Summary:
@@ -57,7 +58,9 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
 
 
 def clean(p: Profile) -> Clean:
-    """Raw answers and captured pages to pages, elements, cells and images."""
+    """Raw answers and captured pages to pages, elements, cells, images, facts and recipes."""
+    markup = p.section("wiki").markup
+    rules = Rules(markup.units, markup.item)
     return Clean(
         source="wiki",
         kinds={
@@ -86,7 +89,7 @@ def clean(p: Profile) -> Clean:
         ),
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
         scorer=toxicity,
-        side_files=SideFiles(tables.reader(p.section("wiki").markup), tables.size),
+        side_files=SideFiles(partial(tables.read_pages, rules=rules), tables.size),
     )
 
 

@@ -13,7 +13,6 @@ import msgspec
 import pyarrow as pa
 import zstandard
 
-from kb.core.profile.wiki import Markup
 from kb.schema.tables import Column, table
 from kb.store import sidefiles
 from kb.store.inside import inside
@@ -36,11 +35,6 @@ def size(root: Path) -> int:
         max(path.stat().st_size, LEAST_BYTES)
         for path in Layout(root).captures.glob("*/*/extraction.json.zst")
     )
-
-
-def reader(markup: Markup) -> Callable[[Path, dict[str, Any], bool], dict[str, Any]]:
-    """`read_pages` by the rules of a profile's markup."""
-    return partial(read_pages, rules=shown.Rules(markup.units, markup.item))
 
 
 def read_pages(
