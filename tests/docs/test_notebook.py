@@ -43,13 +43,15 @@ def test_every_cell_runs_and_shows_something(
     assert "release.youtube_videos" in shown[1]
     assert "<th>manual</th>" in shown[4] or "<td>manual</td>" in shown[4]
     assert "data:image/jpeg" in shown[6]
-    assert "points" in shown[10]
+    assert "<td>in rain</td>" in shown[10]
+    assert "<td>output</td>" in shown[11]
+    assert "points" in shown[12]
     assert "Creeper" in names["data"].clips("creeper").to_pandas()["keyword"].tolist()
-    assert "not here (deleted, or left out by a filter)" in shown[10]
-    comments = [line for line in shown[12].splitlines() if line.startswith("  ")]
+    assert "not here (deleted, or left out by a filter)" in shown[12]
+    comments = [line for line in shown[14].splitlines() if line.startswith("  ")]
     assert len(comments) == len(names["data"].thread(names["post_id"])) > 3
     assert all(line.partition(") ")[2] for line in comments), "no texts"
-    assert "creeper" in shown[13].lower()
+    assert "creeper" in shown[15].lower()
 
 
 def _as_shown(value: Any) -> str:

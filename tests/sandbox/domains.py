@@ -41,6 +41,11 @@ url = "https://stars.wiki"
 sprite = ".icon"
 animation = ".turning"
 animation_active = "turning-now"
+recipe = ".made"
+slot = "span.place"
+slot_output = ".outcome"
+quantity = ".how-many"
+regions = { infobox = ".about" }
 [reddit]
 subreddit = "astronomy"
 min_score = 50

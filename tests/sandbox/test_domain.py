@@ -111,6 +111,13 @@ def test_wiki_pages_are_about_the_keywords_in_the_profiles_markup(tmp_path: Path
         assert 'class="icon"' in page
         parts = requests.get(f"{root}/wiki/Andromeda_Galaxy", timeout=9).text
         assert "turning" in parts
+        assert '<table class="about">' in page
+        for name in ("made", "place", "outcome", "how-many", "mcui-row"):
+            assert f'class="{name}"' in parts
+        css = requests.get(f"{root}/static/common.css", timeout=9).text
+        assert ".made {" in css
+        assert ".how-many {" in css
+        assert ".about {" in requests.get(f"{root}/static/site.css", timeout=9).text
         assert "turning-now" in requests.get(f"{root}/static/common.js", timeout=9).text
 
 
