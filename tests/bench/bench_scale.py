@@ -56,8 +56,7 @@ def test_a_cluster_on_this_machine(tmp_path: Path) -> None:
 def test_raw_to_release(tmp_path: Path) -> None:
     kept = os.environ.get("AGAINST")
     code = Path(os.environ.get("CODE", scale.HERE)).resolve()
-    made = scale.figures(tmp_path, code, SHARE, os.cpu_count() or 1, [])
+    keep = Path(os.environ["KEEP"]).resolve() if "KEEP" in os.environ else None
+    made = scale.figures(tmp_path, code, SHARE, os.cpu_count() or 1, [], keep)
     print("\n" + scale.table(made, json.loads(Path(kept).read_text()) if kept else None))
-    if "KEEP" in os.environ:
-        Path(os.environ["KEEP"]).write_text(json.dumps(made, indent=1) + "\n")
     assert max(found["peak"] for found in made["stages"].values()) < MEMORY
