@@ -67,6 +67,7 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
         "render": pc.if_else(pc.and_(open_, pc.invert(robots)), failed["reason"], none),
         "said": pc.if_else(robots, failed["url"], failed["value"]),
         "folder": shown["folder"],
+        "settled": shown["settled"],
         "fetched_at": shown["fetched_at"],
         **_of_site(rows["title"], newest.get("site"), url),
     }

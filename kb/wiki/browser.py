@@ -103,9 +103,9 @@ class Browser:
         page_seconds: float,
         before: str = "",
     ) -> None:
-        self._page_seconds = page_seconds
+        self.page_seconds = page_seconds
         self._driver: Any = None
-        self.overdue = False
+        self.overdue = self._limited = False
         self.process = DriverProcess(programs.driver, watcher)
         try:
             self._open(programs, hosts, user_agent, viewport, page_seconds)
@@ -196,13 +196,24 @@ class Browser:
     @contextlib.contextmanager
     def within(self, seconds: float) -> Iterator[None]:
         """End the whole browser when the block takes longer; what waits for it fails at once."""
-        timer = threading.Timer(seconds, self._late)
-        timer.daemon = True
-        timer.start()
+        self._begin_timer(seconds)
+        self._limited = True
         try:
             yield
         finally:
-            timer.cancel()
+            self._limited = False
+            self._timer.cancel()
+
+    def allow(self, seconds: float) -> None:
+        """What follows in a block of `within` may take so long, whatever came before."""
+        if self._limited:
+            self._timer.cancel()
+            self._begin_timer(seconds)
+
+    def _begin_timer(self, seconds: float) -> None:
+        self._timer = threading.Timer(seconds, self._late)
+        self._timer.daemon = True
+        self._timer.start()
 
     def _late(self) -> None:
         self.overdue = True

@@ -133,6 +133,8 @@ def capture(
     }
     html = browser.script(_HTML)
     watch.lap("html")
+    # Each picture has the time of a page, so that a tall one does not fail on a busy machine.
+    browser.allow(browser.page_seconds * (1 + screenshot.tiles(page["height"])))
     sprites = screenshot.take(browser, shot, page["width"], page["height"], crops)
     if browser.script(_MEASURE)[:2] != [page["width"], page["height"]]:
         raise Retryable("page_moved: its size changed while it was pictured")

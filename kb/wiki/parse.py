@@ -42,7 +42,7 @@ def pages(lines: Iterable[bytes]) -> Iterator[pa.Table]:
 def renders(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     """What became of showing pages: `page_id`, `captured`, `revision_id`.
 
-    For a captured one also `title`, `folder` and `files` (addresses of its images), else
+    For a captured one also `title`, `settled`, `folder` and `files` (addresses of its images), else
     `outcome`, `reason`, `value`, `url`. Raises DamagedData.
     """
     return _rows(lines, _render, "renders")
@@ -106,6 +106,7 @@ def schema(kind: str) -> pa.Schema:
         "renders": {
             **_types("wiki/pages", "page_id", "revision_id", "title", "url"),
             "captured": flag,
+            "settled": flag,
             "folder": text,
             "files": pa.list_(text),
             "outcome": text,
@@ -208,6 +209,7 @@ def _render(envelope: Envelope) -> Iterator[Row]:
             "revision_id": int(answer["revision_id"]),
             "title": answer["title"],
             "folder": answer["folder"],
+            "settled": answer.get("settled"),
             "files": files,
         }
     else:

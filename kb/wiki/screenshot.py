@@ -1,7 +1,9 @@
 """The whole page as one PNG: taken in tiles, checked, and joined in bounded memory.
 
 A graphics path with a limit repeats or blanks what lies beyond it without a word. So every tile
-of a tall page is compared with a thin strip of the same place, taken by itself.
+of a tall page shows the first rows of the next one too, which are compared, and the last one is
+compared with a thin strip of the same place, taken by itself: that one lies beyond any limit. A
+strip costs the browser as much as a tile, so there is no more than one.
 """
 
 from __future__ import annotations
@@ -52,12 +54,21 @@ def take(
         for key, (left, top, right, bottom) in (crops or {}).items()
         if 0 < right - left <= MAX_CROP and 0 < bottom - top <= MAX_CROP
     }
+    below = None
     with PngWriter(path, width, height) as png:
         for top in range(0, height, TILE):
             rows = min(TILE, height - top)
-            tile = _capture(browser, top, width, rows)
-            if height > TILE:
-                _compare(browser, tile, top, width, rows)
+            more = min(STRIP, height - top - rows)
+            tile = _capture(browser, top, width, rows + more)
+            if below is not None:
+                _compare(below, tile.crop((0, 0, width, below.height)))
+            if more:
+                below = tile.crop((0, rows, width, rows + more))
+                tile = tile.crop((0, 0, width, rows))
+            elif height > TILE:
+                strip = min(STRIP, rows)
+                alone = _capture(browser, height - strip, width, strip)
+                _compare(alone, tile.crop((0, rows - strip, width, rows)))
             png.add(tile)
             for key, piece in pieces.items():
                 left, upper, right, lower = (crops or {})[key]
@@ -67,6 +78,11 @@ def take(
                     )
                     piece.paste(part, (0, max(upper, top) - upper))
     return {key: encode(piece) for key, piece in pieces.items()}
+
+
+def tiles(height: int) -> int:
+    """How many pictures a page of so many CSS px takes, the strip included."""
+    return -(-height // TILE) + (height > TILE)
 
 
 def encode(image: Any) -> bytes:
@@ -97,11 +113,9 @@ def _capture(browser: Browser, top: int, width: int, rows: int) -> Any:
     return image.convert("RGB")
 
 
-def _compare(browser: Browser, tile: Any, top: int, width: int, rows: int) -> None:
-    """The tile's last rows against the same ones taken alone: what repeats or blanks shows."""
+def _compare(one: Any, other: Any) -> None:
+    """Two images of the same rows: what repeats or blanks shows."""
     from PIL import ImageChops
 
-    strip = min(STRIP, rows)
-    alone = _capture(browser, top + rows - strip, width, strip)
-    if ImageChops.difference(alone, tile.crop((0, rows - strip, width, rows))).getbbox():
+    if ImageChops.difference(one, other).getbbox():
         raise Retryable("screenshot_repeats: a tile does not show its part of the page")

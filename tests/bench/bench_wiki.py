@@ -1,20 +1,23 @@
 """The wiki's browser work: one call for a whole page against WebDriver's calls for each element,
-and pages a second with one and two browsers against nothing but loading them with the same browser.
+pages a second with one and two browsers against nothing but loading them with the same browser, and
+pictures of tall pages against the same browser taking them.
 """
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import psutil
 import pytest
 
 from kb.core.profile import load_profile
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.wiki import capture, chromium
+from kb.wiki import capture, chromium, screenshot
 from kb.wiki.browser import Browser, reach
 from kb.wiki.pool import Pool
 
@@ -152,3 +155,55 @@ def test_pages_a_second(make_pool, wiki, section, tmp_path):
         )
     )
     assert rates[2] > rates[1]
+
+
+def _cpu(browser) -> float:
+    """CPU seconds of a browser with all its processes, and of this one."""
+    root = psutil.Process(browser.process.pid)
+    spent = time.process_time()
+    for process in (root, *root.children(recursive=True)):
+        with contextlib.suppress(psutil.Error):
+            times = process.cpu_times()
+            spent += times.user + times.system
+    return spent
+
+
+def test_pictures_beside_the_browser_alone(make_pool, wiki, tmp_path):
+    body = "".join(
+        f"<p style='background:#{n * 7919 % 4096:03x}'>Paragraph {n} of rocks and water.</p>"
+        f"<img src='/images/Harbour_at_dawn.jpg' width='{200 + n % 200}'>"
+        for n in range(2_000)
+    )
+    into = "document.querySelector('.mw-parser-output').innerHTML = arguments[0];"
+    cut = (
+        "Object.assign(document.documentElement.style, {height: arguments[1], overflow: 'hidden'})"
+    )
+
+    def work(browser, height):
+        browser.go(f"{wiki}/wiki/Main_Page")
+        browser.script(into + cut, body, f"{height}px")
+        browser.promise("await Promise.all([...document.images].map((one) => one.decode()))")
+        spent = []
+        for take in (ours, alone):
+            start = _cpu(browser)
+            take(browser, height)
+            spent.append(_cpu(browser) - start)
+        return spent
+
+    def ours(browser, height):
+        screenshot.take(browser, tmp_path / f"{height}.png", 1280, height)
+
+    def alone(browser, height):
+        for top in range(0, height, screenshot.TILE):
+            clip = {"x": 0, "y": top, "width": 1280, "scale": 1}
+            clip["height"] = min(screenshot.TILE, height - top)
+            how = {"format": "png", "captureBeyondViewport": True, "optimizeForSpeed": True}
+            browser.devtools("Page.captureScreenshot", {**how, "clip": clip})
+
+    for height in (3_000, 27_000, 49_000):
+        with make_pool() as pool:
+            mine, bare = pool.use(lambda browser, height=height: work(browser, height))
+        print(
+            f"\n{height:,} px: {mine:.1f} CPU s, the browser alone {bare:.1f}: {mine / bare:.2f} x"
+        )
+        assert mine < 2 * bare

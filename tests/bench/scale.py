@@ -160,8 +160,15 @@ def _asked(server: socket.socket) -> bool:
     return True
 
 
-def figures(work: Path, code: Path, share: float, workers: int, only: list[str]) -> dict[str, Any]:
-    """Every stage at `share` and at the base share."""
+def figures(
+    work: Path,
+    code: Path,
+    share: float,
+    workers: int,
+    only: list[str],
+    keep: Path | None = None,
+) -> dict[str, Any]:
+    """Every stage at `share` and at the base share; `keep` has what is measured so far."""
     made: dict[str, Any] = {"share": share, "base": BASE, "workers": workers, "stages": {}}
     small, large = Bench(work, code, BASE, workers), Bench(work, code, share, workers)
     for bench in (small, large):
@@ -180,6 +187,8 @@ def figures(work: Path, code: Path, share: float, workers: int, only: list[str])
         if "floor" not in found:
             found["floor"] = large.floor(stage)
         made["stages"][stage.name] = found
+        if keep is not None:
+            keep.write_text(json.dumps(made, indent=1) + "\n")
         print(f"  {stage.name}: {got.wall:.1f} s", file=sys.stderr)
     return made
 
@@ -229,11 +238,8 @@ def main() -> None:
     options.add_argument("--keep", type=Path)
     options.add_argument("--against", type=Path)
     said = options.parse_args()
-    made = figures(said.work, said.code.resolve(), said.share, said.workers, said.only)
-    before = json.loads(said.against.read_text()) if said.against else None
-    print(table(made, before))
-    if said.keep:
-        said.keep.write_text(json.dumps(made, indent=1) + "\n")
+    code, before = said.code.resolve(), said.against and json.loads(said.against.read_text())
+    print(table(figures(said.work, code, said.share, said.workers, said.only, said.keep), before))
 
 
 if __name__ == "__main__":

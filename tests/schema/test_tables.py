@@ -34,7 +34,7 @@ CONTRACT = {
         (
             "page_id title url revision_id revision_timestamp fetched_at license contributors_url"
             " screenshot_path page_width page_height viewport_width device_pixel_ratio"
-            " word_count toxicity"
+            " settled word_count toxicity"
         ),
         "",
     ),

@@ -105,6 +105,7 @@ def captured(
         "outcome": "captured",
         "revision_id": revision,
         "folder": folder,
+        "settled": False,
         "files": [{"key": PICTURE, "title": "File:Kiln.png", "src": PICTURE}],
     }
 

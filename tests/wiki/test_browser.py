@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -63,3 +64,26 @@ def test_a_later_browser_that_does_not_start_costs_a_try_and_not_the_run(
         start(STARTS)
         with pytest.raises(Retryable, match="browser_start"):
             pool.use(lambda browser: pool.use(lambda other: None))
+
+
+def test_what_follows_gets_its_own_time() -> None:
+    """A page's limit follows its height, which is known only once it was loaded."""
+    ended = threading.Event()
+
+    class Idle(Browser):
+        def __init__(self) -> None:
+            self.overdue = self._limited = False
+
+        def _late(self) -> None:
+            ended.set()
+
+    browser = Idle()
+    with browser.within(1_000):
+        browser.allow(0.01)
+        assert ended.wait(60)
+    ended.clear()
+    with browser.within(0.5):
+        browser.allow(1_000)
+        assert not ended.wait(1)
+    browser.allow(0.01)  # nothing is limited behind the block
+    assert not ended.wait(0.1)

@@ -146,6 +146,7 @@ def test_a_kept_page_has_its_tables(root: Path) -> None:
     )
     assert kept["contributors_url"] == "http://wiki.example/w/index.php?title=Kept&action=history"
     assert kept["screenshot_path"] == "raw/wiki/pages/1/1/screenshot.png"
+    assert kept["settled"] is False
     assert [(row["kind"], row["text"], row["reading_order"]) for row in rows(root, "elements")] == [
         ("text", WORDS, 0),
         ("image", None, 1),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import zlib
 
@@ -112,12 +113,11 @@ class Repeating:
 
     def __init__(self, limit: int) -> None:
         self.page = Image.effect_noise((20, 3 * screenshot.TILE), 90).convert("RGB")
-        self.limit = limit
+        self.limit, self.pictures = limit, 0
 
     def devtools(self, command, params):
-        import base64
-
         clip = params["clip"]
+        self.pictures += 1
         rows = [
             (clip["y"] + n) % self.limit if clip["height"] > screenshot.STRIP else clip["y"] + n
             for n in range(clip["height"])
@@ -131,5 +131,24 @@ class Repeating:
 def test_repeated_tiles_are_found(tmp_path):
     good, bad = Repeating(10**9), Repeating(2 * screenshot.TILE)
     screenshot.take(good, tmp_path / "a.png", 20, 3 * screenshot.TILE)
+    assert Image.open(tmp_path / "a.png").tobytes() == good.page.tobytes()
+    assert good.pictures == screenshot.tiles(3 * screenshot.TILE) == 4
     with pytest.raises(Retryable, match="screenshot_repeats"):
         screenshot.take(bad, tmp_path / "b.png", 20, 3 * screenshot.TILE)
+
+
+class Blanking(Repeating):
+    """A browser that leaves the end of a large picture white."""
+
+    def devtools(self, command, params):
+        answer = super().devtools(command, params)
+        image = Image.open(io.BytesIO(base64.b64decode(answer["data"]))).convert("RGB")
+        image.paste((255, 255, 255), (0, self.limit, *image.size))
+        return {"data": base64.b64encode(screenshot.encode(image)).decode()}
+
+
+@pytest.mark.parametrize("height", [2, 3])
+def test_blank_ends_of_tiles_are_found(tmp_path, height):
+    bad = Blanking(screenshot.TILE - 9)
+    with pytest.raises(Retryable, match="screenshot_repeats"):
+        screenshot.take(bad, tmp_path / "a.png", 20, height * screenshot.TILE)
