@@ -146,8 +146,10 @@ def connect(root: Path | None, views: Sequence[View] | None = None) -> duckdb.Du
     con = database.connect(root)
     if views is None:
         views = list(found(root.absolute())) if root else []
-        for folder in complete.tables(root.absolute()) if root else ():
-            complete.check(folder)
+        if root:
+            pairs = Layout(root.absolute()).pairs
+            for folder in (*complete.tables(root.absolute()), pairs):
+                complete.check(folder)
     _make(con, views)
     folders = {f"{view.files[0].parent}/" for view in views}
     # The pattern is checked, then the file.

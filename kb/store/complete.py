@@ -18,6 +18,7 @@ from kb.store.atomic import write_text
 from kb.store.layout import Layout, parquet_files
 
 LIST = "files.json"
+_SAID = "_summary.json"  # beside pairs, of which there is always a file
 _SHARD = re.compile(r"(.+)-(\d{5})-of-(\d{5})(\.[a-z]+)")
 
 
@@ -49,6 +50,8 @@ def missing(folder: Path) -> list[Path]:
     """Files of a table's folder that were written and are not there, by name."""
     written = [folder / name for name in listed(folder.parent).get(folder.name, ())]
     there = {path.name for path in parquet_files(folder)}
+    if not there and (folder / _SAID).is_file():
+        return [folder / "pairs-00000-of-00001.parquet"]
     numbered = [folder / name for name in siblings(there)]
     return sorted({path for path in (*written, *numbered) if path.name not in there})
 

@@ -273,10 +273,6 @@ class _Root:
                 continue
             for path in gone:
                 self._look.missing(kind, path, advice(path))
-        if (self._at.pairs / "_summary.json").is_file() and not parquet_files(self._at.pairs):
-            lost = self._at.pairs / "pairs-00000-of-00001.parquet"
-            if not any(one.path == lost for one in self._look.of("pairs")):
-                self._look.missing("pairs", lost, advice(lost))
         for source in SOURCES:
             self._counts(source)
 
