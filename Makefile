@@ -65,7 +65,7 @@ test: setup               ## every test
 	@"$(HERE).ci/test" $(ARGS)
 test-fast: setup          ## the tests without the slow kinds (Dask, wheel, crash, a real MediaWiki)
 	@"$(HERE).ci/test" -m "not bench and not dask and not wheel and not crash and not mediawiki" $(ARGS)
-chaos: setup              ## kill every command before each file operation, flip bits: KB_CHAOS_KILLS, SEED, ONLY
+chaos: setup              ## kill every command before each file operation, damage every file: KB_CHAOS_KILLS, SEED, ONLY
 	@cd "$(HERE)" && .venv/bin/python -m tests.crash.chaos
 lint: setup               ## ruff: the linter's rules and the formatter's layout
 	@cd "$(HERE)" && .venv/bin/ruff check . && .venv/bin/ruff format --check .

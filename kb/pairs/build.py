@@ -18,14 +18,13 @@ import pyarrow as pa
 
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
-from kb.core.errors import DamagedData, LimitReached
+from kb.core.errors import LimitReached
 from kb.core.profile.pairs import Pairs
 from kb.core.verdict import Summary
 from kb.pairs import keywords as lists
 from kb.pairs import source
 from kb.pairs.index import Counts, Tools, make_tools, pairs_of
 from kb.store import complete
-from kb.store.advice import advice
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
@@ -102,12 +101,7 @@ def read_summary(root: Path) -> dict[str, Any]:
 
 def _all_there(root: Path) -> None:
     """Raises DamagedData where pairs that were made have lost a file."""
-    folder = Layout(root).pairs
-    complete.check(folder)
-    if not parquet_files(folder):
-        raise DamagedData(
-            f"{folder} has lost its files, {SUMMARY} alone is there", hint=advice(folder / SUMMARY)
-        )
+    complete.check(Layout(root).pairs)
 
 
 class Stretch(NamedTuple):

@@ -154,8 +154,10 @@ def connect(
     con = _open(root, limits)
     if views is None:
         views = list(found(root.absolute())) if root else []
-        for folder in complete.tables(root.absolute()) if root else ():
-            complete.check(folder)
+        if root:
+            pairs = Layout(root.absolute()).pairs
+            for folder in (*complete.tables(root.absolute()), pairs):
+                complete.check(folder)
     _make(con, views)
     files = {str(path) for view in views for path in view.files}
     # The pattern is checked, then the file.

@@ -15,6 +15,7 @@ from typing import NamedTuple
 from kb.core.errors import DamagedData, UsageError
 from kb.query.views import View, found, names
 from kb.schema.tables import Table, table, tables
+from kb.store import complete
 from kb.store.layout import Layout
 
 SUMS = "SHA256SUMS"
@@ -66,6 +67,8 @@ def _of(path: Path) -> list[Placed]:
     views = list(found(path))
     for folder in sorted(Layout(path).release().glob("*/")):
         _check(folder)
+    for folder in (*complete.tables(path), Layout(path).pairs):
+        complete.check(folder)
     if views:
         return [
             Placed(one, one.files[0].parent if one.schema == "release" else path) for one in views

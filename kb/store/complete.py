@@ -18,6 +18,8 @@ from kb.store.atomic import write_text
 from kb.store.layout import Layout, parquet_files
 
 LIST = "files.json"
+# What is made of all sources has a note beside it, and always a file of each of its tables.
+_SAID, _TABLES = "_summary.json", {"pairs": ("pairs",), "links": ("entities", "links")}
 _SHARD = re.compile(r"(.+)-(\d{5})-of-(\d{5})(\.[a-z]+)")
 
 
@@ -48,6 +50,10 @@ def missing(folder: Path) -> list[Path]:
     """Files of a table's folder that were written and are not there, by name."""
     written = [folder / name for name in listed(folder.parent).get(folder.name, ())]
     there = {path.name for path in parquet_files(folder)}
+    if (folder / _SAID).is_file():
+        for name in _TABLES.get(folder.name, ()):
+            if not any(file.startswith(f"{name}-") for file in there):
+                written.append(folder / f"{name}-00000-of-00001.parquet")
     numbered = [folder / name for name in siblings(there)]
     return sorted({path for path in (*written, *numbered) if path.name not in there})
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from kb.core.errors import DamagedData, UsageError
+from kb.core.errors import UsageError
 from kb.store import complete, notes
 from kb.store.advice import advice
 from kb.store.layout import Layout
@@ -50,10 +50,7 @@ def read(root: Path) -> Note | None:
     note: Note | None = notes.read(path(root), Note, mend=advice(path(root)))
     if note is None:
         return None
-    for name in ("links/entities", "links/links"):
-        if not complete.rows(root, name):
-            lost = Layout(root).table(name) / f"{name.rpartition('/')[2]}-00000-of-00001.parquet"
-            raise DamagedData(f"{lost} is missing", hint=advice(lost))
+    complete.check(Layout(root).links)
     return note
 
 

@@ -93,6 +93,8 @@ def state(look: Look, path: Path) -> None:
     except sqlite3.Error as error:
         said = [str(error)]
     look.advance(path.stat().st_size)
+    if not path.stat().st_size:
+        said = ["it is empty"]  # to SQLite, a database without tables
     if said == ["ok"]:
         look.whole("state", path)
     else:

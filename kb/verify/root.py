@@ -273,13 +273,6 @@ class _Root:
                 continue
             for path in gone:
                 self._look.missing(kind, path, advice(path))
-        for name in ("pairs/pairs", "links/entities", "links/links"):
-            kind, _, short = name.partition("/")
-            lost = self._at.table(name) / f"{short}-00000-of-00001.parquet"
-            if not (lost.parent / "_summary.json").is_file() or self._at.rows(name):
-                continue
-            if not any(one.path == lost for one in self._look.of(kind)):
-                self._look.missing(kind, lost, advice(lost))
         for source in SOURCES:
             self._counts(source)
 

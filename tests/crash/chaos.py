@@ -1,11 +1,14 @@
 """Fault injection over every command that writes: killed before any of its file operations, joined
 by a second one while it stands still, and given damaged files.
 
-`make chaos` (KB_CHAOS_KILLS a command, KB_CHAOS_FLIPS, KB_CHAOS_AT_ONCE commands, SEED,
-ONLY=command,command) prints tables and ends with 1 when something was lost, leaked, left over or
-silent. It takes hours: KB_CHAOS_LOG names a file that gets a line of JSON for each moment of harm,
-so that what was tried is known of a run that was stopped too. `make test` has a sample of it in
-tests/crash/test_chaos.py.
+`make chaos` prints tables and ends with 1 when something was lost, leaked, left over or silent:
+
+    KB_CHAOS_KILLS=50 a command, KB_CHAOS_FLIPS=2000, KB_CHAOS_DAMAGES=5 of each kind at each place,
+    KB_CHAOS_AT_ONCE commands, SEED=14, ONLY=command,command
+    KB_CHAOS_LOG=FILE gets a line of JSON for each moment of harm: it takes hours, and so it is
+    known what was tried by a run that was stopped
+
+`make test` has a sample of it in tests/crash/test_chaos.py.
 
 After each kill the same command is run again. Then the folders that it makes have the bytes of an
 unharmed run, no leftover and no file more than there is in the folder, `kb verify` finds nothing,
@@ -34,7 +37,7 @@ from kb.core.progress import Silent
 from kb.sandbox.zenodo_answers import Deposit
 from kb.store import leftovers
 from kb.verify.root import verify
-from tests.crash import harm, worlds
+from tests.crash import damaged, harm, worlds
 from tests.crash.killed import _contents
 from tests.crash.worlds import Case, Worlds
 from tests.filters.made import digests
@@ -372,8 +375,22 @@ def main() -> int:
             lines = [["flip", *(counts[kind] for kind in ("told", "no effect", "silent"))]]
             print(table(("damage", "detected", "without effect", "silent"), lines))
             print("\n".join(silent))
-            bad = bad or bool(silent)
+            bad = bad or bool(silent) or _damages(made, place / "damaged", seed)
     return int(bad)
+
+
+def _damages(made: Worlds, folder: Path, seed: int) -> bool:
+    """Damage of every kind at every place; whether anything of it was not told."""
+    count = int(os.environ.get("KB_CHAOS_DAMAGES") or 5)
+    lines: list[list[object]] = []
+    bad = False
+    for place, kind, counts, said in damaged.all_places(made, folder, count, seed):
+        noted(place=place, kind=kind, counts=counts, said=said)
+        print("\n".join(said), flush=True)
+        lines.append([place, kind, count, *(counts[one] for one in damaged.OUTCOMES)])
+        bad = bad or bool(said)
+    print(table(("place", "damage", "tried", *damaged.OUTCOMES), lines))
+    return bad
 
 
 if __name__ == "__main__":

@@ -245,8 +245,8 @@ def _digest(path: Path) -> str:
 
 def all_places(
     made: Worlds, folder: Path, count: int, seed: int, readers: int = 9
-) -> Iterator[tuple[str, Counter[str], list[str]]]:
-    """(place, kind), how often each of OUTCOMES, and lines of what is wrong; `count` damages of
+) -> Iterator[tuple[str, str, Counter[str], list[str]]]:
+    """Place, kind, how often each of OUTCOMES, and lines of what is wrong; `count` damages of
     each kind at each place.
     """
     for place in places(made.sources):
@@ -263,4 +263,4 @@ def all_places(
                 said += came.said
                 if came.repaired not in OUTCOMES:
                     said.append(f"{kind} {file}: --repair: {came.repaired}")
-            yield f"{place.name} {kind}", counts, said
+            yield place.name, kind, counts, said

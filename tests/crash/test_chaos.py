@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import skip_or_fail
-from tests.crash import chaos, harm, worlds
+from tests.crash import chaos, damaged, harm, worlds
 from tests.crash.chaos import Trial
 from tests.crash.worlds import Worlds
 
@@ -73,6 +73,26 @@ def test_joined_by_a_second_one_both_are_right(made: Worlds, name: str, tmp_path
     moment, wrong = trial.join("made", trial.whole("made")[1] // 2)
     assert moment
     assert wrong == []
+
+
+@pytest.mark.parametrize(
+    ("place", "kind"),
+    [
+        ("raw/youtube", "cut"),
+        ("state/reddit", "empty"),
+        ("clean/youtube", "flip"),
+        ("index/reddit", "flip"),
+        ("pairs", "delete"),
+        ("release/youtube", "cut"),
+    ],
+)
+def test_damage_is_told_and_mended_or_has_no_effect(
+    made: Worlds, place: str, kind: str, tmp_path: Path
+) -> None:
+    (found,) = [one for one in damaged.places(made.sources) if one.name == place]
+    spoiled = damaged.Spoiled(made, found, tmp_path / "trial")
+    file = max(spoiled.files, key=lambda path: (spoiled.base / path).stat().st_size)
+    assert spoiled.came(kind, file, SEED, readers=1) == ("told", "repaired", [])
 
 
 def test_what_pairs_had_not_cleared_when_killed_goes_with_the_next_run(

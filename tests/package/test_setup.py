@@ -95,7 +95,7 @@ def test_first_call_installs_and_the_second_does_nothing(checkout: Path) -> None
     calls, done = setup(checkout)
     assert done.returncode == 0, done.stderr
     assert "torch==2.13.0+cpu" in calls[0]
-    assert "--no-deps -r .ci/requirements.lock" in calls[1]
+    assert "--require-hashes --no-deps -r .ci/requirements.lock" in calls[1]
     assert calls[2].endswith("-e .")
     assert len(calls) == 3
     calls, done = setup(checkout)
@@ -161,13 +161,20 @@ def test_without_python_it_says_so(checkout: Path) -> None:
 def test_the_lock_names_no_place() -> None:
     """Packages by name and version: no index, no file, no torch."""
     lines = (ROOT / ".ci" / "requirements.lock").read_text().splitlines()
-    packages = [line for line in lines if not line.startswith("#")]
+    packages = [line.removesuffix(" \\") for line in lines if not line.startswith(("#", " "))]
     assert len(packages) > 100
     assert all(re.match(r"^[A-Za-z0-9._-]+==[^ ]+( ; .+)?$", line) for line in packages)
     assert not [line for line in packages if line.startswith(("torch=", "nvidia", "triton"))]
     assert not [
         line for line in lines if "://" in line or "--index" in line or "--find-links" in line
     ]
+
+
+def test_every_file_of_the_lock_has_its_hash() -> None:
+    text = (ROOT / ".ci" / "requirements.lock").read_text().partition("\n")[2]
+    packages = text.replace(" \\\n", "").splitlines()
+    assert len(packages) > 100
+    assert all(re.search(r"( +--hash=sha256:[0-9a-f]{64})+$", line) for line in packages)
 
 
 def test_targets_take_exit_3_for_success_and_pass_others_on(checkout: Path) -> None:

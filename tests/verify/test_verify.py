@@ -93,7 +93,7 @@ def test_damage_is_found_wherever_it_is(
     path = one(root, pattern)
     if path.suffix == ".json":
         path.write_bytes(path.read_bytes()[:-9])
-    elif path.suffix == ".sqlite":
+    elif path.suffix == ".sqlite" and damage is flipped:
         path.write_bytes(path.read_bytes()[:4096] + bytes(8192))
     else:
         damage(path)
