@@ -236,6 +236,13 @@ def test_the_release_has_ids_and_counts(run: Run, here: Here) -> None:
     assert data.sql("SELECT sum(count) AS n FROM links").to_pylist() == [
         {"n": sum(row["count"] for row in made.rows(run.root))}
     ]
+    # What was filtered since is not to be published by what names it.
+    made.fill(run.root, comments=["a wolf"], posts=[("Dragon", "", [])])
+    done = here("release", *at)
+    assert done.code == 1
+    assert "links: are older than clean/reddit" in done.err
+    assert here("links", *at).code == here("release", *at).code == 0
+    held = pq.read_table(next(folder.glob("links-*.parquet")))
     # A text that came into a column is refused.
     rows = held.set_column(2, "key", pa.array(["a wolf and a bed"] * held.num_rows))
     write_table(next(folder.glob("links-*.parquet")), rows, "links/links", released=True)
@@ -292,6 +299,18 @@ def _plain(path: Path) -> bytes:
     if path.suffix != ".parquet":
         return path.read_bytes()
     return path.read_bytes() + json.dumps(pq.read_table(path).to_pylist()).encode()
+
+
+def test_a_purge_clears_what_a_killed_run_had_read(run: Run, here: Here, tmp_path: Path) -> None:
+    left = run.root / "state" / "links" / "0123" / "youtube.videos.part-00000.parquet"
+    left.parent.mkdir(parents=True)
+    left.write_text(SECRET)
+    (tmp_path / "ids.txt").write_text(SECRET)
+    at = ("--data", str(run.root), "--profile", str(run.profile.path))
+    done = here("purge", "youtube", "--ids", str(tmp_path / "ids.txt"), "--workers", "1", *at)
+    assert done.code == 0, done.err
+    assert not left.exists()
+    assert not (run.root / "links").exists()  # nobody had made any
 
 
 def test_redirects_come_from_the_wiki_s_answers(run: Run, here: Here) -> None:
