@@ -166,7 +166,7 @@ def test_a_run_that_was_cut_off_goes_on(run: Run, monkeypatch: pytest.MonkeyPatc
     assert bytes_of(run.root) == whole
 
 
-def test_a_lost_or_damaged_file_is_told(run: Run) -> None:
+def test_a_lost_or_damaged_file_is_told_and_mended(run: Run) -> None:
     made.links(run, NAMES)
     (path,) = Layout(run.root).rows("links/entities")
     path.unlink()
@@ -180,6 +180,9 @@ def test_a_lost_or_damaged_file_is_told(run: Run) -> None:
     path.write_bytes(path.read_bytes()[:-40])
     (one,) = verify(run.root, Silent()).found
     assert (one.kind, one.state, one.advice) == ("links", "damaged", "run `kb links --again`")
+    said = load(str(locate("verify"))).repair(run, verify(run.root, Silent()))
+    assert said == ["`kb links --again` was run"]
+    assert not verify(run.root, Silent()).found
 
 
 def test_one_writer_and_no_filter_meanwhile(run: Run) -> None:
