@@ -88,6 +88,7 @@ def _scores(run: Run, source: str) -> int:
 def _links(run: Run) -> None:
     """The entity tables again: a page that is gone may have been an entity's own."""
     at = Layout(run.root)
+    shutil.rmtree(at.linking, ignore_errors=True)
     links = load(str(locate("links")))
     try:
         build(run, lambda: links.names(run))
@@ -125,7 +126,6 @@ def _made(run: Run, source: str) -> None:
         ):
             if any(files):
                 write(run)
-    shutil.rmtree(at.linking, ignore_errors=True)
     if at.links.exists():
         _links(run)
     describe(run, [source, "pairs", "links"])
