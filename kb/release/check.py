@@ -24,7 +24,7 @@ from kb.release.measure import folder_licence, page_licences
 from kb.release.metadata import Document
 from kb.release.problem import Problem, damaged
 from kb.schema import Table
-from kb.store import complete, database, parquet
+from kb.store import complete, database, linked, parquet
 from kb.store.digests import SUMS
 from kb.store.layout import Layout
 
@@ -46,6 +46,8 @@ def check(run: Run, folders: list[Folder]) -> list[Problem]:
             for part in whole:
                 problems += _counts(run.root, folder.source, part)
         problems += _absent(run.root, folder)
+        if folder.source == "links" and not cleaned:
+            problems += _older(run.root)
         problems += checksums.check(folder, folder.data)
         if len(whole) == len(folder.parts):
             problems += archives.check(folder)
@@ -204,6 +206,12 @@ def _absent(root: Path, folder: Folder) -> list[Problem]:
         for declared in released_tables(folder.source)
         if declared.name not in there and Layout(root).rows(declared.name)
     ]
+
+
+def _older(root: Path) -> list[Problem]:
+    """Entity tables may name what a filter has dropped since."""
+    what = "are older than clean/{}, and may name what was dropped since; run `kb links`"
+    return [Problem("rows", "links", what.format(one)) for one in linked.older_than(root)]
 
 
 def _licence(run: Run, folder: Folder) -> list[Problem]:

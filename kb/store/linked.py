@@ -7,14 +7,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import msgspec
 
 from kb.core.errors import UsageError
+from kb.core.sources import SORTED, SOURCES
 from kb.store import complete, notes
 from kb.store.advice import advice
+from kb.store.digests import digest
 from kb.store.layout import Layout
 
 NOTE = "_summary.json"  # the underscore hides it from readers of a folder of Parquet
@@ -54,6 +56,38 @@ def read(root: Path) -> Note | None:
     return note
 
 
+def older_than(root: Path) -> list[str]:
+    """The sources whose clean files are others than those that were read; [] without links.
+
+    Reads all of these files. Raises DamagedData.
+    """
+    note = read(root)
+    if note is None:
+        return []
+    found = []
+    for source in SOURCES:
+        known = note.sources.get(source)
+        if known is None:
+            newer = bool(complete.rows(root, f"{source}/{next(iter(SORTED[source]))}"))
+        else:
+            newer = known.files != _digests(root, source, _tables(known.files))
+        if newer:
+            found.append(source)
+    return found
+
+
+def _digests(root: Path, source: str, tables: Iterable[str]) -> dict[str, str]:
+    return {
+        f"{table}/{path.name}": digest(path)
+        for table in tables
+        for path in complete.rows(root, f"{source}/{table}")
+    }
+
+
+def _tables(files: Iterable[str]) -> list[str]:
+    return sorted({name.partition("/")[0] for name in files})
+
+
 def check(root: Path, now: Mapping[str, Mapping[str, str]]) -> None:
     """Raises UsageError where there are no links, or they were made of other files than `now`:
     those of each source, by "<table>/<name>", with their SHA-256. Other tables don't count.
@@ -66,7 +100,7 @@ def check(root: Path, now: Mapping[str, Mapping[str, str]]) -> None:
     for source, files in now.items():
         known = note.sources.get(source)
         held = known.files if known is not None else {}
-        tables = {name.partition("/")[0] for name in held}
+        tables = _tables(held)
         if held != {name: sha for name, sha in files.items() if name.partition("/")[0] in tables}:
             raise UsageError(
                 f"the entity tables in {Layout(root).links} are older than clean/{source}",

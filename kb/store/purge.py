@@ -8,6 +8,7 @@ removed can come back meanwhile; then raw, then what was made of it.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import partial
 from pathlib import Path
@@ -116,6 +117,8 @@ def finish(root: Path, source: str) -> None:
             frontier.forget()
             Layout(root).purge(source).unlink(missing_ok=True)
             Layout(root).purged_rows(source).unlink(missing_ok=True)
+            # Parts of killed links, which hold keys of all sources, whether there are links or not.
+            shutil.rmtree(Layout(root).linking, ignore_errors=True)
             mending.tell(root, source, frontier)
         finally:
             frontier.close()

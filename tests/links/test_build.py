@@ -166,7 +166,7 @@ def test_a_run_that_was_cut_off_goes_on(run: Run, monkeypatch: pytest.MonkeyPatc
     assert bytes_of(run.root) == whole
 
 
-def test_a_lost_or_damaged_file_is_told(run: Run) -> None:
+def test_a_lost_or_damaged_file_is_told_and_mended(run: Run) -> None:
     made.links(run, NAMES)
     (path,) = Layout(run.root).rows("links/entities")
     path.unlink()
@@ -180,6 +180,9 @@ def test_a_lost_or_damaged_file_is_told(run: Run) -> None:
     path.write_bytes(path.read_bytes()[:-40])
     (one,) = verify(run.root, Silent()).found
     assert (one.kind, one.state, one.advice) == ("links", "damaged", "run `kb links --again`")
+    said = load(str(locate("verify"))).repair(run, verify(run.root, Silent()))
+    assert said == ["`kb links --again` was run"]
+    assert not verify(run.root, Silent()).found
 
 
 def test_one_writer_and_no_filter_meanwhile(run: Run) -> None:
@@ -236,6 +239,13 @@ def test_the_release_has_ids_and_counts(run: Run, here: Here) -> None:
     assert data.sql("SELECT sum(count) AS n FROM links").to_pylist() == [
         {"n": sum(row["count"] for row in made.rows(run.root))}
     ]
+    # What was filtered since is not to be published by what names it.
+    made.fill(run.root, comments=["a wolf"], posts=[("Dragon", "", [])])
+    done = here("release", *at)
+    assert done.code == 1
+    assert "links: are older than clean/reddit" in done.err
+    assert here("links", *at).code == here("release", *at).code == 0
+    held = pq.read_table(next(folder.glob("links-*.parquet")))
     # A text that came into a column is refused.
     rows = held.set_column(2, "key", pa.array(["a wolf and a bed"] * held.num_rows))
     write_table(next(folder.glob("links-*.parquet")), rows, "links/links", released=True)
@@ -292,6 +302,18 @@ def _plain(path: Path) -> bytes:
     if path.suffix != ".parquet":
         return path.read_bytes()
     return path.read_bytes() + json.dumps(pq.read_table(path).to_pylist()).encode()
+
+
+def test_a_purge_clears_what_a_killed_run_had_read(run: Run, here: Here, tmp_path: Path) -> None:
+    left = run.root / "state" / "links" / "0123" / "youtube.videos.part-00000.parquet"
+    left.parent.mkdir(parents=True)
+    left.write_text(SECRET)
+    (tmp_path / "ids.txt").write_text(SECRET)
+    at = ("--data", str(run.root), "--profile", str(run.profile.path))
+    done = here("purge", "youtube", "--ids", str(tmp_path / "ids.txt"), "--workers", "1", *at)
+    assert done.code == 0, done.err
+    assert not left.exists()
+    assert not (run.root / "links").exists()  # nobody had made any
 
 
 def test_redirects_come_from_the_wiki_s_answers(run: Run, here: Here) -> None:
