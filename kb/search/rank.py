@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import date
 from typing import NamedTuple
@@ -164,27 +165,38 @@ def _best(
     bounds: list[str | float | int] = [only.least]
     has = "(SELECT rowid FROM found WHERE found MATCH ?)"
     for sign, matches in (("IN", question.needed), ("NOT IN", question.barred)):
-        where += [f"scored.id {sign} {has}"] * len(matches)
+        where += [f"id {sign} {has}"] * len(matches)
         bounds += matches
-    if only.kinds:
-        where.append(f"kind IN ({', '.join('?' * len(only.kinds))})")
-        bounds += only.kinds
-    for sign, day in ((">=", only.since), ("<=", only.until)):
-        if day:
-            where.append(f"date {sign} ?")
-            bounds.append(day)
-    each = "" if only.each is None else "WHERE nth <= ?"
-    bounds += [] if only.each is None else [only.each]
     sql = f"""
         WITH {", ".join(parts)},
-        scored AS (SELECT id, round(sum(part), 6) AS score FROM ({every}) GROUP BY id),
-        placed AS (
-            SELECT scored.id, score,
-                row_number() OVER (PARTITION BY thing ORDER BY score DESC, scored.id) AS nth
-            FROM scored JOIN passages ON passages.id = scored.id WHERE {" AND ".join(where)}
-        )
-        SELECT id, score FROM placed {each} ORDER BY score DESC, id LIMIT ?"""
-    found: list[tuple[int, float]] = con.execute(sql, [*values, *bounds, only.limit]).fetchall()
+        scored AS (SELECT id, round(sum(part), 6) AS score FROM ({every}) GROUP BY id)
+        SELECT id, score FROM scored WHERE {" AND ".join(where)} ORDER BY score DESC, id"""
+    return _first(con, con.execute(sql, [*values, *bounds]), only)
+
+
+def _first(
+    con: Connection, scored: Iterable[tuple[int, float]], only: Only
+) -> list[tuple[int, float]]:
+    """The first that may be answers. What a passage is of is looked up for these alone: reading it
+    for every passage with one of the words would take the longest.
+    """
+    found: list[tuple[int, float]] = []
+    taken: Counter[str] = Counter()
+    for number, score in scored:
+        sql = "SELECT thing, kind, date FROM passages WHERE id = ?"
+        thing, kind, day = con.execute(sql, [number]).fetchone()
+        if only.kinds and kind not in only.kinds:
+            continue
+        if (only.since or only.until) and day is None:
+            continue
+        if (only.since and day < only.since) or (only.until and day > only.until):
+            continue
+        taken[thing] += 1
+        if only.each is not None and taken[thing] > only.each:
+            continue
+        found.append((number, score))
+        if len(found) == only.limit:
+            break
     return found
 
 

@@ -180,6 +180,26 @@ def test_a_known_item_is_among_the_first_five_and_its_link_leads_there(
     assert found >= 0.95 * QUESTIONS
 
 
+BY_HAND = {
+    "what melts in the rain": "Saltstone",
+    "how many pieces does a bed give in autumn": "Saltstone",
+    "high water of the red moon": "Tide table",
+    "what turns cord into nets": "Net loom",
+    "who sees the harbour at dawn": "Harbour pictures",
+    "soundings of the western sheet": "Charts",
+    "a bell of fog in summer": "Weather",
+    "how long is a fathom": "Sailors' words",
+    "colours of a light for pilots": "Lamp buoy",
+    "landing of an island with a difficult name": "Île d'Écume & 岩島 (100%)",
+}
+
+
+@pytest.mark.parametrize(("words", "title"), BY_HAND.items())
+def test_a_question_by_hand_finds_its_page(known: Known, words: str, title: str) -> None:
+    answers = search(known.root, words, sources=["wiki"], only=Only(limit=3))
+    assert title in [one.title for one in answers], [(one.title, one.score) for one in answers]
+
+
 def opened(sandbox: Sandbox, source: str, url: str, key: str) -> str:
     """What stands at the place that a link names, as the service gives it."""
     parts = urlsplit(url)

@@ -1,0 +1,269 @@
+"""Search: megabytes of text a second, size and a question's time beside FTS5's bare insert and
+tantivy, at shares of the paper's transcripts.
+
+    KB_BENCH_SCALE=0.1 make bench ARGS="-k search"    a tenth of each share, for a quick look
+
+CPU seconds, so that other work on the machine disturbs the ratios little (tantivy's threads are
+counted). Transcripts have real word frequencies (tests/bench/scale_raw.py); 2,000 different ones
+are repeated under other ids. Each engine has a process of its own, whose memory is told.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+from kb.schema import table
+from kb.search import transcripts
+from kb.search.ask import search
+from kb.search.build import index
+from kb.search.rank import Only
+from kb.store.layout import Layout
+from kb.store.shards import write_table
+from tests.bench.scale_raw import Words, _spoken, _vocabulary, video_id
+from tests.filters.made import run_at
+
+pytestmark = pytest.mark.bench
+
+VIDEOS = 730_000  # the paper's
+SHARES = (0.01, 0.05, 0.20)
+DIFFERENT = 2_000
+QUESTIONS = 20
+_SCALE = float(os.environ.get("KB_BENCH_SCALE", "1"))
+_AT_ONCE = 1000
+_FILE = 4_000  # videos
+
+
+def write(root: Path, videos: int) -> None:
+    """clean/youtube of so many videos."""
+    chance, words = random.Random(1), Words(1)
+    different = min(DIFFERENT, videos)
+    made = [_cues(_spoken(chance, words)["cues"]) for _ in range(different)]
+    kind = table("youtube/transcripts").arrow().field("cues").type
+    said = pa.array(made, kind)
+    keys = sorted(map(video_id, range(videos)))
+    for number, first in enumerate(range(0, videos, _FILE)):
+        ids = keys[first : first + _FILE]
+        which = pa.array([(first + at) % different for at in range(len(ids))])
+        _table(root, "youtube/transcripts", number, {"video_id": ids, "cues": said.take(which)})
+        titles = [words.text(8) for _ in ids]
+        about = [words.text(90) for _ in ids]
+        _table(
+            root,
+            "youtube/videos",
+            number,
+            {"video_id": ids, "title": titles, "description": about},
+        )
+
+
+def _cues(given: list[list[Any]]) -> list[dict[str, Any]]:
+    return [{"start_s": at, "duration_s": length, "text": text} for at, length, text in given]
+
+
+def _table(root: Path, name: str, number: int, columns: dict[str, Any]) -> None:
+    """A file of a clean table; other columns are null, or nothing."""
+    declared = table(name)
+    count = len(columns["video_id"])
+    arrays = []
+    for field in declared.arrow():
+        if field.name in columns:
+            arrays.append(pa.array(columns[field.name], field.type))
+        elif field.nullable:
+            arrays.append(pa.nulls(count, field.type))
+        else:
+            arrays.append(_nothing(field.type, count))
+    rows = pa.table(arrays, names=declared.arrow().names)
+    write_table(Layout(root).table(name) / f"part-{number:05d}.parquet", rows, declared)
+
+
+def _nothing(kind: pa.DataType, count: int) -> pa.Array[Any]:
+    plain = kind.value_type if isinstance(kind, pa.DictionaryType) else kind
+    value: Any = 0
+    if pa.types.is_timestamp(plain):
+        value = datetime(2023, 1, 1, tzinfo=UTC)
+    elif pa.types.is_string(plain):
+        value = ""
+    elif pa.types.is_list(plain):
+        value = []
+    elif pa.types.is_boolean(plain):
+        value = False
+    return pa.array([value] * count, plain).cast(kind)
+
+
+def questions() -> list[str]:
+    """Two to four words each: now and then a frequent one, mostly rarer ones."""
+    known = _vocabulary()[0]
+    chance = random.Random(5)
+    return [
+        " ".join(known[int(10 ** chance.uniform(2, 4.2))] for _ in range(chance.randint(2, 4)))
+        for _ in range(QUESTIONS)
+    ]
+
+
+class Clock:
+    """CPU seconds of what runs inside of `with`, put together."""
+
+    spent = 0.0
+
+    def __enter__(self) -> None:
+        self._begun = time.process_time()
+
+    def __exit__(self, *_: object) -> None:
+        self.spent += time.process_time() - self._begun
+
+
+def passages(root: Path) -> Iterator[list[tuple[str, str]]]:
+    """Titles and texts, a thousand at a time."""
+    every = ((one.title, one.text) for one in transcripts.passages(root))
+    while some := list(islice(every, _AT_ONCE)):
+        yield some
+
+
+def by_kb(root: Path) -> tuple[float, Path, Callable[[str], object]]:
+    clock = Clock()
+    with clock:
+        index(run_at(root))
+    ten = Only(limit=10)
+    return (
+        clock.spent,
+        Layout(root).index("youtube"),
+        lambda words: search(root, words, sources=["youtube"], only=ten),
+    )
+
+
+def by_fts5(root: Path) -> tuple[float, Path, Callable[[str], object]]:
+    """One table of two columns, as it comes."""
+    path, clock = root / "bare.sqlite", Clock()
+    con = sqlite3.connect(path)
+    con.executescript(
+        "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF;"
+        " CREATE VIRTUAL TABLE found USING fts5(title, text)"
+    )
+    for some in passages(root):
+        with clock:
+            con.executemany("INSERT INTO found VALUES (?, ?)", some)
+    with clock:
+        con.commit()
+
+    def ask(words: str) -> object:
+        match = " OR ".join(f'"{word}"' for word in words.split())
+        sql = (
+            "SELECT rowid, snippet(found, 1, '*', '*', '', 32) FROM found WHERE found MATCH ?"
+            " ORDER BY bm25(found, 2, 1) LIMIT 10"
+        )
+        return con.execute(sql, [match]).fetchall()
+
+    return clock.spent, path, ask
+
+
+def by_tantivy(root: Path) -> tuple[float, Path, Callable[[str], object]]:
+    """Title and text with positions, stemmed and stored, as our passages are."""
+    import tantivy
+
+    path, clock = root / "tantivy", Clock()
+    path.mkdir()
+    made = tantivy.SchemaBuilder()
+    for name in ("title", "text"):
+        made.add_text_field(name, stored=True, tokenizer_name="en_stem")
+    schema = made.build()
+    engine = tantivy.Index(schema, path=str(path))
+    writer = engine.writer(heap_size=128 << 20, num_threads=1)
+    for some in passages(root):
+        with clock:
+            for title, text in some:
+                writer.add_document(tantivy.Document(title=title, text=text))
+    with clock:
+        writer.commit()
+        writer.wait_merging_threads()
+    engine.reload()
+    searcher = engine.searcher()
+
+    def ask(words: str) -> object:
+        query = engine.parse_query(words, ["title", "text"], field_boosts={"title": 2.0})
+        snippets = tantivy.SnippetGenerator.create(searcher, query, schema, "text")
+        best = [searcher.doc(address) for _, address in searcher.search(query, 10).hits]
+        return [snippets.snippet_from_doc(one).fragment() for one in best]
+
+    return clock.spent, path, ask
+
+
+ENGINES = {"kb index": by_kb, "FTS5, bare insert": by_fts5, "tantivy": by_tantivy}
+
+
+def child(root: Path, name: str) -> dict[str, float]:
+    """What one engine takes on one root; the process is its own."""
+    spent, path, ask = ENGINES[name](root)
+    files = [one for one in path.rglob("*") if one.is_file()] if path.is_dir() else [path]
+    asked = questions()
+    ask(asked[0])
+    times = []
+    for words in asked:
+        begun = time.process_time()
+        ask(words)
+        times.append(time.process_time() - begun)
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
+    peak = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM"))
+    return {
+        "cpu": spent,
+        "bytes": sum(one.stat().st_size for one in files),
+        "median_ms": 1000 * sorted(times)[len(times) // 2],
+        "longest_ms": 1000 * max(times),
+        "peak_mb": peak / 1024,
+    }
+
+
+def test_search_beside_others(tmp_path: Path) -> None:
+    engines = [name for name in ENGINES if name != "tantivy" or _has("tantivy")]
+    peaks: dict[str, list[float]] = {name: [] for name in engines}
+    for share in SHARES:
+        root = tmp_path / f"{share}"
+        write(root, max(100, int(VIDEOS * share * _SCALE)))
+        size = count = 0
+        for some in passages(root):
+            size += sum(len(title) + len(text) for title, text in some)
+            count += len(some)
+        megabytes, part = size / 1e6, f"{share * _SCALE:.2%}"
+        print(f"\n{part} of the paper: {count:,} passages, {megabytes:.0f} MB of text", flush=True)
+        base = 0.0
+        for name in engines:
+            command = [sys.executable, "-m", "tests.bench.bench_search", str(root), name]
+            done = subprocess.run(command, capture_output=True, text=True, check=True)
+            one = json.loads(done.stdout.splitlines()[-1])
+            base = base or one["cpu"]
+            peaks[name].append(one["peak_mb"])
+            print(
+                f"  {name:18} {megabytes / one['cpu']:6.1f} MB/s  {base / one['cpu']:5.2f} ×"
+                f"   {one['bytes'] / size:5.2f} of the text   a question"
+                f" {one['median_ms']:7.1f} ms, at most {one['longest_ms']:7.1f}"
+                f"   peak {one['peak_mb']:.0f} MB",
+                flush=True,
+            )
+        shutil.rmtree(root)
+    first, *_, last = peaks["kb index"]
+    assert last < 2 * first + 200  # twenty times the text in about the same memory
+
+
+def _has(name: str) -> bool:
+    try:
+        __import__(name)
+    except ImportError:
+        return False
+    return True
+
+
+if __name__ == "__main__":
+    print(json.dumps(child(Path(sys.argv[1]), sys.argv[2])))
