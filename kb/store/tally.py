@@ -16,9 +16,9 @@ VERDICTS = ("rejected", "failed", "pending")
 
 def rows(folder: Path) -> int:
     """Rows of a table, from its files' footers. Raises DamagedData."""
-    found = parquet_files(folder)
-    with reading(found):
-        return sum(pq.read_metadata(file).num_rows for file in found)
+    files = parquet_files(folder)
+    with reading(files):
+        return sum(pq.read_metadata(file).num_rows for file in files)
 
 
 def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
@@ -47,11 +47,11 @@ def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
 
 def _keys(folder: Path, tables: Mapping[str, str], where: str = "true") -> dict[str, int]:
     """How many keys of a verdict's files belong to which table."""
-    found = parquet_files(folder)
-    if not found:
+    files = parquet_files(folder)
+    if not files:
         return {}
     sums = ", ".join("count(*) FILTER (starts_with(key, ?))" for _ in tables)
-    sql = f"SELECT {sums} FROM {scan(found)} WHERE {where}"
-    with reading(found), asking() as con:
+    sql = f"SELECT {sums} FROM {scan(files)} WHERE {where}"
+    with reading(files), asking() as con:
         counts = con.execute(sql, list(tables.values())).fetchone() or ()
     return dict(zip(tables, counts, strict=False))
