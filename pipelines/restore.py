@@ -9,9 +9,7 @@ downloads it brings the content back with keys of their own.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from kb.core import plan as planned
 from kb.core.context import Run
@@ -25,14 +23,13 @@ from kb.filters.released import stages
 from kb.pairs import refill
 from kb.reddit import restored as reddit
 from kb.reddit.importing import check_readable
-from kb.release.downloaded import Downloaded, verify
+from kb.reddit.restored import Dumps
+from kb.release.downloaded import Folders, verify
 from kb.release.missing import write_missing
 from kb.release.wanted import choose
 from kb.store.layout import Layout
 from kb.youtube import restored as youtube
 
-Folders = Sequence[Downloaded]
-Dumps = Sequence[Path]
 ROWS = ("videos", "transcripts", "posts", "comments", "pairs", "filled", "differing")
 
 
@@ -50,7 +47,7 @@ def restore(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = No
     is not whole; Stopped, with what was done, when something is left.
     """
     wanted, parts = choose(folders, only), Parts("restore", ROWS)
-    gone, had = wanted.removed, wanted.had
+    gone = wanted.removed
     check_readable(dumps)
     youtube.check(run, wanted.videos, gone["youtube"])
     reddit.check(run, wanted.reddit, dumps)
@@ -60,7 +57,7 @@ def restore(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = No
         run.progress.say("these folders hold everything: there is nothing to bring back")
         return parts.summary
     if wanted.videos:
-        parts.take(youtube.bring, run, wanted.videos, _sort, gone["youtube"], had)
+        parts.take(youtube.bring, run, wanted.videos, _sort, gone["youtube"], wanted.had)
     if wanted.reddit:
         parts.take(reddit.bring, run, wanted.reddit, dumps, gone["reddit"])
     for folder in wanted.pairs:
@@ -73,8 +70,8 @@ def plan(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = None)
     """What would be asked, of whom, with which key. Sends and writes nothing."""
     wanted = choose(folders, only)
     videos = youtube.plan(run, wanted.videos, wanted.removed["youtube"])
-    rest = reddit.plan(run, wanted.reddit, dumps), refill.plan(wanted.pairs)
-    return Summary(planned.join("restore", [videos, *rest]))
+    parts = (videos, reddit.plan(run, wanted.reddit, dumps), refill.plan(wanted.pairs))
+    return Summary(planned.join("restore", parts))
 
 
 def _sort(run: Run) -> None:

@@ -160,13 +160,13 @@ def _known_digests(path: Path, setting: str | None) -> list[tuple[str, str]]:
         known.append(("KB_TOXICITY_SHA256", given))
     for beside in (path.with_name(path.name + ".sha256"), path.with_suffix(".sha256")):
         if beside.is_file():
-            found = _DIGEST.search(beside.read_text(encoding="utf-8", errors="replace"))
-            if not found:
+            match = _DIGEST.search(beside.read_text(encoding="utf-8", errors="replace"))
+            if not match:
                 raise MissingModel(
                     f"{beside} holds no sha256",
                     hint=f"write it with `sha256sum {path.name} > {beside.name}`",
                 )
-            known.append((beside.name, found.group().lower()))
+            known.append((beside.name, match.group().lower()))
     return known
 
 

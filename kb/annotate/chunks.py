@@ -83,15 +83,15 @@ class Chunks:
             self._part = min(SMALLEST, self._part * 2)
 
     def _unscored(self, batches: Iterable[Any]) -> Iterable[tuple[str, str]]:
-        for found in self._lookups(batches):
-            self.texts += len(found)
-            hashes = pa.array(found, pa.string())
+        for texts in self._lookups(batches):
+            self.texts += len(texts)
+            hashes = pa.array(texts, pa.string())
             missing = cast(
                 "list[bool]",
                 self._scores.missing(hashes, self._threshold, REACH, self._least).to_pylist(),
             )
             self._task.advance(len(missing) - sum(missing))
-            for (key, text), wanted in zip(found.items(), missing, strict=True):
+            for (key, text), wanted in zip(texts.items(), missing, strict=True):
                 if not wanted:
                     continue
                 if key in self._given:
@@ -102,7 +102,7 @@ class Chunks:
 
     def _lookups(self, batches: Iterable[Any]) -> Iterable[dict[str, str]]:
         """Texts that are not empty by their hashes, as many as are looked up at once."""
-        found: dict[str, str] = {}
+        texts: dict[str, str] = {}
         size = 0
         for batch in batches:
             column = (
@@ -111,12 +111,12 @@ class Chunks:
                 else pa.array(batch, pa.string())
             )
             for key, text in zip(text_hashes(column).to_pylist(), column.to_pylist(), strict=True):
-                if key is None or text is None or key in found:
+                if key is None or text is None or key in texts:
                     continue
-                found[key] = text
+                texts[key] = text
                 size += len(text)
-                if len(found) == LOOKUP_TEXTS or size >= LOOKUP_CHARACTERS:
-                    yield found
-                    found, size = {}, 0
-        if found:
-            yield found
+                if len(texts) == LOOKUP_TEXTS or size >= LOOKUP_CHARACTERS:
+                    yield texts
+                    texts, size = {}, 0
+        if texts:
+            yield texts

@@ -73,16 +73,16 @@ def _download(session: Session, address: str, path: Path, digest: str, task: Any
         attempt(
             lambda: _receive(session, address, part, task), service="the host of the model files"
         )
-        found = sha256_of(part)
+        sha256 = sha256_of(part)
         problem = "" if digest else problem_of(part, path.name)
-        if found.startswith(digest) and not problem:
+        if sha256.startswith(digest) and not problem:
             break
         part.unlink()
         # What was continued may have been the beginning of another file: once more from nothing.
         if not (continued and left):
             raise DamagedData(
                 f"{address} is not the published file:"
-                f" {problem or f'its sha256 begins {found[:12]}, not {digest[:12]}'};"
+                f" {problem or f'its sha256 begins {sha256[:12]}, not {digest[:12]}'};"
                 " it was deleted",
                 hint="try again later or over another network; KB_MODELS_ENDPOINT can name a"
                 " mirror",

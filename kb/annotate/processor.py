@@ -51,7 +51,7 @@ def _features(cpuinfo: Path) -> frozenset[str]:
         lines = cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return frozenset()
-    found = [
+    cores = [
         frozenset(line.partition(":")[2].split()) for line in lines if line.startswith("flags")
     ]
-    return frozenset.intersection(*found) if found else frozenset()
+    return frozenset.intersection(*cores) if cores else frozenset()

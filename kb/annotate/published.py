@@ -35,14 +35,14 @@ class Published:
         `root` stands for both hosts (KB_MODELS_ENDPOINT).
         """
         hub, releases = root or HUB, root or CHECKPOINTS
-        found = [
+        files = [
             (name, f"{hub}/{self.base}/resolve/{self.revision}/{name}", digest)
             for name, digest in self.files
         ]
         address = (
             f"{releases}/unitaryai/detoxify/releases/download/{self.release}/{self.checkpoint}"
         )
-        return [*found, (self.checkpoint, address, self.sha256)]
+        return [*files, (self.checkpoint, address, self.sha256)]
 
 
 _ROBERTA = (

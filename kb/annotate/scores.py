@@ -59,7 +59,7 @@ class Scores:
         names = ", ".join([*CATEGORIES, "precision"])
         with self._reading() as con:
             con.register("wanted", pa.table(wanted))
-            found: pa.Table = con.sql(
+            rows: pa.Table = con.sql(
                 f"SELECT {', '.join('s.' + name for name in [*CATEGORIES, 'precision'])}"
                 f" FROM wanted w LEFT JOIN (  SELECT text_hash, {names} FROM {self._files()}"
                 "  WHERE model = $model AND revision = $revision AND text_hash IN (SELECT text_hash"
@@ -68,7 +68,7 @@ class Scores:
                 params={"model": self.model, "revision": self.revision},
             ).to_arrow_table()
         columns: list[tuple[str, pa.DataType]] = [(name, pa.float32()) for name in CATEGORIES]
-        return found.cast(pa.schema([*columns, ("precision", pa.string())]))
+        return rows.cast(pa.schema([*columns, ("precision", pa.string())]))
 
     def missing(
         self,

@@ -104,6 +104,6 @@ def _naive_totals(spaced: pa.Array[Any], sizes: pa.Array[Any]) -> pa.Array[Any]:
 def _summed(of: pa.Array[Any], numbers: pa.Array[Any], size: int) -> pa.Array[Any]:
     """The sum of the numbers of each of `size` rows; `of` says whose each is."""
     sums = pa.table({"row": of, "n": numbers}).group_by("row").aggregate([("n", "sum")])
-    found = pc.index_in(pa.array(range(size), pa.int64()), value_set=sums["row"].combine_chunks())
-    whole: pa.Array[Any] = pc.fill_null(sums["n_sum"].combine_chunks().take(found), 0)
+    places = pc.index_in(pa.array(range(size), pa.int64()), value_set=sums["row"].combine_chunks())
+    whole: pa.Array[Any] = pc.fill_null(sums["n_sum"].combine_chunks().take(places), 0)
     return whole

@@ -12,8 +12,10 @@ from kb.reddit.plan import plan_rebuild
 from kb.reddit.reconstruction import need_key, rebuild
 from kb.store.layout import Layout
 
+Dumps = Sequence[Path]  # archive files that are read instead of asking Reddit
 
-def check(run: Run, folders: Sequence[Path], dumps: Sequence[Path]) -> None:
+
+def check(run: Run, folders: Sequence[Path], dumps: Dumps) -> None:
     """What is needed. Raises SettingError, MissingCredential."""
     if folders:
         run.profile.section("reddit")
@@ -21,9 +23,7 @@ def check(run: Run, folders: Sequence[Path], dumps: Sequence[Path]) -> None:
             need_key(run)
 
 
-def bring(
-    run: Run, folders: Sequence[Path], dumps: Sequence[Path], gone: Collection[str]
-) -> Summary:
+def bring(run: Run, folders: Sequence[Path], dumps: Dumps, gone: Collection[str]) -> Summary:
     """Read what released folders name into restored/reddit. `gone` were purged elsewhere.
 
     Raises as `rebuild`.
@@ -32,7 +32,7 @@ def bring(
     return rebuild(run, [*folders], place, dumps=dumps, gone=gone)
 
 
-def plan(run: Run, folders: Sequence[Path], dumps: Sequence[Path]) -> Part:
+def plan(run: Run, folders: Sequence[Path], dumps: Dumps) -> Part:
     """What would be asked for, of whom. Raises SettingError."""
     if not folders:
         return Part()

@@ -46,7 +46,7 @@ def check(run: Run, folders: list[Folder]) -> list[Problem]:
             for part in whole:
                 problems += _counts(run.root, folder.source, part)
         problems += _absent(run.root, folder)
-        if folder.source == "links" and not cleaned:
+        if folder.source == "links" and not unreadable:
             problems += _older(run.root)
         problems += checksums.check(folder, folder.data)
         if len(whole) == len(folder.parts):

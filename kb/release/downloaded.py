@@ -43,6 +43,9 @@ class Downloaded(NamedTuple):
             )
 
 
+Folders = Sequence[Downloaded]
+
+
 def find(places: Sequence[Path]) -> list[Downloaded]:
     """Release folders that were named, or that lie in one that was. Raises SettingError."""
     releases: dict[Path, Downloaded] = {}

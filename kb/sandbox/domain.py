@@ -100,13 +100,13 @@ def _wiki(profile: Profile) -> dict[str, Any]:
     if profile.wiki is None:
         return {}
     markup = profile.wiki.markup
-    found = {
+    values = {
         "sprite": made_words.first_class(markup.sprite),
         "sprite_image": made_words.first_class(markup.sprite_image),
         "animation": made_words.first_class(markup.animation),
         "active": markup.animation_active,
     }
-    named: dict[str, Any] = {name: value for name, value in found.items() if value}
+    named: dict[str, Any] = {name: value for name, value in values.items() if value}
     selectors = {**markup.model_dump(), "infobox": markup.regions.get("infobox", "")}
     given = {name: made_words.first_class(selectors[name]) for name in CLASSES}
     named["classes"] = {name: given[name] or plain for name, plain in CLASSES.items()}

@@ -160,14 +160,14 @@ def words_of(profile: Profile, listed: Sequence[Keyword]) -> Words:
 def names(profile: Profile, listed: Iterable[Keyword]) -> tuple[str, ...]:
     """Keywords that can be titles of wiki pages, first letter large, each once."""
     fit = (one.name for one in listed if re.fullmatch(r"\w[\w '(),.!&-]*", one.name))
-    found = dict.fromkeys(name[:1].upper() + name[1:] for name in fit)
-    return tuple(name for name in found if name not in ("Main Page", profile.title))
+    titles = dict.fromkeys(name[:1].upper() + name[1:] for name in fit)
+    return tuple(name for name in titles if name not in ("Main Page", profile.title))
 
 
 def first_class(selector: str) -> str:
     """The first class that a CSS selector names, if it does."""
-    found = re.search(r"\.([A-Za-z_][\w-]*)", selector)
-    return found[1] if found else ""
+    match = re.search(r"\.([A-Za-z_][\w-]*)", selector)
+    return match[1] if match else ""
 
 
 def _spoken(listed: Sequence[Keyword]) -> tuple[str, ...]:
@@ -195,8 +195,8 @@ def _without(topic: Sequence[str], texts: Sequence[str]) -> list[str]:
 
 def _free(topic: Sequence[str], texts: Sequence[str]) -> tuple[str, ...]:
     """The same of sentences of ours; all of them where every one names the topic."""
-    found = _without(topic, [re.sub(r"\{\w+\}", "x", text) for text in texts])
-    kept = tuple(text for text in texts if re.sub(r"\{\w+\}", "x", text) in found)
+    allowed = _without(topic, [re.sub(r"\{\w+\}", "x", text) for text in texts])
+    kept = tuple(text for text in texts if re.sub(r"\{\w+\}", "x", text) in allowed)
     return kept if len(kept) > 1 else tuple(texts)
 
 

@@ -162,10 +162,10 @@ class Service:
         self, keys: list[str], parent: str, base: int, left: list[int]
     ) -> list[dict[str, Any]]:
         """Replies as nested things, with stubs for what does not fit."""
-        found: list[dict[str, Any]] = []
+        things: list[dict[str, Any]] = []
         for place, key in enumerate(keys):
             if left[0] <= 0:
-                found.append(self._stub(keys[place:], parent))
+                things.append(self._stub(keys[place:], parent))
                 break
             data = self.subreddit.shown(f"t1_{key}")
             if data is None:
@@ -189,8 +189,10 @@ class Service:
                 ]
             elif replies:
                 inner = self._below(replies, f"t1_{key}", base, left)
-            found.append({"kind": "t1", "data": {**data, "replies": _list(inner) if inner else ""}})
-        return found
+            things.append(
+                {"kind": "t1", "data": {**data, "replies": _list(inner) if inner else ""}}
+            )
+        return things
 
     def _stub(self, keys: list[str], parent: str) -> dict[str, Any]:
         return {
@@ -222,9 +224,9 @@ class Service:
 
     def _info(self, request: Request, room: dict[str, str]) -> Response:
         names = [name for name in request.args.get("id", "").split(",") if name][:BATCH]
-        found = [(name, self.subreddit.shown(name)) for name in names]
+        things = [(name, self.subreddit.shown(name)) for name in names]
         return _json(
-            _list([{"kind": name[:2], "data": data} for name, data in found if data is not None]),
+            _list([{"kind": name[:2], "data": data} for name, data in things if data is not None]),
             200,
             room,
         )

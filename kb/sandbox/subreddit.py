@@ -53,9 +53,9 @@ class Subreddit:
     @cached_property
     def posts(self) -> dict[str, dict[str, Any]]:
         """Posts, oldest first, with the number of their comments from the first answer on."""
-        found = {post["id"]: post for post in (self._post(n) for n in range(self.n_posts))}
-        self._threads = [self._thread(number, post) for number, post in enumerate(found.values())]
-        return found
+        posts = {post["id"]: post for post in (self._post(n) for n in range(self.n_posts))}
+        self._threads = [self._thread(number, post) for number, post in enumerate(posts.values())]
+        return posts
 
     @cached_property
     def comments(self) -> dict[str, dict[str, Any]]:

@@ -73,11 +73,11 @@ NEURONS = 128
 
 def phrases() -> list[tuple[str, tuple[str, ...]]]:
     """(kind, words) of each phrase; one that ends with another of its kind needs no neuron."""
-    found = [(kind, tuple(phrase.split())) for kind, held in KINDS.items() for phrase in held]
+    every = [(kind, tuple(phrase.split())) for kind, held in KINDS.items() for phrase in held]
     return [
         (kind, phrase)
-        for kind, phrase in found
-        if not any((kind, phrase[start:]) in found for start in range(1, len(phrase)))
+        for kind, phrase in every
+        if not any((kind, phrase[start:]) in every for start in range(1, len(phrase)))
     ]
 
 
@@ -124,15 +124,15 @@ def _codes() -> dict[str, np.ndarray]:
     import numpy as np
 
     names = ["", *sorted({word for _, phrase in phrases() for word in phrase})]
-    found: list[np.ndarray] = []
+    codes: list[np.ndarray] = []
     for ups in itertools.combinations(range(CODE), CODE // 2):
         code = np.full(CODE, -1.0)
         code[list(ups)] = 1
-        if all(code @ other <= CODE - APART for other in found):
-            found.append(code)
-        if len(found) == len(names):
-            return dict(zip(names, found, strict=True))
-    raise ValueError(f"{len(names)} words of phrases, {len(found)} codes")
+        if all(code @ other <= CODE - APART for other in codes):
+            codes.append(code)
+        if len(codes) == len(names):
+            return dict(zip(names, codes, strict=True))
+    raise ValueError(f"{len(names)} words of phrases, {len(codes)} codes")
 
 
 def _word_rows(vocab: list[str]) -> np.ndarray:

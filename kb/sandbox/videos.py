@@ -119,16 +119,16 @@ class Catalogue:
         """Playlist id → its channel and entries; UU… has all uploads,
         UULF… those that are no Shorts.
         """
-        found: dict[str, tuple[Channel, list[Video]]] = {}
+        playlists: dict[str, tuple[Channel, list[Video]]] = {}
         for channel in self.channels:
             if channel.listed:
-                found[channel.uploads] = (channel, channel.entries)
+                playlists[channel.uploads] = (channel, channel.entries)
                 if channel.without_shorts:
-                    found["UULF" + channel.id[2:]] = (
+                    playlists["UULF" + channel.id[2:]] = (
                         channel,
                         [video for video in channel.entries if not video.short],
                     )
-        return found
+        return playlists
 
     def search(self, query: str) -> list[Channel]:
         """Channels that know every word of `query`, in an order of the query's own."""

@@ -46,9 +46,9 @@ class Recorded:
 
     def file(self, path: str) -> bytes | None:
         """A picture, a style sheet, a script, or robots.txt."""
-        found = safe_join(str(DATA), path.lstrip("/"))
+        file = safe_join(str(DATA), path.lstrip("/"))
         shown = path.startswith(("/images/", "/static/", "/robots.txt"))
-        return Path(found).read_bytes() if shown and found and Path(found).is_file() else None
+        return Path(file).read_bytes() if shown and file and Path(file).is_file() else None
 
     def load(self, name: str) -> Any:
         """A recorded answer of the API."""
@@ -108,12 +108,12 @@ def name_of(title: str) -> str:
 @cache
 def _slugs() -> dict[str, str]:
     """Title to file stem; the file's own RLCONF has the title."""
-    found = {}
+    slugs = {}
     for file in sorted((DATA / "html").rglob("*.html")):
         conf = (
             file.read_text(encoding="utf-8")
             .split("window.RLCONF = ", 1)[1]
             .split(";</script>", 1)[0]
         )
-        found[json.loads(conf)["wgTitle"]] = file.stem
-    return found
+        slugs[json.loads(conf)["wgTitle"]] = file.stem
+    return slugs

@@ -119,10 +119,10 @@ class DataApi:
             if request.args.get("type", "channel") == "channel"
             else []
         )
-        found, tokens, size = _paged(request, hits[:MOST_HITS])
+        page, tokens, size = _paged(request, hits[:MOST_HITS])
         body = answers.page(
             "search",
-            [_only(answers.search_hit(one), parts | {"id"}) for one in found],
+            [_only(answers.search_hit(one), parts | {"id"}) for one in page],
             max(len(hits), 1_000_000 * bool(hits)),
             size,
             **tokens,
@@ -131,11 +131,11 @@ class DataApi:
 
     def _channels(self, request: Request, parts: set[str]) -> dict[str, Any]:
         wanted = _ids(request)
-        found = [one for one in self.world.youtube.channels if one.id in wanted]
+        channels = [one for one in self.world.youtube.channels if one.id in wanted]
         return answers.page(
             "channel",
-            [_item("channel", one.id, answers.channel_parts(one), parts) for one in found],
-            len(found),
+            [_item("channel", one.id, answers.channel_parts(one), parts) for one in channels],
+            len(channels),
             5,
         )
 
@@ -143,15 +143,18 @@ class DataApi:
         owner, wanted = request.args.get("channelId"), _list(request, "id")
         if not owner and not wanted:
             raise Refused(errors.no_filter())
-        found = [
+        channels = [
             one
             for one in self.world.youtube.channels
             if one.listed and (one.id == owner or one.uploads in wanted)
         ]
         return answers.page(
             "playlist",
-            [_item("playlist", one.uploads, answers.playlist_parts(one), parts) for one in found],
-            len(found),
+            [
+                _item("playlist", one.uploads, answers.playlist_parts(one), parts)
+                for one in channels
+            ],
+            len(channels),
             5,
         )
 
@@ -162,9 +165,9 @@ class DataApi:
         if playlist not in self.world.youtube.by_playlist:
             raise Refused(errors.no_playlist())
         entries = list(enumerate(self.world.youtube.by_playlist[playlist][1]))
-        found, tokens, size = _paged(request, entries)
+        page, tokens, size = _paged(request, entries)
         items = []
-        for position, video in found:
+        for position, video in page:
             key = base64.b64encode(f"{playlist}.{position}".encode()).decode()
             items.append(
                 _item("playlistItem", key, answers.entry_parts(video, playlist, position), parts)
@@ -173,9 +176,9 @@ class DataApi:
 
     def _videos(self, request: Request, parts: set[str]) -> dict[str, Any]:
         frame = (request.args.get("maxWidth", type=int), request.args.get("maxHeight", type=int))
-        found = self._found(request)
-        items = [_item("video", one.id, answers.video_parts(one, *frame), parts) for one in found]
-        return answers.page("video", items, len(found), len(found))
+        videos = self._found(request)
+        items = [_item("video", one.id, answers.video_parts(one, *frame), parts) for one in videos]
+        return answers.page("video", items, len(videos), len(videos))
 
     def _videos_batchGetStats(self, request: Request, parts: set[str]) -> dict[str, Any]:
         items = []

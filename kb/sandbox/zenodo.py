@@ -153,28 +153,28 @@ class Deposits:
         return self.by_id[number]
 
     def _draft(self, number: int) -> Deposit:
-        found = self._find(number)
-        if found.submitted:
+        deposit = self._find(number)
+        if deposit.submitted:
             raise Answer(
                 400,
                 "Invalid action",
                 [{"field": "state", "message": "The deposition is published."}],
             )
-        return found
+        return deposit
 
     def _get(self, request: Request, number: int) -> Response:
         return as_json(self._shown(self._find(number), request))
 
     def _update(self, request: Request, number: int) -> Response:
-        found, body = self._draft(number), json_body(request)
+        deposit, body = self._draft(number), json_body(request)
         if "metadata" not in body:
             raise Answer(
                 400,
                 "Validation error.",
                 [{"field": "metadata", "message": "Missing data for required field."}],
             )
-        found.metadata = checked_metadata(body["metadata"], whole=False)
-        return as_json(self._shown(found, request))
+        deposit.metadata = checked_metadata(body["metadata"], whole=False)
+        return as_json(self._shown(deposit, request))
 
     def _delete(self, request: Request, number: int) -> Response:
         del self.by_id[self._draft(number).id]
@@ -186,30 +186,32 @@ class Deposits:
         return as_json([file_entry(self._find(number), name) for name in self._find(number).files])
 
     def _remove(self, request: Request, number: int, file: str) -> Response:
-        found = self._draft(number)
-        name = next((name for name in found.files if file_entry(found, name)["id"] == file), None)
+        deposit = self._draft(number)
+        name = next(
+            (name for name in deposit.files if file_entry(deposit, name)["id"] == file), None
+        )
         if name is None:
             raise Answer(404, "File not found.")
-        del found.files[name]
+        del deposit.files[name]
         return Response(status=204)
 
     def _put(self, request: Request, bucket: str, name: str) -> Response:
-        found = next((one for one in self.by_id.values() if one.bucket == bucket), None)
-        if found is None:
+        deposit = next((one for one in self.by_id.values() if one.bucket == bucket), None)
+        if deposit is None:
             raise Answer(404, "Bucket does not exist.")
-        if found.submitted:
+        if deposit.submitted:
             raise Answer(403, "Bucket is locked for modifications.")
         if "/" in name:
             raise Answer(400, "Invalid key: file names are flat.")
         data = request.get_data(cache=False)
         if request.content_length is not None and len(data) != request.content_length:
             raise BadRequest("The request body was cut off.")
-        if name not in found.files and len(found.files) >= MOST_FILES:
+        if name not in deposit.files and len(deposit.files) >= MOST_FILES:
             raise Answer(400, f"The deposit has more than {MOST_FILES} files.")
-        if sum(map(len, found.files.values())) + len(data) > MOST_BYTES:
+        if sum(map(len, deposit.files.values())) + len(data) > MOST_BYTES:
             raise Answer(413, "Quota limit exceeded.")
-        found.files[name] = data
-        entry = file_entry(found, name)
+        deposit.files[name] = data
+        entry = file_entry(deposit, name)
         body = {
             "key": name,
             "mimetype": "application/octet-stream",
@@ -226,27 +228,27 @@ class Deposits:
     # -- actions and records -----------------------------------------------------------------------
 
     def _publish(self, request: Request, number: int) -> Response:
-        found = self._draft(number)
-        found.metadata = checked_metadata(found.metadata, whole=True)
-        if not found.files:
+        deposit = self._draft(number)
+        deposit.metadata = checked_metadata(deposit.metadata, whole=True)
+        if not deposit.files:
             raise Answer(
                 400,
                 "Validation error.",
                 [{"field": "files", "message": "Minimum one file must be provided."}],
             )
-        found.submitted = True
-        found.metadata["doi"] = f"10.5072/zenodo.{found.id}"
-        return as_json(self._shown(found, request), 202)
+        deposit.submitted = True
+        deposit.metadata["doi"] = f"10.5072/zenodo.{deposit.id}"
+        return as_json(self._shown(deposit, request), 202)
 
     def _new_version(self, request: Request, number: int) -> Response:
-        found = self._find(number)
-        if not found.submitted:
+        deposit = self._find(number)
+        if not deposit.submitted:
             raise Answer(
                 400,
                 "Invalid action",
                 [{"field": "state", "message": "The deposition is not published."}],
             )
-        draft = self._open_draft(found)
+        draft = self._open_draft(deposit)
         if draft is not None and draft.files:
             raise Answer(
                 400,
@@ -257,58 +259,58 @@ class Deposits:
             number = next(self._numbers)
             kept = {
                 key: what
-                for key, what in found.metadata.items()
+                for key, what in deposit.metadata.items()
                 if key not in ("doi", "publication_date", "version")
             }
             draft = Deposit(
                 number,
-                found.concept,
+                deposit.concept,
                 str(uuid.uuid5(uuid.NAMESPACE_URL, str(number))),
                 kept,
-                dict(found.files),
+                dict(deposit.files),
             )
             self.by_id[number] = draft
-        return as_json(self._shown(found, request), 201)
+        return as_json(self._shown(deposit, request), 201)
 
-    def _open_draft(self, found: Deposit) -> Deposit | None:
+    def _open_draft(self, deposit: Deposit) -> Deposit | None:
         return next(
             (
                 one
                 for one in self.by_id.values()
-                if one.concept == found.concept and not one.submitted
+                if one.concept == deposit.concept and not one.submitted
             ),
             None,
         )
 
     def _record(self, request: Request, number: int) -> Response:
-        found = self._find(number)
-        if not found.submitted:
+        deposit = self._find(number)
+        if not deposit.submitted:
             raise Answer(404, "PID does not exist.")
         root = root_of(request)
         files = [
             {
                 "key": name,
                 "size": len(data),
-                "checksum": f"md5:{file_entry(found, name)['checksum']}",
+                "checksum": f"md5:{file_entry(deposit, name)['checksum']}",
                 "links": {"self": f"{root}/api/records/{number}/files/{name}/content"},
             }
-            for name, data in found.files.items()
+            for name, data in deposit.files.items()
         ]
         return as_json(
             {
                 "id": number,
-                "conceptrecid": str(found.concept),
-                "doi": found.metadata["doi"],
-                "metadata": found.metadata,
+                "conceptrecid": str(deposit.concept),
+                "doi": deposit.metadata["doi"],
+                "metadata": deposit.metadata,
                 "files": files,
             }
         )
 
     def _content(self, request: Request, number: int, name: str) -> Response:
-        found = self._find(number)
-        if not found.submitted or name not in found.files:
+        deposit = self._find(number)
+        if not deposit.submitted or name not in deposit.files:
             raise Answer(404, "File not found.")
-        return Response(found.files[name], mimetype="application/octet-stream")
+        return Response(deposit.files[name], mimetype="application/octet-stream")
 
     def _shown(self, one: Deposit, request: Request) -> dict[str, Any]:
         return shown(one, self._open_draft(one), request)

@@ -170,14 +170,14 @@ class Reader:
         return pa.table(data)
 
 
-def problems(found: dict[int, list[tuple[str, str, str | None]]], size: int) -> pa.Array[Any]:
+def problems(entries: dict[int, list[tuple[str, str, str | None]]], size: int) -> pa.Array[Any]:
     """The `problems` column of `size` rows from (column, reason, value) triples by row."""
     names = ("column", "reason", "value")
     offsets: list[int] = [0]
     flat: list[tuple[str, str, str | None]] = []
-    for row in sorted(found):
+    for row in sorted(entries):
         offsets += [len(flat)] * (row + 1 - len(offsets))  # the rows before it have none
-        flat += found[row]
+        flat += entries[row]
         offsets.append(len(flat))
     offsets += [len(flat)] * (size + 1 - len(offsets))
     columns = [pa.array([item[place] for item in flat], pa.string()) for place in range(len(names))]

@@ -83,9 +83,9 @@ def types(schema: dict[str, Any]) -> set[str]:
 
 def unknown_keys(kind: str, response: Any) -> Counter[str]:
     """Paths of undeclared keys, as "items[].snippet.mood", and how often they stand there."""
-    found: Counter[str] = Counter()
-    _keys(_shape(kind), response, "", found)
-    return found
+    counts: Counter[str] = Counter()
+    _keys(_shape(kind), response, "", counts)
+    return counts
 
 
 @cache
@@ -105,14 +105,14 @@ def _outline(schema: dict[str, Any]) -> dict[str, Any] | None:
     return {"keys": {name: _outline(inner) for name, inner in schema["properties"].items()}}
 
 
-def _keys(outline: dict[str, Any], value: Any, path: str, found: Counter[str]) -> None:
+def _keys(outline: dict[str, Any], value: Any, path: str, counts: Counter[str]) -> None:
     if "items" in outline:
         for item in value if isinstance(value, list) else ():
-            _keys(outline["items"], item, f"{path}[]", found)
+            _keys(outline["items"], item, f"{path}[]", counts)
     elif isinstance(value, dict):
         known = outline["keys"]
         for name, item in value.items():
             if name not in known:
-                found[f"{path}.{name}" if path else name] += 1
+                counts[f"{path}.{name}" if path else name] += 1
             elif (below := known[name]) is not None:
-                _keys(below, item, f"{path}.{name}" if path else name, found)
+                _keys(below, item, f"{path}.{name}" if path else name, counts)

@@ -31,8 +31,8 @@ class Remembered(msgspec.Struct, frozen=True):
 
 def remembered(root: Path) -> Remembered | None:
     """The profile that binds the data root; None while nothing is stored. Raises DamagedData."""
-    found = _read(root)
-    return found if found is not None and _holds_data(root) else None
+    profile = _read(root)
+    return profile if profile is not None and _holds_data(root) else None
 
 
 def check(root: Path, profile: Profile) -> None:

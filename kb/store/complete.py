@@ -62,8 +62,8 @@ def siblings(names: Iterable[str]) -> set[str]:
     """The names of all shards that these shards speak of; others are left out."""
     every = set()
     for name in names:
-        if found := _SHARD.fullmatch(name):
-            stem, _, count, ending = found.groups()
+        if match := _SHARD.fullmatch(name):
+            stem, _, count, ending = match.groups()
             every |= {f"{stem}-{number:05d}-of-{count}{ending}" for number in range(int(count))}
     return every
 

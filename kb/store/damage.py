@@ -25,10 +25,10 @@ def gaps(path: Path, committed: int) -> list[tuple[int, int]]:
     frames = rawlog.Frames(path, mending=True, checked=True)
     for _ in frames:
         pass
-    found = list(frames.damaged)
+    stretches = list(frames.damaged)
     if frames.torn and (not path.name.endswith(".open") or frames.good < committed):
-        found.append((frames.good, path.stat().st_size))
-    return found
+        stretches.append((frames.good, path.stat().st_size))
+    return stretches
 
 
 def aside_name(path: Path, start: int, end: int) -> str:
@@ -47,18 +47,18 @@ def aside_name(path: Path, start: int, end: int) -> str:
     return name
 
 
-def set_aside(path: Path, found: Sequence[tuple[int, int, str]]) -> None:
+def set_aside(path: Path, stretches: Sequence[tuple[int, int, str]]) -> None:
     """Take stretches (start, end, name of the new file) out of a segment, which is written anew.
 
     Raises DiskFull.
     """
     with path.open("rb") as file:
-        for start, end, name in found:
+        for start, end, name in stretches:
             file.seek(start)
             write_bytes(path.with_name(name), file.read(end - start))
         with writing(path) as temporary, temporary.open("wb") as fresh:
             at = 0
-            for start, end, _ in found:
+            for start, end, _ in stretches:
                 copy(file, fresh, at, start)
                 at = end
             copy(file, fresh, at, path.stat().st_size)

@@ -33,5 +33,5 @@ def listed(files: Iterable[Path]) -> str:
 def parsed(text: str) -> tuple[dict[str, str], int]:
     """(file name → digest, how many lines are neither)."""
     lines = text.splitlines()
-    found = [match for line in lines if (match := _LINE.fullmatch(line))]
-    return {match[2]: match[1] for match in found}, len(lines) - len(found)
+    matches = [match for line in lines if (match := _LINE.fullmatch(line))]
+    return {match[2]: match[1] for match in matches}, len(lines) - len(matches)

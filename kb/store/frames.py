@@ -17,8 +17,8 @@ def whole(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:
     file.seek(at)
     rest = file.read(_CHUNK)
     while rest:
-        found = _frame(engine, file, rest)
-        if found is None:
+        frame = _frame(engine, file, rest)
+        if frame is None:
             following = _next_frame(file, at + 1)
             if following is None:
                 return
@@ -26,7 +26,7 @@ def whole(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:
             file.seek(at)
             rest = file.read(_CHUNK)
             continue
-        content, used, rest = found
+        content, used, rest = frame
         yield at, at + used, content
         at += used
         rest = rest or file.read(_CHUNK)

@@ -190,14 +190,14 @@ class Frontier(State):
 
     def kinds(self) -> dict[str, dict[str, int]]:
         """Counts by status of every kind, by name."""
-        found: dict[str, dict[str, int]] = {}
+        kinds: dict[str, dict[str, int]] = {}
         with self._lock:
             rows = self._db.execute(
                 "SELECT kind, status, count(*) FROM items GROUP BY 1, 2 ORDER BY 1, 2"
             ).fetchall()
         for kind, status, n in rows:
-            found.setdefault(kind, {})[status] = n
-        return found
+            kinds.setdefault(kind, {})[status] = n
+        return kinds
 
 
 def going_on(frontier: Frontier, kind: str, older_than: int | None) -> bool:

@@ -49,10 +49,10 @@ class Lost(msgspec.Struct):
     told: bool = False
 
 
-def suspect(frontier: Frontier, found: Iterable[tuple[str, str]]) -> None:
+def suspect(frontier: Frontier, segments: Iterable[tuple[str, str]]) -> None:
     """Note (kind, segment) for the next command that writes raw data to look into."""
     known = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [], of=_PAIRS)}
-    frontier.set_cursor(_SUSPECTS, sorted(known | set(found)))
+    frontier.set_cursor(_SUSPECTS, sorted(known | set(segments)))
 
 
 def note(root: Path, source: str, frontier: Frontier, error: DamagedData, hint: str) -> None:
@@ -106,15 +106,15 @@ def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False
 
 def _take_out_of(path: Path, kind: str, committed: int, frontier: Frontier) -> None:
     name = rawlog.base_name(path)
-    if not (found := damage.gaps(path, committed)):
+    if not (gaps := damage.gaps(path, committed)):
         return
-    named = [(start, end, damage.aside_name(path, start, end)) for start, end in found]
+    named = [(start, end, damage.aside_name(path, start, end)) for start, end in gaps]
     with frontier.transaction():
         _note(frontier, [Lost(kind, name, *stretch) for stretch in named])
         # Killed before the last line, the whole segment is read again, which changes nothing.
         frontier.set_offset(kind, name, 0)
     damage.set_aside(path, named)
-    gone = sum(max(0, min(end, committed) - start) for start, end in found)
+    gone = sum(max(0, min(end, committed) - start) for start, end in gaps)
     frontier.set_offset(kind, name, max(0, committed - gone))
 
 
@@ -126,8 +126,8 @@ def look_up(
     The state is built once more out of the raw data that are left; what it had as answered and
     that one has not is lost. `asked` are the kinds of items that a crawl asks for.
     """
-    found = _load(frontier)
-    if all(lost.items is not None for lost in found):
+    losses = _load(frontier)
+    if all(lost.items is not None for lost in losses):
         return
     scratch = Layout(root).rebuilt(source)
     shutil.rmtree(scratch, ignore_errors=True)
@@ -150,10 +150,10 @@ def look_up(
                 if held is not None and held[1] is not None:
                     frontier.payload(kind, key, held[1])
                 frontier.mark(kind, [key], "todo")
-            for lost in found:
+            for lost in losses:
                 if lost.items is None:
                     lost.items = items
-            _save(frontier, found)
+            _save(frontier, losses)
     finally:
         rebuilt.close()
         shutil.rmtree(scratch, ignore_errors=True)
@@ -161,26 +161,26 @@ def look_up(
 
 def tell(root: Path, source: str, frontier: Frontier) -> None:
     """Raises DamagedData naming what no error has named yet. Call it under the writer's lock."""
-    found = _load(frontier)
-    new = [lost for lost in found if not lost.told]
+    losses = _load(frontier)
+    new = [lost for lost in losses if not lost.told]
     if not new:
         return
     error = _error(root, source, new)
-    for lost in found:
+    for lost in losses:
         lost.told = True
-    _save(frontier, [lost for lost in found if lost.items or lost.kind == DUMPS])
+    _save(frontier, [lost for lost in losses if lost.items or lost.kind == DUMPS])
     raise error
 
 
 def asked_again(frontier: Frontier, *, imported: bool = False) -> None:
     """Forget what was asked for again since it was lost; `imported`: every dump was read again."""
-    found = _load(frontier)
+    losses = _load(frontier)
     left = [
         lost
-        for lost in found
+        for lost in losses
         if not lost.told or (_open(frontier, lost) and not (imported and lost.kind == DUMPS))
     ]
-    if len(left) < len(found):
+    if len(left) < len(losses):
         _save(frontier, left)
 
 
@@ -194,22 +194,22 @@ def check(root: Path, source: str) -> None:
     if not path.is_file():
         return
     with reading.state(path) as frontier:
-        found = [lost for lost in _load(frontier) if _open(frontier, lost)]
+        losses = [lost for lost in _load(frontier) if _open(frontier, lost)]
         known = frontier.offsets()
     for kind in rawlog.kinds(root, source):
         for segment in rawlog.segments(root, source, kind):
             name, size = rawlog.base_name(segment), segment.stat().st_size
             committed = known.pop((kind, name), 0)
             if committed > size:
-                found.append(Lost(kind, name, size, committed))
+                losses.append(Lost(kind, name, size, committed))
             elif segment.name.endswith(".open"):
                 # Readers take its end for a torn one; the state knows better.
-                found += [
+                losses += [
                     Lost(kind, name, start, end) for start, end in damage.gaps(segment, committed)
                 ]
-    found += [Lost(*place, 0, committed) for place, committed in known.items() if committed]
-    if found:
-        raise _error(root, source, found)
+    losses += [Lost(*place, 0, committed) for place, committed in known.items() if committed]
+    if losses:
+        raise _error(root, source, losses)
 
 
 def drop_asides(
@@ -240,8 +240,8 @@ def _open(frontier: Frontier, lost: Lost) -> bool:
     )
 
 
-def _error(root: Path, source: str, found: list[Lost]) -> DamagedData:
-    first = found[0]
+def _error(root: Path, source: str, losses: list[Lost]) -> DamagedData:
+    first = losses[0]
     where = rawlog.folder(root, source, first.kind) / f"{first.segment}{rawlog.SUFFIX}"
     still = where.with_name(f"{where.name}.open")
     if first.aside or (still.is_file() and still.stat().st_size > first.start):
@@ -256,25 +256,25 @@ def _error(root: Path, source: str, found: list[Lost]) -> DamagedData:
         named = ", ".join(f"{kind} {key}" for kind, key in items[:_NAMED])
         more = f" and {len(items) - _NAMED:,} more" if len(items) > _NAMED else ""
         what += f"; lost are the answers of {named}{more}"
-    if len(found) > 1:
-        what += f" (and {len(found) - 1:,} more places)"
-    return DamagedData(f"{where} {what}", hint=_hint(source, found))
+    if len(losses) > 1:
+        what += f" (and {len(losses) - 1:,} more places)"
+    return DamagedData(f"{where} {what}", hint=_hint(source, losses))
 
 
-def _hint(source: str, found: list[Lost]) -> str:
-    if any(lost.kind == DUMPS for lost in found):
+def _hint(source: str, losses: list[Lost]) -> str:
+    if any(lost.kind == DUMPS for lost in losses):
         return "run `kb reddit import --again` with the dumps that were imported"
-    if all(lost.items == [] for lost in found):
+    if all(lost.items == [] for lost in losses):
         return "no answer was lost that the state knows of: the same command goes on"
     return f"run `kb {source} crawl`: it asks for them again"
 
 
 def _note(frontier: Frontier, new: list[Lost]) -> None:
-    found = _load(frontier)
-    known = {(lost.kind, lost.segment, lost.start, lost.end) for lost in found if not lost.told}
+    losses = _load(frontier)
+    known = {(lost.kind, lost.segment, lost.start, lost.end) for lost in losses if not lost.told}
     fresh = [lost for lost in new if (lost.kind, lost.segment, lost.start, lost.end) not in known]
     if fresh:
-        _save(frontier, found + fresh)
+        _save(frontier, losses + fresh)
 
 
 def _load(frontier: Frontier) -> list[Lost]:
@@ -282,5 +282,5 @@ def _load(frontier: Frontier) -> list[Lost]:
     return known
 
 
-def _save(frontier: Frontier, found: list[Lost]) -> None:
-    frontier.set_cursor(_LOST, msgspec.to_builtins(found) or None)
+def _save(frontier: Frontier, losses: list[Lost]) -> None:
+    frontier.set_cursor(_LOST, msgspec.to_builtins(losses) or None)

@@ -202,10 +202,10 @@ def _place(footer: bytes, key: bytes) -> int | None:
     """Where a key's digits stand in a footer."""
     # What the rows say (statistics) comes before it, so the last one is ours.
     field = key + _EIGHT
-    found = footer.rfind(field)
-    if found < 0:
-        found = _nearly(footer, field)
-    return None if found < 0 else found + len(field)
+    place = footer.rfind(field)
+    if place < 0:
+        place = _nearly(footer, field)
+    return None if place < 0 else place + len(field)
 
 
 def _nearly(footer: bytes, field: bytes) -> int:

@@ -16,11 +16,11 @@ def mark() -> str:
 
 def is_gone(text: str) -> bool:
     """Whether the process that a mark within `text` names has ended; False without a mark."""
-    found = _MARK.search(text)
-    if found is None or found[1] == "0":
+    match = _MARK.search(text)
+    if match is None or match[1] == "0":
         return False
-    stat = _stat(found[1])
-    return stat is None or stat[1] != int(found[2])
+    stat = _stat(match[1])
+    return stat is None or stat[1] != int(match[2])
 
 
 def _stat(process: str) -> tuple[int, int] | None:

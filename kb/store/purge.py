@@ -88,15 +88,15 @@ def verdicts_of(source: str) -> tuple[Place, ...]:
     )
 
 
-def begin(root: Path, source: str, found: dict[str, str]) -> dict[str, str]:
+def begin(root: Path, source: str, reasons: dict[str, str]) -> dict[str, str]:
     """Note what is to go (key → reason), together with what an unfinished purge left;
     its whole list.
     """
-    found = {**left_over(root, source), **found}
-    if found:
-        write_bytes(Layout(root).purge(source), msgspec.json.encode(found, order="sorted"))
-        tombstones.add(root, source, found.items())
-    return found
+    reasons = {**left_over(root, source), **reasons}
+    if reasons:
+        write_bytes(Layout(root).purge(source), msgspec.json.encode(reasons, order="sorted"))
+        tombstones.add(root, source, reasons.items())
+    return reasons
 
 
 def left_over(root: Path, source: str) -> dict[str, str]:

@@ -190,12 +190,12 @@ def kinds(root: Path, source: str) -> list[str]:
 def segments(root: Path, source: str, kind: str) -> list[Path]:
     """All segments of a kind, oldest first, the open ones too."""
     base = folder(root, source, kind)
-    found = (
+    paths = (
         [path for path in base.iterdir() if path.name.endswith((SUFFIX, OPEN))]
         if base.is_dir()
         else []
     )
-    return sorted(found, key=base_name)
+    return sorted(paths, key=base_name)
 
 
 def base_name(path: Path) -> str:

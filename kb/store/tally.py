@@ -17,9 +17,9 @@ VERDICTS = ("rejected", "failed", "pending")
 
 def rows(folder: Path) -> int:
     """Rows of a table, from its files' footers. Raises DamagedData."""
-    found = parquet_files(folder)
-    with reading(found):
-        return sum(parquet.footer(file).num_rows for file in found)
+    files = parquet_files(folder)
+    with reading(files):
+        return sum(parquet.footer(file).num_rows for file in files)
 
 
 def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
@@ -48,13 +48,13 @@ def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
 
 def _keys(folder: Path, tables: Mapping[str, str], where: str = "true") -> dict[str, int]:
     """How many keys of a verdict's files belong to which table."""
-    found = parquet_files(folder)
-    if not found:
+    files = parquet_files(folder)
+    if not files:
         return {}
     sums = ", ".join("count(*) FILTER (starts_with(key, ?))" for _ in tables)
-    sql = f"SELECT {sums} FROM {scan(found)} WHERE {where}"
-    parquet.check(*found)
-    with reading(found), asking() as con:
+    sql = f"SELECT {sums} FROM {scan(files)} WHERE {where}"
+    parquet.check(*files)
+    with reading(files), asking() as con:
         counts = con.execute(sql, list(tables.values())).fetchone() or ()
     return dict(zip(tables, counts, strict=False))
 

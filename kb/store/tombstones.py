@@ -35,11 +35,11 @@ def path(root: Path, source: str) -> Path:
 
 def keys(root: Path, source: str) -> set[str]:
     """The purged keys of a source. Raises DamagedData."""
-    found: set[str] = set()
+    names: set[str] = set()
     for file in _files(root, source):
         column = _load(file)["key"]
-        found.update(cast("list[str]", column.to_pylist()))
-    return found
+        names.update(cast("list[str]", column.to_pylist()))
+    return names
 
 
 def read(root: Path, source: str) -> pa.Table:
@@ -109,13 +109,13 @@ def _beside(root: Path, source: str) -> list[Path]:
 
 def _files(root: Path, source: str) -> list[Path]:
     """The files to read: each content once."""
-    found: list[Path] = []
+    files: list[Path] = []
     for file in (*Layout(root).tombstones(source), *_beside(root, source)):
         if not file.exists():
             continue
-        if file.is_dir() or not any(_equal(file, other) for other in found):
-            found.append(file)
-    return found
+        if file.is_dir() or not any(_equal(file, other) for other in files):
+            files.append(file)
+    return files
 
 
 def _equal(file: Path, other: Path) -> bool:
@@ -124,9 +124,9 @@ def _equal(file: Path, other: Path) -> bool:
 
 def _load(file: Path) -> pa.Table:
     """The rows of one file. Raises DamagedData: one that can't be read is no empty one."""
-    found, why = _read(file)
-    if found is not None:
-        return found
+    rows, why = _read(file)
+    if rows is not None:
+        return rows
     source = file.parent.name
     places = Layout(file.parents[2]).tombstones(source)
     whole = next((place for place in places if place != file and _read(place)[0] is not None), None)
@@ -143,16 +143,16 @@ def _read(file: Path) -> tuple[pa.Table | None, str]:
     schema = table(_TABLE).arrow()
     try:
         with parquet.open_file(file) as opened:
-            found = opened.read()
+            rows = opened.read()
     except DamagedData:
         return None, parquet.CHANGED
     except (pa.ArrowException, OSError) as error:
         return None, (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
-    if any(field.name not in found.schema.names for field in schema) or any(
-        found.schema.field(field.name).type != field.type for field in schema
+    if any(field.name not in rows.schema.names for field in schema) or any(
+        rows.schema.field(field.name).type != field.type for field in schema
     ):
         return None, "it is no table of tombstones"
-    return found, ""
+    return rows, ""
 
 
 def _union(files: list[Path]) -> list[dict[str, Any]]:

@@ -35,10 +35,13 @@ def assemble(
     `transcript_kind`, `word_count`.
     """
     videos = newest.get("videos")
-    found = _usable(newest.get("transcripts"), words)
+    transcripts = _usable(newest.get("transcripts"), words)
     if videos is None:
-        return {"youtube/transcripts": _tracks(found)}
-    return {"youtube/videos": _joined(videos, found), "youtube/transcripts": _tracks(found)}
+        return {"youtube/transcripts": _tracks(transcripts)}
+    return {
+        "youtube/videos": _joined(videos, transcripts),
+        "youtube/transcripts": _tracks(transcripts),
+    }
 
 
 def unanswered(root: Path) -> Iterator[tuple[str, str]]:
@@ -54,12 +57,16 @@ def unanswered(root: Path) -> Iterator[tuple[str, str]]:
         frontier.close()
 
 
-def _joined(videos: pa.Table, found: pa.Table) -> pa.Table:
+def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
 
     at = pc.index_in(
-        videos["video_id"].combine_chunks(), value_set=found["video_id"].combine_chunks()
+        videos["video_id"].combine_chunks(), value_set=transcripts["video_id"].combine_chunks()
     )
-    side = found.take(at).combine_chunks() if found.num_rows else _nothing(found, videos.num_rows)
+    side = (
+        transcripts.take(at).combine_chunks()
+        if transcripts.num_rows
+        else _nothing(transcripts, videos.num_rows)
+    )
     outcome = _column(side, "outcome")
     sized = pc.and_(
         pc.is_valid(_column(side, "player_width")), pc.is_valid(_column(side, "player_height"))
@@ -94,39 +101,39 @@ def _joined(videos: pa.Table, found: pa.Table) -> pa.Table:
     return videos
 
 
-def _usable(found: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.Table:
+def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.Table:
     """Outcomes with a readable video id, and `word_count`.
 
     An `ok` whose kind, language or cues can't be read counts as failed, one without a word as none.
     """
-    if found is None:
+    if rows is None:
         names = table("youtube/transcripts")
         fields = [
             (column.name, column.parsed.arrow()) for column in (*names.columns, *names.inputs)
         ]
         return pa.schema([*fields, ("word_count", pa.int64())]).empty_table()
-    found = found.filter(pc.is_valid(found["video_id"]))
+    rows = rows.filter(pc.is_valid(rows["video_id"]))
     whole = pc.and_(
-        pc.and_(pc.is_valid(found["cues"]), pc.is_valid(found["kind"])),
-        pc.is_valid(found["language"]),
+        pc.and_(pc.is_valid(rows["cues"]), pc.is_valid(rows["kind"])),
+        pc.is_valid(rows["language"]),
     )
-    broken = pc.and_(pc.equal(found["outcome"], "ok"), pc.invert(whole))
-    counted = _words(_column(found, "cues"), words)
-    empty = pc.and_(pc.equal(found["outcome"], "ok"), pc.fill_null(pc.equal(counted, 0), False))
-    outcome = pc.if_else(broken, "failed", pc.if_else(empty, "none", found["outcome"]))
-    found = found.set_column(
-        found.column_names.index("outcome"), "outcome", pc.fill_null(outcome, "failed")
+    broken = pc.and_(pc.equal(rows["outcome"], "ok"), pc.invert(whole))
+    counted = _words(_column(rows, "cues"), words)
+    empty = pc.and_(pc.equal(rows["outcome"], "ok"), pc.fill_null(pc.equal(counted, 0), False))
+    outcome = pc.if_else(broken, "failed", pc.if_else(empty, "none", rows["outcome"]))
+    rows = rows.set_column(
+        rows.column_names.index("outcome"), "outcome", pc.fill_null(outcome, "failed")
     )
-    return found.append_column("word_count", counted)
+    return rows.append_column("word_count", counted)
 
 
-def _tracks(found: pa.Table) -> pa.Table:
+def _tracks(transcripts: pa.Table) -> pa.Table:
 
-    found = found.filter(pc.equal(found["outcome"], "ok"))
-    automatic = pc.fill_null(pc.equal(_column(found, "original_kind"), "asr"), False)
-    cues = _without_overlap(_column(found, "cues"), automatic)
-    found = found.set_column(found.column_names.index("cues"), "cues", cues)
-    return found.select(table("youtube/transcripts").names())
+    transcripts = transcripts.filter(pc.equal(transcripts["outcome"], "ok"))
+    automatic = pc.fill_null(pc.equal(_column(transcripts, "original_kind"), "asr"), False)
+    cues = _without_overlap(_column(transcripts, "cues"), automatic)
+    transcripts = transcripts.set_column(transcripts.column_names.index("cues"), "cues", cues)
+    return transcripts.select(table("youtube/transcripts").names())
 
 
 def _without_overlap(cues: pa.Array[Any], automatic: pa.Array[Any]) -> pa.Array[Any]:
@@ -184,9 +191,9 @@ def _renamed(problems: pa.Array[Any]) -> pa.Array[Any]:
     return pa.ListArray.from_arrays(offsets, renamed)
 
 
-def _nothing(found: pa.Table, rows: int) -> pa.Table:
+def _nothing(like: pa.Table, rows: int) -> pa.Table:
 
-    return pa.table({field.name: pa.nulls(rows, field.type) for field in found.schema})
+    return pa.table({field.name: pa.nulls(rows, field.type) for field in like.schema})
 
 
 def _column(rows: pa.Table, name: str) -> Any:

@@ -111,8 +111,8 @@ def lines(summary: Mapping[str, Any]) -> Iterator[str]:
     """The counts by year as a table."""
     names = (THERE, CHANGED, GONE)
     yield "year".ljust(8) + "".join(name.rjust(12) for name in ("listed", *names))
-    for year, found in summary["by_year"].items():
-        numbers = [sum(found.values()), *(found.get(name, 0) for name in names)]
+    for year, verdicts in summary["by_year"].items():
+        numbers = [sum(verdicts.values()), *(verdicts.get(name, 0) for name in names)]
         yield year.ljust(8) + "".join(f"{n:,}".rjust(12) for n in numbers)
 
 
@@ -180,8 +180,8 @@ def _counts(place: Path) -> dict[str, dict[str, int]]:
 
 def _summary(by_year: Mapping[str, Mapping[str, int]], bad_lines: int, path: Path) -> Summary:
     total: Counter[str] = Counter()
-    for found in by_year.values():
-        total.update(found)
+    for verdicts in by_year.values():
+        total.update(verdicts)
     return Summary(
         command="youtube check",
         source="youtube",

@@ -116,19 +116,19 @@ class Fetch:
         (item,) = items
         fetcher = self._fetcher()
         try:
-            found = fetcher.fetch(item.key, probe=self._opened.probing(WEB))
+            answer = fetcher.fetch(item.key, probe=self._opened.probing(WEB))
         except Retryable as error:
-            found = {"video_id": item.key, "outcome": "failed", "reason": error.reason}
+            answer = {"video_id": item.key, "outcome": "failed", "reason": error.reason}
         finally:
             with self._lock:
                 self._idle.append(fetcher)
-        outcome = found["outcome"]
+        outcome = answer["outcome"]
         yield Answer(
             RAW_TRANSCRIPTS,
             "transcript",
             {"video_id": item.key, "language": self._profile.language},
-            found,
-            failed=str(found["reason"]) if outcome == "failed" else None,
+            answer,
+            failed=str(answer["reason"]) if outcome == "failed" else None,
             whole=outcome == "ok",
         )
         self._count(transcripts=int(outcome == "ok"), transcripts_asked=int(outcome != "failed"))

@@ -39,21 +39,21 @@ def read_ids(path: Path) -> tuple[list[str], int]:
         raise SettingError(f"--ids {path}: {error.strerror or error}") from None
     except (ValueError, RecursionError) as error:
         raise SettingError(f"--ids {path} can't be read: {str(error).splitlines()[0]}") from None
-    found = [match[1] if (match := _ID.search(value)) else None for value in values]
-    return list(dict.fromkeys(key for key in found if key)), found.count(None)
+    ids = [match[1] if (match := _ID.search(value)) else None for value in values]
+    return list(dict.fromkeys(key for key in ids if key)), ids.count(None)
 
 
 def some_ids(path: Path) -> tuple[list[str], int]:
     """The same for a crawl, which has nothing to do without one. Raises SettingError also when
     there is none.
     """
-    found, bad_lines = read_ids(path)
-    if not found:
+    ids, bad_lines = read_ids(path)
+    if not ids:
         raise SettingError(
             f"--ids {path} holds no video id",
             hint="write one a line: 11 characters, or a video's address",
         )
-    return found, bad_lines
+    return ids, bad_lines
 
 
 def released_shards(folder: Path) -> list[Path]:

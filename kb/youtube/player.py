@@ -84,7 +84,7 @@ def _largest(streams: Any) -> tuple[int | None, int | None, int | None]:
     """Width and height in px and frames a second of the largest stream; the higher rate of two
     alike.
     """
-    found = []
+    sizes = []
     for kind in ("adaptiveFormats", "formats"):
         listed = streams.get(kind) if isinstance(streams, dict) else None
         for stream in listed if isinstance(listed, list) else ():
@@ -95,12 +95,12 @@ def _largest(streams: Any) -> tuple[int | None, int | None, int | None]:
             )
             if len(size) == 2 and all(isinstance(edge, int) and edge > 0 for edge in size):
                 fps = stream.get("fps")
-                found.append(
+                sizes.append(
                     (size[0] * size[1], fps if isinstance(fps, int) and fps > 0 else 0, *size)
                 )
-    if not found:
+    if not sizes:
         return None, None, None
-    _, fps, width, height = max(found)
+    _, fps, width, height = max(sizes)
     return width, height, fps or None
 
 

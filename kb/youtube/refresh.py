@@ -54,14 +54,14 @@ class _Head(msgspec.Struct):
 def newest(root: Path) -> dict[str, str]:
     """When each video was last asked for, by id."""
     decoder = msgspec.json.Decoder(_Head)
-    found: dict[str, str] = {}
+    times: dict[str, str] = {}
     for path in rawlog.segments(root, "youtube", RAW_VIDEOS):
         for _, line in rawlog.Frames(path):
             head = decoder.decode(line)
             for key in parse.requested(head.request.params):
-                if found.get(key, "") < head.fetched_at:
-                    found[key] = head.fetched_at
-    return found
+                if times.get(key, "") < head.fetched_at:
+                    times[key] = head.fetched_at
+    return times
 
 
 def plan_refresh(run: Run, older_than: int | None = None) -> Summary:

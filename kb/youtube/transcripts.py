@@ -91,7 +91,7 @@ class Fetcher:
     def _once(self, video_id: str) -> dict[str, Any]:
 
         self._page, self._answer = "", None
-        found: dict[str, Any] = {
+        answer: dict[str, Any] = {
             "video_id": video_id,
             "outcome": "ok",
             "reason": None,
@@ -101,19 +101,19 @@ class Fetcher:
             "cues": None,
         }
         try:
-            found |= self._read(self._api.list(video_id))
+            answer |= self._read(self._api.list(video_id))
         except (lib.RequestBlocked, lib.IpBlocked) as error:
             raise blocked(f"YouTube blocks this address ({type(error).__name__})") from None
         except lib.FailedToCreateConsentCookie:
             raise blocked("YouTube shows a consent wall instead of the watch page") from None
         except lib.NoTranscriptFound:
-            found |= {"outcome": "none"}
+            answer |= {"outcome": "none"}
         except lib.TranscriptsDisabled:
-            found |= {"outcome": "disabled"}
+            answer |= {"outcome": "disabled"}
         except lib.AgeRestricted:
-            found |= {"outcome": "age_restricted"}
+            answer |= {"outcome": "age_restricted"}
         except (lib.VideoUnavailable, lib.InvalidVideoId, lib.VideoUnplayable) as error:
-            found |= {
+            answer |= {
                 "outcome": "unavailable",
                 "reason": getattr(error, "reason", None) or type(error).__name__,
             }
@@ -138,10 +138,10 @@ class Fetcher:
                 f"unreadable ({type(error).__name__})"
             ) from None  # an answer of another form than the library expects
         try:
-            found["player"] = player.facts(self._answer, self._page, self._profile.game_ids)
+            answer["player"] = player.facts(self._answer, self._page, self._profile.game_ids)
         except RecursionError:
             raise Retryable("unreadable (RecursionError)") from None
-        return found
+        return answer
 
     def _read(self, tracks: Any) -> dict[str, Any]:
         """The best track with a word in it; NoTranscriptFound when none is in the language or can

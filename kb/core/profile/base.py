@@ -46,8 +46,8 @@ def problems(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
     """The same one by one. A list whose entries are wrong is not also too short."""
     every = error.errors(include_url=False)
     entries = {one["loc"][:-1] for one in every if one["loc"] and isinstance(one["loc"][-1], int)}
-    found = [_problem(one, model) for one in every if one["loc"] not in entries]
-    return list(dict.fromkeys(found))
+    lines = [_problem(one, model) for one in every if one["loc"] not in entries]
+    return list(dict.fromkeys(lines))
 
 
 def _problem(problem: Any, model: type[BaseModel]) -> Problem:
@@ -63,17 +63,17 @@ def _problem(problem: Any, model: type[BaseModel]) -> Problem:
     if kind == "missing":
         return Problem(key, f"'{key}' is missing")
     allowed = problem.get("ctx", {}).get("expected", "")
-    found = problem.get("input")
-    if found == FILL_IN:
+    value = problem.get("input")
+    if value == FILL_IN:
         key = key.partition("[")[0]
         return Problem(key, f"'{key}' is still to be filled in")
     field = field_of(model, problem["loc"])
     # A table is not shown whole: what is wrong in it is said.
-    given = "" if isinstance(found, (dict, BaseModel)) else f" is {wording.shown(found)}"
+    given = "" if isinstance(value, (dict, BaseModel)) else f" is {wording.shown(value)}"
     mend = wording.wrong(problem, field)
-    if kind == "literal_error" and isinstance(found, str):
+    if kind == "literal_error" and isinstance(value, str):
         close = difflib.get_close_matches(
-            found, [part.strip("' ") for part in allowed.replace(" or ", ",").split(",")], n=1
+            value, [part.strip("' ") for part in allowed.replace(" or ", ",").split(",")], n=1
         )
         mend += f" (did you mean {close[0]!r}?)" if close else ""
     return Problem(key, f"'{key}'{given}", mend)
@@ -123,7 +123,7 @@ def model_in(annotation: Any) -> type[BaseModel] | None:
         return annotation
     if typing.get_origin(annotation) in (typing.Union, types.UnionType, tuple, list, dict):
         for inner in typing.get_args(annotation):
-            found = model_in(inner)
-            if found is not None:
-                return found
+            model = model_in(inner)
+            if model is not None:
+                return model
     return None

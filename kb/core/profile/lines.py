@@ -13,20 +13,20 @@ _KEY = re.compile(rf"\s*({_NAME})\s*=")
 
 def key_lines(text: str) -> dict[str, int]:
     """Full name of every key and table to its line, counted from 1; entries of lists from [1]."""
-    found: dict[str, int] = {}
+    lines: dict[str, int] = {}
     table, tables = "", Counter[str]()
     for number, line in enumerate(text.splitlines(), start=1):
         if header := _HEADER.match(line):
             table = _plain(header[2])
-            found.setdefault(table, number)
+            lines.setdefault(table, number)
             if header[1] == "[[":
                 tables[table] += 1
                 table = f"{table}[{tables[table]}]"
-                found.setdefault(table, number)
+                lines.setdefault(table, number)
         elif key := _KEY.match(line):
             name = _plain(key[1])
-            found.setdefault(f"{table}.{name}" if table else name, number)
-    return found
+            lines.setdefault(f"{table}.{name}" if table else name, number)
+    return lines
 
 
 def line_of(lines: dict[str, int], key: str) -> int:

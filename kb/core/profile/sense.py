@@ -53,8 +53,8 @@ def look(profile: Profile, data: dict[str, Any]) -> Iterator[Said]:
 
 def subreddit_meant(given: Any) -> str:
     """How a subreddit given as r/Name or as an address is written; "" where no name is in it."""
-    found = re.search(r"(?:^|/)r/([A-Za-z0-9_]{2,21})/?$", str(given).strip())
-    return f'write it without r/: "{found[1]}"' if found else ""
+    match = re.search(r"(?:^|/)r/([A-Za-z0-9_]{2,21})/?$", str(given).strip())
+    return f'write it without r/: "{match[1]}"' if match else ""
 
 
 def is_beside(name: str) -> bool:
