@@ -187,6 +187,7 @@ class Spoiled:
             name: digest
             for name, digest in digests(self.root / folder).items()
             if not name.endswith(_COUNTS)
+            and (folder, Path(name).suffix) != ("index", ".json")  # says when it was written
         }
 
     def _loaded(self, view: str, path: Path) -> object:

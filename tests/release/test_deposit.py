@@ -331,6 +331,9 @@ ODD: dict[str, dict[str, Any]] = {
 }
 
 
+SAID = {"too large": "answered with more than 2 MB", "a redirect": "leads elsewhere (302)"}
+
+
 @pytest.mark.parametrize("name", ODD)
 def test_an_odd_answer_is_one_line_and_the_token_goes_nowhere(
     root: Path, service: Sandbox, monkeypatch: pytest.MonkeyPatch, name: str, here: Here
@@ -350,6 +353,7 @@ def test_an_odd_answer_is_one_line_and_the_token_goes_nowhere(
     assert "Traceback" not in done.err
     assert "\x1b" not in done.err
     assert TOKEN not in done.err + done.out
+    assert SAID.get(name, "kb: pairs: ") in done.err
     noted = root / "state" / "deposits.json"
     assert not noted.exists() or TOKEN not in noted.read_text()
     asked = {seen.path.partition("?")[0] for seen in service.ledger.requests()}
