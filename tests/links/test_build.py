@@ -23,7 +23,8 @@ from kb.links.named import Names
 from kb.query import connect
 from kb.release.build import release
 from kb.schema import table
-from kb.store import lock, parquet
+from kb.search.entities import keys
+from kb.store import lock, parquet, shards
 from kb.store.layout import Layout, parquet_files
 from kb.store.shards import write_table
 from kb.verify.root import verify
@@ -316,6 +317,20 @@ def test_a_purge_clears_what_a_killed_run_had_read(run: Run, here: Here, tmp_pat
     assert not (run.root / "links").exists()  # nobody had made any
 
 
+def test_tables_that_a_purge_cannot_make_again_do_not_stay(
+    run: Run, here: Here, tmp_path: Path
+) -> None:
+    at = ("--data", str(run.root), "--profile", str(run.profile.path))
+    assert here("links", *at).code == 0
+    run.profile.beside("keywords.tsv").unlink()
+    (tmp_path / "ids.txt").write_text(SECRET)
+    done = here("purge", "youtube", "--ids", str(tmp_path / "ids.txt"), "--workers", "1", *at)
+    assert done.code == 0, done.err
+    assert "the entity tables were removed: the keyword list" in done.err
+    assert not (run.root / "links").exists()
+    assert not (run.root / "release" / "links").exists()
+
+
 def test_redirects_come_from_the_wiki_s_answers(run: Run, here: Here) -> None:
     """Without their namespace, as pages are; the newest answer counts."""
     spaces = {str(n): {"id": n, "name": name} for n, name in ((0, ""), (102, "Cookbook"))}
@@ -412,6 +427,21 @@ def test_leftovers_of_a_killed_run_go_with_the_next(run: Run) -> None:
         path.write_text(SECRET)
     made.links(run, NAMES)
     assert not [path for path in left if path.exists()]
+
+
+def test_keys_are_found_in_any_row_group(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shards, "ROW_GROUP", 4)
+    made.links(run, NAMES)
+    (path,) = Layout(run.root).rows("links/links")
+    assert pq.read_metadata(path).num_row_groups > 8
+    sources = ["youtube", "reddit"]
+    for row in made.rows(run.root, "entities"):
+        name = row["entity"]
+        mine = [one for one in made.rows(run.root) if one["entity"] == name]
+        assert keys(run.root, name, sources) == {
+            source: sorted({one["key"] for one in mine if one["source"] == source})
+            for source in sources
+        }
 
 
 def test_a_search_within_what_names_an_entity(run: Run, here: Here) -> None:
