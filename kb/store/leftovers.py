@@ -58,7 +58,7 @@ def _places(at: Layout, name: str) -> tuple[Path, ...]:
         case "report":
             return (at.report,)
         case "deposits":
-            return ()
+            return (at.deposits,)
         case "index-youtube" | "index-wiki" | "index-reddit":
             source = name.removeprefix("index-")
             return at.index(source), at.indexed(source)

@@ -70,3 +70,11 @@ def test_what_a_killed_release_left_beside_its_notes_goes(tmp_path: Path, source
     with lock.taking(tmp_path, f"release-{source}"):
         assert not note.exists()
         assert not exported.exists()
+
+
+def test_what_a_killed_publication_left_beside_its_note_goes(tmp_path: Path) -> None:
+    left = tmp_path / "state" / ".deposits.json.12-34-abcdef01.tmp"
+    left.parent.mkdir()
+    left.write_text("{}")
+    with lock.writer(tmp_path, "deposits"):
+        assert not left.exists()
