@@ -45,6 +45,7 @@ _LISTS = frozenset(
         "mod_reports_dismissed",
     }
 )
+_NAME, _LIST, _SUBREDDIT, _ADDRESS = "name", "list", "subreddit", "address"  # see `_about`
 _WHO = _NAMES | {"author"}
 _KEPT = frozenset({"", "[deleted]", "[removed]"})
 # A person's profile is a subreddit whose name is theirs: u_NAME, shown as u/NAME; its own title is
@@ -119,9 +120,10 @@ class Scrubber:
         for name, inner in value.items():
             # Most of a record is numbers and nulls, which name nobody.
             if isinstance(inner, str):
-                value[name] = self._text(name, inner)
+                if about := _about(name):
+                    value[name] = self._text(about, inner)
             elif inner and isinstance(inner, (dict, list)):
-                if name.startswith("author") or name in _NAMES or name in _LISTS:
+                if _about(name) in (_NAME, _LIST):
                     value[name] = []
                 else:
                     self.scrub(inner)
@@ -139,16 +141,28 @@ class Scrubber:
             )
         return value
 
-    def _text(self, name: str, text: str) -> str:
-        if name.startswith("author") or name in _NAMES:
+    def _text(self, about: str, text: str) -> str:
+        if about == _NAME:
             return self.hash(text)
-        if name in _LISTS:
+        if about == _LIST:
             return ""
-        if name in _SUBREDDITS and (match := _PROFILE.match(text)):
+        if about == _SUBREDDIT and (match := _PROFILE.match(text)):
             return match[0] + self.hash(text[match.end() :])
-        if name in _ADDRESSES and (match := _PERSON.match(text)):
+        if about == _ADDRESS and (match := _PERSON.match(text)):
             return match[1] + self.hash(match[2]) + text[match.end() :]
         return text
+
+
+@lru_cache(1 << 12)
+def _about(name: str) -> str:
+    """How a field may name people; "" where it does not. Asked for every field, so it remembers."""
+    if name.startswith("author") or name in _NAMES:
+        return _NAME
+    if name in _LISTS:
+        return _LIST
+    if name in _SUBREDDITS:
+        return _SUBREDDIT
+    return _ADDRESS if name in _ADDRESSES else ""
 
 
 def _is_profile(name: Any) -> bool:
