@@ -21,6 +21,7 @@ STEPS = [
     "reddit export",
     "reddit reconstruct",
     "pairs",
+    "links",
     "release",
     "report",
 ]
@@ -61,5 +62,14 @@ QUERIES = [
         """SELECT type, count(*) AS posts, round(avg(score)) AS score, sum(num_comments) AS comments
         FROM release.reddit_posts GROUP BY ALL ORDER BY posts DESC, type""",
         ["release.reddit_posts"],
+    ),
+    (
+        "What is named in most places, and in which source?",
+        """SELECT entity, kind, wiki_page_id, sum(count) FILTER (source = 'youtube') AS videos,
+            sum(count) FILTER (source = 'wiki') AS wiki,
+            sum(count) FILTER (source = 'reddit') AS threads
+        FROM links.links JOIN links.entities USING (entity)
+        GROUP BY ALL ORDER BY sum(count) DESC, entity LIMIT 8""",
+        ["links.links", "links.entities"],
     ),
 ]

@@ -4,9 +4,9 @@ What was deleted at its source, or named, leaves every folder for good; what was
 again.
 
     raw        tombstones, raw answers, frontier: the source's own
-    clean      rows of tables, of rejected, failed and pending; pairs
+    clean      rows of tables, of rejected, failed and pending; pairs, links
     scores     annotations of texts that no row has any more
-    made       release/, export/ and report/ as far as they are there
+    made       release/, export/, links/ and report/ as far as they are there
     index      removed; the next search makes it again
 """
 
@@ -20,11 +20,12 @@ import pyarrow as pa
 
 from kb.annotate.hashes import text_hashes
 from kb.core.context import Run
-from kb.core.errors import DamagedData, MissingExtra
+from kb.core.errors import DamagedData, FatalError, MissingExtra, ProfileError
 from kb.core.pipeline import load, locate
 from kb.core.verdict import Summary
 from kb.export import clip4mc, minedojo_pairs, parquet, video2dataset
 from kb.filters.clean import texts
+from kb.links.build import build
 from kb.release.build import describe
 from kb.report.build import report
 from kb.store import indexed, lock
@@ -84,6 +85,22 @@ def _scores(run: Run, source: str) -> int:
     )
 
 
+def _links(run: Run) -> None:
+    """The entity tables again: a page that is gone may have been an entity's own."""
+    at = Layout(run.root)
+    shutil.rmtree(at.linking, ignore_errors=True)
+    links = load(str(locate("links")))
+    try:
+        build(run, lambda: links.names(run))
+    except (MissingExtra, ProfileError, FatalError) as error:
+        shutil.rmtree(at.links)  # what can't be made again does not stay
+        shutil.rmtree(at.release("links"), ignore_errors=True)
+        run.progress.say(f"the entity tables were removed: {error}; `kb links` makes them again")
+    else:
+        if at.release("links").exists():
+            parquet.export(run, "links")
+
+
 def _made(run: Run, source: str) -> None:
     """Exports are written again from clean,
     and everything around them; what can't be is removed.
@@ -109,7 +126,9 @@ def _made(run: Run, source: str) -> None:
         ):
             if any(files):
                 write(run)
-    describe(run, [source, "pairs"])
+    if at.links.exists():
+        _links(run)
+    describe(run, [source, "pairs", "links"])
     if at.report.exists():
         try:
             report(run)

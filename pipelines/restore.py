@@ -100,7 +100,7 @@ def restore(
     _check(run, wanted, dumps)
     verify(run, found)
     if not (wanted.videos or wanted.reddit or wanted.pairs):
-        run.progress.say("a release of the wiki holds everything: there is nothing to bring back")
+        run.progress.say("these folders hold everything: there is nothing to bring back")
         return Summary(command="restore", requests=0, units=0, failed=0)
     summary = Summary(command="restore", requests=0, units=0, failed=0)
     stopped: list[Stopped] = []

@@ -13,9 +13,11 @@ from pathlib import Path
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.pipeline import load, locate
+from kb.core.sources import PUBLISHED, exported_by
 from kb.crawl.session import open_session
 from kb.export import parquet
 from kb.filters.clean import run_clean
+from kb.links.build import build as build_links
 from kb.pairs.build import build
 from kb.reddit.crawl import crawl as crawl_reddit
 from kb.reddit.source import Reddit
@@ -53,11 +55,13 @@ def repair(run: Run, look: Look) -> list[str]:
         if mend.made_again(look, "pairs", at.pairs):
             step = partial(build, replace(run, again=True))
             said += mend.make(look, "kb pairs --again", at.pairs, step)
-        for source in (*SOURCES, "pairs"):
+        if mend.made_again(look, "links", at.links):
+            step = partial(_links, replace(run, again=True))
+            said += mend.make(look, "kb links --again", at.links, step)
+        for source in PUBLISHED:
             if mend.made_again(look, "release", at.release(source)):
-                command = "kb pairs" if source == "pairs" else f"kb {source} export"
                 step = partial(_export, run, source)
-                said += mend.make(look, command, at.release(source), step)
+                said += mend.make(look, exported_by(source), at.release(source), step)
             if mend.undescribed(at, source):
                 said += mend.tried("kb release", partial(release, run, [source]))
     return said
@@ -80,7 +84,12 @@ def _crawl(run: Run, source: str) -> object:
     return load(str(locate(source))).crawl(run, *given)
 
 
+def _links(run: Run) -> object:
+    names = load(str(locate("links"))).names
+    return build_links(run, lambda: names(run))
+
+
 def _export(run: Run, source: str) -> object:
-    if source == "pairs":
-        return parquet.export(run, "pairs")
+    if source not in SOURCES:
+        return parquet.export(run, source)
     return load(str(locate(source))).export(run, "parquet")

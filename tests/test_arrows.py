@@ -30,11 +30,12 @@ ALLOWED: dict[str, set[str]] = {
     "crawl": GROUND | {"core"},
     **{room: GROUND | {"core"} | ({"crawl"} if room in SOURCES else set()) for room in ROOMS},
     **{room: {"store", "schema", "core"} for room in ASKING},
+    "links": {"pairs", "store", "schema", "core"},  # over the pairs' matcher
     "reader": ASKING | {"store", "schema", "core"},
     "mcp": {"reader"} | ASKING | {"store", "schema", "core"},
     "sandbox": ROOMS | GROUND | {"core"},
-    "cli": ROOMS | ASKING | GROUND | {"core", "sandbox", "mcp"},
-    "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", "sandbox"},
+    "cli": ROOMS | ASKING | GROUND | {"core", "links", "sandbox", "mcp"},
+    "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", "links", "sandbox"},
 }
 
 # Standard library and light packages only: what `kb --help` may load.

@@ -24,6 +24,7 @@ TREE = {
     "models": ("kb.cli.models", "The toxicity model's files: fetch."),
     "annotate": ("kb.cli.annotate", "Toxicity scores for text that has none yet."),
     "pairs": ("kb.cli.pairs", "Keyword-matched video-text pairs."),
+    "links": ("kb.cli.links", "Entities, and where videos, wiki and threads speak of them."),
     "release": ("kb.cli.release", "Checks, metadata and checksums around release/; publish."),
     "report": ("kb.cli.report", "Figures and one HTML page of what was collected."),
     "status": ("kb.cli.status", "Progress, quota, age of the data, what is left."),

@@ -45,9 +45,10 @@ _FINISHED = "demo-finished"
 def demo(options: Options) -> Summary:
     """Crawl invented services with the real clients, and go all the way to a report and queries.
 
-    It filters, exports, pairs, releases and reports, then queries the shards. Channels, pages and
-    threads speak of the profile's keywords; a source that the profile leaves out is skipped.
-    Everything goes to DIR/demo. `.env` and credentials are ignored; nothing leaves this machine.
+    It filters, exports, pairs, links, releases and reports, then queries the shards. Channels,
+    pages and threads speak of the profile's keywords; a source that the profile leaves out is
+    skipped. Everything goes to DIR/demo. `.env` and credentials are ignored; nothing leaves this
+    machine.
     """
     return play(options)
 
@@ -166,7 +167,7 @@ def _all(
 def _lacking(run: Run, step: str) -> str | None:
     """The section of the profile that a step goes by, where there is none."""
     words = step.split()
-    needed = {"pairs": ("youtube", "pairs")}.get(step, tuple(words))
+    needed = {"pairs": ("youtube", "pairs"), "links": ("pairs",)}.get(step, tuple(words))
     sections = ("youtube", "wiki", "reddit", "pairs")
     return next(
         (one for one in needed if one in sections and getattr(run.profile, one) is None), None

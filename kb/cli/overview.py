@@ -27,6 +27,7 @@ _LEFT = ("todo", "in_progress")  # what failed is counted by itself, as in a cra
 def overview(run: Run) -> dict[str, Any]:
     """All about the data root: by source, disk use in bytes by folder, what to type next."""
     sources = {source: about for source in SOURCES if (about := _source(run, source))}
+    links = _links(run.root)
     disk = {path.name: _size(path) for path in _folders(run.root)}
     return {
         "data": str(run.root),
@@ -34,9 +35,10 @@ def overview(run: Run) -> dict[str, Any]:
         "sources": sources,
         "left": sum(source["left"] for source in sources.values()),
         "too_old": sum(source["too_old"] for source in sources.values()),
+        "links": links,
         "disk_bytes": disk,
         "disk_bytes_total": sum(disk.values()),
-        "next": _next(run.root, sources),
+        "next": _next(run, sources, links),
     }
 
 
@@ -134,9 +136,22 @@ def _released(root: Path, source: str) -> dict[str, int]:
     return dict(sorted(found.items(), key=lambda item: vocabulary.place(item[0])))
 
 
-def _next(root: Path, sources: dict[str, dict[str, Any]]) -> list[str]:
+def _links(root: Path) -> dict[str, Any]:
+    """The entity tables, and which clean tables are newer than they; empty when there are none."""
+    from kb.store import linked
+
+    note = linked.read(root)
+    if note is None:
+        return {}
+    made, at = _newest(linked.path(root)), Layout(root)
+    newer = [source for source in SOURCES if _newest(at.summary(source)) > made]
+    return {"entities": note.entities, "links": note.links, "older_than": newer}
+
+
+def _next(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, Any]) -> list[str]:
     """The commands to type now, as they have to be typed; each source goes on by itself."""
-    at, found = Layout(root), []
+    root, found = run.root, []
+    at = Layout(root)
     for source, about in sources.items():
         step = _step(root, source, about)
         found += [step] if step else []
@@ -145,6 +160,7 @@ def _next(root: Path, sources: dict[str, dict[str, Any]]) -> list[str]:
             name
             for name, made in (
                 ("pairs", not sources.get("youtube") or bool(parquet_files(at.pairs))),
+                ("links", run.profile.pairs is None or bool(links and not links["older_than"])),
                 ("release", any(at.release().glob("*/SHA256SUMS"))),
                 ("report", at.page.is_file()),
             )

@@ -49,6 +49,7 @@ class Kind(StrEnum):
         'kb search "how to tame a wolf"',
         "kb search '\"tide table\" harbour* -net'    a phrase, a beginning, a word that is barred",
         "kb search saltstone --source wiki --kind table --json",
+        "kb search tame --entity Wolf",
         "kb search creeper --since 2023-01-01 --each 3 --limit 30",
     ],
 )
@@ -70,6 +71,14 @@ def search(
         list[Kind] | None,
         typer.Option("--kind", help="Answers of that kind only; may be given several times."),
     ] = None,
+    entity: Annotated[
+        str,
+        typer.Option(
+            "--entity",
+            metavar="NAME",
+            help="Answers out of what names that keyword of the profile only; `kb links` finds it.",
+        ),
+    ] = "",
     since: Annotated[
         str, typer.Option("--since", metavar="DATE", help="Not before that day: 2023-01-31.")
     ] = "",
@@ -111,7 +120,7 @@ def search(
     run = options.make_run()
     sources = [str(one) for one in Source if not source or one in source]
     _follow(run, sources)
-    answers = ask(run.root, " ".join(words), sources=sources, only=only, size=size)
+    answers = ask(run.root, " ".join(words), sources=sources, only=only, size=size, entity=entity)
     if options.json:
         import msgspec
 

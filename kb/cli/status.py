@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from kb.cli.command import command, group
 from kb.core import vocabulary
+from kb.store.layout import BELOW
 
 if TYPE_CHECKING:
     from kb.cli.options import Options
@@ -53,6 +54,8 @@ def _lines(about: dict[str, Any]) -> list[str]:
         ]
     for source, facts in about["sources"].items():
         lines += ["", *_source(source, facts)]
+    if links := about["links"]:
+        lines += ["", f"links: {_linked(links)}"]
     disk = ", ".join(f"{name} {_bytes(size)}" for name, size in about["disk_bytes"].items())
     lines += ["", f"disk: {disk}"]
     lines += [f"next: {step}" for step in about["next"]]
@@ -60,6 +63,12 @@ def _lines(about: dict[str, Any]) -> list[str]:
         running = any(facts["running_pid"] for facts in about["sources"].values())
         lines.append("next: wait for what runs" if running else "nothing is left to do")
     return lines
+
+
+def _linked(links: dict[str, Any]) -> str:
+    older = " and ".join(str(BELOW.clean(source)) for source in links["older_than"])
+    said = vocabulary.nouns({name: links[name] for name in ("entities", "links")})
+    return said + (f"; older than {older}" if older else "")
 
 
 def _source(source: str, facts: dict[str, Any]) -> list[str]:

@@ -8,4 +8,22 @@ SORTED: dict[str, dict[str, str]] = {
     "reddit": {"posts": "t3_", "comments": "t1_"},
 }
 SOURCES = tuple(SORTED)
-PUBLISHED = (*SOURCES, "pairs")
+PUBLISHED = (*SOURCES, "pairs", "links")
+
+# What is made of other sources' rows, and of which.
+MADE_OF = {"pairs": ("youtube",), "links": SOURCES}
+
+
+def made_of(source: str) -> tuple[str, ...]:
+    """The sources whose rows are behind what is published under that name."""
+    return MADE_OF.get(source, (source,))
+
+
+def made_by(source: str) -> str:
+    """The command that makes the tables of what is published."""
+    return f"kb {source} filter" if source in SOURCES else f"kb {source}"
+
+
+def exported_by(source: str) -> str:
+    """The command that makes its release folder."""
+    return f"kb {source} export" if source in SOURCES else f"kb {source}"

@@ -26,7 +26,7 @@ class Word(NamedTuple):
 WORDS: dict[str, Word] = {
     # The four answers, and what is in them.
     "command": Word("The command that made the summary."),
-    "source": Word("youtube, wiki, reddit or pairs."),
+    "source": Word("youtube, wiki, reddit, pairs or links."),
     "counted": Word(
         "What crawled, kept, rejected, failed and pending count: videos, pages, posts …"
     ),
@@ -138,6 +138,12 @@ WORDS: dict[str, Word] = {
     ),
     "excluded": Word("Matches that the keyword list rules out.", "{n} excluded"),
     "outside": Word("Matches whose clip would leave the video.", "{n} outside of the video"),
+    "entities": Word("Keywords of the profile, each an entity.", "{n} entities"),
+    "with_page": Word("Entities that have a page of the wiki.", "{n} with a wiki page"),
+    "links": Word(
+        "Places that name an entity, by part of a video, page, post or comment.", "{n} links"
+    ),
+    "mentions": Word("How often entities are named there.", "{n} mentions"),
     "filled": Word("Pairs whose text is there again.", "{n} filled"),
     "differing": Word(
         "Pairs whose transcript is not the one they were made of.", "{n} with other text"
@@ -180,13 +186,13 @@ WORDS: dict[str, Word] = {
     "path": Word("Where it was written.", "in {n}"),
     "page": Word("The report's page.", "see {n}"),
     "folder": Word("The folder with the model's files, or the one that was read.", "in {n}"),
-    "release": Word("Where the released pairs are.", "released in {n}"),
+    "release": Word("Where the released pairs or links are.", "released in {n}"),
     "export": Word("Where the other layout was written.", "exported to {n}"),
     "root": Word("The data root of the demo.", "in {n}"),
     "without": Word("Sections of the report that have no data.", "without {n}"),
     "sandbox_model": Word("Whether scores are those of the sandbox's model.", "sandbox model: {n}"),
     "problems": Word("Why the release was refused."),
-    "sources": Word("Each source's rows, passages or deposit."),
+    "sources": Word("Each source's rows, passages, links or deposit."),
     "left_out": Word("Why a step of the demo was left out.", "left out: {n}"),
     "assumed": Word("What the plan had to assume.", "assumed: {n}"),
     "stopped": Word("Why the command stopped; the same one goes on."),
@@ -303,6 +309,8 @@ def nouns(numbers: Mapping[str, int]) -> str:
 
 def one(plural: str) -> str:
     """The singular of a noun of this table."""
+    if plural.endswith("ies"):
+        return f"{plural[:-3]}y"
     return plural[:-2] if plural.endswith("ches") else plural.removesuffix("s")
 
 

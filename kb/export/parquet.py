@@ -17,6 +17,7 @@ from kb.core import vocabulary
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
+from kb.core.sources import SOURCES, made_by
 from kb.core.verdict import Summary
 from kb.schema.tables import tables
 from kb.store import complete, shards
@@ -55,12 +56,11 @@ def export(
     found = {declared.name: complete.rows(run.root, declared.name) for declared in released}
     if not any(found.values()):
         place = at.table(released[0].name)
-        made_by = "kb pairs" if source == "pairs" else f"kb {source} filter"
         raise FatalError(
-            f"nothing to export: {place if source == 'pairs' else place.parent} has no rows",
-            hint=f"run `{made_by}` first",
+            f"nothing to export: {place.parent if source in SOURCES else place} has no rows",
+            hint=f"run `{made_by(source)}` first",
         )
-    again = "kb pairs --again" if source == "pairs" else f"kb {source} filter"
+    again = made_by(source) if source in SOURCES else f"{made_by(source)} --again"
     for declared in released:
         shards.check_columns(found[declared.name], declared, f"run `{again}`")
     summary: dict[str, int] = {}
@@ -108,7 +108,7 @@ def export(
             beside(fresh)
         complete.note_export(run.root, source)
     return Summary(
-        command=f"{source} export" if source != "pairs" else "pairs",
+        command=f"{source} export" if source in SOURCES else source,
         source=source,
         **{name: summary[name] for name in sorted(summary, key=vocabulary.place)},
         path=str(folder),

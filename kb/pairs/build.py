@@ -58,7 +58,7 @@ def build(run: Run) -> Summary:
         {
             "section": section.model_dump(mode="json"),
             "seed": run.seed,
-            "keywords": _plain(keywords),
+            "keywords": lists.plain(keywords),
         },
         sort_keys=True,
     )
@@ -193,21 +193,8 @@ def do_stretch(work: str, path: str, first: int, after: int, name: str) -> tuple
 def _tools(plan: str) -> Tools:
     """Automaton and tokenizer of a plan, made once in each worker."""
     data = json.loads(Path(plan).read_text())
-    every = tuple(
-        lists.Keyword(name, kind, reach) for name, kind, reach in data["keywords"]["every"]
-    )
-    keywords = lists.Keywords(
-        every, tuple(data["keywords"]["phrases"]), tuple(data["keywords"]["of"])
-    )
+    keywords = lists.of_plain(data["keywords"])
     return make_tools(Pairs(**data["section"]), data["seed"], keywords)
-
-
-def _plain(keywords: lists.Keywords) -> dict[str, Any]:
-    return {
-        "every": [[one.name, one.kind, one.reach] for one in keywords.every],
-        "phrases": keywords.phrases,
-        "of": keywords.of,
-    }
 
 
 def _finish(

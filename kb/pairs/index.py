@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -46,6 +46,15 @@ def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
                 hint="install lorebase[pairs]",
             )
     return Tools(section, seed, keywords, Matcher(keywords.phrases), Tokens())
+
+
+class Finds(Protocol):
+    """What finds keywords in a text: `Tools` do."""
+
+    @property
+    def keywords(self) -> Keywords: ...
+    @property
+    def matcher(self) -> Matcher: ...
 
 
 @dataclass
@@ -92,7 +101,7 @@ class Matches(NamedTuple):
         return Matches(*(column[which] for column in self))
 
 
-def matches(text: Text, tools: Tools, counts: Counts) -> Matches:
+def matches(text: Text, tools: Finds, counts: Counts) -> Matches:
     """Keywords in the text, without excluded phrases and without everyday
     words that stand alone.
     """

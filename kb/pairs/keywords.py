@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from kb.core.errors import ProfileError
 from kb.core.profile import Profile
@@ -27,7 +27,18 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-__all__ = ["COLUMNS", "EXCLUDED", "NEVER", "Keyword", "Keywords", "load", "make", "read"]
+__all__ = [
+    "COLUMNS",
+    "EXCLUDED",
+    "NEVER",
+    "Keyword",
+    "Keywords",
+    "load",
+    "make",
+    "of_plain",
+    "plain",
+    "read",
+]
 
 EXCLUDED = -1
 
@@ -62,6 +73,21 @@ class Keywords:
         import numpy as np
 
         return np.asarray(self.of, np.int64)
+
+
+def plain(keywords: Keywords) -> dict[str, Any]:
+    """Keywords as JSON has them, for plans that workers read."""
+    return {
+        "every": [[one.name, one.kind, one.reach] for one in keywords.every],
+        "phrases": keywords.phrases,
+        "of": keywords.of,
+    }
+
+
+def of_plain(data: dict[str, Any]) -> Keywords:
+    """The keywords that `plain` wrote."""
+    every = tuple(Keyword(name, kind, reach) for name, kind, reach in data["every"])
+    return Keywords(every, tuple(data["phrases"]), tuple(data["of"]))
 
 
 def load(profile: Profile) -> Keywords:

@@ -40,9 +40,15 @@ class Text:
     `length` (ms), and Arrow columns `ids`, `kinds`.
     """
 
-    def __init__(self, transcripts: pa.Table, lengths: pa.Array[Any] | None = None) -> None:
+    def __init__(
+        self,
+        transcripts: pa.Table,
+        lengths: pa.Array[Any] | None = None,
+        *,
+        parted: bool = False,
+    ) -> None:
         """`transcripts` has the columns of youtube/transcripts; `lengths` the videos' seconds,
-        null when unknown.
+        null when unknown. `parted`: no phrase reaches from one cue into the next.
         """
         import numpy as np
 
@@ -60,7 +66,7 @@ class Text:
             texts, start, last = texts.take(pa.array(order)), start[order], last[order]
         self.cue_video = video
         self._times(start, last, lengths)
-        self._places(texts, counts)
+        self._places(texts, counts, _WALL if parted else b" ")
 
     def _times(self, start: np.ndarray, last: np.ndarray, lengths: pa.Array[Any] | None) -> None:
         """A cue of an automatic track is over when the next begins;
@@ -87,25 +93,27 @@ class Text:
         self.beyond = start >= limit  # cues that begin when the video is over
         self.cue_start, self.cue_end = np.minimum(start, limit), np.minimum(end, limit)
 
-    def _places(self, texts: pa.Array[Any], counts: np.ndarray) -> None:
-        """Join cues by a space and transcripts by a wall, and note where each begins."""
+    def _places(self, texts: pa.Array[Any], counts: np.ndarray, joint: bytes) -> None:
+        """Join cues by a joint and transcripts by a wall, and note where each begins."""
         import numpy as np
 
         videos = len(counts)
         sizes = np.asarray(pc.binary_length(texts)).astype(np.int64)
         starts = np.concatenate(([0], np.cumsum(counts)))
         byte_ends = np.concatenate(([0], np.cumsum(sizes)))
-        spoken = byte_ends[starts[1:]] - byte_ends[starts[:-1]] + np.maximum(counts - 1, 0)
+        joints = np.maximum(counts - 1, 0)
+        spoken = byte_ends[starts[1:]] - byte_ends[starts[:-1]] + joints * len(joint)
+        self._walls = max(videos - 1, 0) + (int(joints.sum()) if joint == _WALL else 0)
         self.video_at = 1 + np.concatenate(([0], np.cumsum(spoken + len(_WALL))))[:videos]
         self.video_end = self.video_at + spoken
-        within = byte_ends[:-1] + np.arange(len(sizes))
+        within = byte_ends[:-1] + np.arange(len(sizes)) * len(joint)
         first = np.minimum(starts[:-1], max(len(within) - 1, 0))
         base = within[first] if len(within) else np.zeros(videos, np.int64)
         self.cue_at = self.video_at[self.cue_video] + within - np.repeat(base, counts)
         self.cue_size = sizes
         together = pc.binary_join(
             _lists(starts, texts),
-            pa.scalar(b" ", pa.large_binary()),
+            pa.scalar(joint, pa.large_binary()),
         )
         whole = pc.binary_join(
             _lists([0, videos], together),
@@ -156,8 +164,7 @@ class Text:
         import numpy as np
 
         return bool(
-            len(self._inner)
-            or (np.frombuffer(self.raw, np.uint8) >= 0x80).sum() > max(len(self) - 1, 0)
+            len(self._inner) or (np.frombuffer(self.raw, np.uint8) >= 0x80).sum() > self._walls
         )
 
     @cached_property
@@ -235,7 +242,7 @@ class Text:
     @property
     def word_count(self) -> int:
         """Words of all transcripts."""
-        return max(0, len(self.words) - max(len(self) - 1, 0))
+        return max(0, len(self.words) - self._walls)
 
 
 def _lists(offsets: Any, values: Any) -> pa.Array[Any]:

@@ -12,7 +12,7 @@ from pathlib import Path
 import duckdb
 
 from kb.core.errors import UsageError
-from kb.core.sources import PUBLISHED
+from kb.core.sources import PUBLISHED, SOURCES, exported_by
 from kb.query.views import SCHEMAS, found, names
 from kb.schema.tables import tables
 
@@ -90,14 +90,12 @@ def _how(short: str, schema: str) -> str:
     """The commands that make a declared table which has no files yet."""
     if schema == "restored":
         return "`kb reddit reconstruct` makes it"
-    source = short.partition("_")[0]
-    known = {names(declared) for declared in tables().values() if declared.source in PUBLISHED}
+    known = {names(one): one.source for one in tables().values() if one.source in PUBLISHED}
     if short not in known:
         return ""
-    if source == "pairs":
-        return "`kb pairs` makes it"
-    if schema == "release":
-        return f"`kb {source} export` makes it"
+    source = known[short]
+    if source not in SOURCES or schema == "release":
+        return f"`{exported_by(source)}` makes it"
     return f"`kb {source} crawl`, then `kb {source} filter` make it"
 
 

@@ -16,7 +16,7 @@ import duckdb
 import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
-from kb.core.sources import PUBLISHED
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.query.bounds import Limits
 from kb.schema.tables import Table, table, tables
 from kb.store import complete, database
@@ -54,8 +54,11 @@ class Listed(NamedTuple):
 
 
 def names(declared: Table) -> str:
-    """The view's name of a declared table: "youtube_videos", and "pairs" for the pairs."""
-    return "pairs" if declared.name == "pairs/pairs" else f"{declared.source}_{declared.short}"
+    """The view's name of a declared table: "youtube_videos"; "pairs", "entities" and "links" bear
+    their own names.
+    """
+    own = declared.source in PUBLISHED and declared.source not in SOURCES
+    return declared.short if own else f"{declared.source}_{declared.short}"
 
 
 def found(root: Path) -> Iterator[View]:
@@ -72,7 +75,8 @@ def found(root: Path) -> Iterator[View]:
 def _declared(root: Path, declared: Table) -> Iterator[View]:
     name, short, source = names(declared), declared.short, declared.source
     at = Layout(root)
-    yield from _view("clean", name, at.table(declared.name), "*.parquet", declared.doc)
+    if source != "links":  # it has a schema of its own
+        yield from _view("clean", name, at.table(declared.name), "*.parquet", declared.doc)
     yield from _view("release", name, at.release(source), f"{short}-*-of-*.parquet", declared.doc)
 
 

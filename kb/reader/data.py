@@ -109,6 +109,7 @@ class Data:
         *,
         source: str | Iterable[str] = (),
         kind: str | Iterable[str] = (),
+        entity: str = "",
         since: str = "",
         until: str = "",
         least_score: float = 0.0,
@@ -121,12 +122,13 @@ class Data:
             data.search("how to tame a fox", kind="transcript").to_pandas()[["url", "snippet"]]
 
         Columns: text, snippet, source, kind, key, title, path, score, url, licence, date, start_s.
+        `entity`: a keyword of the profile; answers out of what `kb links` found to name it alone.
         `each`: answers of one video, page or thread, None for all; `size`: characters of a text.
         Raises UsageError where there is no index, or one older than the clean tables.
         """
         days = day_given("since", since), day_given("until", until)
         only = Only(_several(kind), *days, least_score, each, limit)
-        return search.find(self._opened, words, _several(source), only, size)
+        return search.find(self._opened, words, _several(source), only, size, entity)
 
     def _repr_html_(self) -> str:
         said = ", ".join(["data[name]", *(f"data.{one}(…)" for one in _WAYS)])

@@ -23,7 +23,12 @@ _SCHEMA = pa.schema(
 
 
 def find(
-    opened: Opened, words: str, sources: tuple[str, ...], only: Only, size: int = 1000
+    opened: Opened,
+    words: str,
+    sources: tuple[str, ...],
+    only: Only,
+    size: int = 1000,
+    entity: str = "",
 ) -> Answer:
     """The answers as rows, the best first. Raises UsageError without an index that is current."""
     for what, given, known in (("source", sources, SOURCES), ("kind", only.kinds, KINDS)):
@@ -38,7 +43,7 @@ def find(
     found = [
         one
         for root in sorted(roots)
-        for one in search(root, words, sources=sources, only=only, size=size)
+        for one in search(root, words, sources=sources, only=only, size=size, entity=entity)
     ]
     found.sort(key=lambda one: -one.score)
     rows = [msgspec.to_builtins(one) for one in found[: only.limit]]

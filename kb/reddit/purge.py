@@ -31,7 +31,7 @@ from kb.schema import table
 from kb.store import mending, parquet, purge, purge_plan, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
-from kb.store.purge import Place, verdicts_of
+from kb.store.purge import Place, links_of, verdicts_of
 from kb.store.rawlog import Envelope
 from kb.store.reading import reading
 from kb.store.shards import check_columns, write_table
@@ -51,6 +51,7 @@ ROWS = (
     *(Place(str(base), "reddit/missing", "key") for base in REBUILT),
     Place(str(BELOW.restored()), "shared/missing", "key"),
     *verdicts_of("reddit"),
+    links_of("reddit"),
 )
 
 

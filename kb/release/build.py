@@ -15,7 +15,7 @@ import pyarrow as pa
 from kb.core.context import Run
 from kb.core.errors import DamagedData, ReleaseRefused, UsageError
 from kb.core.progress import Task
-from kb.core.sources import PUBLISHED
+from kb.core.sources import PUBLISHED, exported_by, made_of
 from kb.core.verdict import Summary
 from kb.release import check, checksums, folders, history, measure, provenance, sample
 from kb.release.croissant import croissant
@@ -105,7 +105,7 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[Folder]:
 
 
 def _lost(source: str) -> str:
-    made = "kb pairs" if source == "pairs" else f"kb {source} export"
+    made = exported_by(source)
     return f"was exported and is not there; run `{made}`, or name the other folders with --only"
 
 
@@ -169,8 +169,8 @@ def _describe(run: Run, folder: Folder, task: Task) -> Facts:
 
 
 def _tombstones(run: Run, folder: Folder) -> None:
-    """Keys removed since collection began: videos' for the pairs as well, which name them."""
+    """Keys removed since collection began, of whatever the folder names."""
     declared = table("shared/tombstones")
-    rows = tombstones.read(run.root, "youtube" if folder.source == "pairs" else folder.source)
-    rows = pa.table({name: rows[name] for name in declared.names(released=True)})
+    parts = [tombstones.read(run.root, source) for source in made_of(folder.source)]
+    rows = pa.concat_tables([part.select(declared.names(released=True)) for part in parts])
     write_table(folder.path / TOMBSTONES, rows, declared, released=True)

@@ -19,6 +19,7 @@ from pydantic import ValidationError
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
+from kb.core.sources import SOURCES, made_by
 from kb.release import archives, checksums, columns, personal, scan
 from kb.release.folders import DEPOSIT, Folder, Part, released_tables
 from kb.release.licences import KNOWN, licence
@@ -26,7 +27,7 @@ from kb.release.measure import folder_licence, page_licences
 from kb.release.metadata import Document
 from kb.release.problem import Problem, damaged
 from kb.schema import Table
-from kb.store import complete, database, parquet
+from kb.store import complete, database, linked, parquet
 from kb.store.digests import SUMS
 from kb.store.layout import Layout
 
@@ -49,6 +50,8 @@ def check(run: Run, folders: list[Folder]) -> list[Problem]:
                 found for part in whole for found in _counts(run.root, folder.source, part)
             ]
         problems += _absent(run.root, folder)
+        if folder.source == "links" and not cleaned:
+            problems += _older(run.root)
         problems += checksums.check(folder, folder.data)
         if len(whole) == len(folder.parts):
             problems += archives.check(folder)
@@ -174,7 +177,8 @@ def _clean(root: Path, declared: Table) -> list[Problem]:
 
 
 def _again(source: str) -> str:
-    return "run `kb pairs --again`" if source == "pairs" else f"run `kb {source} filter` again"
+    again = f"run `{made_by(source)}"
+    return f"{again}` again" if source in SOURCES else f"{again} --again`"
 
 
 def _rows(paths: list[Path] | tuple[Path, ...]) -> int:
@@ -208,6 +212,12 @@ def _absent(root: Path, folder: Folder) -> list[Problem]:
         for declared in released_tables(folder.source)
         if declared.name not in there and Layout(root).rows(declared.name)
     ]
+
+
+def _older(root: Path) -> list[Problem]:
+    """Entity tables may name what a filter has dropped since."""
+    what = "are older than clean/{}, and may name what was dropped since; run `kb links`"
+    return [Problem("rows", "links", what.format(one)) for one in linked.older_than(root)]
 
 
 def _licence(run: Run, folder: Folder) -> list[Problem]:

@@ -100,7 +100,7 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
     found = {
         "rai:dataCollection": said.collection,
         "rai:dataCollectionType": ["Web API", "Web scraping"]
-        if facts.source in ("youtube", "wiki")
+        if facts.source in ("youtube", "wiki", "links")
         else ["Web API"],
         "rai:dataCollectionRawData": said.raw,
         "rai:dataCollectionMissingData": said.absent,

@@ -23,7 +23,7 @@ _AGAIN = "download it again, into the same folder"
 
 
 class Downloaded(NamedTuple):
-    """One release folder; `source` is youtube, wiki, reddit or pairs."""
+    """One release folder; `source` is youtube, wiki, reddit, pairs or links."""
 
     path: Path
     source: str

@@ -30,8 +30,17 @@ _QUERIES = {
     " FROM reddit_posts GROUP BY ALL ORDER BY posts DESC",
     "pairs": "SELECT keyword, count(*) AS clips FROM pairs GROUP BY ALL ORDER BY clips DESC"
     " LIMIT 10",
+    "links": "SELECT entity, source, sum(count) AS mentions FROM links GROUP BY ALL"
+    " ORDER BY mentions DESC LIMIT 10",
 }
-_MAIN = {"youtube": "videos", "wiki": "pages", "reddit": "posts", "pairs": "pairs"}
+_MAIN = {
+    "youtube": "videos",
+    "wiki": "pages",
+    "reddit": "posts",
+    "pairs": "pairs",
+    "links": "links",
+}
+_PICTURED = {"pairs": "keyword", "links": "entity"}
 
 
 class Bar(NamedTuple):
@@ -56,7 +65,7 @@ def picture(facts: Facts) -> list[Bar]:
     """How much each stage left over, or how often the most frequent keywords are met."""
     if facts.source in STAGES:
         return _bars(_funnel(facts))
-    keyword = _column(facts, "keyword")
+    keyword = _column(facts, _PICTURED[facts.source])
     return _bars(list(keyword.top) if keyword is not None else [])
 
 

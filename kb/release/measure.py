@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from duckdb import DuckDBPyConnection
 
 from kb.core.context import Run
+from kb.core.sources import made_of
 from kb.release.folders import Folder, Part, released_tables
 from kb.release.gaps import gaps
 from kb.release.licences import KNOWN
@@ -117,9 +118,7 @@ def measure(run: Run, folder: Folder) -> Facts:
     parquet.check(*shards, *chain.from_iterable(verdicts))
     con = database.connect(run.root)
     tables = tuple(_table(con, part) for part in folder.parts)
-    read = _span(con, folder, ("fetched_at",)) or _clean_span(
-        con, run.root, "youtube" if folder.source == "pairs" else folder.source
-    )
+    read = _span(con, folder, ("fetched_at",)) or _clean_span(con, run.root, made_of(folder.source))
     made = _span(con, folder, ("published_at", "created_utc", "revision_timestamp"))
     facts = Facts(
         source=folder.source,
@@ -136,7 +135,7 @@ def measure(run: Run, folder: Folder) -> Facts:
         failed=_count(con, Layout(run.root).clean(folder.source, "failed")),
         pending=_count(con, Layout(run.root).clean(folder.source, "pending")),
         models=models(run.root, folder.source),
-        tombstones=_tombstones(con, run.root, folder.source),
+        tombstones=sum(len(tombstones.keys(run.root, one)) for one in made_of(folder.source)),
         personal=personal_counts(folder),
         gaps=gaps(con, folder),
     )
@@ -175,8 +174,12 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     Of a text's precisions the exact one decides. A clean folder that doesn't say its model: every
     model's scores.
     """
-    # Pairs and wiki images carry no scores of their own; a pair's videos were scored as YouTube.
-    source = "youtube" if source == "pairs" else source
+    # Pairs, links and wiki images carry no scores of their own: what they name was scored.
+    found = [one for of in made_of(source) for one in _models(root, of)]
+    return tuple(sorted(set(found))) if len(made_of(source)) > 1 else tuple(found)
+
+
+def _models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     files = [str(file) for file in parquet_files(Layout(root).annotations(source))]
     said = filtered(root, source)
     if not files or "toxicity" in said:  # "not scored"
@@ -212,7 +215,9 @@ def _choose(con: DuckDBPyConnection, run: Run, folder: Folder) -> str:
         named = [name for name, _ in _licences(con, folder, "pages") if name in KNOWN]
         if named:
             return named[0]
-    return run.profile.release.licenses.get(folder.source, "")
+    given = run.profile.release.licenses
+    # Profiles from before there were links name none for them; they are an index as the pairs are.
+    return given.get(folder.source) or (given.get("pairs", "") if folder.source == "links" else "")
 
 
 def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tuple[str, int], ...]:
@@ -313,13 +318,17 @@ def _utc(moment: datetime | None) -> datetime | None:
 
 
 def _clean_span(
-    con: DuckDBPyConnection, root: Path, source: str
+    con: DuckDBPyConnection, root: Path, sources: tuple[str, ...]
 ) -> tuple[datetime, datetime] | None:
-    for declared in released_tables(source):
-        files = [str(path) for path in Layout(root).rows(declared.name)]
-        if files and "fetched_at" in declared.names():
-            return _extremes(con, files, "fetched_at")
-    return None
+    """When the rows of sources were read, by the first table of each that says so."""
+    known = []
+    for source in sources:
+        for declared in released_tables(source):
+            files = [str(path) for path in Layout(root).rows(declared.name)]
+            if files and "fetched_at" in declared.names():
+                known += [span for span in [_extremes(con, files, "fetched_at")] if span]
+                break
+    return (min(span[0] for span in known), max(span[1] for span in known)) if known else None
 
 
 def _rejected(con: DuckDBPyConnection, root: Path, source: str) -> tuple[tuple[str, str, int], ...]:
@@ -338,8 +347,3 @@ def _count(con: DuckDBPyConnection, folder: Path) -> int:
     files = [str(file) for file in parquet_files(folder)]
     row = con.execute("SELECT count(*) FROM read_parquet(?)", [files]).fetchone() if files else None
     return int(row[0]) if row else 0
-
-
-def _tombstones(con: DuckDBPyConnection, root: Path, source: str) -> int:
-
-    return len(tombstones.keys(root, source))

@@ -32,7 +32,7 @@ _SIZES = (
     (10**7, "1M<n<10M"),
     (10**8, "10M<n<100M"),
 )
-_MAIN = ("videos", "pages", "posts", "pairs")  # what a reader means who names no table
+_MAIN = ("videos", "pages", "posts", "pairs", "links")  # what a reader means who names no table
 
 
 def card(run: Run, facts: Facts, changed: Changes) -> str:

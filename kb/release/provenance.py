@@ -21,6 +21,7 @@ from kb.core.context import Run
 from kb.core.errors import ProfileError
 from kb.core.profile import Profile
 from kb.core.resources import lock_file
+from kb.core.sources import SOURCES
 from kb.release.history import Changes
 
 PROFILE, KEYWORDS, PROVENANCE = "profile.toml", "keywords.tsv", "provenance.json"
@@ -55,18 +56,21 @@ _RULES = {
         "min_gap_s",
         "max_pairs_per_video",
     ),
+    "links": ("include", "exclude", "near_words"),
 }
+_SECTION = {"links": "pairs"}  # whose rules they are made by
 
 
 def rules(profile: Profile, source: str) -> list[tuple[str, str]]:
     """(key, value) of thresholds and search words of a source, as the profile has them."""
-    section = getattr(profile, source)
+    named = _SECTION.get(source, source)
+    section = getattr(profile, named)
     found = [] if section is None else [(name, getattr(section, name)) for name in _RULES[source]]
-    threshold = profile.toxicity.threshold("youtube" if source == "pairs" else source)
-    if source != "pairs":
+    if source in SOURCES:
+        threshold = profile.toxicity.threshold(source)
         found.append(("toxicity", "not dropped" if threshold is None else threshold))
     return [
-        (f"{source}.{name}", _shown(value)) for name, value in found if value not in ((), [], "")
+        (f"{named}.{name}", _shown(value)) for name, value in found if value not in ((), [], "")
     ]
 
 

@@ -18,6 +18,7 @@ from kb.core import signals
 from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError, ProfileError
+from kb.core.sources import exported_by, made_by, made_of
 from kb.core.verdict import Summary
 from kb.net.session import Session, host_of
 from kb.release import check, provenance
@@ -127,9 +128,8 @@ def _told(folder: Folder, error: KbError, deposits: dict[str, dict[str, Any]]) -
 
 def _again(source: str) -> str:
     """The commands that make a folder of release/ again with other scores."""
-    if source == "pairs":
-        return "`kb youtube filter` and `kb pairs`"
-    return f"`kb {source} filter` and `kb {source} export`"
+    filters = [f"`{made_by(one)}`" for one in made_of(source)]
+    return f"{', '.join(filters)} and `{exported_by(source)}`"
 
 
 def _marked(run: Run, found: list[Folder], loopback: bool) -> list[Problem]:

@@ -12,7 +12,7 @@ from kb.core.errors import MissingExtra
 from kb.core.profile import Profile
 from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
-from kb.report import cloud, pairs, reddit, wikipage, youtube
+from kb.report import cloud, links, pairs, reddit, wikipage, youtube
 from kb.report.data import Data
 from kb.report.dates import dates
 from kb.report.elements import elements
@@ -55,6 +55,7 @@ TITLES = {
     "wiki": "Wiki",
     "reddit": "Reddit",
     "pairs": "Video-text pairs",
+    "links": "Entities",
     "services": "Services",
 }
 TABLES = {
@@ -62,12 +63,14 @@ TABLES = {
     "wiki": ("wiki/pages", "wiki/elements", "wiki/images"),
     "reddit": ("reddit/posts", "reddit/comments"),
     "pairs": ("pairs/pairs",),
+    "links": ("links/entities", "links/links"),
 }
 NEXT = {
     "youtube": "run `kb youtube crawl`, then `kb youtube filter`",
     "wiki": "run `kb wiki crawl`, then `kb wiki filter`",
     "reddit": "run `kb reddit crawl` or `kb reddit import FILE`, then `kb reddit filter`",
     "pairs": "run `kb pairs` after `kb youtube filter`",
+    "links": "run `kb links` after the filters",
     "services": "nothing was asked of a service yet",
 }
 
@@ -105,6 +108,7 @@ MAKERS: dict[str, list[Maker]] = {  # the figures of a source, in the order of t
         partial(cloud.words, table="reddit/posts", columns=("title", "body")),
     ],
     "pairs": [pairs.keywords, pairs.lengths],
+    "links": [links.most, links.least, links.known],
     "services": [quota],
 }
 

@@ -1,4 +1,4 @@
-"""What the figures show, aggregated by DuckDB over clean/, rejected/, pairs/ and the ledgers.
+"""What the figures show, aggregated by DuckDB over clean/, pairs/, links/ and the ledgers.
 
 Only aggregates and a few sample rows are held in memory, whatever the size of the data.
 """

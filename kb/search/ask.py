@@ -14,6 +14,7 @@ import msgspec
 
 from kb.core.errors import DamagedData, UsageError
 from kb.core.sources import SOURCES
+from kb.search.entities import restrict
 from kb.search.rank import Only, Ranked, rank, weigh
 from kb.search.words import question
 from kb.store import indexed, sqlite
@@ -54,12 +55,14 @@ def search(
     sources: Sequence[str] = (),
     only: Only | None = None,
     size: int = 1000,
+    entity: str = "",
 ) -> list[Answer]:
-    """The best answers first. `size`: characters of an answer's text at most.
+    """The best answers first. `size`: characters of an answer's text at most. `entity`: out of
+    videos, pages, posts and comments alone that are linked to it (kb.search.entities).
 
     No text is a wrong question: without a word in it there are no answers. Raises UsageError where
-    a source has no index or one that does not follow clean/, DamagedData for one that can't be
-    read.
+    a source has no index or one that does not follow clean/, and so for the entity tables where
+    they are asked for; DamagedData for what can't be read.
     """
     asked = question(words)
     with contextlib.ExitStack() as stack:
@@ -68,7 +71,9 @@ def search(
             for source in usable(root, sources or SOURCES)
         }
         weighed = weigh(indexes, asked)
-        ranked = rank(indexes, asked, weighed, only or Only())
+        if entity:
+            restrict(root, entity, indexes)
+        ranked = rank(indexes, asked, weighed, only or Only(), linked=bool(entity))
         return [_answer(indexes[one.source], one, weighed.marked, size) for one in ranked]
 
 

@@ -27,6 +27,7 @@ from kb.search.words import Question, Term
 from kb.store.sqlite import Connection
 
 WEIGHTS = {"title": 2.0, "path": 1.5, "text": 1.0, "alt": 0.5}
+KEYS = "linked"  # a temporary table beside an index: the keys that alone may be answers
 _MANY = 10_000  # passages from which common words are left out
 _COMMON = 0.2
 _MARKED = 0.3  # of the rarest term's rarity
@@ -102,10 +103,15 @@ def weigh(indexes: Mapping[str, Connection], question: Question) -> Weighed:
 
 
 def rank(
-    indexes: Mapping[str, Connection], question: Question, weighed: Weighed, only: Only
+    indexes: Mapping[str, Connection],
+    question: Question,
+    weighed: Weighed,
+    only: Only,
+    *,
+    linked: bool = False,
 ) -> list[Ranked]:
     """The best passages of all indexes, at most `only.limit`, the best first; of equal ones in
-    the order of sources and rows.
+    the order of sources and rows. `linked`: those alone whose keys the table KEYS has.
     """
     ranked: list[Ranked] = []
     for source, con in indexes.items():
@@ -117,7 +123,7 @@ def rank(
         if factors:
             ranked += (
                 Ranked(-score, source, number)
-                for number, score in _best(con, factors, question, only)
+                for number, score in _best(con, factors, question, only, linked=linked)
             )
     return sorted(ranked)[: only.limit]
 
@@ -138,7 +144,12 @@ def _is_common(term: Term, having: int, passages: int) -> bool:
 
 
 def _best(
-    con: Connection, factors: Mapping[Term, float], question: Question, only: Only
+    con: Connection,
+    factors: Mapping[Term, float],
+    question: Question,
+    only: Only,
+    *,
+    linked: bool,
 ) -> list[tuple[int, float]]:
     weights = ", ".join(str(weight) for weight in WEIGHTS.values())
     values: list[str | float | int] = []
@@ -160,20 +171,23 @@ def _best(
         WITH {", ".join(parts)},
         scored AS (SELECT id, round(sum(part), 6) AS score FROM ({every}) GROUP BY id)
         SELECT id, score FROM scored WHERE {" AND ".join(where)} ORDER BY score DESC, id"""
-    return _first(con, con.execute(sql, [*values, *bounds]), only)
+    return _first(con, con.execute(sql, [*values, *bounds]), only, linked=linked)
 
 
 def _first(
-    con: Connection, scored: Iterable[tuple[int, float]], only: Only
+    con: Connection, scored: Iterable[tuple[int, float]], only: Only, *, linked: bool
 ) -> list[tuple[int, float]]:
     """The first that may be answers. What a passage is of is looked up for these alone: reading it
     for every passage with one of the words would take the longest.
     """
     found: list[tuple[int, float]] = []
     taken: Counter[str] = Counter()
+    keys = {key for (key,) in con.execute(f"SELECT key FROM {KEYS}")} if linked else set()
     for number, score in scored:
-        sql = "SELECT thing, kind, date FROM passages WHERE id = ?"
-        thing, kind, day = con.execute(sql, [number]).fetchone()
+        sql = "SELECT key, thing, kind, date FROM passages WHERE id = ?"
+        key, thing, kind, day = con.execute(sql, [number]).fetchone()
+        if linked and key not in keys:
+            continue
         if only.kinds and kind not in only.kinds:
             continue
         if (only.since or only.until) and day is None:

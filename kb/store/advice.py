@@ -18,6 +18,8 @@ def advice(path: Path) -> str:
             return "remove its folder, then run `kb restore` with the release's folder again"
         case (_, "pairs", *_) | (_, _, "pairs", "state", *_):
             return "run `kb pairs --again`"
+        case (_, "links", *_) | (_, _, "links", "state", *_):
+            return "run `kb links --again`"
         case (_, source, "release", *_):
             return f"run `kb {source} export` again"
         case (_, source, "annotations", *_):

@@ -26,9 +26,8 @@ def rows(root: Path, name: str) -> list[Path]:
 
     None where nothing was made yet. Raises DamagedData where one of them is not there.
     """
-    folder = Layout(root).table(name)
-    check(folder)
-    return parquet_files(folder)
+    check(Layout(root).table(name))
+    return Layout(root).rows(name)
 
 
 def check(folder: Path) -> None:

@@ -6,11 +6,11 @@ state/                     <source>.sqlite, locks, and what a data root remember
 annotations/<source>/      scores of texts
 clean/<source>/<table>/    rows that were kept; rejected, failed and pending beside them
 pairs/                     video-text pairs
+links/                     entities and where each source speaks of them
 release/<source>/          what can be published
 export/<format>/           other projects' layouts
 report/                    figures and their page
 restored/<source>/         what `kb restore` brought back from a release's ids; restored/pairs/ too
-links/                     tables that name the same things in two sources
 index/<source>.sqlite      what `kb search` reads, and beside it what it was made of
 """
 
@@ -25,6 +25,7 @@ TOP = (
     "annotations",
     "clean",
     "pairs",
+    "links",
     "release",
     "export",
     "report",
@@ -33,6 +34,8 @@ TOP = (
 )
 """The folders that commands write, in the order of the data's way."""
 
+_LINKS = ("links/entities", "links/links")
+
 
 def parquet_files(folder: Path, pattern: str = "*.parquet") -> list[Path]:
     """The whole files of a table, by name; none where the folder is not there.
@@ -40,6 +43,11 @@ def parquet_files(folder: Path, pattern: str = "*.parquet") -> list[Path]:
     Hidden ones are on their way, or were left by a killed command.
     """
     return sorted(path for path in folder.glob(pattern) if not path.name.startswith("."))
+
+
+def rows_pattern(name: str) -> str:
+    """How the files of a declared table are named in its folder; `links/` holds two tables."""
+    return f"{name.partition('/')[2]}-*.parquet" if name in _LINKS else "*.parquet"
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,13 +156,25 @@ class Layout:
         """Pairs on their way, a folder for each set of transcripts and rules."""
         return self.state_folder("pairs")
 
+    @property
+    def links(self) -> Path:
+        """Entities and where each source speaks of them."""
+        return self.root / "links"
+
+    @property
+    def linking(self) -> Path:
+        """Links on their way, a folder for each set of texts and keywords."""
+        return self.state_folder("links")
+
     def table(self, name: str) -> Path:
-        """Where the rows of a declared table are: "youtube/videos", "pairs/pairs"."""
-        return self.pairs if name == "pairs/pairs" else self.clean(*name.split("/"))
+        """The folder of a declared table's rows: "youtube/videos", "pairs/pairs"."""
+        if name == "pairs/pairs":
+            return self.pairs
+        return self.links if name in _LINKS else self.clean(*name.split("/"))
 
     def rows(self, name: str) -> list[Path]:
         """The files of a declared table's rows, in order."""
-        return parquet_files(self.table(name))
+        return parquet_files(self.table(name), rows_pattern(name))
 
     def release(self, source: str = "") -> Path:
         """A source's folder to publish; `pairs` has one too."""
@@ -184,11 +204,6 @@ class Layout:
     def page(self) -> Path:
         """The report's page."""
         return self.report / "index.html"
-
-    @property
-    def links(self) -> Path:
-        """Tables that name the same things in two sources."""
-        return self.root / "links"
 
     @property
     def indexes(self) -> Path:

@@ -53,6 +53,8 @@ def _places(at: Layout, name: str) -> tuple[Path, ...]:
     match name:
         case "pairs":
             return at.pairs, at.pairing
+        case "links":
+            return at.links, at.linking
         case "report":
             return (at.report,)
         case "deposits":
@@ -73,6 +75,8 @@ def _places(at: Layout, name: str) -> tuple[Path, ...]:
             made = [at.export("clip4mc"), at.export("video2dataset")]
             made.append(at.export("minedojo", "pairs.json"))
             return at.release("pairs"), at.released("pairs"), *made
+        case "release-links":
+            return at.release("links"), at.released("links")
     folders = at.raw(name), at.annotations(name), at.clean(name), at.state_folder(name)
     return *folders, at.importing(name)
 
@@ -85,6 +89,8 @@ def _read_whole(at: Layout, name: str) -> tuple[Path, ...]:
     if name == "pairs":
         return (at.clean("youtube"),)
     sources = ("youtube", "wiki", "reddit")
+    if name == "links":
+        return tuple(at.clean(one) for one in sources)
     readers = ("release", "index")
     return tuple(at.clean(one) for one in sources if name in {f"{who}-{one}" for who in readers})
 

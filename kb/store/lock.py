@@ -2,15 +2,17 @@
 
     youtube wiki reddit    raw/, state/, annotations/ and clean/ of a source
     pairs                  pairs/, state/pairs/
-    release-<source>       release/<source>/ and export/ of it; of `pairs` too
+    links                  links/, state/links/
+    release-<source>       release/<source>/ and export/ of it; of `pairs` and `links` too
     index-<source>         index/ of it
     report                 report/
     deposits               what was uploaded
 
-A command takes all that it writes, and what it reads whole (`pairs` and exports read clean/, so a
-filter and a purge take their locks as well), always in this order, so that no two wait for each
-other; nobody waits, a second command ends with one line. Single readers (`kb query`, `kb status`)
-take none. Whoever gets a lock sweeps what killed commands left there (kb.store.leftovers).
+A command takes all that it writes, and what it reads whole (`pairs`, `links` and exports read
+clean/, so a filter and a purge take their locks as well), always in this order, so that no two
+wait for each other; nobody waits, a second command ends with one line. Single readers (`kb query`,
+`kb status`) take none. Whoever gets a lock sweeps what killed commands left there
+(kb.store.leftovers).
 """
 
 from __future__ import annotations
@@ -37,14 +39,14 @@ _taken: set[Path] = set()  # by `taking` of this process: its own steps may take
 def of_clean(source: str) -> tuple[str, ...]:
     """What writing clean/<source> takes: the source's own lock and those of who reads it whole."""
     pairs = ("pairs",) if source == "youtube" else ()
-    return (source, *pairs, f"release-{source}", f"index-{source}")
+    return (source, *pairs, "links", f"release-{source}", f"index-{source}")
 
 
 def of_purge(source: str) -> tuple[str, ...]:
-    """What removing keys of a source takes: everything that is made of it, and the pairs' release,
-    whose description is written again with it.
+    """What removing keys of a source takes: everything that is made of it, and the releases of
+    pairs and links, whose descriptions are written again with it.
     """
-    return (*of_clean(source), "release-pairs", "report")
+    return (*of_clean(source), "release-pairs", "release-links", "report")
 
 
 @contextlib.contextmanager

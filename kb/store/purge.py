@@ -8,10 +8,11 @@ removed can come back meanwhile; then raw, then what was made of it.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import msgspec
 import pyarrow as pa
@@ -21,7 +22,7 @@ from ahocorasick_rs import BytesAhoCorasick
 from kb.store import damage, lock, mending, notes, parquet, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
-from kb.store.layout import BELOW, Layout, parquet_files
+from kb.store.layout import BELOW, Layout, parquet_files, rows_pattern
 from kb.store.rawlog import Envelope
 from kb.store.reading import reading
 from kb.store.shards import ShardWriter
@@ -38,18 +39,45 @@ class Place(NamedTuple):
     key.
 
     A column of bare ids gets `prefix` first where keys are full names (a comment may have a post's
-    bare id).
+    bare id). With `source` only the rows whose column of that name says so (an id of one source may
+    be one of another too).
     """
 
     folder: str
     table: str
     column: str
     prefix: str = ""
+    source: str = ""
+
+    @property
+    def pattern(self) -> str:
+        """What the files of the table are named like in the folder."""
+        return rows_pattern(self.table)
+
+    def holds(self, rows: pa.RecordBatch, keys: pa.Array[Any]) -> pa.Array[Any]:
+        """Which rows are of these keys (without the prefix)."""
+        mine: pa.Array[Any] = pc.is_in(rows.column(self.column).cast(pa.string()), value_set=keys)
+        if not self.source:
+            return mine
+        return cast(
+            "pa.Array[Any]",
+            pc.and_(mine, pc.equal(rows.column("source").cast(pa.string()), self.source)),
+        )
+
+    @property
+    def reads(self) -> list[str]:
+        """The columns that `holds` looks at."""
+        return [self.column, *(["source"] if self.source else [])]
 
 
 def place_of(name: str, column: str) -> Place:
     """Where a data root has the rows of a declared table: "youtube/videos", "pairs/pairs"."""
     return Place(str(BELOW.table(name)), name, column)
+
+
+def links_of(source: str) -> Place:
+    """Where the entity tables name what a source has."""
+    return Place(str(BELOW.links), "links/links", "key", source=source)
 
 
 def verdicts_of(source: str) -> tuple[Place, ...]:
@@ -89,6 +117,8 @@ def finish(root: Path, source: str) -> None:
             frontier.forget()
             Layout(root).purge(source).unlink(missing_ok=True)
             Layout(root).purged_rows(source).unlink(missing_ok=True)
+            # Parts of killed links, which hold keys of all sources, whether there are links or not.
+            shutil.rmtree(Layout(root).linking, ignore_errors=True)
             mending.tell(root, source, frontier)
         finally:
             frontier.close()
@@ -193,16 +223,16 @@ def drop_rows(root: Path, source: str, places: Iterable[Place], keys: Collection
             sorted(key.removeprefix(place.prefix) for key in keys if key.startswith(place.prefix)),
             pa.string(),
         )
-        for path in sorted((root / place.folder).glob("*.parquet")):
-            went = _keep(path, place.table, place.column, partial(_outside, wanted))
+        for path in sorted((root / place.folder).glob(place.pattern)):
+            went = _keep(path, place.table, place.reads, partial(_outside, place, wanted))
             if went:
                 gone += went
                 write_bytes(noted, str(gone).encode())
     return gone
 
 
-def _outside(gone: pa.Array[Any], values: pa.Array[Any]) -> pa.Array[Any]:
-    mask: pa.Array[Any] = pc.invert(pc.is_in(values, value_set=gone))
+def _outside(place: Place, gone: pa.Array[Any], rows: pa.RecordBatch) -> pa.Array[Any]:
+    mask: pa.Array[Any] = pc.invert(place.holds(rows, gone))
     return mask
 
 
@@ -213,23 +243,27 @@ def drop_annotations(root: Path, source: str, used: pa.Array[Any] | pa.ChunkedAr
     files = parquet_files(Layout(root).annotations(source))
     return sum(
         _keep(
-            path, "shared/annotations", "text_hash", lambda values: pc.is_in(values, value_set=used)
+            path,
+            "shared/annotations",
+            ["text_hash"],
+            lambda rows: pc.is_in(rows.column(0).cast(pa.string()), value_set=used),
         )
         for path in files
     )
 
 
 def _keep(
-    path: Path, declared: str, column: str, good: Callable[[pa.Array[Any]], pa.Array[Any]]
+    path: Path,
+    declared: str,
+    columns: list[str],
+    good: Callable[[pa.RecordBatch], pa.Array[Any]],
 ) -> int:
     """Keep the rows that `good` says of a file; how many went. A batch at a time.
 
     Raises DamagedData for a file that can't be read: it is no empty one.
     """
     with reading([path]), parquet.open_file(path) as file:
-        kept = [
-            good(batch.column(0).cast(pa.string())) for batch in file.iter_batches(columns=[column])
-        ]
+        kept = [good(batch) for batch in file.iter_batches(columns=columns)]
         gone = file.metadata.num_rows - sum(pc.sum(mask).as_py() or 0 for mask in kept)
         if gone:
             mask, start = pa.chunked_array(kept, pa.bool_()).combine_chunks(), 0

@@ -84,6 +84,7 @@ def plan(
         answers=total("raw"),
         rows=total("clean"),
         pairs=total("pairs"),
+        links=total("links"),
         released=total("release"),
         lines=[msgspec.to_builtins(line) for line in lines],
     )
@@ -120,12 +121,12 @@ def _rows(root: Path, place: Place, keys: Collection[str]) -> int:
     )
     name = place.table.partition("/")[2]
     flat = Path(place.folder).is_relative_to(BELOW.release())
-    pattern = f"{name}-*.parquet" if flat else "*.parquet"
+    pattern = f"{name}-*.parquet" if flat else place.pattern
     count = 0
     for path in sorted((root / place.folder).glob(pattern)):
-        with reading([path]):
-            column = parquet.read_table(path, columns=[place.column])[place.column]
-        count += pc.sum(pc.is_in(column.cast(pa.string()), value_set=wanted)).as_py() or 0
+        with reading([path]), parquet.open_file(path) as file:
+            for rows in file.iter_batches(columns=place.reads):
+                count += pc.sum(place.holds(rows, wanted)).as_py() or 0
     return count
 
 

@@ -94,6 +94,8 @@ def _declared(path: Path) -> str:
             return ""
         case (_, "pairs", *_):
             return "pairs/pairs"
+        case (name, "links", *_):
+            return f"links/{name.partition('-')[0]}"
         case (_, _, "annotations", *_):
             return "shared/annotations"
     return ""

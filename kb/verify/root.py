@@ -12,7 +12,7 @@ import duckdb
 
 from kb.core.errors import DamagedData, UsageError
 from kb.core.progress import Progress
-from kb.core.sources import SORTED
+from kb.core.sources import PUBLISHED, SORTED
 from kb.store import complete, database, indexed, leftovers, rawlog, sidefiles
 from kb.store.advice import SOURCES, advice
 from kb.store.layout import Layout, parquet_files
@@ -175,7 +175,7 @@ class _Root:
             self._look.whole("set aside", path)
         elif path.suffix == ".parquet" and self._is_listed(path, parts):
             self._parquet(kind, path)
-        elif path.suffix == ".json" and kind in ("clean", "pairs"):
+        elif path.suffix == ".json" and kind in ("clean", "pairs", "links"):
             self._look.advance(path.stat().st_size)
             what = _json(path)
             if what:
@@ -228,7 +228,7 @@ class _Root:
 
     def _tables(self) -> None:
         """Files that were written and are not there; keys that have two answers."""
-        folders = [self._at.pairs, self._at.links]
+        folders = [self._at.pairs, self._at.links]  # each with a note beside its tables
         with contextlib.suppress(DamagedData):  # told with the list
             folders += complete.tables(self._root)
         for folder in folders:
@@ -239,10 +239,13 @@ class _Root:
                 continue
             for path in gone:
                 self._look.missing(kind, path, advice(path))
-        if (self._at.pairs / "_summary.json").is_file() and not parquet_files(self._at.pairs):
-            lost = self._at.pairs / "pairs-00000-of-00001.parquet"
-            if not any(one.path == lost for one in self._look.of("pairs")):
-                self._look.missing("pairs", lost, advice(lost))
+        for name in ("pairs/pairs", "links/entities", "links/links"):
+            kind, _, short = name.partition("/")
+            lost = self._at.table(name) / f"{short}-00000-of-00001.parquet"
+            if not (lost.parent / "_summary.json").is_file() or self._at.rows(name):
+                continue
+            if not any(one.path == lost for one in self._look.of(kind)):
+                self._look.missing(kind, lost, advice(lost))
         for source in SOURCES:
             self._counts(source)
 
@@ -275,14 +278,14 @@ class _Root:
             self._look.damaged("clean", clean / "summary.json", what, advice(clean / "x"))
 
     def _releases(self) -> None:
-        for source in (*SOURCES, "pairs"):
+        for source in PUBLISHED:
             folder = self._at.release(source)
             if folder.is_dir() and any(folder.iterdir()):
                 releases.folder(self._look, folder, advice, described=False)
             elif complete.exported(self._root, source):
                 self._look.missing("release", folder, advice(folder / "x"))
         for other in sorted(self._at.release().glob("*/")):
-            if other.name not in (*SOURCES, "pairs") and not leftovers.is_left((other.name,)):
+            if other.name not in PUBLISHED and not leftovers.is_left((other.name,)):
                 what = "no export has written it"
                 self._look.foreign("release", other, what, "move it away")
 

@@ -17,7 +17,7 @@ from kb.store import purge, purge_plan, rawlog, sidefiles, tombstones
 from kb.store.frontier import Frontier
 from kb.store.inside import is_inside
 from kb.store.layout import BELOW, Layout
-from kb.store.purge import Strip, place_of, verdicts_of
+from kb.store.purge import Strip, links_of, place_of, verdicts_of
 from kb.wiki import tables
 from kb.wiki.payloads import PAYLOADS
 from kb.wiki.reduce import LEFT
@@ -28,6 +28,7 @@ _PURGED = "purged titles"  # cursor of the frontier
 ROWS = (
     *(place_of(f"wiki/{name}", "page_id") for name in ("pages", "elements", "cells", "images")),
     *verdicts_of("wiki"),
+    links_of("wiki"),
 )
 
 

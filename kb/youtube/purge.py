@@ -15,7 +15,7 @@ from kb.crawl import purge
 from kb.crawl.purge import Keys
 from kb.store import purge_plan, rawlog
 from kb.store.layout import BELOW, Layout
-from kb.store.purge import Place, place_of, verdicts_of
+from kb.store.purge import Place, links_of, place_of, verdicts_of
 from kb.youtube import parse
 from kb.youtube.ids import read_ids
 from kb.youtube.reduce import RAW_TRANSCRIPTS, RAW_VIDEOS, REFRESH, TRANSCRIPTS, VIDEOS
@@ -26,6 +26,7 @@ ROWS = (
     *(place_of(f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),
     *verdicts_of("youtube"),
     place_of("pairs/pairs", "video_id"),
+    links_of("youtube"),
     *(
         Place(str(BELOW.restored("youtube", name)), f"youtube/{name}", "video_id")
         for name in ("videos", "transcripts")

@@ -124,6 +124,7 @@ APPLIES = {
     **{f"{source} export": {"engine", "scheduler", "pipeline"} for source in SOURCES},
     **{f"purge {source}": CLUSTER for source in SOURCES},
     "pairs": {*CLUSTER, "limit", "again", "pipeline"},
+    "links": {*CLUSTER, "again", "pipeline"},
     "release": {"pipeline"},
     "release publish": {"wait", "pipeline"},
     "report": {"workers"},

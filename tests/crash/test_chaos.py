@@ -30,7 +30,16 @@ OF_SOURCES = [
 NAMES = [
     *OF_SOURCES,
     *("reddit import", "refresh youtube", "refresh reddit", "reddit reconstruct"),
-    *("pairs", "pairs --again", "release", "report", "restore", "verify --repair"),
+    *(
+        "pairs",
+        "pairs --again",
+        "links",
+        "links --again",
+        "release",
+        "report",
+        "restore",
+        "verify --repair",
+    ),
     "profile new ferns",
 ]
 

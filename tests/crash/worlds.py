@@ -90,6 +90,7 @@ class Worlds:
         self._kept("clean")
         each("export")
         self._done("pairs")
+        self._done("links")
         self._kept("made")
         self._done("release")
         shutil.copytree(self._job.root / "release", self.place / "released")
@@ -147,6 +148,8 @@ class Worlds:
         yield Case(("reddit", "reconstruct"), ("made",), ("export/reconstructed",))
         yield Case(("pairs",), ("clean",), ("pairs", "release/pairs"))
         yield Case(("pairs", "--again"), ("made",), ("pairs", "release/pairs"))
+        yield Case(("links",), ("clean",), ("links", "release/links"))
+        yield Case(("links", "--again"), ("made",), ("links", "release/links"))
         yield Case(("release",), ("made", "released"), ("release",))
         yield Case(("report",), ("figures",), ("report",))
         yield Case(("restore", str(self.place / "released")), ("keyed",), ("restored",))
@@ -182,7 +185,7 @@ class Worlds:
         return Case(
             ("purge", source, f"--ids={ids}"),
             ("made", "released"),
-            ("clean", "pairs", "release"),
+            ("clean", "pairs", "links", "release"),
             gone=tuple(gone),
         )
 

@@ -57,6 +57,7 @@ def test_every_make_target_is_in_make_help() -> None:
         "models",
         "annotate",
         "pairs",
+        "links",
         "release",
         "report",
         "status",

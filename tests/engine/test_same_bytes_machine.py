@@ -19,7 +19,7 @@ pytestmark = pytest.mark.dask
 HERE = {"TZ": "UTC", "LC_ALL": "C.UTF-8", "PYTHONHASHSEED": "1"}
 # Half an hour beyond a whole zone; a locale whose comma and dotless i trip what asks for one.
 ELSEWHERE = {"TZ": "Asia/Kolkata", "LC_ALL": "tr_TR.UTF-8", "PYTHONHASHSEED": "77", **LIMITS}
-MADE = ("clean", "annotations", "pairs", "release")
+MADE = ("clean", "annotations", "pairs", "links", "release")
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +37,7 @@ def made(crawled: Job, place, workers: str, **env: str) -> dict[str, str]:
     job.done("youtube", "filter", "--workers", workers)
     job.done("youtube", "export")
     job.done("pairs", "--workers", workers)
+    job.done("links", "--workers", workers)
     job.done("release")
     return {f"{top}/{name}": at for top in MADE for name, at in job.digests(top).items()}
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from kb.core.sources import PUBLISHED
 from tests import trap
 
 pytestmark = pytest.mark.wheel
@@ -29,6 +30,7 @@ STEPS = [
     "reddit export",
     "reddit reconstruct",
     "pairs",
+    "links",
     "release",
     "report",
 ]
@@ -78,7 +80,7 @@ def test_it_leaves_what_the_contract_says(demo: Path) -> None:
         for folder in ("raw", "clean", "annotations", "release"):
             assert any((root / folder / source).rglob("*.*")), f"{folder}/{source}"
         assert (root / "state" / f"{source}.sqlite").is_file()
-    for source in ("youtube", "wiki", "reddit", "pairs"):
+    for source in PUBLISHED:
         for name in (
             "README.md",
             "croissant.json",
@@ -101,7 +103,7 @@ def test_it_prints_queries_with_results(demo: Path) -> None:
     assert "Traceback" not in (demo / "demo.err").read_text()
 
 
-@pytest.mark.parametrize("source", ["youtube", "wiki", "reddit", "pairs"])
+@pytest.mark.parametrize("source", PUBLISHED)
 def test_its_release_is_read_by_everyone(
     demo: Path, source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

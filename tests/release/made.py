@@ -15,7 +15,9 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from kb.core.sources import PUBLISHED
 from kb.schema import Table, table
+from kb.store.layout import Layout
 from kb.store.shards import sorted_shards, write_table
 
 START = datetime(2026, 11, 1, tzinfo=UTC)
@@ -207,6 +209,35 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
         }
         for i in range(2 * n)
     ]
+    made["links/entities"] = [
+        {
+            "entity": keyword,
+            "kind": "item",
+            "aliases": [f"{keyword.lower()}s"],
+            "wiki_page_id": i + 1 if i % 2 else None,
+        }
+        for i, keyword in enumerate(sorted(KEYWORDS))
+    ]
+    # The first keyword is named everywhere, others by fewer, the last one by videos alone.
+    made["links/links"] = [
+        {
+            "entity": keyword,
+            "source": source,
+            "key": key.format(i),
+            "part": part,
+            "how": "mention",
+            "count": 1 + spread("links", i) % 4,
+            "first_at_s": 1.5 * i if part == "transcript" else None,
+        }
+        for rank, keyword in enumerate(KEYWORDS)
+        for source, part, key in (
+            ("youtube", "transcript", "vid{:08d}"),
+            ("wiki", "page", "{}"),
+            ("reddit", "comment", "t1_c{:05x}0"),
+        )
+        for i in range(n // (rank + 1))
+        if source == "youtube" or rank < len(KEYWORDS) - 1
+    ]
     return made
 
 
@@ -233,18 +264,23 @@ REJECTED = {
         ("toxicity", "above", "0.8", "0.5", 3),
     ],
 }
-PAIRS = "pairs/pairs"
+NAMES = {
+    "links/entities": "entities-00000-of-00001.parquet",
+    "links/links": "links-00000-of-00001.parquet",
+}
 
 
 def build(
     root: Path,
     edit: Edit | None = None,
-    sources: tuple[str, ...] = ("youtube", "wiki", "reddit", "pairs"),
+    sources: tuple[str, ...] = PUBLISHED,
     n: int = 60,
     *,
     export: bool = True,
 ) -> Path:
-    """Write clean/, pairs/ and release/ under `root`. `edit(table, rows)` may change rows first."""
+    """Write clean/, pairs/, links/ and release/ under `root`. `edit(table, rows)` may change rows
+    first.
+    """
     for name, made in rows(n).items():
         if name.partition("/")[0] not in sources:
             continue
@@ -252,8 +288,8 @@ def build(
         if edit:
             edit(name, made)
         arrow = pa.Table.from_pylist([filled(declared, row) for row in made], declared.arrow())
-        folder = root / "pairs" if name == PAIRS else root / "clean" / name
-        part = write_table(folder / "part-00000.parquet", arrow, declared)
+        path = Layout(root).table(name) / NAMES.get(name, "part-00000.parquet")
+        part = write_table(path, arrow, declared)
         if export and not name.startswith("wiki/"):
             released(root, name, part.path)
     for source, lines in REJECTED.items():

@@ -24,6 +24,7 @@ import pyarrow.parquet as pq
 import pytest
 import requests
 
+from kb.core.sources import PUBLISHED
 from kb.release.publish import publish
 from kb.sandbox.server import Sandbox
 from kb.sandbox.zenodo import TOKEN
@@ -32,7 +33,7 @@ from tests.conftest import skip_or_fail
 from tests.release.conftest import a_run
 from tests.release.made import rows
 
-SOURCES = ("youtube", "wiki", "reddit", "pairs")
+SOURCES = PUBLISHED
 TABLES = [
     name for name, declared in tables().items() if declared.released and declared.source in SOURCES
 ]
@@ -40,7 +41,7 @@ TABLES = [
 
 @pytest.fixture(scope="session")
 def downloaded(released: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """The four records, fetched by the addresses that the service gives."""
+    """The records, fetched by the addresses that the service gives."""
     folder = tmp_path_factory.mktemp("downloaded")
     with pytest.MonkeyPatch.context() as patch, Sandbox(services=["zenodo"]) as service:
         patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")

@@ -80,7 +80,7 @@ def puts(service: Sandbox) -> list[str]:
 
 def test_a_draft_for_each_folder_with_every_file(root: Path, service: Sandbox) -> None:
     summary = send(root, service, only="")
-    assert (summary["deposits"], summary["drafts"], summary["published"]) == (4, 4, 0)
+    assert (summary["deposits"], summary["drafts"], summary["published"]) == (5, 5, 0)
     for source, shown in summary["sources"].items():
         deposit = store(service).by_id[shown["id"]]
         folder = root / "release" / source

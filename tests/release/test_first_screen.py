@@ -36,7 +36,7 @@ def test_install_command_query_and_picture_come_first(released: Path, source: st
     screen = text[text.index("\n# ") : text.index("|  |  |")]
     assert screen.count("\n") < 45
     assert f"=={__version__}" in blocks(screen, "sh")[0].splitlines()[0]
-    assert ("\nkb restore ." in screen) == (source != "wiki")
+    assert ("\nkb restore ." in screen) == (source not in ("wiki", "links"))
     (picture,) = blocks(screen, "text")
     assert "█" in picture
     names = {name for name, _ in leaves()}

@@ -20,7 +20,8 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
-from kb.report import pairs, services, wikipage, youtube
+from kb.core.sources import PUBLISHED
+from kb.report import links, pairs, services, wikipage, youtube
 from kb.report.build import report
 from kb.report.data import Data
 from kb.report.funnel import funnel
@@ -55,6 +56,9 @@ FIGURES = {
     "reddit-words",
     "pairs-keywords",
     "pairs-lengths",
+    "links-most",
+    "links-least",
+    "links-known",
     "quota",
 }
 
@@ -185,7 +189,7 @@ def test_missing_sources_are_said_in_a_line(tmp_path: Path) -> None:
     build(tmp_path, sources=("youtube",), export=False, n=30)
     summary = report(a_run(tmp_path))
     page = (tmp_path / "report" / "index.html").read_text()
-    assert summary["without"] == "Wiki, Reddit, Video-text pairs, Services"
+    assert summary["without"] == "Wiki, Reddit, Video-text pairs, Entities, Services"
     assert (
         "No data of Reddit yet: run `kb reddit crawl` or `kb reddit import FILE`,"
         " then `kb reddit filter`."
@@ -366,12 +370,49 @@ def test_a_table_of_one_row_with_nothing_in_it(tmp_path: Path) -> None:
     assert not {"youtube-dates", "youtube-channels", "youtube-videos-toxicity"} & made
 
 
-@pytest.mark.parametrize("source", ["youtube", "wiki", "reddit", "pairs"])
+def test_what_is_spoken_of_and_who_knows_it(tmp_path: Path) -> None:
+    def edit(name: str, made: list[dict[str, Any]]) -> None:
+        if name == "links/entities":
+            made.append({**made[0], "entity": "never named", "wiki_page_id": None})
+        if name == "links/links":
+            for row in made:
+                row["count"] = 2
+
+    build(tmp_path, edit, sources=("links",), export=False, n=12)
+    profile = load_profile("minecraft")
+    with Data(a_run(tmp_path)) as data:
+        most, least, known = (
+            make(data, profile) for make in (links.most, links.least, links.known)
+        )
+    assert most is not None
+    assert least is not None
+    assert known is not None
+    assert most.head == ("entity", "youtube", "wiki", "reddit", "mentions")
+    assert most.rows == [
+        ("oak log", 24, 24, 24, 72),
+        ("diamond", 12, 12, 12, 36),
+        ("iron pickaxe", 8, 8, 8, 24),
+        ("wolf", 6, 6, 6, 18),
+        ("wheat", 4, 0, 0, 4),
+    ]
+    assert least.rows == [*most.rows][::-1]
+    assert least.caption.startswith("Named nowhere: 1 entities;")
+    assert known.rows == [
+        ("only videos", 1, "wheat"),
+        ("only the wiki", 0, ""),
+        ("only threads", 0, ""),
+        ("two of the three", 0, ""),
+        ("all three", 4, "oak log, diamond, iron pickaxe, wolf"),
+    ]
+    assert known.caption.endswith("one source alone names 1, none 1.")
+
+
+@pytest.mark.parametrize("source", PUBLISHED)
 def test_a_root_of_one_source(tmp_path: Path, source: str) -> None:
     build(tmp_path, sources=(source,), export=False, n=20)
     report(a_run(tmp_path))
     page = (tmp_path / "report" / "index.html").read_text()
-    assert page.count("No data of") == 3
+    assert page.count("No data of") == len(PUBLISHED) - 1
     assert "may not be passed on" in page
 
 

@@ -16,7 +16,7 @@ from kb.store.layout import TOP, Layout, parquet_files
 ROOT = Path(__file__).resolve().parents[2]
 EXCUSED = ("kb/schema/", "kb/store/layout.py")  # schemas/raw/ is no data
 # "pairs/pairs" and "links/…" are names of declared tables as well.
-WRITTEN = re.compile(rf"(?:{'|'.join(sorted(set(TOP) - {'pairs'}))})/[^/ ]")
+WRITTEN = re.compile(rf"(?:{'|'.join(sorted(set(TOP) - {'pairs', 'links'}))})/[^/ ]")
 
 
 def paths(source: str) -> Iterator[tuple[int, str]]:
@@ -35,7 +35,7 @@ def paths(source: str) -> Iterator[tuple[int, str]]:
             if isinstance(part, ast.JoinedStr):
                 part = part.values[0]
             text = part.value if isinstance(part, ast.Constant) else None
-            if isinstance(text, str) and text.split("/")[0] in (*TOP, "links"):
+            if isinstance(text, str) and text.split("/")[0] in TOP:
                 yield part.lineno, text
     yield from whole_paths(source)
 

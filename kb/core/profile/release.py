@@ -61,7 +61,7 @@ class Release(Section):
         (), description="Zenodo communities that the deposit is offered to"
     )
     licenses: dict[str, str] = Field(
-        {"youtube": "CC-BY-4.0", "reddit": "CC-BY-4.0", "pairs": "CC-BY-4.0"},
+        dict.fromkeys(("youtube", "reddit", "pairs", "links"), "CC-BY-4.0"),
         description="SPDX id of each folder's licence; the wiki's own licence is used when its"
         " pages name one",
     )

@@ -1,0 +1,40 @@
+"""`kb links`: entities, and where the three sources speak of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kb.cli.command import command, group
+from kb.cli.options import CLUSTER
+from kb.cli.options import pipeline as shipped
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.core.verdict import Summary
+
+app = group("Entities, and where videos, wiki and threads speak of them.")
+
+
+@command(
+    app,
+    uses=(*CLUSTER, "again", "pipeline"),
+    checks=True,
+    examples=[
+        "kb links                                 what changed since the last time",
+        "kb links --again                         everything anew",
+        "kb query \"FROM links.links WHERE entity = 'Wolf' ORDER BY count DESC LIMIT 10\"",
+    ],
+)
+def links(run: Run) -> Summary:
+    """Make the entity tables: every keyword, its wiki page, and all that names it.
+
+    Words of videos, pages, posts and comments are matched as for the pairs. links/ and
+    release/links/ hold ids, counts and seconds, no text. A source whose clean files are the same is
+    not read again.
+    """
+    from kb.store.lock import taking
+
+    pipeline = shipped(run, "links")
+    with taking(run.root, "links", "release-links"):
+        made: Summary = pipeline.links(run)
+    return made

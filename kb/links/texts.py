@@ -1,0 +1,213 @@
+"""Rows of clean tables as texts, in batches, as the matcher takes them.
+
+A text is one part of one thing: a title, a description, a transcript, a page's visible text. What
+belongs together without following on one another (a page's blocks, a post's text and the answers
+of its poll) is one text that no phrase crosses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.pairs import source
+from kb.pairs.text import Text
+from kb.schema import table
+from kb.store import parquet
+from kb.store.reading import reading
+
+if TYPE_CHECKING:
+    import numpy as np
+
+_ROWS = 8192  # rows that are read at once
+_BYTES = 8 << 20  # of texts that are looked through at once
+_HELD = ("text", "cell", "table")  # elements in which a text may stand
+
+
+class Part(NamedTuple):
+    """Texts of one part; their `ids` are keys as links/links has them. `timed`: of a video."""
+
+    part: str
+    text: Text
+    timed: bool = False
+
+
+def parts(path: Path, name: str) -> Iterator[Part]:
+    """The parts in a file of a clean table ("wiki/elements"), a batch at a time.
+
+    Raises DamagedData.
+    """
+    with reading([path]):
+        yield from _READ[name](path)
+
+
+def _transcripts(path: Path) -> Iterator[Part]:
+    for text in source.texts(path):
+        yield Part("transcript", text, timed=True)
+
+
+def _videos(path: Path) -> Iterator[Part]:
+    for rows in _batches(path, ["video_id", "title", "description"]):
+        for part, column in (("title", "title"), ("body", "description")):
+            yield from _texts(part, rows["video_id"], (rows[column],))
+
+
+def _posts(path: Path) -> Iterator[Part]:
+    for rows in _batches(path, ["post_id", "title", "body", "poll_options"]):
+        keys = _full("t3_", rows["post_id"])
+        yield from _texts("title", keys, (rows["title"],))
+        yield from _texts("body", keys, (rows["body"], rows["poll_options"]))
+
+
+def _comments(path: Path) -> Iterator[Part]:
+    for rows in _batches(path, ["comment_id", "body"]):
+        yield from _texts("comment", _full("t1_", rows["comment_id"]), (rows["body"],))
+
+
+def _pages(path: Path) -> Iterator[Part]:
+    for rows in _batches(path, ["page_id", "title"]):
+        yield from _texts("title", rows["page_id"].cast(pa.string()), (rows["title"],))
+
+
+def _elements(path: Path) -> Iterator[Part]:
+    """The visible text of pages; a file of elements holds whole pages, some hundred of them."""
+    import numpy as np
+
+    names = ["page_id", "element_id", "parent_id", "kind", "visible", "text", "reading_order"]
+    rows = parquet.read_table(path, columns=names)
+    rows = rows.sort_by([("page_id", "ascending"), ("reading_order", "ascending")])
+    pages, page = np.unique(rows["page_id"].to_numpy(), return_inverse=True)
+    taken = np.flatnonzero(tops(rows, page))
+    texts = _one(rows["text"]).take(pa.array(taken))
+    keys = pa.array(pages).cast(pa.string())
+    yield from in_pieces("page", keys, page[taken], texts)
+
+
+_READ: dict[str, Callable[[Path], Iterator[Part]]] = {
+    "youtube/videos": _videos,
+    "youtube/transcripts": _transcripts,
+    "wiki/pages": _pages,
+    "wiki/elements": _elements,
+    "reddit/posts": _posts,
+    "reddit/comments": _comments,
+}
+TABLES = {
+    "youtube": ("videos", "transcripts"),
+    "wiki": ("pages", "elements"),
+    "reddit": ("posts", "comments"),
+}
+"""The tables of each source whose texts are looked through."""
+
+
+def tops(rows: pa.Table, page: np.ndarray) -> np.ndarray:
+    """Which elements' texts are a page's visible text with every word once, as `word_count` takes
+    them: visible texts and cells in no other one of the same table. `page`: each row's page, as a
+    number.
+    """
+    import numpy as np
+
+    element = np.asarray(rows["element_id"].to_numpy()).astype(np.int64)
+    above = np.asarray(pc.fill_null(rows["parent_id"], -1).to_numpy()).astype(np.int64)
+    kinds = pc.index_in(rows["kind"].cast(pa.string()), pa.array(_HELD)).fill_null(-1).to_numpy()
+    span = int(max(element.max(initial=0), above.max(initial=0))) + 2
+    place = page * span + element
+    order = np.argsort(place, kind="stable")
+    wanted = page * span + above
+    at = np.minimum(np.searchsorted(place[order], wanted), max(len(order) - 1, 0))
+    found = order[at] if len(order) else order
+    parent = np.where((above >= 0) & (place[found] == wanted), found, -1)
+    up = parent.copy()
+    for _ in range(len(up)):  # pictures and the like between a text and what holds it
+        over = (up >= 0) & (kinds[up] < 0)
+        if not over.any():
+            break
+        up[over] = parent[up[over]]
+    shown = rows["visible"].to_numpy() & np.asarray(pc.is_valid(rows["text"]).to_numpy())
+    words = (kinds == _HELD.index("text")) | (kinds == _HELD.index("cell"))
+    alone = (up < 0) | (kinds[up] == _HELD.index("table"))
+    chosen: np.ndarray = words & shown.astype(bool) & alone
+    return chosen
+
+
+def _batches(path: Path, columns: list[str]) -> Iterator[pa.Table]:
+    with parquet.open_file(path, pre_buffer=False, buffer_size=1 << 20) as file:
+        for batch in file.iter_batches(batch_size=_ROWS, columns=columns, use_threads=False):
+            yield pa.Table.from_batches([batch]).combine_chunks()
+
+
+def _full(prefix: str, ids: pa.ChunkedArray[Any]) -> pa.ChunkedArray[Any]:
+    joined = pc.binary_join_element_wise(prefix, ids.cast(pa.string()), "")
+    return cast("pa.ChunkedArray[Any]", joined)
+
+
+def _texts(
+    part: str, keys: pa.ChunkedArray[Any], columns: tuple[pa.ChunkedArray[Any], ...]
+) -> Iterator[Part]:
+    """One text a key, out of columns of texts and of lists of texts."""
+    import numpy as np
+
+    texts, things = [], []
+    for column in columns:
+        values = _one(column)
+        thing = np.arange(len(values))
+        if pa.types.is_list(values.type):
+            thing = np.asarray(pc.list_parent_indices(values)).astype(np.int64)
+            values = pc.list_flatten(values)
+        texts.append(values.cast(pa.string()))
+        things.append(thing)
+    thing = np.concatenate(things)
+    order = np.argsort(thing, kind="stable")
+    yield from in_pieces(
+        part, _one(keys), thing[order], pa.concat_arrays(texts).take(pa.array(order))
+    )
+
+
+def _one(column: pa.ChunkedArray[Any]) -> pa.Array[Any]:
+    return pa.concat_arrays([pa.array([], column.type), *column.chunks])
+
+
+def in_pieces(
+    part: str, keys: pa.Array[Any], thing: np.ndarray, texts: pa.Array[Any]
+) -> Iterator[Part]:
+    """Texts of `keys`, each out of the `texts` whose `thing` is its number, in rising order; as
+    many at once as make some megabytes.
+    """
+    import numpy as np
+
+    texts = pc.fill_null(texts, "")
+    ends = np.cumsum(np.asarray(pc.binary_length(texts)).astype(np.int64))
+    begin = 0
+    while begin < len(texts):
+        before = ends[begin - 1] if begin else 0
+        after = max(int(np.searchsorted(ends, before + _BYTES, "right")), begin + 1)
+        if after < len(thing):  # whole things only, and one at least
+            low = int(np.searchsorted(thing, thing[after]))
+            after = low if low > begin else int(np.searchsorted(thing, thing[after], "right"))
+        held = np.unique(thing[begin:after])
+        counts = np.bincount(np.searchsorted(held, thing[begin:after]), minlength=len(held))
+        yield Part(
+            part, _joined(keys.take(pa.array(held)), counts, texts.slice(begin, after - begin))
+        )
+        begin = after
+
+
+def _joined(keys: pa.Array[Any], counts: np.ndarray, texts: pa.Array[Any]) -> Text:
+    """Texts as transcripts without times."""
+    import numpy as np
+
+    kind = table("youtube/transcripts").arrow().field("cues").type
+    nought = pa.array(np.zeros(len(texts)))
+    cells = pa.StructArray.from_arrays(
+        [nought, nought, texts], names=["start_s", "duration_s", "text"]
+    )
+    offsets = pa.array(np.concatenate(([0], np.cumsum(counts))), pa.int32())
+    rows = {
+        "video_id": keys,
+        "kind": pa.array(["manual"] * len(keys), pa.string()),
+        "cues": pa.ListArray.from_arrays(offsets, cells).cast(kind),
+    }
+    return Text(pa.table(rows), parted=True)

@@ -1,0 +1,99 @@
+"""What is spoken of: by how many mentions, and which things only one source knows."""
+
+from __future__ import annotations
+
+from kb.core.profile import Profile
+from kb.core.sources import SOURCES
+from kb.report.charts import bars
+from kb.report.data import Data
+from kb.report.style import GREEN, ORANGE, SKY, Figure, readable, saved
+
+_LINKS, _ENTITIES = "links/links", "links/entities"
+_HEAD = ("entity", *SOURCES, "mentions")
+_BY_SOURCE = ", ".join(
+    f"coalesce(sum(count) FILTER (source = '{source}'), 0)::BIGINT AS {source}"
+    for source in SOURCES
+)
+_NAMED = (
+    f"SELECT entity, {_BY_SOURCE}, sum(count)::BIGINT AS n FROM {{t}} GROUP BY 1"
+    " ORDER BY n {order}, entity LIMIT ?"
+)
+_KNOWN = """
+    WITH e AS (
+        SELECT entity, sum(count) AS n, count(DISTINCT source) AS sources, min(source) AS one
+        FROM {t} GROUP BY 1
+    )
+    SELECT CASE sources WHEN 1 THEN one ELSE sources::VARCHAR END AS who, count(*),
+        array_to_string(list(entity ORDER BY n DESC, entity)[:8], ', ')
+    FROM e GROUP BY 1"""
+_WHO = {
+    "youtube": "only videos",
+    "wiki": "only the wiki",
+    "reddit": "only threads",
+    "2": "two of the three",
+    "3": "all three",
+}
+
+
+def most(data: Data, profile: Profile) -> Figure | None:
+    """The entities that are named most."""
+    found = data.rows(_LINKS, _NAMED.replace("{order}", "DESC"), profile.report.top_keywords)
+    if not found:
+        return None
+    total = data.rows(_LINKS, "SELECT sum(count)::BIGINT, count(DISTINCT entity) FROM {t}")[0]
+    return _named(
+        "links-most",
+        "What is spoken of most",
+        f"{total[0]:,} mentions of {total[1]:,} entities in titles, texts, transcripts, pages and"
+        f" comments; the {len(found)} most frequent.",
+        found,
+        GREEN,
+    )
+
+
+def least(data: Data, profile: Profile) -> Figure | None:
+    """The entities that are named, and least; how many are not at all."""
+    found = data.rows(_LINKS, _NAMED.replace("{order}", "ASC"), profile.report.top_keywords)
+    if not found:
+        return None
+    named = data.rows(_LINKS, "SELECT count(DISTINCT entity) FROM {t}")[0][0]
+    return _named(
+        "links-least",
+        "What is spoken of least",
+        f"Named nowhere: {data.count(_ENTITIES) - named:,} entities; of those that are named, the"
+        f" {len(found)} least frequent.",
+        found,
+        ORANGE,
+    )
+
+
+def known(data: Data, profile: Profile) -> Figure | None:
+    """How many entities only one source knows, and which."""
+    found = {who: (n, names) for who, n, names in data.rows(_LINKS, _KNOWN)}
+    if not found:
+        return None
+    nowhere = data.count(_ENTITIES) - sum(n for n, _ in found.values())
+    rows = [(said, *found.get(who, (0, ""))) for who, said in _WHO.items()]
+    sheet = bars([row[0] for row in rows], [row[1] for row in rows], unit="entities", colors=SKY)
+    return Figure(
+        "links-known",
+        "Who knows what",
+        f"Entities by the sources that name them: one source alone names"
+        f" {sum(row[1] for row in rows[:3]):,}, none {nowhere:,}.",
+        "Bars of entities by who names them: "
+        + ", ".join(f"{who} {n:,}" for who, n, _ in rows)
+        + ".",
+        saved(sheet),
+        ("named by", "entities", "the most frequent of them"),
+        rows,
+    )
+
+
+def _named(
+    name: str, title: str, caption: str, found: list[tuple[object, ...]], color: str
+) -> Figure:
+    labels = [readable(str(row[0])) for row in found]
+    sheet = bars(labels, [int(str(row[-1])) for row in found], unit="mentions", colors=color)
+    listed = ", ".join(f"{row[0]} {row[-1]:,}" for row in found[:10])
+    alt = f"Bars of mentions by entity: {listed}."
+    return Figure(name, title, caption, alt, saved(sheet), _HEAD, found)

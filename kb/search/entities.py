@@ -1,0 +1,75 @@
+"""What is linked to an entity: the keys that `kb links` found, by source."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.core.errors import UsageError
+from kb.search.rank import KEYS
+from kb.store import complete, indexed, linked, parquet
+from kb.store.reading import reading
+from kb.store.sqlite import Connection
+
+
+def restrict(root: Path, name: str, indexes: Mapping[str, Connection]) -> None:
+    """Put the keys that are linked to an entity beside each index, for `kb.search.rank.rank`.
+
+    Raises UsageError where there are no entity tables, they are older than the clean tables that
+    are searched, or no entity has that name; DamagedData.
+    """
+    stamps = {source: note.files for source in indexes if (note := indexed.read(root, source))}
+    now = {
+        source: {file: stamp.sha256 for file, stamp in files.items()}
+        for source, files in stamps.items()
+    }
+    linked.check(root, now)
+    found = keys(root, entity(root, name), list(indexes))
+    for source, con in indexes.items():
+        con.execute(f"CREATE TEMP TABLE {KEYS} (key TEXT PRIMARY KEY) WITHOUT ROWID")
+        con.executemany(f"INSERT INTO {KEYS} VALUES (?)", [(key,) for key in found[source]])
+
+
+def entity(root: Path, name: str) -> str:
+    """The entity of that name, or whose other form it is. Raises UsageError with the nearest."""
+    wanted = " ".join(name.split()).casefold()
+    rows: list[dict[str, Any]] = []
+    files = complete.rows(root, "links/entities")
+    with reading(files):
+        for path in files:
+            rows += parquet.read_table(path, columns=["entity", "aliases"]).to_pylist()
+    names = {str(row["entity"]).casefold(): str(row["entity"]) for row in rows}
+    forms = {alias: str(row["entity"]) for row in rows for alias in row["aliases"]}
+    if found := names.get(wanted) or forms.get(wanted):
+        return found
+    near = difflib.get_close_matches(wanted, [*names, *forms], n=3, cutoff=0.6)
+    listed = dict.fromkeys(names.get(one) or forms[one] for one in near)
+    hint = f"did you mean {' or '.join(listed)}?" if listed else ""
+    lists = '`kb query "SELECT entity FROM links.entities"` lists them'
+    raise UsageError(f"no entity {name!r}", hint=hint or lists)
+
+
+def keys(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[str]]:
+    """The keys that are linked to an entity, sorted. Only row groups that may name it are read."""
+    held: dict[str, set[str]] = {source: set() for source in sources}
+    files = complete.rows(root, "links/links")
+    with reading(files):
+        for path in files:
+            with parquet.open_file(path) as file:
+                for group in range(file.metadata.num_row_groups):
+                    about: Any = file.metadata.row_group(group).column(0).statistics
+                    known = about is not None and about.has_min_max
+                    if known and not about.min <= name <= about.max:
+                        continue
+                    rows = file.read_row_group(group, columns=["entity", "source", "key"])
+                    mine = rows.filter(pc.equal(rows["entity"].cast(pa.string()), name))
+                    pairs = zip(mine["source"].to_pylist(), mine["key"].to_pylist(), strict=True)
+                    for source, key in cast("list[tuple[str, str]]", list(pairs)):
+                        if source in held:
+                            held[source].add(key)
+    return {source: sorted(found) for source, found in held.items()}

@@ -1,0 +1,443 @@
+"""`kb links` on a data root: the same bytes however it is worked on; what follows it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import kb
+from kb.core.context import Run
+from kb.core.errors import DamagedData, WriterLocked
+from kb.core.pipeline import load, locate
+from kb.core.progress import Silent
+from kb.links import build as building
+from kb.links.named import Names
+from kb.query import connect
+from kb.release.build import release
+from kb.schema import table
+from kb.store import lock, parquet
+from kb.store.layout import Layout, parquet_files
+from kb.store.shards import write_table
+from kb.verify.root import verify
+from tests.inprocess import Here
+from tests.links import made
+from tests.wiki import made as wiki
+
+pipeline = load(str(locate("links")))
+NAMES = {"Canidae": Names("Canidae", ("Wolf",))}
+SECRET = "video000002"
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    root = tmp_path / "data"
+    videos = [
+        (f"Creeper {n}", "a wolf", [(0, "oak log"), (n + 1, "the wolf and the dragon")])
+        for n in range(6)
+    ]
+    pages = [("Creeper", ["a creeper near an oak"]), ("Canidae", ["hound", "bed", "wolf"])]
+    posts = [("Wolf", "chest wolf", ["dragon", "oak"]), ("Nothing", "here", [])]
+    made.fill(root, videos, pages, posts, ["creeper", "irongolem", "creepers and creepers"])
+    return made.run_at(root)
+
+
+def bytes_of(root: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted((root / "links").iterdir())}
+
+
+def test_the_tables(run: Run) -> None:
+    summary = made.links(run, NAMES)
+    found = made.rows(run.root)
+    entities = {row["entity"]: row for row in made.rows(run.root, "entities")}
+    assert list(entities) == sorted(entities)
+    assert entities["Wolf"] == {
+        "entity": "Wolf",
+        "kind": "entity",
+        "aliases": ["hound", "wolfie", "wolves"],
+        "wiki_page_id": 11,
+    }
+    assert entities["Creeper"]["wiki_page_id"] == 10
+    assert entities["Oak"]["wiki_page_id"] is None
+    assert [row for row in found if row["entity"] == "Wolf" and row["source"] == "wiki"] == [
+        _row("Wolf", "11", "page", "mention", 2),
+        _row("Wolf", "11", "title", "alias", 1),
+    ]
+    spoken = [row for row in found if (row["entity"], row["key"]) == ("Ender Dragon", SECRET)]
+    assert [(row["part"], row["count"], row["first_at_s"]) for row in spoken] == [
+        ("transcript", 1, 3.8)
+    ]
+    keys = [tuple(row[name] for name in table("links/links").key) for row in found]
+    assert keys == sorted(set(keys))
+    assert summary["entities"] == len(entities) == 9
+    assert summary["with_page"] == 2
+    assert summary["sources"] == {
+        source: sum(row["source"] == source for row in found)
+        for source in ("youtube", "wiki", "reddit")
+    }
+    assert not list(Layout(run.root).linking.glob("*"))
+
+
+def _row(entity: str, key: str, part: str, how: str, count: int) -> dict[str, Any]:
+    about = {"entity": entity, "source": "wiki", "key": key, "part": part, "how": how}
+    return {**about, "count": count, "first_at_s": None}
+
+
+def cut(folder: Path, name: str, parts: int) -> None:
+    """A clean table spread over more files."""
+    (path,) = parquet_files(folder)
+    held = parquet.read_table(path)
+    path.unlink()
+    for part in range(parts):
+        rows = held.take(pa.array(range(part, held.num_rows, parts), pa.int64()))
+        write_table(folder / f"part-{part:05d}.parquet", rows, name)
+
+
+def test_workers_and_file_layout_change_no_byte_of_the_tables(run: Run) -> None:
+    made.links(run, NAMES)
+    first = bytes_of(run.root)
+    made.links(replace(run, workers=2, again=True), NAMES)
+    assert bytes_of(run.root) == first
+    for name in ("youtube/videos", "youtube/transcripts", "wiki/pages", "reddit/comments"):
+        cut(Layout(run.root).table(name), name, 3)
+    made.links(replace(run, workers=2), NAMES)
+    second = bytes_of(run.root)
+    assert second.pop("_summary.json") != first.pop("_summary.json")  # it names the clean files
+    assert second == first
+
+
+def test_only_what_changed_is_read_again(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    made.links(run, NAMES)
+    asked: list[str] = []
+    real = building.do_file
+
+    def noted(work: str, path: str, name: str) -> int:
+        asked.append(name)
+        return real(work, path, name)
+
+    monkeypatch.setattr(building, "do_file", noted)
+    made.links(run, NAMES)
+    assert asked == []
+    made.fill(run.root, comments=["wolf"], posts=[("Creeper", "", [])])
+    made.links(run, NAMES)
+    assert sorted(asked) == ["reddit/comments", "reddit/posts"]
+    taken = bytes_of(run.root)
+    asked.clear()
+    made.links(run)  # the wiki's names are others
+    assert sorted(asked) == ["wiki/elements", "wiki/pages"]
+    assert bytes_of(run.root) != taken
+    made.links(replace(run, again=True), NAMES)
+    assert bytes_of(run.root) == taken
+    # A source whose clean tables are gone leaves the links too.
+    shutil.rmtree(run.root / "clean" / "wiki")
+    made.links(run)
+    assert {row["source"] for row in made.rows(run.root)} == {"youtube", "reddit"}
+    assert all(row["wiki_page_id"] is None for row in made.rows(run.root, "entities"))
+
+
+def test_a_run_that_was_cut_off_goes_on(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    made.links(run, NAMES)
+    whole = bytes_of(run.root)
+    shutil.rmtree(run.root / "links")
+    real = building.do_file
+    done: list[str] = []
+
+    def stopping(work: str, path: str, name: str) -> int:
+        if len(done) == 3:
+            raise KeyboardInterrupt
+        done.append(name)
+        return real(work, path, name)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(building, "do_file", stopping)
+        with pytest.raises(KeyboardInterrupt):
+            made.links(run, NAMES)
+    assert not (run.root / "links").exists()
+    monkeypatch.setattr(building, "do_file", lambda *task: (done.append(task[2]), real(*task))[1])
+    made.links(run, NAMES)
+    assert len(done) == len(set(done)) == 6
+    assert bytes_of(run.root) == whole
+
+
+def test_a_lost_or_damaged_file_is_told_and_mended(run: Run) -> None:
+    made.links(run, NAMES)
+    (path,) = Layout(run.root).rows("links/entities")
+    path.unlink()
+    with pytest.raises(DamagedData, match="entities-00000-of-00001"):
+        made.links(run, NAMES)
+    assert [(one.kind, one.state, one.path) for one in verify(run.root, Silent()).found] == [
+        ("links", "missing", path)
+    ]
+    made.links(replace(run, again=True), NAMES)
+    assert not verify(run.root, Silent()).found
+    path.write_bytes(path.read_bytes()[:-40])
+    (one,) = verify(run.root, Silent()).found
+    assert (one.kind, one.state, one.advice) == ("links", "damaged", "run `kb links --again`")
+    said = load(str(locate("verify"))).repair(run, verify(run.root, Silent()))
+    assert said == ["`kb links --again` was run"]
+    assert not verify(run.root, Silent()).found
+
+
+def test_one_writer_and_no_filter_meanwhile(run: Run) -> None:
+    """A filter of any source changes what links are made of."""
+    with lock.taking(run.root, "links"):
+        assert all("links" in lock.of_clean(source) for source in ("youtube", "wiki", "reddit"))
+        made.links(run, NAMES)  # its own step
+    code = os.fork()
+    if not code:
+        with lock.writer(run.root, "links"):
+            try:
+                made.links(run, NAMES)
+            except WriterLocked:
+                os._exit(7)
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(code, 0)[1]) == 7
+
+
+def test_every_pair_has_its_link(run: Run) -> None:
+    load(str(locate("pairs"))).pairs(run, "parquet")
+    made.links(run, NAMES)
+    with connect(run.root) as con:
+        pairs = con.execute("SELECT count(*) FROM pairs").fetchone()
+        joined = con.execute(
+            """SELECT count(*), min(match_start_s - first_at_s), max(count)
+            FROM pairs JOIN links.links ON key = video_id AND entity = keyword
+            WHERE part = 'transcript'"""
+        ).fetchone()
+    assert pairs is not None
+    assert joined is not None
+    assert joined[0] == pairs[0] > 5
+    assert joined[1] == 0  # never later than the pair, and the first pair's own second
+
+
+def test_the_release_has_ids_and_counts(run: Run, here: Here) -> None:
+    at = ("--data", str(run.root), "--profile", str(run.profile.path))
+    done = here("links", "--json", *at)
+    assert done.code == 0, done.err
+    assert json.loads(done.out.splitlines()[-1])["release"] == str(run.root / "release" / "links")
+    summary = release(run)
+    assert summary["sources"] == {
+        "links": {"entities": 9, "links": len(made.rows(run.root))},
+    }
+    folder = run.root / "release" / "links"
+    held = pq.read_table(next(folder.glob("links-*.parquet")))
+    assert held.to_pylist() == made.rows(run.root)
+    texts = {path.name: path.read_text() for path in folder.iterdir() if path.suffix != ".parquet"}
+    for said in ("near an oak", "the wolf and the dragon", "chest wolf"):
+        assert not any(said in text for name, text in texts.items() if "sample" in name)
+        assert not any(said.encode() in path.read_bytes() for path in folder.glob("*.parquet"))
+    assert "What is named in most places" in texts["README.md"]
+    data = kb.load(folder)
+    assert {"entities", "links"} <= set(data.tables)
+    assert data.sql("SELECT sum(count) AS n FROM links").to_pylist() == [
+        {"n": sum(row["count"] for row in made.rows(run.root))}
+    ]
+    # What was filtered since is not to be published by what names it.
+    made.fill(run.root, comments=["a wolf"], posts=[("Dragon", "", [])])
+    done = here("release", *at)
+    assert done.code == 1
+    assert "links: are older than clean/reddit" in done.err
+    assert here("links", *at).code == here("release", *at).code == 0
+    held = pq.read_table(next(folder.glob("links-*.parquet")))
+    # A text that came into a column is refused.
+    rows = held.set_column(2, "key", pa.array(["a wolf and a bed"] * held.num_rows))
+    write_table(next(folder.glob("links-*.parquet")), rows, "links/links", released=True)
+    done = here("release", *at)
+    assert done.code == 1
+    assert "column key holds something else" in done.err
+
+
+@pytest.mark.parametrize(
+    ("source", "key", "gone", "rows"),
+    [
+        ("youtube", SECRET, SECRET, 5),
+        ("reddit", "t1_c2", "t1_c2", 1),
+        ("reddit", "t3_p0", "t3_p0", 5),
+        ("wiki", "10", None, 3),
+    ],
+)
+def test_a_purge_leaves_no_byte(
+    run: Run, here: Here, tmp_path: Path, source: str, key: str, gone: str | None, rows: int
+) -> None:
+    at = ("--data", str(run.root), "--profile", str(run.profile.path))
+    ids = tmp_path / "ids.txt"
+    ids.write_text(key)
+    assert here("links", *at).code == 0
+    assert here("release", *at).code == 0
+    planned = here("purge", source, "--ids", str(ids), "--plan", "--json", *at)
+    plan = json.loads(planned.out.splitlines()[-1])
+    if source != "wiki":  # whose plan counts what was crawled, and here is no crawl
+        assert plan["links"] == rows
+        assert {"folder": "release/links", "what": "links/links", "count": rows} in plan["lines"]
+    before = len(made.rows(run.root))
+    done = here("purge", source, "--ids", str(ids), "--workers", "1", *at)
+    assert done.code == 0, done.err
+    left = made.rows(run.root)
+    with_it = 3 if key == "t3_p0" else 0  # its comments
+    assert len(left) == before - rows - with_it > 10
+    assert not [row for row in left if (row["source"], row["key"]) == (source, key)]
+    if gone is None:  # the page's id is short: its rows, and who had it for a page
+        assert all(row["wiki_page_id"] != 10 for row in made.rows(run.root, "entities"))
+    else:
+        folders = (run.root / "links", run.root / "release" / "links", run.root / "state" / "links")
+        files = [path for folder in folders for path in folder.rglob("*") if path.is_file()]
+        held = [path for path in files if "tombstones" not in path.name]
+        assert not [path for path in held if gone.encode() in _plain(path)]
+    kept = bytes_of(run.root)
+    made.links(replace(run, again=True), pipeline.names(run))
+    assert bytes_of(run.root) == kept
+    assert here("release", *at).code == 0
+    assert not verify(run.root, Silent()).found
+
+
+def _plain(path: Path) -> bytes:
+    """A file's bytes, and what is compressed in it."""
+    if path.suffix != ".parquet":
+        return path.read_bytes()
+    return path.read_bytes() + json.dumps(pq.read_table(path).to_pylist()).encode()
+
+
+def test_a_purge_clears_what_a_killed_run_had_read(run: Run, here: Here, tmp_path: Path) -> None:
+    left = run.root / "state" / "links" / "0123" / "youtube.videos.part-00000.parquet"
+    left.parent.mkdir(parents=True)
+    left.write_text(SECRET)
+    (tmp_path / "ids.txt").write_text(SECRET)
+    at = ("--data", str(run.root), "--profile", str(run.profile.path))
+    done = here("purge", "youtube", "--ids", str(tmp_path / "ids.txt"), "--workers", "1", *at)
+    assert done.code == 0, done.err
+    assert not left.exists()
+    assert not (run.root / "links").exists()  # nobody had made any
+
+
+def test_redirects_come_from_the_wiki_s_answers(run: Run, here: Here) -> None:
+    """Without their namespace, as pages are; the newest answer counts."""
+    spaces = {str(n): {"id": n, "name": name} for n, name in ((0, ""), (102, "Cookbook"))}
+    told = [{"ns": 0, "title": title} for title in ("Wolf", "Pets")]
+    older = wiki.page(11, "Canidae", redirects=[{"ns": 0, "title": "Iron Golem"}])
+    newer = wiki.page(11, "Canidae", redirects=told)
+    named = {"ns": 102, "redirects": [{"ns": 102, "title": "Cookbook:Dragon"}]}
+    other = wiki.page(12, "Cookbook:Bed", **named)
+    wiki.put(run.root, "site", (wiki.MONDAY, {"query": {"namespaces": spaces, "general": {}}}))
+    wiki.put(run.root, "pages", (wiki.TUESDAY, wiki.told(newer)), (wiki.MONDAY, wiki.told(older)))
+    wiki.put(run.root, "pages", (wiki.MONDAY, wiki.told(other)))
+    assert pipeline.names(run) == {
+        "Canidae": Names("Canidae", ("Pets", "Wolf")),
+        "Cookbook:Bed": Names("Bed", ("Dragon",)),
+    }
+    made.fill(run.root, pages=[("Nothing", []), ("Canidae", []), ("Cookbook:Bed", [])])
+    assert here("links", "--data", str(run.root), "--profile", str(run.profile.path)).code == 0
+    found = {row["entity"]: row["wiki_page_id"] for row in made.rows(run.root, "entities")}
+    assert {name: page for name, page in found.items() if page is not None} == {
+        "Bed": 12,
+        "Ender Dragon": 12,
+        "Wolf": 11,
+    }
+
+
+def test_a_purge_of_one_source_leaves_the_same_key_of_another(run: Run, here: Here) -> None:
+    """Ids of videos are any eleven signs, those of pages any number."""
+    made.fill(run.root, pages=[("Creeper", ["a creeper"])])
+    at = ("--data", str(run.root), "--profile", str(run.profile.path))
+    (pages,) = Layout(run.root).rows("wiki/pages")
+    (elements,) = Layout(run.root).rows("wiki/elements")
+    for path, name in ((pages, "wiki/pages"), (elements, "wiki/elements")):
+        held = parquet.read_table(path)
+        ids = pa.array([12345678901] * held.num_rows)
+        write_table(path, held.set_column(0, held.schema.field(0), ids), name)
+    (videos,) = Layout(run.root).rows("youtube/videos")
+    (spoken,) = Layout(run.root).rows("youtube/transcripts")
+    for path, name in ((videos, "youtube/videos"), (spoken, "youtube/transcripts")):
+        held = parquet.read_table(path).slice(0, 1)
+        ids = pa.array(["12345678901"])
+        write_table(path, held.set_column(0, held.schema.field(0), ids), name)
+    assert here("links", *at).code == 0
+    ids_file = run.root.parent / "ids.txt"
+    ids_file.write_text("12345678901")
+    assert here("purge", "youtube", "--ids", str(ids_file), "--workers", "1", *at).code == 0
+    assert {row["source"] for row in made.rows(run.root)} == {"wiki", "reddit"}
+    assert [row["key"] for row in made.rows(run.root) if row["source"] == "wiki"] == [
+        "12345678901",
+        "12345678901",
+    ]
+
+
+def test_status_tells_that_links_are_older(run: Run, here: Here) -> None:
+    at = ("--data", str(run.root), "--profile", str(run.profile.path))
+    assert "\nlinks: " not in here("status", *at).out
+    assert here("links", *at).code == 0
+    assert "\nlinks: 9 entities, " in here("status", *at).out
+    newer = Layout(run.root).summary("reddit")
+    newer.write_text("{}")
+    later = Layout(run.root).links.stat().st_mtime + 10
+    os.utime(newer, (later, later))
+    about = json.loads(here("status", "--json", *at).out)
+    assert about["links"]["older_than"] == ["reddit"]
+    assert "; older than clean/reddit\n" in here("status", *at).out
+    os.utime(newer, (later - 60, later - 60))
+    assert here("links", *at).code == 0  # nothing is new, and it has been looked at
+    assert json.loads(here("status", "--json", *at).out)["links"]["older_than"] == []
+
+
+def test_queries_and_what_makes_the_tables(run: Run, here: Here) -> None:
+    at = ("--data", str(run.root), "--profile", str(run.profile.path))
+    done = here("query", "FROM links.links", *at)
+    assert done.code != 0
+    assert "`kb links --data " in done.err
+    assert " makes it" in done.err
+    assert here("links", *at).code == 0
+    sql = "SELECT kind FROM links.links JOIN links.entities USING (entity) WHERE key = 't1_c0'"
+    assert here("query", sql, "--format", "csv", *at).out.splitlines() == ["kind", "entity"]
+    listed = here("query", "--tables", *at).out
+    assert "links.entities" in listed
+    assert "release.links" in listed
+    assert "clean.links" not in listed
+
+
+def test_leftovers_of_a_killed_run_go_with_the_next(run: Run) -> None:
+    made.links(run, NAMES)
+    left = [
+        run.root / ".links.new" / "links-00000-of-00001.parquet",
+        run.root / "links" / ".links-00000-of-00001.parquet.1-2-abc.tmp",
+        run.root / "state" / "links" / "0123456789abcdef" / "plan.json",
+    ]
+    for path in left:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(SECRET)
+    made.links(run, NAMES)
+    assert not [path for path in left if path.exists()]
+
+
+def test_a_search_within_what_names_an_entity(run: Run, here: Here) -> None:
+    at = ("--data", str(run.root), "--profile", str(run.profile.path))
+    asked = ("search", "creeper", "--entity", "dragon", "--all", "--limit", "50", "--json", *at)
+    done = here(*asked)
+    assert done.code == 2
+    assert "there are no entity tables" in done.err
+    assert "run `kb links --data " in done.err
+    assert here("links", *at).code == 0
+    found = json.loads(here(*asked).out.splitlines()[-1])["answers"]
+    linked = {row["key"] for row in made.rows(run.root) if row["entity"] == "Ender Dragon"}
+    assert {one["key"] for one in found} == {made.video_id(n) for n in range(6)}
+    assert {one["key"] for one in found} < linked  # "dragon" is another of its forms
+    every = json.loads(here("search", "creeper", *asked[4:]).out.splitlines()[-1])["answers"]
+    scores = {(one["key"], one["text"]): one["score"] for one in every}
+    assert len(every) > len(found)  # and the same scores
+    assert all(one["score"] == scores[one["key"], one["text"]] for one in found)
+    data = kb.load(run.root)
+    answers = data.search("creeper", entity="Ender Dragon", source="youtube", each=None, limit=50)
+    assert {row["key"] for row in answers.to_pylist()} == {one["key"] for one in found}
+    done = here("search", "creeper", "--entity", "ender dargon", *at)
+    assert done.code == 2
+    assert "no entity 'ender dargon'; did you mean Ender Dragon?" in done.err
+    # What was filtered since is not linked: that is said, and no answer is left out in silence.
+    made.fill(run.root, comments=["a dragon and a creeper"], posts=[("Dragon", "", [])])
+    done = here(*asked)
+    assert done.code == 2
+    assert "are older than clean/reddit" in done.err

@@ -1,0 +1,185 @@
+"""What is counted, held against a reckoning word by word; which page is an entity's own."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kb.core.errors import FatalError
+from kb.links import texts
+from kb.links.named import Names, Own, aliases, own_pages
+from kb.pairs.keywords import Keyword, Keywords, load, make
+from kb.wiki import tables as wiki_tables
+from tests.links import by_hand, made
+
+TEXT = st.lists(st.sampled_from(made.WORDS), max_size=14).map(" ".join)
+CUES = st.lists(TEXT.filter(bool), max_size=4).map(
+    lambda texts: [(3 * at, text) for at, text in enumerate(texts)]
+)
+BLOCKS = st.lists(TEXT, max_size=4)
+WORLD = {
+    "videos": st.lists(st.tuples(TEXT, TEXT, CUES), max_size=3),
+    "pages": st.lists(st.tuples(TEXT, BLOCKS), max_size=3),
+    "posts": st.lists(st.tuples(TEXT, TEXT, BLOCKS), min_size=1, max_size=3),
+    "comments": st.lists(TEXT, max_size=4),
+}
+
+
+def expected(world: dict[str, Any], keywords: Keywords) -> list[by_hand.Row]:
+    found = []
+    for number, (title, body, cues) in enumerate(world["videos"]):
+        key = made.video_id(number)
+        found += by_hand.mentions("youtube", key, "title", [title], keywords)
+        found += by_hand.mentions("youtube", key, "body", [body], keywords)
+        found += by_hand.transcript(key, cues, keywords)
+    pages = [(number, title) for number, (title, _) in enumerate(world["pages"], made.FIRST_PAGE)]
+    own = {
+        (str(one.page_id), keywords.every[entity].name): one
+        for entity, one in own_pages(keywords, pages, {}).items()
+    }
+    for number, (title, blocks) in enumerate(world["pages"], made.FIRST_PAGE):
+        key = str(number)
+        titled = by_hand.mentions("wiki", key, "title", [title], keywords)
+        found += [row for row in titled if (key, row[0]) not in own]
+        found += by_hand.mentions("wiki", key, "page", blocks, keywords)
+    found += [
+        (entity, "wiki", key, "title", one.how, one.names, None)
+        for (key, entity), one in own.items()
+    ]
+    for number, (title, body, poll) in enumerate(world["posts"]):
+        key = f"t3_p{number}"
+        found += by_hand.mentions("reddit", key, "title", [title], keywords)
+        found += by_hand.mentions("reddit", key, "body", [body, *poll], keywords)
+    for number, body in enumerate(world["comments"]):
+        found += by_hand.mentions("reddit", f"t1_c{number}", "comment", [body], keywords)
+    return sorted(found, key=lambda row: row[:4])
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.fixed_dictionaries(WORLD))
+def test_counts_are_those_of_a_reckoning_word_by_word(world: dict[str, Any]) -> None:
+    with tempfile.TemporaryDirectory() as place:
+        root = Path(place, "data")
+        made.fill(root, **world)
+        run = made.run_at(root)
+        summary = made.links(run)
+        wanted = expected(world, load(run.profile))
+        assert [tuple(row.values()) for row in made.rows(root)] == wanted
+        assert summary["links"] == len(wanted)
+        assert summary["mentions"] == sum(row[5] for row in wanted)
+
+
+def test_pieces_of_any_size_count_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Texts are looked through some megabytes at a time; what belongs to one thing stays whole."""
+    blocks = ["an iron", "golem and a bed", "iron golem"]
+    pages = [(f"Page {n}", blocks * (n % 4)) for n in range(9)]
+    videos = [("Creeper", "x" * n, [(0, "oak log"), (2, "oak log")]) for n in range(5)]
+    found = []
+    for size in (1, 20, 1 << 20):
+        monkeypatch.setattr(texts, "_BYTES", size)
+        root = tmp_path / str(size) / "data"
+        made.fill(root, videos, pages, [("t", "wolf", ["bed", "wolf"])], ["creeper"] * 3)
+        made.links(made.run_at(root))
+        found.append(made.rows(root))
+    assert found[0] == found[1] == found[2]
+    paged = [row for row in found[0] if row["part"] == "page"]
+    counted = {(row["entity"], row["key"]): row["count"] for row in paged}
+    assert counted["Iron Golem", "13"] == 3
+    assert counted["Bed", "13"] == 3  # near the golem of the next block
+
+
+LISTED = [
+    Keyword("Wolf", "entity", None, ("hound", "Canis")),
+    Keyword("Dog", "entity", None, ("hound",)),
+    Keyword("Air", "block", -1),
+    Keyword("Iron Golem", "entity"),
+]
+
+
+@pytest.mark.parametrize(
+    ("pages", "names", "wanted"),
+    [
+        ({7: "Wolf"}, {}, {"Wolf": (7, "title", 1)}),
+        ({7: "WOLF", 9: "Wolf"}, {}, {"Wolf": (9, "title", 1)}),
+        ({7: "Wolves"}, {}, {"Wolf": (7, "alias", 1)}),
+        ({7: "Wolves", 9: "Wolf"}, {}, {"Wolf": (9, "title", 1)}),
+        ({7: "Canidae", 8: "Wolves"}, {"Canidae": ("wolf",)}, {"Wolf": (7, "alias", 1)}),
+        ({7: "Wolf"}, {"Wolf": ("Wolves", "Canis", "Pet")}, {"Wolf": (7, "title", 3)}),
+        ({7: "Wolf (mob)"}, {}, {"Wolf": (7, "title", 1)}),
+        ({7: "Wolf (mob)", 8: "Den"}, {"Den": ("Wolf",)}, {"Wolf": (8, "alias", 1)}),
+        ({7: "Hound"}, {}, {"Wolf": (7, "alias", 1)}),  # a form stands for the first that has it
+        ({7: "Air"}, {}, {"Air": (7, "title", 1)}),  # everyday words may be titles
+        ({7: "Pets"}, {"Pets": ("Dog", "Wolf")}, {"Dog": (7, "alias", 1), "Wolf": (7, "alias", 1)}),
+        ({7: "Iron golems in villages", 8: "irongolem"}, {}, {"Iron Golem": (8, "alias", 1)}),
+        ({7: "Wolf den"}, {}, {}),
+    ],
+)
+def test_an_entity_s_page_by_title_or_redirect(
+    pages: dict[int, str], names: dict[str, tuple[str, ...]], wanted: dict[str, tuple[Any, ...]]
+) -> None:
+    keywords = make(LISTED)
+    called = {title: Names(title, redirects) for title, redirects in names.items()}
+    for order in (1, -1):
+        found = own_pages(keywords, list(pages.items())[::order], called)
+        assert {keywords.every[at].name: one for at, one in found.items()} == {
+            name: Own(*one) for name, one in wanted.items()
+        }
+
+
+def test_a_form_is_the_alias_of_one_entity_only() -> None:
+    keywords = make(LISTED, exclude=["canis"])
+    found = dict(zip([one.name for one in keywords.every], aliases(keywords), strict=True))
+    assert found["Wolf"] == ["hound", "wolves"]
+    assert found["Dog"] == ["dogs"]
+    assert found["Iron Golem"] == ["iron golems", "irongolem", "irongolems"]
+
+
+KINDS = st.sampled_from(["text", "cell", "table", "image", "sprite"])
+ELEMENT = st.tuples(KINDS, st.booleans(), st.integers(-1, 9), st.sampled_from(["", "word", None]))
+
+
+@given(st.lists(st.lists(ELEMENT, max_size=10), min_size=1, max_size=3))
+def test_a_page_s_text_is_that_whose_words_are_counted(
+    pages: list[list[tuple[str, bool, int, str | None]]],
+) -> None:
+    """The same as the filter's `word_count`, by which a page is kept."""
+    rows, wanted = [], []
+    for page, elements in enumerate(pages):
+        found = []
+        for at, (kind, visible, parent, text) in enumerate(elements):
+            above = parent if 0 <= parent < at else None
+            one = {"id": at, "parent": above, "kind": kind, "visible": visible, "text": text}
+            found.append(one)
+            rows.append(
+                {
+                    "page_id": page,
+                    "element_id": at,
+                    "parent_id": above,
+                    "kind": kind,
+                    "visible": visible,
+                    "text": text,
+                }
+            )
+        tops = wiki_tables.tops(found)
+        wanted += [(page, one["id"]) for one in tops if one["text"] is not None]
+    names = ("page_id", "element_id", "parent_id", "kind", "visible", "text")
+    types = (pa.int64(), pa.int64(), pa.int64(), pa.string(), pa.bool_(), pa.string())
+    table = pa.Table.from_pylist(rows, pa.schema(zip(names, types, strict=True)))
+    chosen = texts.tops(table, np.asarray(table["page_id"].to_numpy()))
+    taken = [rows[at] for at in np.flatnonzero(chosen)]
+    assert [(row["page_id"], row["element_id"]) for row in taken] == wanted
+
+
+def test_links_need_clean_tables(tmp_path: Path) -> None:
+    root = tmp_path / "data"
+    root.mkdir()
+    with pytest.raises(FatalError, match="nothing to link"):
+        made.links(made.run_at(root))
+    assert not any(root.iterdir())
