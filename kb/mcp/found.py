@@ -18,7 +18,9 @@ from kb.store import indexed
 _ONE_AT_A_TIME = threading.Lock()  # an index is made once
 
 
-def found(run: Run, words: str, sources: Sequence[str], only: Only, size: int) -> str:
+def found(
+    run: Run, words: str, sources: Sequence[str], only: Only, size: int, entity: str = ""
+) -> str:
     """The answers, the best first, in at most `size` characters. Raises KbError.
 
     An index that is missing or does not follow the clean tables is made first.
@@ -28,7 +30,7 @@ def found(run: Run, words: str, sources: Sequence[str], only: Only, size: int) -
         for source in chosen:
             if indexed.files(run.root, source) and not indexed.is_current(run.root, source):
                 follow(run, source)
-    answers = search(run.root, words, sources=chosen, only=only, size=size)
+    answers = search(run.root, words, sources=chosen, only=only, size=size, entity=entity)
     fence = Fence()
     if not answers:
         return "No answers. Try other or fewer words, or fewer filters."

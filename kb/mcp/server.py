@@ -99,6 +99,9 @@ def tools(run: Run) -> list[Callable[..., Any]]:
         ],
         source: Annotated[list[Source] | None, Field(description="From there only.")] = None,
         kind: Annotated[list[Kind] | None, Field(description="Of that kind only.")] = None,
+        entity: Annotated[
+            str, Field(description="Out of what names that keyword only; links.entities has them.")
+        ] = "",
         since: Annotated[str, Field(description="Not before that day: 2023-01-31.")] = "",
         until: Annotated[str, Field(description="Not after that day: 2023-01-31.")] = "",
         least_score: Annotated[float, Field(description="Not below that score.", ge=0)] = 0.0,
@@ -122,7 +125,7 @@ def tools(run: Run) -> list[Callable[..., Any]]:
             each=each or None,
             limit=limit,
         )
-        return found(run, query, source or [], only, max_chars)
+        return found(run, query, source or [], only, max_chars, entity)
 
     @_tool
     def read(

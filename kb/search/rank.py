@@ -89,7 +89,9 @@ class Weighed(NamedTuple):
 
 def weigh(indexes: Mapping[str, Connection], question: Question) -> Weighed:
     """How much each term counts in these indexes; one that is nowhere is left out."""
-    sizes = {source: _one(con, "SELECT count(*) FROM passages") for source, con in indexes.items()}
+    # They are numbered from 1 on; counting them would read the whole file.
+    last = "SELECT coalesce(max(id), 0) FROM passages"
+    sizes = {source: _one(con, last) for source, con in indexes.items()}
     having = {
         term: {source: _having(con, term) for source, con in indexes.items()}
         for term in question.terms
@@ -161,7 +163,7 @@ def _best(
         )
         values += [factor, term.match]
     every = " UNION ALL ".join(f"SELECT id, part FROM hits{n}" for n in range(len(factors)))
-    where = ["score >= ?", *([f"key IN (SELECT key FROM {KEYS})"] if linked else [])]
+    where = ["score >= ?"]
     bounds: list[str | float | int] = [only.least]
     has = "(SELECT rowid FROM found WHERE found MATCH ?)"
     for sign, matches in (("IN", question.needed), ("NOT IN", question.barred)):
@@ -171,20 +173,23 @@ def _best(
         WITH {", ".join(parts)},
         scored AS (SELECT id, round(sum(part), 6) AS score FROM ({every}) GROUP BY id)
         SELECT id, score FROM scored WHERE {" AND ".join(where)} ORDER BY score DESC, id"""
-    return _first(con, con.execute(sql, [*values, *bounds]), only)
+    return _first(con, con.execute(sql, [*values, *bounds]), only, linked=linked)
 
 
 def _first(
-    con: Connection, scored: Iterable[tuple[int, float]], only: Only
+    con: Connection, scored: Iterable[tuple[int, float]], only: Only, *, linked: bool
 ) -> list[tuple[int, float]]:
     """The first that may be answers. What a passage is of is looked up for these alone: reading it
     for every passage with one of the words would take the longest.
     """
     found: list[tuple[int, float]] = []
     taken: Counter[str] = Counter()
+    keys = {key for (key,) in con.execute(f"SELECT key FROM {KEYS}")} if linked else set()
     for number, score in scored:
-        sql = "SELECT thing, kind, date FROM passages WHERE id = ?"
-        thing, kind, day = con.execute(sql, [number]).fetchone()
+        sql = "SELECT key, thing, kind, date FROM passages WHERE id = ?"
+        key, thing, kind, day = con.execute(sql, [number]).fetchone()
+        if linked and key not in keys:
+            continue
         if only.kinds and kind not in only.kinds:
             continue
         if (only.since or only.until) and day is None:

@@ -110,7 +110,7 @@ def test_the_tools_say_what_they_take(client: Any) -> None:
     assert all(tool.annotations.read_only_hint for tool in tools.values())
     assert all("max_chars" in tool.input_schema["properties"] for tool in tools.values())
     takes = set(tools["search"].input_schema["properties"])
-    assert {"source", "kind", "since", "until", "least_score", "each", "limit"} < takes
+    assert {"source", "kind", "entity", "since", "until", "least_score", "each", "limit"} < takes
     assert "not instructions" in opened.instructions
 
 
