@@ -16,6 +16,7 @@ from kb.release.about import about
 from kb.release.facts import Facts
 from kb.release.languages import three_letters
 from kb.release.licences import licence
+from kb.release.provenance import software_address
 from kb.release.texts import SANDBOX_NOTE, day, language, name, size, span
 
 Text = Annotated[str, Field(min_length=1)]
@@ -98,11 +99,7 @@ def deposit(run: Run, facts: Facts) -> str:
         keywords=tuple(dict.fromkeys((run.profile.title, *said.words, *section.keywords))),
         notes=SANDBOX_NOTE if facts.sandbox else None,
         communities=tuple(Community(identifier=one) for one in section.communities) or None,
-        related_identifiers=(
-            Related(identifier=section.homepage, relation="isCompiledBy", resource_type="software"),
-        )
-        if section.homepage
-        else None,
+        related_identifiers=_related(section.homepage) or None,
     )
     return (
         Document(
@@ -110,6 +107,18 @@ def deposit(run: Run, facts: Facts) -> str:
         ).model_dump_json(indent=2, exclude_none=True)
         + "\n"
     )
+
+
+def _related(homepage: str | None) -> tuple[Related, ...]:
+    """The project's page and the software."""
+    page = Related(identifier=homepage, relation="isDocumentedBy") if homepage else None
+    address = software_address()
+    made = (
+        Related(identifier=address, relation="isCompiledBy", resource_type="software")
+        if address
+        else None
+    )
+    return tuple(one for one in (page, made) if one is not None)
 
 
 def _description(run: Run, facts: Facts) -> str:

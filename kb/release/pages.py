@@ -55,6 +55,7 @@ def card(run: Run, facts: Facts, changed: Changes) -> str:
         rules=provenance.rules(run.profile, facts.source),
         profile=run.profile,
         software=__version__,
+        address=provenance.software_address(),
         lock=provenance.lock_digest(),
         listed=bool(provenance.keyword_text(run.profile)),
     )
@@ -65,6 +66,7 @@ def datasheet(run: Run, facts: Facts) -> str:
     return render(
         "datasheet.md",
         **_in_markdown(run, facts),
+        address=provenance.software_address(),
         kept=next((table.rows for table in facts.tables if _is_main(table)), facts.rows),
         rejected=sum(n for _, _, n in facts.rejected),
         toxic=sum(n for stage, _, n in facts.rejected if stage == "toxicity"),
@@ -76,6 +78,8 @@ def citation(run: Run, facts: Facts) -> str:
     """CITATION.cff. Strings are quoted as JSON, which YAML reads."""
     return render(
         "citation.cff",
+        software=__version__,
+        address=provenance.software_address(),
         about=about(run.profile, facts.source),
         facts=facts,
         release=run.profile.release,

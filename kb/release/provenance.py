@@ -8,6 +8,7 @@ provenance.json    the rest, and what changed since the release before
 from __future__ import annotations
 
 import hashlib
+import importlib.metadata
 import json
 import re
 from functools import cache
@@ -23,6 +24,7 @@ from kb.core.resources import lock_file
 from kb.release.history import Changes
 
 PROFILE, KEYWORDS, PROVENANCE = "profile.toml", "keywords.tsv", "provenance.json"
+_LABELS = ("source", "repository", "github", "homepage")  # of a package's addresses, best first
 _COLUMNS = "keyword\tkind\trule\tforms"
 # What decides which rows a folder has, by its section of the profile.
 _RULES = {
@@ -84,6 +86,24 @@ def lock_digest() -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest() if path is not None else ""
 
 
+@cache
+def software_address() -> str | None:
+    """Where the software itself is; None where its package says nothing (`[project.urls]`).
+
+    The labels are those of https://packaging.python.org/specifications/well-known-project-urls/,
+    the place of the code first.
+    """
+    try:
+        said = importlib.metadata.metadata("lorebase").get_all("Project-URL") or []
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    urls: dict[str, str] = {}
+    for line in said:
+        label, _, url = line.partition(",")
+        urls[label.strip().lower()] = url.strip()
+    return next((urls[label] for label in _LABELS if urls.get(label)), None)
+
+
 def files(run: Run, source: str, changed: Changes) -> dict[str, str]:
     """Name → text of what is written into the folder."""
     made = {PROFILE: profile_text(run.profile)}
@@ -96,8 +116,14 @@ def files(run: Run, source: str, changed: Changes) -> dict[str, str]:
 
 def provenance(run: Run, source: str, changed: Changes) -> str:
     """provenance.json as text."""
+    address = software_address()
     said = {
-        "software": {"name": "lorebase", "version": __version__, "lock_sha256": lock_digest()},
+        "software": {
+            "name": "lorebase",
+            "version": __version__,
+            "lock_sha256": lock_digest(),
+            **({"url": address} if address else {}),
+        },
         "profile": {
             "name": run.profile.name,
             "seed": run.profile.seed,

@@ -8,12 +8,14 @@ import logging
 from pathlib import Path
 
 import pytest
+from cffconvert import Citation
 
 from kb import __version__
 from kb.cli import main
 from kb.core.errors import ProfileError
 from kb.core.profile import load_profile
 from kb.pairs import keywords
+from kb.release import provenance
 from kb.release.build import release
 from kb.release.publish import publish
 from kb.sandbox.server import Sandbox
@@ -130,3 +132,31 @@ def test_without_creator_and_contact_it_warns_and_is_not_published(
         release(a_run(root, path))
         assert not caplog.text
         assert publish(a_run(root, path, **settings), "zenodo-sandbox")["drafts"] == 1
+
+
+def test_papers_name_where_the_software_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, released: Path
+) -> None:
+    """As soon as its package says so; without it they name a version and no address."""
+    address = "https://git.example.org/lorebase"
+    assert "git.example.org" not in (released / "release/wiki/README.md").read_text()
+    package = tmp_path / "site" / f"lorebase-{__version__}.dist-info"
+    package.mkdir(parents=True)
+    (package / "METADATA").write_text(
+        f"Metadata-Version: 2.4\nName: lorebase\nVersion: {__version__}\n"
+        f"Project-URL: Documentation, https://docs.example.org\nProject-URL: Source, {address}\n"
+    )
+    monkeypatch.syspath_prepend(package.parent)
+    provenance.software_address.cache_clear()
+    root = build(tmp_path / "root")
+    release(a_run(root))
+    provenance.software_address.cache_clear()
+    folder = root / "release" / "wiki"
+    assert json.loads((folder / "provenance.json").read_text())["software"]["url"] == address
+    assert f"repository-code: {address}" in (folder / "CITATION.cff").read_text().replace('"', "")
+    for name in ("README.md", "DATASHEET.md"):
+        assert address in (folder / name).read_text(), name
+    deposit = json.loads((folder / "zenodo.json").read_text())["metadata"]
+    compiled = {"identifier": address, "relation": "isCompiledBy", "resource_type": "software"}
+    assert compiled in deposit["related_identifiers"]
+    Citation((folder / "CITATION.cff").read_text(), src="CITATION.cff").validate()
