@@ -23,7 +23,6 @@ from kb.core import clock, signals
 from kb.core.errors import CredentialRefused, FatalError, QuotaSpent, Retryable, Unreachable
 from kb.net.retry import attempt, retry_after
 from kb.net.session import Session, failure, host_of, refusal
-from kb.release.answers import Deposit, Described, File, Sent, latest_draft, message
 from kb.store.digests import digest
 
 TRIES = 5
@@ -33,6 +32,51 @@ LONGEST_LIMIT = 366 * 86_400  # seconds: what asks for more is no time to come b
 PAGE = 100
 _GO_ON = "the same command goes on where it stopped"
 _SCOPES = "it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own"
+
+
+class _Deposit(msgspec.Struct):
+    """What is read of a deposit; the rest of its answer is kept as it came."""
+
+    id: int
+    submitted: bool = False
+    metadata: dict[str, Any] = {}
+    links: dict[str, Any] = {}
+    files: list[Any] = []
+
+
+class _Described(msgspec.Struct):
+    """What is read of the answer to new metadata."""
+
+    metadata: dict[str, Any] = {}
+
+
+class _File(msgspec.Struct):
+    """What is read of an uploaded file."""
+
+    filename: str
+    id: str
+    checksum: str = ""
+
+
+class _Sent(msgspec.Struct):
+    """What a bucket says of a file that it received."""
+
+    checksum: str = ""
+
+
+class _Wrong(msgspec.Struct):
+    """A field that was refused."""
+
+    field: str = "?"
+    message: str | None = None
+    messages: list[Any] = []
+
+
+class _Refusal(msgspec.Struct):
+    """What an error answer says."""
+
+    message: str = ""
+    errors: list[_Wrong] = []
 
 
 class Gone(FatalError):
@@ -66,26 +110,26 @@ class Zenodo:
     def create(self, metadata: dict[str, Any]) -> dict[str, Any]:
         """A new draft. Not sent twice: a draft whose answer was lost is found by `drafts`."""
         made: dict[str, Any] = self._json(
-            "POST", self._base, shape=Deposit, json={"metadata": metadata}, once=True
+            "POST", self._base, shape=_Deposit, json={"metadata": metadata}, once=True
         )
         return made
 
     def drafts(self) -> list[dict[str, Any]]:
         """The newest unpublished deposits of the account."""
-        drafts: list[dict[str, Any]] = self._json(
-            "GET", self._base, shape=list[Deposit], params={"status": "draft", "size": PAGE}
+        found: list[dict[str, Any]] = self._json(
+            "GET", self._base, shape=list[_Deposit], params={"status": "draft", "size": PAGE}
         )
-        return drafts
+        return found
 
     def get(self, number: int) -> dict[str, Any]:
         """A deposit. Raises Gone."""
-        deposit: dict[str, Any] = self._json("GET", f"{self._base}/{number}", shape=Deposit)
-        return deposit
+        found: dict[str, Any] = self._json("GET", f"{self._base}/{number}", shape=_Deposit)
+        return found
 
     def files(self, number: int) -> dict[str, dict[str, Any]]:
         """Name → {"id", "checksum" (md5, hexadecimal), "filesize"} of what was uploaded."""
-        files = self._json("GET", f"{self._base}/{number}/files", shape=list[File])
-        return {one["filename"]: one for one in files}
+        found = self._json("GET", f"{self._base}/{number}/files", shape=list[_File])
+        return {one["filename"]: one for one in found}
 
     def remove(self, number: int, file: str) -> None:
         """Remove an uploaded file of a draft; one that is gone already is what was wanted."""
@@ -105,7 +149,7 @@ class Zenodo:
                 answer = self._request(
                     "PUT",
                     f"{bucket}/{quote(path.name)}",
-                    shape=Sent,
+                    shape=_Sent,
                     data=_Watched(file, size) if size else b"",
                     headers={"Content-Type": "application/octet-stream"},
                 )
@@ -128,7 +172,7 @@ class Zenodo:
         takes another licence.
         """
         answer: dict[str, Any] = self._json(
-            "PUT", f"{self._base}/{number}", shape=Described, json={"metadata": metadata}
+            "PUT", f"{self._base}/{number}", shape=_Described, json={"metadata": metadata}
         )
         taken = answer.get("metadata", {}).get("license")
         if str(taken).lower() != metadata["license"]:
@@ -143,7 +187,7 @@ class Zenodo:
         """Publish a draft: can't be undone. When the answer is lost, the deposit itself tells."""
         try:
             url = f"{self._base}/{number}/actions/publish"
-            published: dict[str, Any] = self._json("POST", url, shape=Deposit, once=True)
+            published: dict[str, Any] = self._json("POST", url, shape=_Deposit, once=True)
             return published
         except (Unreachable, FatalError):
             now = self.get(number)
@@ -158,12 +202,12 @@ class Zenodo:
         """
         try:
             url = f"{self._base}/{number}/actions/newversion"
-            latest = latest_draft(self._json("POST", url, shape=Deposit, once=True))
+            latest = _latest(self._json("POST", url, shape=_Deposit, once=True))
         except FatalError:
-            latest = latest_draft(self.get(number))
+            latest = _latest(self.get(number))
             if not latest.startswith(self._base):
                 raise
-        draft: dict[str, Any] = self._json("GET", latest, shape=Deposit)
+        draft: dict[str, Any] = self._json("GET", latest, shape=_Deposit)
         return draft
 
     # -- requests ----------------------------------------------------------------------------------
@@ -217,7 +261,7 @@ class Zenodo:
             )
         if answer.status_code == 403:
             raise Forbidden(
-                f"the deposit service refused (403): {message(answer)}",
+                f"the deposit service refused (403): {_message(answer)}",
                 hint="look at the draft there, then run the same command again",
             )
         if answer.status_code == 429:
@@ -231,12 +275,12 @@ class Zenodo:
             )
         if answer.status_code in (404, 410):
             raise Gone(
-                f"the deposit service answered {answer.status_code}: {message(answer)}",
+                f"the deposit service answered {answer.status_code}: {_message(answer)}",
                 hint="the deposit may have been removed by hand",
             )
         if not 200 <= answer.status_code < 300:
             raise FatalError(
-                f"the deposit service refused ({answer.status_code}): {message(answer)}",
+                f"the deposit service refused ({answer.status_code}): {_message(answer)}",
                 hint="correct that, then run the same command again",
             )
         try:
@@ -288,3 +332,21 @@ class _Watched:
 def md5(path: Path) -> str:
     """The checksum that the service compares."""
     return digest(path, "md5")
+
+
+def _latest(deposit: dict[str, Any]) -> str:
+    """The address of a record's open draft, "" when it names none."""
+    return str(deposit.get("links", {}).get("latest_draft", ""))
+
+
+def _message(answer: Any) -> str:
+    """What an error answer says, with every field it names."""
+    try:
+        body = answer.json()
+        said = msgspec.convert(body, _Refusal)
+    except (ValueError, RecursionError):
+        return answer.reason or "no message"
+    fields = [
+        f"{one.field}: {one.message or ' '.join(map(str, one.messages))}" for one in said.errors
+    ]
+    return "; ".join([said.message.strip(), *fields])[:600]

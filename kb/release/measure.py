@@ -137,7 +137,7 @@ def _choose(con: DuckDBPyConnection, run: Run, folder: Folder) -> str:
 
 def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tuple[str, int], ...]:
     """Licences that the rows of these tables name, the most frequent first within each."""
-    counts: dict[str, int] = {}
+    found: dict[str, int] = {}
     for short in tables:
         for part in folder.parts:
             if part.table.short == short and "license" in part.table.names(released=True):
@@ -149,8 +149,8 @@ def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tu
                     [[str(shard) for shard in part.shards]],
                 ).fetchall()
                 for name, n in rows:
-                    counts[name] = counts.get(name, 0) + n
-    return tuple(counts.items())
+                    found[name] = found.get(name, 0) + n
+    return tuple(found.items())
 
 
 def _table(con: DuckDBPyConnection, part: Part) -> TableFacts:

@@ -62,12 +62,12 @@ _RULES = {
 def rules(profile: Profile, source: str) -> list[tuple[str, str]]:
     """(key, value) of thresholds and search words of a source, as the profile has them."""
     section = getattr(profile, source)
-    values = [] if section is None else [(name, getattr(section, name)) for name in _RULES[source]]
+    found = [] if section is None else [(name, getattr(section, name)) for name in _RULES[source]]
     threshold = profile.toxicity.threshold("youtube" if source == "pairs" else source)
     if source != "pairs":
-        values.append(("toxicity", "not dropped" if threshold is None else threshold))
+        found.append(("toxicity", "not dropped" if threshold is None else threshold))
     return [
-        (f"{source}.{name}", _shown(value)) for name, value in values if value not in ((), [], "")
+        (f"{source}.{name}", _shown(value)) for name, value in found if value not in ((), [], "")
     ]
 
 

@@ -87,12 +87,12 @@ def _wiki(profile: Profile) -> dict[str, Any]:
     if profile.wiki is None:
         return {}
     markup = profile.wiki.markup
-    values = {
+    found = {
         "sprite": made_words.first_class(markup.sprite),
         "sprite_image": made_words.first_class(markup.sprite_image),
         "animation": made_words.first_class(markup.animation),
         "active": markup.animation_active,
     }
-    named = {name: value for name, value in values.items() if value}
+    named = {name: value for name, value in found.items() if value}
     read = profile.wiki.namespaces
     return {**named, "namespace": read[0] if read and 0 not in read else 0}

@@ -77,14 +77,14 @@ def write(root: Path, source: str, note: Note) -> None:
 
 def stamps(paths: dict[str, Path], known: dict[str, Stamp] | None = None) -> dict[str, Stamp]:
     """Stamps of files; one with the size and time of a known stamp is not read again."""
-    read = {}
+    found = {}
     for name, path in paths.items():
         about = path.stat()
         old = (known or {}).get(name)
         if old is None or (old.size, old.changed) != (about.st_size, about.st_mtime_ns):
             old = Stamp(about.st_size, about.st_mtime_ns, digest(path))
-        read[name] = old
-    return read
+        found[name] = old
+    return found
 
 
 def is_current(root: Path, source: str) -> bool:

@@ -133,10 +133,10 @@ def _place(file: BinaryIO) -> int | None:
     file.seek(start)
     footer = file.read(size - start)
     # What the rows say (statistics) comes before it, so the last one is ours.
-    place = footer.rfind(_FIELD)
-    if place < 0:
-        place = _nearly(footer)
-    return None if place < 0 else start + place + len(_FIELD)
+    found = footer.rfind(_FIELD)
+    if found < 0:
+        found = _nearly(footer)
+    return None if found < 0 else start + found + len(_FIELD)
 
 
 def _nearly(footer: bytes) -> int:

@@ -1,4 +1,4 @@
-"""The four answers of a source, counted in the files of clean/<source>: what all summaries say."""
+"""The four answers of a source, counted in the found of clean/<source>: what all summaries say."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ VERDICTS = ("rejected", "failed", "pending")
 
 
 def rows(folder: Path) -> int:
-    """Rows of a table, from its files' footers. Raises DamagedData."""
-    files = parquet_files(folder)
-    with reading(files):
-        return sum(pq.read_metadata(file).num_rows for file in files)
+    """Rows of a table, from its found' footers. Raises DamagedData."""
+    found = parquet_files(folder)
+    with reading(found):
+        return sum(pq.read_metadata(file).num_rows for file in found)
 
 
 def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
@@ -46,12 +46,12 @@ def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
 
 
 def _keys(folder: Path, tables: Mapping[str, str], where: str = "true") -> dict[str, int]:
-    """How many keys of a verdict's files belong to which table."""
-    files = parquet_files(folder)
-    if not files:
+    """How many keys of a verdict's found belong to which table."""
+    found = parquet_files(folder)
+    if not found:
         return {}
     sums = ", ".join("count(*) FILTER (starts_with(key, ?))" for _ in tables)
-    sql = f"SELECT {sums} FROM {scan(files)} WHERE {where}"
-    with reading(files), asking() as con:
+    sql = f"SELECT {sums} FROM {scan(found)} WHERE {where}"
+    with reading(found), asking() as con:
         counts = con.execute(sql, list(tables.values())).fetchone() or ()
     return dict(zip(tables, counts, strict=False))
