@@ -1,4 +1,4 @@
-"""The four answers of a source, counted in the found of clean/<source>: what all summaries say."""
+"""The four answers of a source, counted in the files of clean/<source>: what all summaries say."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from kb.store.database import asking
+from kb.store.database import connect
 from kb.store.layout import parquet_files
 from kb.store.reading import reading, scan
 
@@ -15,7 +15,7 @@ VERDICTS = ("rejected", "failed", "pending")
 
 
 def rows(folder: Path) -> int:
-    """Rows of a table, from its found' footers. Raises DamagedData."""
+    """Rows of a table, from its files' footers. Raises DamagedData."""
     found = parquet_files(folder)
     with reading(found):
         return sum(pq.read_metadata(file).num_rows for file in found)
@@ -46,12 +46,12 @@ def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
 
 
 def _keys(folder: Path, tables: Mapping[str, str], where: str = "true") -> dict[str, int]:
-    """How many keys of a verdict's found belong to which table."""
+    """How many keys of a verdict's files belong to which table."""
     found = parquet_files(folder)
     if not found:
         return {}
     sums = ", ".join("count(*) FILTER (starts_with(key, ?))" for _ in tables)
     sql = f"SELECT {sums} FROM {scan(found)} WHERE {where}"
-    with reading(found), asking() as con:
+    with reading(found), connect() as con:
         counts = con.execute(sql, list(tables.values())).fetchone() or ()
     return dict(zip(tables, counts, strict=False))
