@@ -53,7 +53,7 @@ def test_readable_without_scrolling_sideways(browser: Any, page: Path, name: str
         "return [...document.querySelectorAll('figure img')].map(i => [i.complete, i.naturalWidth,"
         " i.getBoundingClientRect().width, i.alt.length, i.parentElement.id])"
     )
-    assert len(pictures) == 25
+    assert len(pictures) == len([*page.parent.glob("*.svg")]) >= 25
     assert all(complete and natural > 0 and alt > 20 for complete, natural, _, alt, _ in pictures)
     assert all(shown <= width for _, _, shown, _, _ in pictures)
     # Points of a figure's own width: what a label's letters measure on the screen. The wiki page in
