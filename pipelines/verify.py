@@ -47,7 +47,7 @@ def mended(run: Run, folder: Path) -> tuple[Look, list[str]]:
     """
     with lock.taking(run.root, *lock.ORDER):
         look = verify(run, folder)
-        said = repair(run, look) if look.found else []
+        said = repair(run, look)  # of what was killed on its way nothing may be found any more
         return (verify(run, folder) if said else look), said
 
 
