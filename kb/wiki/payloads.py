@@ -2,6 +2,7 @@
 
 kind      key              an item is
 site      round            the wiki's description of itself, once a round; removed when answered
+          "answered"       done from the first answer on: to do again when raw data have lost it
 titles    round:namespace  the list of a namespace's pages
 info      round:title      a title whose page is asked for
 gone      round            a round that is compared with the pages known; removed when it was

@@ -9,11 +9,12 @@ from msgspec.structs import replace
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 from kb.wiki import answers
-from kb.wiki.payloads import File, List, Page, Title
+from kb.wiki.payloads import File, List, Page, Site, Title
 
 # Reasons for which a page is too large, and what in [wiki] allows more.
 TOO_LARGE = {"too_tall": "max_page_height", "too_many_elements": "max_elements"}
 SITE = "site:"  # cursor, by round: the namespaces that are listed
+ANSWERED = "answered"  # the item that is done as long as raw data hold a description of the wiki
 LEFT = ("deleted", "moved")  # reasons of pages that are no pages any more
 
 
@@ -34,7 +35,11 @@ def _site(frontier: Frontier, envelope: Envelope) -> None:
     """The wiki's description of itself: the rounds that wait for it know what to list."""
     spaces = envelope.response.get("query", {}).get("namespaces", {})
     content = sorted(int(key) for key, space in spaces.items() if space.get("content"))
+    frontier.add("site", [(ANSWERED, Site(listed=False))])
+    frontier.done("site", ANSWERED)
     for tag, _, _, site in list(frontier.items("site")):
+        if tag == ANSWERED:
+            continue
         namespaces = sorted(site.namespaces) or content or [0]
         frontier.set_cursor(SITE + tag, {"namespaces": namespaces})
         frontier.remove("site", [tag])
@@ -90,8 +95,10 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
         elif state == "there":
             state = "unanswered"
         states[page.get("title")] = state
-    names = answers.renamed(query)
-    for title in answers.asked(params):
+    names, asked = answers.renamed(query), answers.asked(params)
+    if tag != "r":  # a replay may come to the answers before the lists
+        frontier.add("info", [(f"{tag}:{title}", Title(title)) for title in asked])
+    for title in asked:
         state = states.get(names.get(title, title), "unanswered")
         if state == "there":
             frontier.done("info", f"{tag}:{title}")
@@ -162,8 +169,10 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
             rendered = (answer["revision_id"], answer["title"])
             frontier.payload("pages", key, replace(known[1], rendered=rendered))
         frontier.done("pages", key)
-        files = (File(file["key"], file["title"], file["src"]) for file in answer["files"])
-        frontier.add("files", [(file.key, file) for file in files])
+        for file in answer["files"]:
+            held = File(file["key"], file["title"], file["src"])
+            if not frontier.add("files", [(held.key, held)]):
+                _complete(frontier, held)
         return
     reason = answer["reason"]
     if outcome not in ("robots", "final"):
@@ -175,10 +184,19 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
     frontier.skip("pages", key, reason)
 
 
+def _complete(frontier: Frontier, file: File) -> None:
+    """Say what a file is that a replay knows by its answer alone."""
+    known = frontier.get("files", file.key)
+    if known is not None and known[1] is None:
+        frontier.payload("files", file.key, file)
+
+
 def _files(frontier: Frontier, envelope: Envelope) -> None:
     """An image file was fetched, or could not be."""
     answer = envelope.response
     key = answer["key"]
+    if answer["outcome"] in ("stored", "final"):
+        frontier.add("files", [key])  # a replay comes to the answer before the page that shows it
     if answer["outcome"] == "stored":
         frontier.done("files", key)
     elif answer["outcome"] == "final":

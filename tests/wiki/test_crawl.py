@@ -345,6 +345,30 @@ def test_a_lost_extraction_is_told_by_the_filter_and_captured_again(whole, copie
     assert tables(copied) == whole[2]
 
 
+@pytest.mark.parametrize("damage", [changed, Path.unlink])
+def test_a_lost_description_of_the_wiki_is_asked_for_again(whole, copied, damage):
+    """Licence and history of every page come from it, so that it must not stay away unseen."""
+    (segment,) = copied.root.glob("raw/wiki/site/*.zst")
+    damage(segment)
+    with pytest.raises(DamagedData, match=re.escape(segment.name)):
+        run_clean(copied, "wiki")
+    with pytest.raises(DamagedData, match=re.escape(segment.name)) as told:
+        crawl(copied)
+    assert str(told.value).endswith("lost are the answers of site answered"), "and no other"
+    # the page that names the API, the description
+    assert crawl(copied)["requests"] == 2
+    assert tables(copied) == whole[2]
+
+
+def test_a_lost_state_is_made_of_raw_data_without_asking_for_pages_or_files(whole, copied):
+    for path in copied.root.glob("state/wiki.sqlite*"):
+        path.unlink()
+    summary = crawl(copied)
+    assert summary["crawled"] == 0
+    assert summary["requests"] < 10, "the lists, no revision and no image"
+    assert tables(copied) == whole[2]
+
+
 def test_named_titles(make_run, tmp_path):
     names = tmp_path / "titles.txt"
     names.write_text("Rock salt\nlamp_buoy\nNo such page\nBad[title\n")
