@@ -1,8 +1,9 @@
-"""Records of dumps by their ids, whatever subreddit they are of.
+"""Records of dumps by their ids: of one subreddit, where all are known to be of it, or of any.
 
 Ids are opaque: membership of a set decides, never their order. As in kb.reddit.search a whole
 chunk is looked through before anything is parsed: of what stands behind every `"id":` a checksum
 is looked up in a table of bits, then the id itself; only lines with a wanted one are read as JSON.
+Of one subreddit the lines are found as an import finds them, at its rate, and the id decides.
 
     ids/posts, comments, trees      sorted numbers of eight bytes, one an id
     ids/long                        ids that are longer, one a line
@@ -22,7 +23,7 @@ from typing import Any
 from zlib import crc32
 
 from kb.reddit import tree
-from kb.reddit.search import Search, finder
+from kb.reddit.search import Search, State, finder
 from kb.store.atomic import replacing_folder, write_bytes
 
 SIZE = 8  # bytes of an id that fits into a number; Reddit's have seven
@@ -64,22 +65,43 @@ def keep(
         write_bytes(fresh / _BITS, bytes(bits))
 
 
-class ById(Search):
-    """Finds posts and comments by id in chunks of a dump, and the comments of some posts."""
+class Kept:
+    """What `keep` wrote into `folder`; processes share the memory of most of it."""
 
     def __init__(self, folder: Path) -> None:
-        """`folder` is what `keep` wrote; workers share what they read of it."""
-        super().__init__("")
         self._sorted = {kind: _numbers(folder / kind) for kind in (POSTS, COMMENTS, TREES)}
         self._long = frozenset((folder / _LONG).read_text().splitlines())
         self.gone = frozenset((folder / _GONE).read_text().splitlines())
-        self._bits = _mapped(folder / _BITS)
-        self._shift = 32 - (8 * len(self._bits) - 1).bit_length()
-        trees = self._sorted[TREES] or any(line.startswith(TREES) for line in self._long)
-        self._ids = finder(b'"id":')
-        self._links = finder(b'"link_id":') if trees else None
+        self.bits = _mapped(folder / _BITS)
+        self.shift = 32 - (8 * len(self.bits) - 1).bit_length()
+        self.trees = bool(self._sorted[TREES]) or any(line.startswith(TREES) for line in self._long)
 
-    def _found(self, data: bytes, begin: int, end: int) -> Iterator[int]:
+    def has(self, kind: str, value: bytes) -> bool:
+        """Whether an id is wanted as one of POSTS, COMMENTS or TREES."""
+        if len(value) > SIZE:
+            return f"{kind} {value.decode('utf-8', 'replace')}" in self._long
+        number, among = int.from_bytes(value, "big"), self._sorted[kind]
+        at = bisect_left(among, number)
+        return at < len(among) and among[at] == number
+
+
+class ById(Search):
+    """Finds posts and comments by id in chunks of a dump, and the comments of some posts.
+
+    With a `subreddit` only lines of it are looked at; `state` is what such a search has learned.
+    """
+
+    def __init__(self, kept: Kept, subreddit: str = "", state: State | None = None) -> None:
+        super().__init__(subreddit, state)
+        self._kept, self._has = kept, kept.has
+        self._ids = finder(b'"id":')
+        self._links = finder(b'"link_id":') if kept.trees else None
+
+    def _found(self, data: bytes, begin: int, end: int) -> Iterable[int]:
+        return super()._found(data, begin, end) if self._name else self._any(data, begin, end)
+
+    def _any(self, data: bytes, begin: int, end: int) -> Iterator[int]:
+        """Where wanted ids are, in order, whatever the subreddit."""
         part = memoryview(data)[begin:end]
         hits = self._hits(data, begin, self._ids(part), 0, (POSTS, COMMENTS, TREES))
         if self._links is not None:
@@ -94,7 +116,7 @@ class ById(Search):
 
         The loop runs for every line, so it calls little.
         """
-        bits, shift, find = self._bits, self._shift, data.find
+        bits, shift, find = self._kept.bits, self._kept.shift, data.find
         hits = []
         for _, _, colon in found:
             at = begin + colon + 1 + prefix
@@ -107,6 +129,8 @@ class ById(Search):
         return hits
 
     def _takes(self, record: dict[str, Any]) -> bool:
+        if self._name and not super()._takes(record):
+            return False
         key = record.get("id")
         if not isinstance(key, str):
             return False
@@ -115,13 +139,6 @@ class ById(Search):
             return self._has(POSTS, own) or self._has(TREES, own)
         post = tree.bare(record.get("link_id")).encode("utf-8", "replace")
         return self._has(COMMENTS, own) or self._has(TREES, post)
-
-    def _has(self, kind: str, value: bytes) -> bool:
-        if len(value) > SIZE:
-            return f"{kind} {value.decode('utf-8', 'replace')}" in self._long
-        number, among = int.from_bytes(value, "big"), self._sorted[kind]
-        at = bisect_left(among, number)
-        return at < len(among) and among[at] == number
 
 
 def _numbers(path: Path) -> Sequence[int]:

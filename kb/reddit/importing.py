@@ -46,8 +46,9 @@ class Job(msgspec.Struct):
     """What a worker needs; plain values. Without a lease nobody can stop it before the
     file's end.
 
-    `ids` is a folder of kb.reddit.byid: these records instead of the subreddit's. `home` is the
-    data root whose key and tombstones count, where `root` is a work folder.
+    `ids` is a folder of kb.reddit.byid: these records instead of the subreddit's, or, with a
+    subreddit, these of it. `home` is the data root whose key and tombstones count, where `root`
+    is a work folder.
     """
 
     root: str

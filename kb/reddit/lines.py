@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from kb.reddit.authors import Scrubber, load_key
-from kb.reddit.byid import ById
+from kb.reddit.byid import ById, Kept
 from kb.reddit.dumps import Chunk, retrieved
 from kb.reddit.search import Search, State
 from kb.reddit.strip import without
@@ -21,7 +21,8 @@ from kb.store import tombstones
 class Rules(msgspec.Struct, frozen=True):
     """Which records are wanted, and the root whose key and tombstones count; plain values.
 
-    `ids` is a folder of kb.reddit.byid: these records instead of the subreddit's.
+    `ids` is a folder of kb.reddit.byid: these records instead of the subreddit's, or, with a
+    subreddit, these of it.
     """
 
     root: str
@@ -58,7 +59,9 @@ def rules(root: Path, subreddit: str, since: float, until: float, ids: str = "")
 
 def search_of(rules: Rules, state: State | None = None) -> Search:
     """What finds the wanted records; `state` is what a search of the lines before has learned."""
-    return _by_id(rules.ids) if rules.ids else Search(rules.subreddit, state)
+    if rules.ids:
+        return ById(_kept(rules.ids), rules.subreddit, state)
+    return Search(rules.subreddit, state)
 
 
 def look(search: Search, chunk: Chunk, rules: Rules) -> Looked:
@@ -94,13 +97,13 @@ def look_at_block(block: Block, rules: Rules, state: State) -> tuple[list[Looked
 def _tools(root: str, stamp: int, ids: str) -> tuple[Scrubber, Collection[str]]:
     """Made once in each worker."""
     gone = tombstones.keys(Path(root), "reddit")
-    return Scrubber(load_key(Path(root))), gone | _by_id(ids).gone if ids else gone
+    return Scrubber(load_key(Path(root))), gone | _kept(ids).gone if ids else gone
 
 
 @cache
-def _by_id(folder: str) -> ById:
-    """Made once in each worker."""
-    return ById(Path(folder))
+def _kept(folder: str) -> Kept:
+    """Read once in each worker."""
+    return Kept(Path(folder))
 
 
 def _encoded(thing: dict[str, Any]) -> bytes:

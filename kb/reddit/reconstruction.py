@@ -42,7 +42,7 @@ from kb.reddit.authors import load_key
 from kb.reddit.importing import Job, check_readable, different, import_jobs, summary_of
 from kb.reddit.reduce import PAYLOADS
 from kb.reddit.source import INFO, MORE, THREAD, TREE, Reddit
-from kb.reddit.wanted import Ids, Wanted, asked_for, released
+from kb.reddit.wanted import Ids, Wanted, asked_for, released, subreddit_of
 from kb.store import leftovers, parquet, reading, tombstones
 from kb.store.frontier import Frontier, Item
 from kb.store.layout import Layout
@@ -169,7 +169,10 @@ def rebuild(
         gone = {*gone, *tombstones.keys(run.root, "reddit")}
         answers = tables.Answers(work, wanted, {}, released(sources), stale, gone)
         if dumps:
-            summary = _read_dumps(run, wanted, dumps, work, gone)
+            subreddit = (
+                "" if wanted.trees else subreddit_of(ids, Layout(run.root).release("reddit"))
+            )
+            summary = _read_dumps(run, wanted, dumps, work, gone, subreddit)
             answers = answers._replace(stale=True, otherwise=NOT_THERE)
         else:
             source = Rebuild(run, wanted, gone)
@@ -213,9 +216,17 @@ def _digest(wanted: Wanted, dumps: Sequence[Path], gone: Collection[str]) -> str
 
 
 def _read_dumps(
-    run: Run, wanted: Wanted, dumps: Sequence[Path], work: Path, gone: Collection[str]
+    run: Run,
+    wanted: Wanted,
+    dumps: Sequence[Path],
+    work: Path,
+    gone: Collection[str],
+    subreddit: str,
 ) -> Summary:
-    """What is wanted of the dumps → raw answers in the work folder, as an import writes them."""
+    """What is wanted of the dumps → raw answers in the work folder, as an import writes them.
+
+    `subreddit` is that of all ids, "" where nobody knows.
+    """
     ids, notes = work / "ids", Layout(work).importing("reddit")
     if run.again and not notes.exists():
         run = replace(run, again=False)  # nothing was read yet that could be read anew
@@ -224,7 +235,8 @@ def _read_dumps(
     if not ids.is_dir():
         with run.progress.task("ids", unit="steps"):
             byid.keep(wanted.names, wanted.trees, ids, gone)
-    job_ = Job(str(work), "", "", 0.0, math.inf, run.limit or 0, ids=str(ids), home=str(run.root))
+    room, home = run.limit or 0, str(run.root)
+    job_ = Job(str(work), "", subreddit, 0.0, math.inf, room, ids=str(ids), home=home)
     files = different(run, dumps)
     jobs = [msgspec.structs.replace(job_, file=str(file.absolute())) for file in files]
     try:

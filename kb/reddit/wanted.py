@@ -7,6 +7,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
@@ -23,6 +24,7 @@ Ids = Path | str | Iterable[str | Path] | None
 """A file or folder of ids, several of them, or full names; None: the data root's own release."""
 
 _NAME = re.compile(r"t[13]_[0-9a-z]{1,13}\Z")
+_PROFILE = "profile.toml"  # in a release folder: what it was made with
 
 
 class Wanted(NamedTuple):
@@ -104,6 +106,25 @@ def asked_for(ids: Ids, release: Path) -> tuple[Wanted, list[Path]]:
         return found[0], paths
     trees = dict.fromkeys(key for one in found for key in one.trees)
     return Wanted(Several([one.names for one in found]), list(trees)), [Path(one) for one in ids]
+
+
+def subreddit_of(ids: Ids, release: Path) -> str:
+    """The subreddit that all of these ids are of, by the profiles in their release folders.
+
+    "" where nobody says so: ids of a list may be of any.
+    """
+    given = [release] if ids is None else [ids] if isinstance(ids, (str, Path)) else list(ids)
+    said = {_subreddit(Path(one)) for one in given}
+    return said.pop() if len(said) == 1 else ""
+
+
+def _subreddit(folder: Path) -> str:
+    try:
+        profile = tomllib.loads((folder / _PROFILE).read_text(encoding="utf-8"))
+        name = profile["reddit"]["subreddit"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
+    return name if isinstance(name, str) else ""
 
 
 def read_wanted(path: Path) -> Wanted:

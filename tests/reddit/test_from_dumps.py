@@ -12,11 +12,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import LimitReached, SettingError
-from kb.reddit.byid import ById, keep
+from kb.reddit.byid import ById, Kept, keep
 from kb.reddit.dumps import Chunk
 from kb.reddit.reconstruction import rebuild
 from kb.sandbox.subreddit import _PEOPLE
@@ -81,11 +82,16 @@ def missing(work: Work) -> dict[str, str]:
     return {row["key"]: row["reason"] for row in found}
 
 
+@pytest.mark.parametrize("named", [False, True], ids=["any subreddit", "the release's own"])
 def test_rows_are_those_of_the_api_at_the_same_moment(
-    whole: Work, far: Work, month: list[Path]
+    whole: Work, far: Work, month: list[Path], named: bool
 ) -> None:
     since = len(far.sandbox.ledger)
-    words = ["--ids", str(released(whole)), "--out", str(far.place / "out"), "--dumps"]
+    folder = far.place / "release"
+    shutil.copytree(released(whole), folder)
+    if named:
+        (folder / "profile.toml").write_text('[reddit]\nsubreddit = "minecraft"\n')
+    words = ["--ids", str(folder), "--out", str(far.place / "out"), "--dumps"]
     job = far.job()
     for name in KEYS:
         job.env.pop(name)
@@ -227,9 +233,25 @@ def test_damaged_lines_are_counted_and_what_is_no_dump_is_refused(work: Work) ->
         from_dumps(work, ids, [ids])
 
 
+def test_a_release_that_names_its_subreddit_takes_lines_of_it_alone(work: Work) -> None:
+    """They are found as an import finds them; ids of a list may be of any subreddit."""
+    own, elsewhere = live(work, 2)
+    folder = work.place / "released"
+    folder.mkdir()
+    ids = pa.table({"post_id": [own, elsewhere]})
+    pq.write_table(ids, folder / "posts-00000-of-00001.parquet")
+    here, there = archived([work.world.posts[own], work.world.posts[elsewhere]])
+    month = write(work.place / "month.zst", [here, {**there, "subreddit": "gardening"}], frames=1)
+    assert from_dumps(work, folder, [month])["posts"] == 2
+    (folder / "profile.toml").write_text('[reddit]\nsubreddit = "Minecraft"\n')
+    shutil.rmtree(work.place / "out")
+    assert from_dumps(work, folder, [month])["posts"] == 1
+    assert missing(work) == {f"t3_{elsewhere}": "not in these dumps"}
+
+
 def test_ids_of_any_length_and_kind(tmp_path: Path) -> None:
     keep(["t3_a", "t1_abcdefg", "t1_abcdefgh", "t3_abcdefghijk"], ["tree1"], tmp_path / "ids")
-    search = ById(tmp_path / "ids")
+    search = ById(Kept(tmp_path / "ids"))
     lines = [
         {"id": "a", "title": ""},
         {"id": "a", "body": ""},  # a comment of that id was not asked for
