@@ -126,7 +126,7 @@ def _released(root: Path, source: str) -> dict[str, int]:
     from kb.store import parquet
     from kb.store.reading import reading
 
-    files = parquet_files(Layout(root).release(source))
+    files = parquet_files(Layout(root).release(source), "*-of-*.parquet")  # tombstones are no rows
     found: dict[str, int] = {}
     with reading(files):
         for file in files:

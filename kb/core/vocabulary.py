@@ -304,9 +304,13 @@ def count(value: Any, words: str) -> str:
     return words.replace("{n}", f"{value:,}" if isinstance(value, (int, float)) else str(value))
 
 
+# Tables whose rows are something else than their name says.
+_NOUNS = {"recipes": "slots of recipes"}
+
+
 def nouns(numbers: Mapping[str, int]) -> str:
     """Numbers by noun in a row: "3 channels, 1 video"."""
-    return ", ".join(count(n, f"{{n}} {name}") for name, n in numbers.items())
+    return ", ".join(count(n, f"{{n}} {_NOUNS.get(name, name)}") for name, n in numbers.items())
 
 
 def one(plural: str) -> str:
