@@ -18,6 +18,7 @@ from kb.store.shards import order
 
 MOST_WORDS = 200  # of a passage's text
 _AT_ONCE = 64  # rows as Python objects at a time: a transcript is a large one
+_AHEAD = 1_024  # of all files: a transcript has tens of kilobytes
 _NOT_SHOWN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")  # marks of snippets would be among them
 
 
@@ -62,7 +63,7 @@ def rows(root: Path, name: str, columns: list[str]) -> Iterator[dict[str, Any]]:
 def batches(root: Path, name: str, columns: list[str]) -> Iterator[pa.Table]:
     """The same as Arrow tables of a few rows."""
     files, declared = complete.rows(root, name), table(name)
-    with closing(Merge(files, order(declared), columns)) as merged:
+    with closing(Merge(files, order(declared), columns, ahead=_AHEAD)) as merged:
         for part in merged:
             for start in range(0, part.num_rows, _AT_ONCE):
                 yield part.slice(start, _AT_ONCE)

@@ -22,16 +22,25 @@ from kb.store import parquet
 from kb.store.reading import reading
 
 ROWS_AHEAD = 16_384  # rows that all files together are read ahead
-_LEAST = 256  # rows that a file is read ahead, however many files there are
+_LEAST = 64  # the part of them that a file is read ahead, however many files there are
 
 
 class Merge:
     """Iterates tables of `columns` in the order of `by`; the first of `by` is never null.
 
-    Raises DamagedData for a file that can't be read. `close()` closes the files.
+    `ahead` are the rows that all files together are read ahead: few where rows are large. Raises
+    DamagedData for a file that can't be read. `close()` closes the files.
     """
 
-    def __init__(self, parts: Sequence[Path], by: Sequence[str], columns: Sequence[str]) -> None:
+    def __init__(
+        self,
+        parts: Sequence[Path],
+        by: Sequence[str],
+        columns: Sequence[str],
+        ahead: int | None = None,
+    ) -> None:
+        ahead = ahead or ROWS_AHEAD
+        self._ahead = max(1, ahead // _LEAST, ahead // max(1, len(parts)))
         self._by: list[tuple[str, Literal["ascending", "descending"]]] = [
             (name, "ascending") for name in by
         ]
@@ -47,8 +56,7 @@ class Merge:
             yield from self._tables()
 
     def _tables(self) -> Iterator[pa.Table]:
-
-        ahead = max(_LEAST, ROWS_AHEAD // max(1, len(self._parts)))
+        ahead = self._ahead
         self._cursors = [_Cursor(self._sorted(path), self._columns, ahead) for path in self._parts]
         live = [cursor for cursor in self._cursors if cursor.fill(ahead)]
         while live:

@@ -253,7 +253,7 @@ def test_search_beside_others(tmp_path: Path) -> None:
                 flush=True,
             )
         shutil.rmtree(root)
-    # Reading takes a row group of each file together, in all three; the index itself takes no more.
+    # All three read the same way, a few rows of each file ahead; the index itself takes no more.
     for own, bare in zip(peaks["kb index"], peaks["FTS5, bare insert"], strict=True):
         assert own < bare + 200
 

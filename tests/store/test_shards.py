@@ -132,7 +132,7 @@ def test_a_group_larger_than_what_is_read_ahead(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(merge, "ROWS_AHEAD", 8)
-    monkeypatch.setattr(merge, "_LEAST", 4)
+    monkeypatch.setattr(merge, "_LEAST", 2)
     rows = [
         (page, 1, row, column)
         for page in (1, 2, 3, 9)
