@@ -16,7 +16,7 @@ import msgspec
 from kb.core.errors import OtherService, ProfileError
 from kb.core.profile import Profile, is_shipped, load_profile
 from kb.core.sources import SOURCES
-from kb.store import identity, lock, notes, rawlog
+from kb.store import identity, leftovers, lock, notes, rawlog
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
 
@@ -98,6 +98,7 @@ def _note(root: Path, profile: Profile) -> None:
         )
     if old is None and _holds_data(root) and not _agrees(root, profile):
         return
+    leftovers.ended(Layout(root).profile)  # a command that takes no lock of this root was killed
     write_bytes(Layout(root).profile, msgspec.json.encode(_of(root, profile)))
 
 

@@ -12,7 +12,7 @@ from kb.core.errors import DamagedData, OtherService, ProfileError
 from kb.core.profile import load_profile
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.store import belonging, lock, rawlog
+from kb.store import belonging, lock, process, rawlog
 from kb.store.identity import remember
 from kb.store.rawlog import Envelope, Request, Segment
 from tests.youtube.job import Job
@@ -204,3 +204,23 @@ def test_the_commands_of_a_root_use_its_profile_and_refuse_another(tmp_path: Pat
         moved = path.with_name("gone.toml")
         job.done("youtube", "filter", "--profile", str(moved))
         assert job.kb("status").stderr == ""  # where it is now is remembered
+
+
+def test_noting_the_profile_clears_what_a_killed_command_left_of_it(tmp_path: Path) -> None:
+    """Not every command that notes it takes a lock of the root: `kb reddit reconstruct --out`."""
+    state = tmp_path / "state"
+    state.mkdir()
+    killed = subprocess.run(
+        [sys.executable, "-c", "from kb.store import process; print(process.mark())"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=Path(__file__).parents[2],
+    )
+    left = state / f".profile.json.{killed.stdout.strip()}-0.tmp"
+    running = state / f".profile.json.{process.mark()}-0.tmp"
+    for path in (left, running):
+        path.write_bytes(b"{")
+    belonging.note(tmp_path, load_profile("minecraft"))
+    assert (left.exists(), running.exists()) == (False, True)
+    assert (state / "profile.json").is_file()
