@@ -18,7 +18,7 @@ from kb.crawl.session import open_session
 from kb.export import parquet
 from kb.filters.clean import run_clean
 from kb.links.build import build as build_links
-from kb.pairs.build import build
+from kb.pairs.build import build, clear_finished
 from kb.reddit.crawl import crawl as crawl_reddit
 from kb.reddit.source import Reddit
 from kb.release.build import release
@@ -67,6 +67,7 @@ def repair(run: Run, look: Look) -> list[str]:
         if mend.made_again(look, "pairs", at.pairs):
             step = partial(build, replace(run, again=True))
             said += mend.make(look, "kb pairs --again", at.pairs, step)
+        clear_finished(run.root)
         if mend.made_again(look, "links", at.links):
             step = partial(_links, replace(run, again=True))
             said += mend.make(look, "kb links --again", at.links, step)

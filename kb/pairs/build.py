@@ -91,6 +91,17 @@ def build(run: Run) -> Summary:
     return summary
 
 
+def clear_finished(root: Path) -> None:
+    """Remove what a run had not cleared when it was killed behind its last rename. Under the lock.
+
+    Parts of pairs that are not finished stay: the next run goes on with them.
+    """
+    known = read_summary(root)
+    for left in Layout(root).pairing.glob("*"):
+        if known.get("complete") and left.name == known.get("fingerprint"):
+            shutil.rmtree(left, ignore_errors=True)
+
+
 def read_summary(root: Path) -> dict[str, Any]:
     """What the last run left beside the pairs; empty when there was none."""
     try:

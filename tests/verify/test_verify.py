@@ -287,6 +287,17 @@ def test_a_release_without_its_description_gets_it_where_nothing_is_damaged(root
     assert ["kb release" in line for line in said] == [True]
 
 
+def test_repair_clears_parts_of_finished_pairs_and_keeps_those_of_others(root: Path) -> None:
+    """A repair that was killed behind the last rename of its pairs: nothing of them is damaged."""
+    mark = json.loads((root / "pairs/_summary.json").read_text())["fingerprint"]
+    for name in (mark, "going-on"):
+        part = root / "state/pairs" / name / "plan.json"
+        part.parent.mkdir(parents=True)
+        part.write_text("{}")
+    load(str(locate("verify", None))).mended(run_at(root), root)
+    assert [path.name for path in (root / "state/pairs").iterdir()] == ["going-on"]
+
+
 def test_repair_leaves_a_folder_with_somebody_elses_file(root: Path) -> None:
     mine = root / "clean/youtube/videos/mine.parquet"
     mine.write_text("x")
