@@ -86,12 +86,7 @@ def _files(root: Path) -> Files:
     """The clean files of every source that has any. Raises FatalError, DamagedData."""
     found: Files = {}
     for source in SOURCES:
-        held = {
-            f"{table}/{path.name}": path
-            for table in TABLES[source]
-            for path in complete.rows(root, f"{source}/{table}")
-        }
-        if held:
+        if held := complete.files(root, source, TABLES[source]):
             found[source] = held
     if not found:
         raise FatalError(
@@ -255,7 +250,7 @@ def _finish(
             for name, one in reads.items()
         }
         note = Note(len(keywords.every), len(own), sum(counted.values()), total, sources)
-        write_bytes(fresh / linked.NOTE, msgspec.json.format(msgspec.json.encode(note), indent=1))
+        write_bytes(fresh / complete.NOTE, msgspec.json.format(msgspec.json.encode(note), indent=1))
     return note
 
 

@@ -32,7 +32,6 @@ from kb.store.shards import ShardWriter, sorted_shards, write_table
 
 _RULES = "2"  # raised when the same input gives other rows
 _STRETCH = 4096  # transcripts: some seconds of work
-SUMMARY = "_summary.json"  # the underscore hides it from readers of a folder of Parquet
 _TOTALS = (
     "videos",
     "words",
@@ -105,7 +104,7 @@ def clear_finished(root: Path) -> None:
 def read_summary(root: Path) -> dict[str, Any]:
     """What the last run left beside the pairs; empty when there was none."""
     try:
-        return dict(json.loads((Layout(root).pairs / SUMMARY).read_text()))
+        return dict(json.loads((Layout(root).pairs / complete.NOTE).read_text()))
     except (OSError, ValueError):
         return {}
 
@@ -234,7 +233,7 @@ def _finish(
             rows_per_shard=run.profile.release.rows_per_shard,
             released=False,
         )
-        write_text(fresh / SUMMARY, json.dumps(known, indent=1, ensure_ascii=False) + "\n")
+        write_text(fresh / complete.NOTE, json.dumps(known, indent=1, ensure_ascii=False) + "\n")
     return known
 
 

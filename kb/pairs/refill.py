@@ -21,14 +21,13 @@ from kb.core.errors import DamagedData, SettingError
 from kb.core.plan import Part, Phase
 from kb.core.verdict import Summary
 from kb.pairs import source
-from kb.pairs.build import SUMMARY
 from kb.pairs.index import make_tools
 from kb.pairs.keywords import Keywords
 from kb.pairs.text import Text
 from kb.pairs.tokens import ENDS
 from kb.schema.conform import conform
 from kb.schema.tables import table
-from kb.store import parquet, tombstones
+from kb.store import complete, parquet, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
@@ -165,4 +164,5 @@ def _write(run: Run, rows: pa.Table, texts: list[str | None], out: Path) -> None
             released=False,
         )
         part.unlink()
-        write_text(fresh / SUMMARY, json.dumps({"fingerprint": "index", "complete": False}) + "\n")
+        note = {"fingerprint": "index", "complete": False}
+        write_text(fresh / complete.NOTE, json.dumps(note) + "\n")

@@ -169,9 +169,7 @@ def rebuild(
         gone = {*gone, *tombstones.keys(run.root, "reddit")}
         answers = tables.Answers(work, wanted, {}, released(sources), stale, gone)
         if dumps:
-            subreddit = (
-                "" if wanted.trees else subreddit_of(ids, Layout(run.root).release("reddit"))
-            )
+            subreddit = "" if wanted.trees else subreddit_of(sources)
             summary = _read_dumps(run, wanted, dumps, work, gone, subreddit)
             answers = answers._replace(stale=True, otherwise=NOT_THERE)
         else:

@@ -108,13 +108,12 @@ def asked_for(ids: Ids, release: Path) -> tuple[Wanted, list[Path]]:
     return Wanted(Several([one.names for one in found]), list(trees)), [Path(one) for one in ids]
 
 
-def subreddit_of(ids: Ids, release: Path) -> str:
-    """The subreddit that all of these ids are of, by the profiles in their release folders.
+def subreddit_of(sources: Sequence[Path]) -> str:
+    """The subreddit that all ids of these sources are of, by the profiles in release folders.
 
     "" where nobody says so: ids of a list may be of any.
     """
-    given = [release] if ids is None else [ids] if isinstance(ids, (str, Path)) else list(ids)
-    said = {_subreddit(Path(one)) for one in given}
+    said = {_subreddit(one) for one in sources}
     return said.pop() if len(said) == 1 else ""
 
 

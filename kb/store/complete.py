@@ -19,7 +19,8 @@ from kb.store.layout import Layout, parquet_files
 
 LIST = "files.json"
 # What is made of all sources has a note beside it, and always a file of each of its tables.
-_SAID, _TABLES = "_summary.json", {"pairs": ("pairs",), "links": ("entities", "links")}
+NOTE = "_summary.json"  # the underscore hides it from readers of a folder of Parquet
+_TABLES = {"pairs": ("pairs",), "links": ("entities", "links")}
 _SHARD = re.compile(r"(.+)-(\d{5})-of-(\d{5})(\.[a-z]+)")
 
 
@@ -30,6 +31,13 @@ def rows(root: Path, name: str) -> list[Path]:
     """
     check(Layout(root).table(name))
     return Layout(root).rows(name)
+
+
+def files(root: Path, source: str, tables: Iterable[str]) -> dict[str, Path]:
+    """Files of a source's clean tables by "<table>/<name>". Raises DamagedData for a lost one."""
+    return {
+        f"{table}/{path.name}": path for table in tables for path in rows(root, f"{source}/{table}")
+    }
 
 
 def check(folder: Path) -> None:
@@ -50,7 +58,7 @@ def missing(folder: Path) -> list[Path]:
     """Files of a table's folder that were written and are not there, by name."""
     written = [folder / name for name in listed(folder.parent).get(folder.name, ())]
     there = {path.name for path in parquet_files(folder)}
-    if (folder / _SAID).is_file():
+    if (folder / NOTE).is_file():
         for name in _TABLES.get(folder.name, ()):
             if not any(file.startswith(f"{name}-") for file in there):
                 written.append(folder / f"{name}-00000-of-00001.parquet")

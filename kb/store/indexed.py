@@ -56,11 +56,7 @@ class Note(msgspec.Struct):
 
 def files(root: Path, source: str) -> dict[str, Path]:
     """The clean files that an index of the source is made of. Raises DamagedData for a lost one."""
-    return {
-        f"{table}/{path.name}": path
-        for table in TABLES[source]
-        for path in complete.rows(root, f"{source}/{table}")
-    }
+    return complete.files(root, source, TABLES[source])
 
 
 def read(root: Path, source: str) -> Note | None:

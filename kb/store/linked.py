@@ -19,8 +19,6 @@ from kb.store.advice import advice
 from kb.store.digests import digest
 from kb.store.layout import Layout
 
-NOTE = "_summary.json"  # the underscore hides it from readers of a folder of Parquet
-
 
 class Read(msgspec.Struct):
     """What was read of a source: `files` with their SHA-256, by "<table>/<name>". `mark` stands for
@@ -44,7 +42,7 @@ class Note(msgspec.Struct):
 
 def path(root: Path) -> Path:
     """Where the note is."""
-    return Layout(root).links / NOTE
+    return Layout(root).links / complete.NOTE
 
 
 def read(root: Path) -> Note | None:

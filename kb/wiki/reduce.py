@@ -169,10 +169,10 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
             rendered = (answer["revision_id"], answer["title"])
             frontier.payload("pages", key, replace(known[1], rendered=rendered))
         frontier.done("pages", key)
-        for file in answer["files"]:
-            held = File(file["key"], file["title"], file["src"])
-            if not frontier.add("files", [(held.key, held)]):
-                _complete(frontier, held)
+        files = [File(file["key"], file["title"], file["src"]) for file in answer["files"]]
+        if frontier.add("files", [(file.key, file) for file in files]) < len(files):
+            for file in files:
+                _complete(frontier, file)
         return
     reason = answer["reason"]
     if outcome not in ("robots", "final"):

@@ -11,8 +11,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +26,7 @@ from kb.pairs.keywords import load
 from kb.pairs.text import Text
 from kb.schema import table
 from kb.store.shards import write_table
+from tests.bench.measured import words_a_second
 from tests.pairs.made import tables
 
 pytestmark = pytest.mark.bench
@@ -48,18 +48,6 @@ def said(tools) -> tuple[pa.Table, pa.Array]:  # type: ignore[no-untyped-def]
     return rows, lengths["duration_s"].combine_chunks()
 
 
-def _rate(words: int, work: Callable[[], object], least: float = 1.0) -> float:
-    """Words a CPU second; the best of runs that take `least` seconds together."""
-    best, spent = float("inf"), 0.0
-    work()
-    while spent < least:
-        begin = time.process_time()
-        work()
-        took = time.process_time() - begin
-        best, spent = min(best, took), spent + took
-    return words / best
-
-
 def test_links_are_made_at_the_speed_of_the_matcher(said, tools) -> None:  # type: ignore[no-untyped-def]
     rows, lengths = said
     with_, text = finder(tools.keywords), Text(rows)
@@ -73,13 +61,13 @@ def test_links_are_made_at_the_speed_of_the_matcher(said, tools) -> None:  # typ
         return in_pieces("comment", keys, np.arange(len(short)), texts)
 
     rates = {
-        "fold + match + resolve": _rate(words, lambda: tools.matcher.find(text.raw)),
-        "kb pairs": _rate(words, lambda: pairs_of(Text(rows, lengths), tools)),
-        "kb links, transcripts": _rate(
+        "fold + match + resolve": words_a_second(words, lambda: tools.matcher.find(text.raw)),
+        "kb pairs": words_a_second(words, lambda: pairs_of(Text(rows, lengths), tools)),
+        "kb links, transcripts": words_a_second(
             words,
             lambda: mentions("youtube", Part("transcript", Text(rows, lengths), timed=True), with_),
         ),
-        f"kb links, texts of {_SHORT} words": _rate(
+        f"kb links, texts of {_SHORT} words": words_a_second(
             words, lambda: [mentions("reddit", part, with_) for part in comments()]
         ),
     }

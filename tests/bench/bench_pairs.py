@@ -16,7 +16,6 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,6 +30,7 @@ from kb.pairs.keywords import load
 from kb.pairs.match import leftmost_longest
 from kb.pairs.text import Text
 from kb.store.shards import ShardWriter, write_table
+from tests.bench.measured import words_a_second
 from tests.pairs.made import tables
 
 pytestmark = pytest.mark.bench
@@ -68,20 +68,6 @@ def said(tools) -> Said:  # type: ignore[no-untyped-def]
     )
 
 
-def _rate(words: int, work: Callable[[], object], least: float = 0.5) -> float:
-    """Words a CPU second; the best of runs that take `least` seconds together,
-    after one to warm up.
-    """
-    best, spent = float("inf"), 0.0
-    work()
-    while spent < least:
-        begin = time.process_time()
-        work()
-        took = time.process_time() - begin
-        best, spent = min(best, took), spent + took
-    return words / best
-
-
 def _part(said: Said, words: int) -> tuple[list[str], int]:
     """About as many words, for the slow ones."""
     texts, total = [], 0
@@ -110,7 +96,9 @@ def test_pairs_matching_and_pipeline(said: Said, tools) -> None:  # type: ignore
     rates["one re alternation"] = words / (time.process_time() - begin)
 
     raw = Text(said.rows).raw
-    rates["kb: fold + match + resolve"] = _rate(said.words, lambda: tools.matcher.find(raw))
+    rates["kb: fold + match + resolve"] = words_a_second(
+        said.words, lambda: tools.matcher.find(raw)
+    )
     found = tools.matcher.find(raw)
     hits["kb: fold + match + resolve"] = len(found.phrase) / said.words
     few = b" " + " \xff ".join(texts).encode("latin-1") + b" "
@@ -118,7 +106,7 @@ def test_pairs_matching_and_pipeline(said: Said, tools) -> None:  # type: ignore
         hits["one re alternation"] * words
     )  # the same matches
 
-    rates["kb: whole pipeline with CLIP tokens"] = _rate(
+    rates["kb: whole pipeline with CLIP tokens"] = words_a_second(
         said.words, lambda: pairs_of(Text(said.rows, said.lengths), tools)
     )
     _flashtext(said, phrases, rates, hits)
@@ -141,7 +129,7 @@ def _flashtext(
     keyword = pytest.importorskip("flashtext").KeywordProcessor()
     keyword.add_keywords_from_list(list(phrases))
     texts, words = _part(said, 100_000)
-    rates["flashtext"] = _rate(
+    rates["flashtext"] = words_a_second(
         words, lambda: [keyword.extract_keywords(text, span_info=True) for text in texts]
     )
     hits["flashtext"] = sum(len(keyword.extract_keywords(text)) for text in texts) / words
@@ -162,7 +150,7 @@ def _pyahocorasick(
             count += len(leftmost_longest(ends[:, 0] - ends[:, 1], ends[:, 0]))
         return count
 
-    rates["pyahocorasick + resolve"] = _rate(said.words, work)
+    rates["pyahocorasick + resolve"] = words_a_second(said.words, work)
     hits["pyahocorasick + resolve"] = work() / said.words
 
 
@@ -175,7 +163,7 @@ def _duckdb(said: Said, phrases: list[str], rates: dict[str, float]) -> None:
         con.execute("SET threads = 1")
         con.register("said", pa.table({"text": texts}))
         try:
-            rates["DuckDB regexp"] = _rate(
+            rates["DuckDB regexp"] = words_a_second(
                 words,
                 lambda: con.execute(
                     f"SELECT sum(len(regexp_extract_all(text, '{pattern}'))) FROM said"

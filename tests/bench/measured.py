@@ -105,3 +105,17 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     for pid in reversed(_tree(process.pid)):
         with contextlib.suppress(psutil.Error):
             psutil.Process(pid).kill()
+
+
+def words_a_second(words: int, work: Callable[[], object], least: float = 1.0) -> float:
+    """Words a CPU second; the best of runs that take `least` seconds together,
+    after one to warm up.
+    """
+    best, spent = float("inf"), 0.0
+    work()
+    while spent < least:
+        begin = time.process_time()
+        work()
+        took = time.process_time() - begin
+        best, spent = min(best, took), spent + took
+    return words / best
