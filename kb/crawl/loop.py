@@ -5,7 +5,8 @@ stops.
     a stop     (quota spent, blocked, limit) closes what it concerns; the other phases go on
     an error   that is no stop, a full disk or a signal ends all lanes after the items in hand
 
-What an error means for the items in hand is decided here, by its class, for every source alike.
+What an error means for the items in hand is decided here, by its class, for every source alike;
+whose turn it is, in kb.crawl.turns.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any
+from datetime import datetime
 
 from kb.core import clock, signals
 from kb.core.errors import (
@@ -21,18 +22,17 @@ from kb.core.errors import (
     DiskFull,
     Interrupted,
     ItemFinal,
-    LimitReached,
-    QuotaSpent,
     Retryable,
     Stopped,
     Unreachable,
 )
-from kb.crawl.limits import Limit, back_at, together, upstream, worst
+from kb.core.progress import Task
+from kb.crawl.limits import worst
 from kb.crawl.session import Session
 from kb.crawl.source import Phase
+from kb.crawl.turns import Turn, Turns
 from kb.store.frontier import Item
 
-Turn = tuple[Phase, list[Item]]
 _EVERYTHING = (DiskFull, Interrupted)  # stops that are not one service's matter
 
 
@@ -51,28 +51,20 @@ class Loop:
         facts: Callable[[Phase], dict[str, object]] | None = None,
     ) -> None:
         self.session, self.frontier, self.source = session, session.frontier, session.source
-        self.phases = list(session.source.phases if phases is None else phases)
+        self.turns = Turns(session, session.source.phases if phases is None else phases)
         self.answered: Counter[str] = Counter()
         self._facts = facts or (lambda phase: {})
-        self._limit = Limit(session.run.limit)
         self._changed = threading.Condition()
-        self._in_hand: Counter[str] = Counter()  # fetches by kind
-        self._closed: dict[str, Stopped] = {}  # kind: why nothing more is asked of it
         self._end: BaseException | None = None  # why everything ends
         self._failures: Counter[str] = Counter()  # in a row, by lane
-        self._bars: dict[str, Any] = {}
-        self._lanes = {phase.kind: phase.lane for phase in self.phases}
-        self._above = {
-            phase.kind: upstream(self.phases, phase.kind) & {one.kind for one in self.phases}
-            for phase in self.phases
-        }
+        self._bars: dict[str, Task] = {}
 
     def run(self) -> None:
         """Work until nothing is left. Raises the reason when something is left that could be done.
 
         The first lane works in the caller's thread, which is the one that hears of signals.
         """
-        lanes = list(dict.fromkeys(phase.lane for phase in self.phases))
+        lanes = self.turns.lanes()
         threads = [
             threading.Thread(target=self._work, args=(lane,), name=f"{lane}-{number}")
             for lane in lanes
@@ -87,35 +79,19 @@ class Loop:
         finally:
             for thread in threads:
                 thread.join()
-            stopped = self._end is not None or bool(self._stops())
+            stopped = self._end is not None or bool(self.turns.stops())
             for bar in self._bars.values():
                 bar.close(stopped=stopped)
         if self._end is not None:
             raise self._end
-        stop = worst(self._stops())
+        stop = worst(self.turns.stops())
         if stop is not None:
             raise stop
 
-    def left(self, kind: str) -> int:
-        """How many items of a kind wait for another run."""
-        counts = self.frontier.counts(kind)
-        return counts.get("todo", 0) + counts.get("in_progress", 0)
-
-    def _stops(self) -> list[Stopped]:
-        """Why something is left. A limit that took all there was is no reason.
-
-        Of a service that is down nothing may wait any more: the last items have failed.
-        """
-        return [
-            stop
-            for kind, stop in self._closed.items()
-            if self.left(kind) or isinstance(stop, Unreachable)
-        ]
-
     def _threads(self, lane: str) -> int:
-        return max(phase.workers for phase in self.phases if phase.lane == lane)
+        return max(phase.workers for phase in self.turns.phases if phase.lane == lane)
 
-    # -- whose turn it is --------------------------------------------------------------------------
+    # -- one thread --------------------------------------------------------------------------------
 
     def _work(self, lane: str) -> None:
         """One thread's part of a lane."""
@@ -138,108 +114,28 @@ class Loop:
             with self._changed:
                 if self._end is not None:
                     return None
-                turn = self._take(lane)
+                turn = self.turns.take(lane)
                 if turn is not None:
                     return turn
-                if self._may_come(lane):
+                if self.turns.may_come(lane):
                     self._changed.wait(timeout=0.2)
                     signals.stop.check()
                     continue
-                back = self._back(lane)
+                back, why = self.turns.back(lane), self.turns.why(lane)
                 if back is None:
                     return None
-            self._sleep(lane, back)
+            self._sleep(lane, back, why)
 
-    def _take(self, lane: str) -> Turn | None:
-        if self.session.probing(lane) and any(
-            self._in_hand[phase.kind] for phase in self.phases if phase.lane == lane
-        ):
-            return None
-        self._close_what_is_limited()
-        for phase in self.phases:
-            if phase.lane != lane or not self._open(phase):
-                continue
-            turn = self._take_of(phase)
-            if turn is not None:
-                return turn
-        return None
-
-    def _close_what_is_limited(self) -> None:
-        """As many were answered as the limit allows: nothing more is listed for them either."""
-        for phase in self.phases:
-            if not phase.limited or phase.seeks or self._in_hand[phase.kind]:
-                continue
-            if self._limit.room(1) <= 0:
-                self._close(phase, self._limit.reached())
-
-    def _open(self, phase: Phase) -> bool:
-        """Whether a phase may be worked on now, as far as the others are concerned."""
-        if phase.kind in self._closed or self._in_hand[phase.kind] >= phase.workers:
-            return False
-        return not (phase.whole and any(self._busy(kind) for kind in self._above[phase.kind]))
-
-    def _take_of(self, phase: Phase) -> Turn | None:
-        """Items of a phase, without those that the source leaves out."""
-        while self.frontier.ready(phase.kind):
-            room = self._limit.room(phase.batch) if phase.limited else phase.batch
-            if phase.packed and self.frontier.ready(phase.kind, room) < room and self._more(phase):
-                return None
-            # What is left out takes nothing of the limit, so it is looked for beyond it too.
-            items = self._wanted(phase, self.frontier.take(phase.kind, max(room, 1)))
-            if not items:
-                continue
-            if room <= 0:
-                self.frontier.release(phase.kind, *(item.key for item in items))
-                self._close(phase, self._limit.reached())
-                return None
-            chosen = self.source.pack(phase, items)
-            keys = {item.key for item in chosen}
-            self.frontier.release(phase.kind, *(item.key for item in items if item.key not in keys))
-            self._in_hand[phase.kind] += 1
-            if phase.limited:
-                self._limit.take(len(chosen))
-            return phase, chosen
-        return None
-
-    def _wanted(self, phase: Phase, items: list[Item]) -> list[Item]:
-        wanted = []
-        for item in items:
-            reason = self.source.leave_out(phase, item)
-            if reason is None:
-                wanted.append(item)
-            else:
-                self.frontier.skip(phase.kind, item.key, reason)
-        return wanted
-
-    def _busy(self, kind: str) -> bool:
-        """Whether a phase has items in hand, or some that this run will take."""
-        if self._in_hand[kind]:
-            return True
-        return kind not in self._closed and bool(self.frontier.ready(kind))
-
-    def _more(self, phase: Phase) -> bool:
-        """Whether the phase's own lane can be asked for more of its items first."""
-        own = {one.kind for one in self.phases if one.lane == phase.lane}
-        return any(self._busy(kind) for kind in self._above[phase.kind] & own)
-
-    def _may_come(self, lane: str) -> bool:
-        """Whether a thread of this lane should wait for what is in hand, here or above."""
-        for phase in self.phases:
-            if phase.lane != lane or phase.kind in self._closed:
-                continue
-            above = self._above[phase.kind]
-            if self._in_hand[phase.kind] or any(map(self._busy, above)):
-                return True
-            if any(self._sleeps(kind) for kind in above if self._lanes[kind] != lane):
-                return True
-        return False
-
-    def _sleeps(self, kind: str) -> bool:
-        """Whether a phase was stopped and its lane waits until it may go on."""
-        stop = self._closed.get(kind)
-        if not self.session.run.wait or not isinstance(stop, (QuotaSpent, Blocked)):
-            return False
-        return back_at([stop]) is not None and bool(self.left(kind))
+    def _sleep(self, lane: str, back: datetime, why: Stopped | None) -> None:
+        """Wait until the service answers again, then open what its stop had closed."""
+        said = f"{self.source.name}: waiting until {clock.stamp(back)}"
+        if isinstance(why, Blocked) and why.after is not None:
+            said = f"waiting {why.after:.0f} s: {why}"
+        self.session.run.progress.say(said)
+        clock.sleep_until(back)
+        self.session.goes_on(lane)
+        with self._changed:
+            self.turns.reopen(lane)
 
     # -- what became of it -------------------------------------------------------------------------
 
@@ -260,7 +156,7 @@ class Loop:
             self._stop(phase, error, len(items))
         finally:
             with self._changed:
-                self._in_hand[phase.kind] -= 1
+                self.turns.done(phase)
                 self._changed.notify_all()
 
     def _fetch(self, phase: Phase, items: list[Item]) -> bool:
@@ -297,8 +193,7 @@ class Loop:
     def _stop(self, phase: Phase, error: BaseException, given_back: int) -> None:
         """Close what a stop concerns; anything else ends the run."""
         with self._changed:
-            if phase.limited:
-                self._limit.take(-given_back)
+            self.turns.give_back(phase, given_back)
         if not isinstance(error, Stopped) or isinstance(error, _EVERYTHING):
             self._end_all(error)
             return
@@ -307,20 +202,16 @@ class Loop:
         if isinstance(error, (Blocked, Unreachable)):
             self.session.ended(phase.lane, error)
         with self._changed:
-            self._close(phase, error)
+            self.turns.close(phase, error)
             self._changed.notify_all()
 
     def _end_all(self, error: BaseException) -> None:
         """The run ends: threads finish what they have in hand, or stop waiting for it."""
-        for lane in set(self._lanes.values()):
+        for lane in self.turns.lanes():
             self.session.ended(lane, error)
         with self._changed:
             self._end = self._end or error
             self._changed.notify_all()
-
-    def _close(self, phase: Phase, stop: Stopped) -> None:
-        for kind in together(self.phases, phase, stop):
-            self._closed.setdefault(kind, stop)
 
     def _show(self, phase: Phase, n: int) -> None:
         if not phase.shown:
@@ -335,32 +226,6 @@ class Loop:
                     waiting=lambda: self.frontier.waiting(phase.kind),
                 )
         bar.advance(n, **self._facts(phase))
-
-    # -- waiting -----------------------------------------------------------------------------------
-
-    def _back(self, lane: str) -> Any:
-        """With --wait: when a lane that was stopped may go on; None when it may not."""
-        if not self.session.run.wait:
-            return None
-        kinds = [phase.kind for phase in self.phases if phase.lane == lane]
-        stops = [self._closed[kind] for kind in kinds if kind in self._closed and self.left(kind)]
-        return back_at(stop for stop in stops if not isinstance(stop, LimitReached))
-
-    def _sleep(self, lane: str, back: Any) -> None:
-        """Wait until the service answers again, then open what its stop had closed."""
-        kinds = [phase.kind for phase in self.phases if phase.lane == lane]
-        why = next((self._closed[kind] for kind in kinds if kind in self._closed), None)
-        said = f"{self.source.name}: waiting until {clock.stamp(back)}"
-        if isinstance(why, Blocked) and why.after is not None:
-            said = f"waiting {why.after:.0f} s: {why}"
-        self.session.run.progress.say(said)
-        clock.sleep_until(back)
-        self.session.goes_on(lane)
-        with self._changed:
-            for phase in self.phases:
-                stop = self._closed.get(phase.kind)
-                if phase.lane == lane and isinstance(stop, (QuotaSpent, Blocked)):
-                    del self._closed[phase.kind]
 
 
 def _down(reason: str, times: int) -> Unreachable:

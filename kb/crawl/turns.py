@@ -1,0 +1,188 @@
+"""Whose turn it is: which items a lane takes next, and what keeps it from taking more.
+
+closed    a kind of which nothing more is asked in this run, and why
+above     the kinds whose answers lead to a kind, directly or by way of others
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from datetime import datetime
+
+from kb.core.errors import Blocked, LimitReached, QuotaSpent, Stopped, Unreachable
+from kb.crawl.limits import Limit, back_at, together, upstream
+from kb.crawl.session import Session
+from kb.crawl.source import Phase
+from kb.store.frontier import Item
+
+Turn = tuple[Phase, list[Item]]
+
+
+class Turns:
+    """What is in hand, closed and left to take of a run's phases.
+
+    Not thread-safe by itself: the loop asks under its lock.
+    """
+
+    def __init__(self, session: Session, phases: Sequence[Phase]) -> None:
+        self.phases = list(phases)
+        self._session, self._source, self._frontier = session, session.source, session.frontier
+        self._limit = Limit(session.run.limit)
+        self._in_hand: Counter[str] = Counter()  # fetches by kind
+        self._closed: dict[str, Stopped] = {}
+        self._lanes = {phase.kind: phase.lane for phase in self.phases}
+        self._above = {
+            phase.kind: upstream(self.phases, phase.kind) & self._lanes.keys()
+            for phase in self.phases
+        }
+
+    def lanes(self) -> list[str]:
+        """In the order of their first phases."""
+        return list(dict.fromkeys(self._lanes.values()))
+
+    def left(self, kind: str) -> int:
+        """How many items of a kind wait for another run."""
+        counts = self._frontier.counts(kind)
+        return counts.get("todo", 0) + counts.get("in_progress", 0)
+
+    # -- taking ------------------------------------------------------------------------------------
+
+    def take(self, lane: str) -> Turn | None:
+        """The next items of a lane; they are in hand until `done`. None when there are none now."""
+        of_lane = self._of(lane)
+        if self._session.probing(lane) and any(self._in_hand[phase.kind] for phase in of_lane):
+            return None
+        self._close_what_is_limited()
+        for phase in of_lane:
+            turn = self._take_of(phase) if self._open(phase) else None
+            if turn is not None:
+                return turn
+        return None
+
+    def may_come(self, lane: str) -> bool:
+        """Whether a thread of this lane should wait for what is in hand, here or above."""
+        for phase in self._of(lane):
+            if phase.kind in self._closed:
+                continue
+            above = self._above[phase.kind]
+            if self._in_hand[phase.kind] or any(map(self._busy, above)):
+                return True
+            if any(self._sleeps(kind) for kind in above if self._lanes[kind] != lane):
+                return True
+        return False
+
+    def give_back(self, phase: Phase, n: int) -> None:
+        """`n` items that were taken were not asked for: others may be, below the limit."""
+        if phase.limited:
+            self._limit.take(-n)
+
+    def done(self, phase: Phase) -> None:
+        """What was taken in one turn is in hand no more."""
+        self._in_hand[phase.kind] -= 1
+
+    def _of(self, lane: str) -> list[Phase]:
+        return [phase for phase in self.phases if phase.lane == lane]
+
+    def _close_what_is_limited(self) -> None:
+        """As many were answered as the limit allows: nothing more is listed for them either."""
+        for phase in self.phases:
+            if not phase.limited or phase.seeks or self._in_hand[phase.kind]:
+                continue
+            if self._limit.room(1) <= 0:
+                self.close(phase, self._limit.reached())
+
+    def _open(self, phase: Phase) -> bool:
+        """Whether a phase may be worked on now, as far as the others are concerned."""
+        if phase.kind in self._closed or self._in_hand[phase.kind] >= phase.workers:
+            return False
+        return not (phase.whole and any(self._busy(kind) for kind in self._above[phase.kind]))
+
+    def _take_of(self, phase: Phase) -> Turn | None:
+        """Items of a phase, without those that the source leaves out."""
+        while self._frontier.ready(phase.kind):
+            room = self._limit.room(phase.batch) if phase.limited else phase.batch
+            if phase.packed and self._frontier.ready(phase.kind, room) < room and self._more(phase):
+                return None
+            # What is left out takes nothing of the limit, so it is looked for beyond it too.
+            items = self._wanted(phase, self._frontier.take(phase.kind, max(room, 1)))
+            if not items:
+                continue
+            if room <= 0:
+                self._frontier.release(phase.kind, *(item.key for item in items))
+                self.close(phase, self._limit.reached())
+                return None
+            chosen = self._source.pack(phase, items)
+            keys = {item.key for item in chosen}
+            others = (item.key for item in items if item.key not in keys)
+            self._frontier.release(phase.kind, *others)
+            self._in_hand[phase.kind] += 1
+            if phase.limited:
+                self._limit.take(len(chosen))
+            return phase, chosen
+        return None
+
+    def _wanted(self, phase: Phase, items: list[Item]) -> list[Item]:
+        wanted = []
+        for item in items:
+            reason = self._source.leave_out(phase, item)
+            if reason is None:
+                wanted.append(item)
+            else:
+                self._frontier.skip(phase.kind, item.key, reason)
+        return wanted
+
+    def _busy(self, kind: str) -> bool:
+        """Whether a phase has items in hand, or some that this run will take."""
+        if self._in_hand[kind]:
+            return True
+        return kind not in self._closed and bool(self._frontier.ready(kind))
+
+    def _more(self, phase: Phase) -> bool:
+        """Whether the phase's own lane can be asked for more of its items first."""
+        own = {one.kind for one in self._of(phase.lane)}
+        return any(self._busy(kind) for kind in self._above[phase.kind] & own)
+
+    def _sleeps(self, kind: str) -> bool:
+        """Whether a phase was stopped and its lane waits until it may go on."""
+        stop = self._closed.get(kind)
+        if not self._session.run.wait or not isinstance(stop, (QuotaSpent, Blocked)):
+            return False
+        return back_at([stop]) is not None and bool(self.left(kind))
+
+    # -- what keeps it -----------------------------------------------------------------------------
+
+    def close(self, phase: Phase, stop: Stopped) -> None:
+        """Nothing more is asked of what a stop concerns; an earlier reason stays."""
+        for kind in together(self.phases, phase, stop):
+            self._closed.setdefault(kind, stop)
+
+    def reopen(self, lane: str) -> None:
+        """A wait is over: what a spent quota or a block had closed goes on."""
+        for phase in self._of(lane):
+            if isinstance(self._closed.get(phase.kind), (QuotaSpent, Blocked)):
+                del self._closed[phase.kind]
+
+    def stops(self) -> list[Stopped]:
+        """Why something is left. A limit that took all there was is no reason.
+
+        Of a service that is down nothing may wait any more: the last items have failed.
+        """
+        return [
+            stop
+            for kind, stop in self._closed.items()
+            if self.left(kind) or isinstance(stop, Unreachable)
+        ]
+
+    def why(self, lane: str) -> Stopped | None:
+        """What has stopped a lane first."""
+        closed = (self._closed.get(phase.kind) for phase in self._of(lane))
+        return next(filter(None, closed), None)
+
+    def back(self, lane: str) -> datetime | None:
+        """With --wait: when a lane that was stopped may go on; None when it may not."""
+        if not self._session.run.wait:
+            return None
+        kinds = [phase.kind for phase in self._of(lane)]
+        stops = [self._closed[kind] for kind in kinds if kind in self._closed and self.left(kind)]
+        return back_at(stop for stop in stops if not isinstance(stop, LimitReached))
