@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 from kb.core.errors import ProfileError, SettingError
-from kb.core.profile import is_shipped, load_profile
+from kb.core.profile import PROFILE_FILE, is_shipped, load_profile
 from kb.core.profile.check import check_file
 from kb.core.profile.finding import ERROR
 from kb.core.profile.new import KEYWORDS, profile_text
@@ -35,7 +35,7 @@ def write_new(
     base = load_profile(source) if source is not None else None
     text = profile_text(name, wiki=wiki, subreddit=subreddit, source=base)
     _check_given(text, wiki=wiki, subreddit=subreddit)
-    files = {"profile.toml": text}
+    files = {PROFILE_FILE: text}
     if base is None:
         files["keywords.tsv"] = KEYWORDS
     elif base.pairs is not None:
@@ -67,7 +67,7 @@ def as_given(name: str, folder: Path) -> str:
     """How the new profile is named to other commands."""
     if is_shipped(name) and folder.resolve() == (shared("profiles") / name).resolve():
         return name
-    return shlex.quote(str(folder / "profile.toml"))
+    return shlex.quote(str(folder / PROFILE_FILE))
 
 
 def _check_name(name: str) -> None:
@@ -84,7 +84,7 @@ def _check_given(text: str, *, wiki: str | None, subreddit: str | None) -> None:
     """What the profile would be refused for later is refused now."""
     given = {"wiki.url": ("--wiki", wiki), "reddit.subreddit": ("--subreddit", subreddit)}
     with tempfile.TemporaryDirectory() as place:
-        path = Path(place) / "profile.toml"
+        path = Path(place) / PROFILE_FILE
         path.write_text(text, encoding="utf-8")
         wrong = {one.key: one for one in check_file(path).findings if one.level == ERROR}
     for key, (option, value) in given.items():

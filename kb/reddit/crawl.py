@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from kb.core import vocabulary
+from kb.core import waiting
 from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.crawl.job import work
@@ -29,7 +29,7 @@ def crawl(run: Run, since: datetime | None = None, until: datetime | None = None
         """Figures of this run and what is left."""
         frontier = session.frontier
         counts = {kind: frontier.counts(kind) for kind in KINDS}
-        left = vocabulary.left_by("reddit", counts)
+        left = waiting.left_by("reddit", counts)
         left_out = outside(frontier)
         return Summary(
             command="reddit crawl",

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from kb.core import vocabulary
+from kb.core import waiting
 from kb.core.context import Run
 from kb.core.errors import KbError, MissingCredential
 from kb.core.profile import DEFAULT, load_profile
@@ -306,7 +306,7 @@ class Rebuild(Reddit):
         """Figures of this run and what is left."""
         frontier = session.frontier
         counts = {phase.kind: frontier.counts(phase.kind) for phase in self.phases}
-        left = vocabulary.left_by("reddit", counts)
+        left = waiting.left_by("reddit", counts)
         return Summary(
             command="reddit reconstruct",
             source="reddit",

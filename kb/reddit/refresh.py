@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from kb.core import clock, vocabulary
+from kb.core import clock, waiting
 from kb.core.context import Run
 from kb.core.errors import Retryable
 from kb.core.verdict import Summary
@@ -129,7 +129,7 @@ class Refresh(Reddit):
     def summary(self, session: Session, loop: Loop) -> Summary:
         """Figures of this run and what is left."""
         counts = session.frontier.counts(INFO.kind)
-        left = vocabulary.left_by("reddit", {INFO.kind: counts})
+        left = waiting.left_by("reddit", {INFO.kind: counts})
         return Summary(
             command="refresh reddit",
             source="reddit",

@@ -18,13 +18,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
+from kb.core.profile import PROFILE_FILE
 from kb.store import parquet
 
 Ids = Path | str | Iterable[str | Path] | None
 """A file or folder of ids, several of them, or full names; None: the data root's own release."""
 
 _NAME = re.compile(r"t[13]_[0-9a-z]{1,13}\Z")
-_PROFILE = "profile.toml"  # in a release folder: what it was made with
 
 
 class Wanted(NamedTuple):
@@ -119,7 +119,7 @@ def subreddit_of(sources: Sequence[Path]) -> str:
 
 def _subreddit(folder: Path) -> str:
     try:
-        profile = tomllib.loads((folder / _PROFILE).read_text(encoding="utf-8"))
+        profile = tomllib.loads((folder / PROFILE_FILE).read_text(encoding="utf-8"))
         name = profile["reddit"]["subreddit"]
     except (OSError, ValueError, KeyError, TypeError):
         return ""
@@ -143,7 +143,7 @@ def read_wanted(path: Path) -> Wanted:
             if not files:
                 raise SettingError(
                     f"{path} holds no released posts or comments",
-                    hint="give --ids FILE, or run `kb reddit export` first",
+                    hint="give --ids PROFILE_FILE, or run `kb reddit export` first",
                 )
             return _some(Files(files))
         with path.open("rb") as file:
@@ -224,7 +224,7 @@ def _some(names: list[str] | Files) -> Wanted:
     if not len(names):
         raise SettingError(
             "there are no ids to ask for",
-            hint="give --ids FILE with full names, a released Parquet file or reddit.json",
+            hint="give --ids PROFILE_FILE with full names, a released Parquet file or reddit.json",
         )
     return Wanted(names, [])
 

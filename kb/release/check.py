@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
+from kb.core.profile import PROFILE_FILE
 from kb.release import archives, checksums, columns, personal, scan, scored
 from kb.release.folders import DEPOSIT, Folder, Part, released_tables
 from kb.release.licences import KNOWN, licence
@@ -71,7 +72,7 @@ def check_made(run: Run, folders: list[Folder]) -> list[Problem]:
             "CITATION.cff",
             "LICENSE",
             "croissant.json",
-            "profile.toml",
+            PROFILE_FILE,
             "provenance.json",
             DEPOSIT,
             SUMS,

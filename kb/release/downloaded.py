@@ -9,6 +9,7 @@ from typing import NamedTuple, cast
 
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
+from kb.core.profile import PROFILE_FILE
 from kb.release import checksums
 from kb.release.folders import TOMBSTONES
 from kb.schema import tables
@@ -17,7 +18,6 @@ from kb.store.digests import SUMS, digest
 from kb.store.layout import Layout
 from kb.store.reading import reading
 
-PROFILE = "profile.toml"
 _SHARD = re.compile(r"([a-z][a-z0-9_]*)-[0-9]{5}-of-[0-9]{5}\.parquet")
 _AGAIN = "download it again, into the same folder"
 
@@ -117,4 +117,4 @@ def _sums(folder: Path) -> dict[str, str]:
 
 def profile_of(releases: Sequence[Downloaded]) -> Path | None:
     """The profile that the folders were made with; None where none of them holds it."""
-    return next((path for one in releases if (path := one.path / PROFILE).is_file()), None)
+    return next((path for one in releases if (path := one.path / PROFILE_FILE).is_file()), None)

@@ -10,6 +10,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from kb.core.profile import PROFILE_FILE
 from kb.core.sources import PUBLISHED
 from kb.release.licences import KNOWN
 from kb.schema import Table, table, tables
@@ -27,7 +28,7 @@ MADE = (
     "croissant.json",
     DEPOSIT,
     TOMBSTONES,
-    "profile.toml",
+    PROFILE_FILE,
     "keywords.tsv",
     "provenance.json",
     SUMS,

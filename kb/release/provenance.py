@@ -19,12 +19,12 @@ import msgspec
 from kb import __version__
 from kb.core.context import Run
 from kb.core.errors import ProfileError
-from kb.core.profile import Profile
+from kb.core.profile import PROFILE_FILE, Profile
 from kb.core.resources import lock_file
 from kb.core.sources import SOURCES
 from kb.release.history import Changes
 
-PROFILE, KEYWORDS, PROVENANCE = "profile.toml", "keywords.tsv", "provenance.json"
+KEYWORDS, PROVENANCE = "keywords.tsv", "provenance.json"
 _LABELS = ("source", "repository", "github", "homepage")  # of a package's addresses, best first
 _COLUMNS = "keyword\tkind\trule\tforms"
 # What decides which rows a folder has, by its section of the profile.
@@ -110,7 +110,7 @@ def software_address() -> str | None:
 
 def files(run: Run, source: str, changed: Changes) -> dict[str, str]:
     """Name → text of what is written into the folder."""
-    made = {PROFILE: profile_text(run.profile)}
+    made = {PROFILE_FILE: profile_text(run.profile)}
     listed = keyword_text(run.profile)
     if listed:
         made[KEYWORDS] = listed

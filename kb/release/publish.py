@@ -13,11 +13,12 @@ from kb.core import signals
 from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.errors import KbError, ProfileError
+from kb.core.profile import PROFILE_FILE
 from kb.core.profile.release import Release
 from kb.core.sources import exported_by, made_by, made_of
 from kb.core.verdict import Summary
 from kb.net.session import Session, host_of
-from kb.release import check, provenance
+from kb.release import check
 from kb.release.build import exported, refuse
 from kb.release.deposit import TIMEOUT_S, Zenodo, stray
 from kb.release.folders import Folder
@@ -80,7 +81,7 @@ def _signed(run: Run, exports: list[Folder]) -> None:
             " requests; then run `kb release` again",
         )
     for folder in exports:
-        used = folder.path / provenance.PROFILE
+        used = folder.path / PROFILE_FILE
         if used.is_file() and _of(used).unsigned():
             raise ProfileError(
                 f"{folder.path} was made before the profile named a creator and a contact",

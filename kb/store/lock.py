@@ -125,20 +125,9 @@ def used(root: Path) -> dict[str, int]:
 
 def another(root: Path) -> str:
     """The pid of another process that writes to any source of a data root now, "" for none."""
-    for name in SOURCES:
-        try:
-            descriptor = os.open(Layout(root).lock(name), os.O_RDONLY)
-        except FileNotFoundError:
-            continue
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            holder = os.read(descriptor, 32).decode(errors="replace").strip() or "unknown"
-            if holder != str(os.getpid()):
-                return holder
-        finally:
-            os.close(descriptor)
-    return ""
+    held = holders(root)
+    ours = str(os.getpid())
+    return next((held[name] for name in SOURCES if held.get(name, ours) != ours), "")
 
 
 @contextlib.contextmanager

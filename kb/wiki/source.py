@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 
 from requests import PreparedRequest
 
-from kb.core import vocabulary
+from kb.core import waiting
 from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.crawl.job import work
@@ -241,7 +241,7 @@ class WikiSource(Plain):
         robots = skipped.pop("disallowed", 0)
         gone = sum(skipped.pop(reason, 0) for reason in (*reduce.LEFT, "removed"))
         missing = reduce.missing(frontier)
-        left = vocabulary.left_by("wiki", kinds)
+        left = waiting.left_by("wiki", kinds)
         return Summary(
             command="wiki crawl",
             source="wiki",

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import msgspec
 
-from kb.core import clock, vocabulary
+from kb.core import clock, waiting
 from kb.core.context import Run
 from kb.core.plan import Phase as Step
 from kb.core.plan import plan
@@ -124,6 +124,6 @@ class Refresh(YouTube):
 
     def summary(self, session: Session, loop: Loop) -> Summary:
         """What was read again, and what is left."""
-        left = vocabulary.left_by("youtube", {REFRESH: session.frontier.counts(REFRESH)})
+        left = waiting.left_by("youtube", {REFRESH: session.frontier.counts(REFRESH)})
         asked = self.of_known("refresh youtube", session, REFRESH)
         return Summary(asked, left=sum(left.values()), left_by=left)

@@ -21,7 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from kb.core import vocabulary
+from kb.core import waiting
 from kb.core.context import Run
 from kb.core.errors import KbError, SettingError
 from kb.core.verdict import Summary
@@ -215,7 +215,7 @@ class YouTube(Plain):
             self._barren = without_channels(frontier, self.profile.keywords)
         kinds = frontier.kinds()
         handled = {phase.kind: kinds.get(phase.kind, {}) for phase in self.chosen}
-        left = vocabulary.left_by("youtube", handled)
+        left = waiting.left_by("youtube", handled)
         requests, units = session.requests()
         return Summary(
             command="youtube crawl",

@@ -25,6 +25,7 @@ from kb.core.profile.youtube import YouTube
 from kb.core.resources import folder
 
 DEFAULT = "minecraft"
+PROFILE_FILE = "profile.toml"  # its name in a folder of its own, and in a release folder
 
 
 class Profile(Section):
@@ -109,18 +110,18 @@ def is_shipped(name: str) -> bool:
 
 def shipped_names() -> list[str]:
     """The names of the profiles that come with the package, sorted."""
-    return sorted(path.parent.name for path in folder("profiles").glob("*/profile.toml"))
+    return sorted(path.parent.name for path in folder("profiles").glob(f"*/{PROFILE_FILE}"))
 
 
 def find_profile(name: str) -> Path:
     """The file of a profile by name, or the path that was given. Raises ProfileError."""
     if name.endswith(".toml") or "/" in name:
         path = Path(name)
-        return path / "profile.toml" if path.is_dir() else path
+        return path / PROFILE_FILE if path.is_dir() else path
     known = shipped_names()
     if name in known:
-        return folder("profiles") / name / "profile.toml"
+        return folder("profiles") / name / PROFILE_FILE
     hint = f"known: {', '.join(known)}; or give a path to a .toml file"
-    if (Path(name) / "profile.toml").is_file():
-        hint = f"give the one in this folder by its path: {name}/profile.toml"
+    if (Path(name) / PROFILE_FILE).is_file():
+        hint = f"give the one in this folder by its path: {name}/{PROFILE_FILE}"
     raise ProfileError(f"there is no profile {name!r}", hint=hint)

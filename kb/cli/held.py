@@ -1,0 +1,83 @@
+"""Rows that a data root holds of a source, for `kb status`: by table and answer, and how old."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from datetime import timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.core import clock, vocabulary
+from kb.core.sources import SORTED
+from kb.store import parquet
+from kb.store.layout import Layout, parquet_files
+from kb.store.reading import filtered, reading
+from kb.store.tally import VERDICTS, rows, span, tally
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+
+_ANSWERS = ("crawled", "kept", "rejected", "failed", "pending", "missing")
+
+
+def answers(root: Path, source: str) -> dict[str, Any]:
+    """The four answers of the last filter, together and by table; nothing before the first."""
+    by_table = tally(Layout(root).clean(source), SORTED[source])
+    if not by_table:
+        return {"tally": {}}
+    total = {name: sum(each[name] for each in by_table.values()) for name in _ANSWERS}
+    return {**total, "tally": by_table}
+
+
+def tables(root: Path, source: str) -> dict[str, int]:
+    """Rows by table of clean/<source>, verdicts too, from the files' footers."""
+    folders = _folders(root, source)
+    return _in_order({folder.name: rows(folder) for folder in folders})
+
+
+def released(root: Path, source: str) -> dict[str, int]:
+    """Rows by table of release/<source>."""
+    files = parquet_files(Layout(root).release(source), "*-of-*.parquet")  # tombstones are no rows
+    counts: Counter[str] = Counter()
+    with reading(files):
+        for file in files:
+            counts[file.name.split("-", 1)[0]] += parquet.footer(file).num_rows
+    return _in_order(counts)
+
+
+def age(run: Run, source: str) -> dict[str, Any]:
+    """How old the kept rows are, and how many are older than the profile allows."""
+    max_age = getattr(getattr(run.profile, source), "max_age_days", None)
+    limit = clock.now() - timedelta(days=max_age or 0)
+    files = [
+        file
+        for folder in _folders(run.root, source)
+        if folder.name not in VERDICTS
+        for file in parquet_files(folder)
+    ]
+    with reading(files):
+        oldest, newest, old = span(files, "fetched_at", limit)
+    return {
+        "oldest": f"{oldest:%Y-%m-%dT%H:%M:%SZ}" if oldest else None,
+        "newest": f"{newest:%Y-%m-%dT%H:%M:%SZ}" if newest else None,
+        "max_age_days": max_age,
+        "too_old": old if max_age else 0,
+    }
+
+
+def unknown_keys(root: Path, source: str) -> dict[str, int]:
+    """Keys of answers that schemas/ does not declare, with how often they were seen by the last
+    filter.
+    """
+    keys = filtered(root, source).get("unknown_keys", {})
+    return keys if isinstance(keys, dict) else {}
+
+
+def _folders(root: Path, source: str) -> list[Path]:
+    """The folders of clean tables, those of verdicts too."""
+    return [path for path in sorted(Layout(root).clean(source).glob("*/")) if parquet_files(path)]
+
+
+def _in_order(counts: Mapping[str, int]) -> dict[str, int]:
+    return dict(sorted(counts.items(), key=lambda item: vocabulary.place(item[0])))

@@ -1,0 +1,64 @@
+"""What to type next on a data root, as `kb status` says it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.cli.as_typed import completed
+from kb.core import waiting
+from kb.store.layout import Layout, parquet_files
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+
+_REFRESHED = {"youtube": "refresh", "reddit": "info"}  # kinds of the frontier
+
+
+def next_steps(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, Any]) -> list[str]:
+    """The commands to type now, as they have to be typed; each source goes on by itself.
+
+    `sources` and `links` are those of the overview.
+    """
+    steps = [step for name, about in sources.items() if (step := _step(run.root, name, about))]
+    if sources and not steps:
+        steps = _of_all(run, sources, links)[:1]
+    return [completed(step) for step in steps]
+
+
+def changed(path: Path) -> float:
+    """When a file, or any file of a folder, was changed last; 0 for none."""
+    files = path.rglob("*.*") if path.is_dir() else [path] if path.is_file() else []
+    return max((file.stat().st_mtime for file in files if file.is_file()), default=0.0)
+
+
+def _step(root: Path, source: str, about: dict[str, Any]) -> str:
+    """What a source's data need next: to be read to the end, sorted, kept fresh, exported."""
+    if about["running_pid"]:
+        return ""
+    if set(about["left_by"]) == {waiting.noun(source, _REFRESHED.get(source, ""))}:
+        return f"refresh {source}"
+    failed = sum(counts.get("error", 0) for counts in about["phases"].values())
+    if about["left"] or failed:
+        return f"{source} crawl"
+    at = Layout(root)
+    clean = at.summary(source)
+    if changed(at.raw(source)) > changed(clean):
+        return f"{source} filter"
+    if about["too_old"]:
+        return f"refresh {source}"
+    if changed(clean) > changed(at.release(source)):
+        return f"{source} export"
+    return ""
+
+
+def _of_all(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, Any]) -> list[str]:
+    """What is not made yet, or not of today's rows, of what all sources lead to."""
+    at = Layout(run.root)
+    is_made = {
+        "pairs": not sources.get("youtube") or bool(parquet_files(at.pairs)),
+        "links": run.profile.pairs is None or bool(links and not links["older_than"]),
+        "release": any(at.release().glob("*/SHA256SUMS")),
+        "report": at.page.is_file(),
+    }
+    return [name for name, made in is_made.items() if not made]
