@@ -4,17 +4,19 @@ The paper's three sources lie side by side; here each keyword leads to its wiki 
 with the second, and its threads. Words are matched as for the pairs (pipelines/pairs.py).
 
     names      titles and redirects of the wiki's pages, from its raw answers
-    build      clean/ → links/*.parquet
+    tables     clean/ → links/*.parquet
     release    links/ → release/links/: ids and counts
 """
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
 
 from kb.core.context import Run
+from kb.core.errors import FatalError, MissingExtra, ProfileError
 from kb.core.verdict import Summary
-from kb.export import parquet
+from kb.export import layouts
 from kb.links.build import build
 from kb.links.named import Names
 from kb.store.layout import Layout
@@ -23,9 +25,30 @@ from kb.wiki import named
 
 def links(run: Run) -> Summary:
     """Make the entity tables, then their release."""
-    made = build(run, lambda: names(run))
-    parquet.export(run, "links")
+    made = tables(run)
+    layouts.export(run, "links")
     return Summary(made, release=str(Layout(run.root).release("links")))
+
+
+def tables(run: Run) -> Summary:
+    """Make the entity tables."""
+    return build(run, lambda: names(run))
+
+
+def again(run: Run) -> None:
+    """Both again, as far as they are there; what can't be made again does not stay."""
+    at = Layout(run.root)
+    shutil.rmtree(at.linking, ignore_errors=True)
+    if not at.links.exists():
+        return
+    try:
+        tables(run)
+    except (MissingExtra, ProfileError, FatalError) as error:
+        shutil.rmtree(at.links)
+        shutil.rmtree(at.release("links"), ignore_errors=True)
+        run.progress.say(f"the entity tables were removed: {error}; `kb links` makes them again")
+    else:
+        layouts.export_again(run, "links")
 
 
 def names(run: Run) -> Mapping[str, Names]:

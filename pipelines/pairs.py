@@ -19,7 +19,7 @@ from pathlib import Path
 from kb.core.context import Run
 from kb.core.errors import LimitReached
 from kb.core.verdict import Summary
-from kb.export import clip4mc, minedojo_pairs, parquet, video2dataset
+from kb.export import layouts
 from kb.pairs.build import build
 from kb.store.layout import Layout
 
@@ -43,12 +43,5 @@ def refill(run: Run, index: Path) -> Summary:
 
 def _write(run: Run, layout: str) -> dict[str, object]:
     """The release, or another layout: where it is."""
-    if layout == "parquet":
-        parquet.export(run, "pairs")
-        return {"release": str(Layout(run.root).release("pairs"))}
-    layouts = {
-        "minedojo": minedojo_pairs.write,
-        "clip4mc": clip4mc.write,
-        "video2dataset": video2dataset.write,
-    }
-    return {"format": layout, "export": str(layouts[layout](run))}
+    made = layouts.export(run, "pairs", layout)
+    return {"release": str(Layout(run.root).release("pairs"))} if layout == "parquet" else made

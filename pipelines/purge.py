@@ -4,32 +4,28 @@ What was deleted at its source, or named, leaves every folder for good; what was
 again.
 
     raw        tombstones, raw answers, frontier: the source's own
+    index      removed; the next search makes it again
     clean      rows of tables, of rejected, failed and pending; pairs, links
     scores     annotations of texts that no row has any more
     made       release/, export/, links/ and report/ as far as they are there
-    index      removed; the next search makes it again
 """
 
 from __future__ import annotations
 
 import importlib
 import shutil
-from collections.abc import Callable, Iterable
-from functools import partial
 from pathlib import Path
+from types import ModuleType
 
-import pyarrow as pa
-
-from kb.annotate.hashes import text_hashes
+from kb.annotate.scores import drop_unused
 from kb.core.context import Run
-from kb.core.errors import DamagedData, FatalError, MissingExtra, ProfileError
+from kb.core.errors import DamagedData
 from kb.core.pipeline import load, locate
 from kb.core.verdict import Summary
-from kb.export import clip4mc, minedojo_pairs, parquet, video2dataset
+from kb.export import layouts
 from kb.filters.clean import texts
-from kb.links.build import build
 from kb.release.build import describe
-from kb.report.build import report
+from kb.report.build import report_again
 from kb.store import indexed, lock
 from kb.store import purge as store
 from kb.store.layout import Layout
@@ -41,90 +37,43 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
     Cut off, the same command goes on.
     """
     with lock.taking(run.root, *lock.of_purge(source)):
-        return _purge(run, source, ids)
+        room = _room(source)
+        keys = room.purge_raw(run, ids)
+        said, rows, scores = getattr(keys, "said", {}), 0, 0
+        if keys:
+            indexed.forget(run.root, source)
+            rows = store.drop_rows(run.root, source, room.ROWS, keys)
+            if hasattr(room, "mend"):
+                room.mend(run.root, keys)
+            scores = drop_unused(run.root, source, texts(run, source))
+            _made(run, source)
+        named = sum(reason != "post" for reason in keys.values()) - said.get("unknown", 0)
+        counts = {"purged": named, "rows": rows, "scores": scores, **said}
+        summary = Summary(command=f"purge {source}", source=source, **counts)
+        try:
+            store.finish(run.root, source)
+        except DamagedData as error:
+            error.summary = summary
+            raise
+    return summary
 
 
 def plan(run: Run, source: str, ids: Path | None) -> Summary:
     """What would go, counted by table and folder. Changes nothing."""
-    summary: Summary = importlib.import_module(f"kb.{source}.purge").plan(run, ids)
+    summary: Summary = _room(source).plan(run, ids)
     return summary
 
 
-def _purge(run: Run, source: str, ids: Path | None) -> Summary:
-    room = importlib.import_module(f"kb.{source}.purge")
-    keys = room.purge_raw(run, ids)
-    said = getattr(keys, "said", {})
-    rows = scores = 0
-    if keys:
-        indexed.forget(run.root, source)  # `kb search` makes it again of what is left
-        rows = store.drop_rows(run.root, source, room.ROWS, keys)
-        if hasattr(room, "mend"):
-            room.mend(run.root, keys)
-        scores = _scores(run, source)
-        _made(run, source)
-    purged = sum(reason != "post" for reason in keys.values()) - said.get("unknown", 0)
-    summary = Summary(
-        command=f"purge {source}", source=source, purged=purged, rows=rows, scores=scores, **said
-    )
-    try:
-        store.finish(run.root, source)
-    except DamagedData as error:
-        error.summary = summary
-        raise
-    return summary
-
-
-def _scores(run: Run, source: str) -> int:
-    """Scores of texts that are still somewhere stay."""
-    if not Layout(run.root).annotations(source).is_dir():
-        return 0
-    hashes = [text_hashes(part) for part in texts(run, source)]
-    used = pa.chunked_array(hashes, pa.string()).unique()
-    return store.drop_annotations(run.root, source, used)
-
-
-def _links(run: Run) -> None:
-    """The entity tables again: a page that is gone may have been an entity's own."""
-    at = Layout(run.root)
-    shutil.rmtree(at.linking, ignore_errors=True)
-    links = load(str(locate("links")))
-    try:
-        build(run, lambda: links.names(run))
-    except (MissingExtra, ProfileError, FatalError) as error:
-        shutil.rmtree(at.links)  # what can't be made again does not stay
-        shutil.rmtree(at.release("links"), ignore_errors=True)
-        run.progress.say(f"the entity tables were removed: {error}; `kb links` makes them again")
-    else:
-        if at.release("links").exists():
-            parquet.export(run, "links")
+def _room(source: str) -> ModuleType:
+    return importlib.import_module(f"kb.{source}.purge")
 
 
 def _made(run: Run, source: str) -> None:
     """Exports are written again from clean, and everything around them; what can't is removed."""
-    at = Layout(run.root)
-    export = load(str(locate(source))).export
-    made: list[tuple[Iterable[Path], Callable[[Run], object]]] = [
-        (at.release().glob(source), partial(export, format="parquet")),
-        (at.export("minedojo").glob(f"{source}*"), partial(export, format="minedojo")),
-    ]
-    if source == "reddit":
-        made.append((at.export("convokit").glob("*"), partial(export, format="convokit")))
+    layouts.export_again(run, source)
     if source == "youtube":
-        shutil.rmtree(at.pairing, ignore_errors=True)
-        made += [
-            (at.release().glob("pairs"), partial(parquet.export, source="pairs")),
-            (at.export("minedojo").glob("pairs.json"), minedojo_pairs.write),
-            (at.export("clip4mc").glob("*"), clip4mc.write),
-            (at.export("video2dataset").glob("*"), video2dataset.write),
-        ]
-    for files, write in made:
-        if any(files):
-            write(run)
-    if at.links.exists():
-        _links(run)
+        shutil.rmtree(Layout(run.root).pairing, ignore_errors=True)
+        layouts.export_again(run, "pairs")
+    load(str(locate("links"))).again(run)
     describe(run, [source, "pairs", "links"])
-    if at.report.exists():
-        try:
-            report(run)
-        except MissingExtra:
-            shutil.rmtree(at.report)
+    report_again(run)

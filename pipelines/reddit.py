@@ -1,10 +1,9 @@
 """Reddit (MineDojo paper, appendix "Reddit": data collection and filtering).
 
-1. read every post of the domain's subreddit that the API or the archive dumps have; 2. and all of
-its comments with their parents, so that threads can be rebuilt; 3. drop removed and adult posts and
-those below the score, tell the types of posts apart; 4. score titles, bodies and comments with
-Detoxify and drop above the threshold. Released: ids, structure and figures; `kb reddit reconstruct`
-brings content back with the user's own key.
+1. every post of the domain's subreddit that the API or the archive dumps have; 2. all comments with
+their parents, so that threads can be rebuilt; 3. drop removed and adult posts and those below the
+score, tell the types of posts apart; 4. score titles, bodies and comments with Detoxify, drop above
+the threshold. Released: ids and figures; `kb reddit reconstruct` brings content back with a key.
 """
 
 from __future__ import annotations
@@ -15,14 +14,12 @@ from kb.annotate import toxicity
 from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.verdict import Summary
-from kb.export import convokit, minedojo_reddit, parquet
+from kb.export import layouts
 from kb.filters.chain import Chain, Clean
 from kb.filters.judgement import Predicate
 from kb.filters.predicates import AtLeast, In, NotIn, NotTrue, Present, Waits, none_above
-from kb.reddit import parse
+from kb.reddit import parse, state, threads
 from kb.reddit.assemble import HELPERS, assemble, with_posts
-from kb.reddit.state import gave_up, incomplete
-from kb.reddit.threads import counted
 
 THERE = (
     NotTrue("missing", stage="missing", reason="missing"),
@@ -62,27 +59,22 @@ def comments(p: Profile) -> tuple[Predicate, ...]:
 def clean(p: Profile) -> Clean:
     """Raw answers, live ones and dumps, to clean posts and comments."""
     links, each = p.section("reddit").links, partial(Chain, helpers=HELPERS)
-    chains = (
-        each("reddit/posts", "post_id", posts(p), "t3_", POST, told=("type",)),
-        each("reddit/comments", "comment_id", comments(p), "t1_", COMMENT, relate=with_posts),
-    )
     return Clean(
         source="reddit",
         kinds={of: parse.raw_kind(of, links) for of in parse.KINDS},
         assemble=assemble,
-        chains=chains,
+        chains=(
+            each("reddit/posts", "post_id", posts(p), "t3_", POST, told=("type",)),
+            each("reddit/comments", "comment_id", comments(p), "t1_", COMMENT, relate=with_posts),
+        ),
         scorer=toxicity,
-        unanswered=gave_up,
+        unanswered=state.gave_up,
         ended_by_failure=("more",),
-        complete=counted,
-        about=incomplete,
+        complete=threads.counted,
+        about=state.incomplete,
     )
 
 
 def export(run: Run, format: str) -> Summary:
     """Clean to release/reddit, or to export/<format>."""
-    if format == "parquet":
-        summary = parquet.export(run, "reddit")
-    else:
-        summary = {"minedojo": minedojo_reddit, "convokit": convokit}[format].export(run)
-    return Summary(summary | incomplete(run.root))
+    return Summary(layouts.export(run, "reddit", format) | state.incomplete(run.root))

@@ -1,11 +1,12 @@
 """Verify (MineDojo paper, datasheet: maintenance): that what is kept is what was written.
 
 verify     every byte of a data root or a release
-repair     what is damaged is set aside and asked for again; what can be made from raw is made
+mended     what is damaged is set aside and asked for again; what can be made from raw is made
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,19 +16,17 @@ from kb.core.errors import DamagedData
 from kb.core.pipeline import load, locate
 from kb.core.sources import PUBLISHED, exported_by
 from kb.crawl.session import open_session
-from kb.export import parquet
+from kb.export import layouts
 from kb.filters.clean import run_clean
-from kb.links.build import build as build_links
 from kb.pairs.build import build, clear_finished
 from kb.reddit.crawl import crawl as crawl_reddit
 from kb.reddit.source import Reddit
 from kb.release.build import release
 from kb.search.build import follow
-from kb.store import lock, mending
+from kb.store import mending
 from kb.store.layout import Layout
-from kb.verify import repair as mend
 from kb.verify.found import Look
-from kb.verify.repair import Step
+from kb.verify.repair import Crawl, Describe, Make, Step, repaired
 from kb.verify.root import verify as look_at
 from kb.wiki.source import WikiSource
 from kb.youtube.source import YouTube
@@ -40,48 +39,29 @@ def verify(run: Run, folder: Path) -> Look:
     return look_at(folder, run.progress)
 
 
-def mended(run: Run, folder: Path) -> tuple[Look, list[str]]:
-    """Look, repair and look again, under all locks: (what is left, lines of what was done).
-
-    Raises WriterLocked.
-    """
-    with lock.taking(run.root, *lock.ORDER):
-        look = verify(run, folder)
-        said = repair(run, look)  # of what was killed on its way nothing may be found any more
-        return (verify(run, folder) if said else look), said
+def mended(run: Run) -> tuple[Look, list[str]]:
+    """What is left after all that can be mended is, and lines of what was done."""
+    return repaired(run.root, run.progress, steps(run))
 
 
-def repair(run: Run, look: Look) -> list[str]:
-    """Mend what can be; a line for each thing done, or left and how to go on."""
-    at = Layout(run.root)
-    with lock.taking(run.root, *lock.ORDER):  # which clears what killed commands left
-        said = mend.set_aside(run.root, look)
-        for source in SOURCES:
-            clean, fetched = at.clean(source), mend.fetched_by(run.root, look, source)
-            if fetched:
-                said += _set_aside(run, source)
-                said += mend.tried(f"kb {source} crawl", partial(_crawl, run, source))
-            if mend.made_again(look, "clean", clean) or (fetched and clean.is_dir()):
-                step: Step = partial(run_clean, run, source)
-                said += mend.make(look, f"kb {source} filter", clean, step)
-        if mend.made_again(look, "pairs", at.pairs):
-            step = partial(build, replace(run, again=True))
-            said += mend.make(look, "kb pairs --again", at.pairs, step)
-        clear_finished(run.root)
-        if mend.made_again(look, "links", at.links):
-            step = partial(_links, replace(run, again=True))
-            said += mend.make(look, "kb links --again", at.links, step)
-        for source in SOURCES:
-            if {at.index(source), at.indexed(source)} & {one.path for one in look.of("index")}:
-                step = partial(follow, replace(run, again=True), source)
-                said += mend.tried("kb index", step)
-        for source in PUBLISHED:
-            if mend.made_again(look, "release", at.release(source)):
-                step = partial(_export, run, source)
-                said += mend.make(look, exported_by(source), at.release(source), step)
-            if mend.undescribed(at, source):
-                said += mend.tried("kb release", partial(release, run, [source]))
-    return said
+def steps(run: Run) -> Iterator[Step]:
+    """What can be had again, in the order of the data; each looks whether it has to be."""
+    at, again = Layout(run.root), replace(run, again=True)
+    for source in SOURCES:
+        yield Crawl(source, partial(_set_aside, run, source), partial(_crawl, run, source))
+        clean = partial(run_clean, run, source)
+        yield Make("clean", f"kb {source} filter", clean, (at.clean(source),), after=source)
+    yield Make("pairs", "kb pairs --again", partial(build, again), (at.pairs,))
+    clear_finished(run.root)
+    links = partial(load(str(locate("links"))).tables, again)
+    yield Make("links", "kb links --again", links, (at.links,))
+    for source in SOURCES:
+        places = (at.index(source), at.indexed(source))
+        yield Make("index", "kb index", partial(follow, again, source), places)
+    for name in PUBLISHED:
+        export = partial(layouts.export, run, name)
+        yield Make("release", exported_by(name), export, (at.release(name),))
+        yield Describe(name, partial(release, run, [name]))
 
 
 def _set_aside(run: Run, source: str) -> list[str]:
@@ -95,18 +75,4 @@ def _set_aside(run: Run, source: str) -> list[str]:
 
 
 def _crawl(run: Run, source: str) -> object:
-    if source == "reddit":
-        return crawl_reddit(run)
-    given = (None, None, None) if source == "youtube" else ()
-    return load(str(locate(source))).crawl(run, *given)
-
-
-def _links(run: Run) -> object:
-    names = load(str(locate("links"))).names
-    return build_links(run, lambda: names(run))
-
-
-def _export(run: Run, source: str) -> object:
-    if source not in SOURCES:
-        return parquet.export(run, source)
-    return load(str(locate(source))).export(run, "parquet")
+    return crawl_reddit(run) if source == "reddit" else load(str(locate(source))).crawl(run)

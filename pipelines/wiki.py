@@ -18,7 +18,7 @@ from kb.annotate import toxicity
 from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.verdict import Summary
-from kb.export.minedojo_wiki import wiki
+from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow, SideFiles
 from kb.filters.judgement import Predicate
 from kb.filters.predicates import AtLeast, AtMost, Present, Told, Waits
@@ -72,8 +72,4 @@ def clean(p: Profile) -> Clean:
 
 def export(run: Run, format: str = "parquet") -> Summary:
     """clean/wiki to release/wiki, or to export/minedojo/wiki_full."""
-    if format == "minedojo":
-        return wiki(run)
-    from kb.export.wiki_tar import export
-
-    return export(run)
+    return layouts.export(run, "wiki", format)

@@ -10,37 +10,36 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
 
 from kb.annotate import toxicity
 from kb.annotate.words import word_count_of_lists
 from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.verdict import Summary
-from kb.export import minedojo, parquet
+from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow
 from kb.filters.judgement import Predicate
 from kb.filters.predicates import AtLeast, In, NotTrue, RatioAtLeast, none_above, passes
 from kb.filters.topic import Topic
 from kb.filters.transcripts import required
 from kb.youtube.assemble import HELPERS, KINDS, assemble, unanswered
+from kb.youtube.ids import Part
 
 TOLD = ("title", "channel_id", "channel_title")  # of a video that is left out
 SCORES = {"title": "toxicity_title", "description": "toxicity_description"}
 THERE = NotTrue("missing", stage="missing", reason="missing")
 
 
-def crawl(run: Run, only: str | None, ids: Path | None, part: tuple[int, int] | None) -> Summary:
+def crawl(run: Run, only: str | None = None, ids: Path | None = None, part: Part = None) -> Summary:
     """Channels, uploads, metadata and transcripts, as raw answers."""
     from kb.youtube.source import crawl
 
-    return crawl(run, partial(promising, run.profile), only=only, ids=ids, part=part)
+    ours = In("category_id", run.profile.section("youtube").category_ids, stage="topic")
+    return crawl(run, partial(passes, (THERE, ours, *gate(run.profile))), only, ids, part)
 
 
 def gate(p: Profile) -> tuple[Predicate, ...]:
-    """What a video of the profile's categories must pass before its transcript is worth three
-    requests.
-    """
+    """What a video of ours must pass before its transcript is worth three requests."""
     least = p.section("youtube")
     return (
         AtLeast("view_count", least.min_views, stage="views"),
@@ -48,14 +47,6 @@ def gate(p: Profile) -> tuple[Predicate, ...]:
         AtLeast("duration_s", least.min_duration_s, stage="duration"),
         NotTrue("age_restricted", stage="age_restricted", reason="age_restricted"),
     )
-
-
-def promising(p: Profile, videos: Any) -> list[str]:
-    """Ids of videos that are worth asking for a transcript: of the categories, through the gate."""
-    rows = assemble({"videos": videos}, words=word_count_of_lists)["youtube/videos"]
-    ours = In("category_id", p.section("youtube").category_ids, stage="topic")
-    kept = rows.filter(passes((THERE, ours, *gate(p)), rows))
-    return cast("list[str]", kept["video_id"].to_pylist())
 
 
 def stages(p: Profile) -> tuple[Predicate, ...]:
@@ -72,14 +63,12 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
 
 def clean(p: Profile) -> Clean:
     """Raw answers to videos and transcripts."""
-    videos = Chain(
-        "youtube/videos", "video_id", stages(p), scores=SCORES, helpers=HELPERS, told=TOLD
-    )
+    rows = Chain("youtube/videos", "video_id", stages(p), scores=SCORES, helpers=HELPERS, told=TOLD)
     return Clean(
         source="youtube",
         kinds=KINDS,
         assemble=partial(assemble, words=word_count_of_lists),
-        chains=(videos,),
+        chains=(rows,),
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),
         scorer=toxicity,
         unanswered=unanswered,
@@ -88,4 +77,4 @@ def clean(p: Profile) -> Clean:
 
 def export(run: Run, format: str) -> Summary:
     """Clean to release/youtube, or to export/minedojo."""
-    return minedojo.youtube(run) if format == "minedojo" else parquet.export(run, "youtube")
+    return layouts.export(run, "youtube", format)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,10 @@ import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.annotate.hashes import text_hashes
 from kb.schema.tables import table
-from kb.store import database, parquet
-from kb.store.layout import parquet_files
+from kb.store import database, parquet, purge
+from kb.store.layout import Layout, parquet_files
 from kb.store.reading import reading, scan
 from kb.store.shards import ShardWriter, order, write_table
 
@@ -189,3 +190,11 @@ class Scores:
             for path in Path(self.folder).glob("part-*.parquet")
         ]
         return 1 + max((int(match.group(1)) for match in numbers if match), default=-1)
+
+
+def drop_unused(root: Path, source: str, texts: Iterable[pa.Array[Any]]) -> int:
+    """Forget the scores of a source's texts that are none of these; how many. Raises DiskFull."""
+    if not Layout(root).annotations(source).is_dir():
+        return 0
+    used = pa.chunked_array([text_hashes(part) for part in texts], pa.string()).unique()
+    return purge.drop_annotations(root, source, used)

@@ -26,38 +26,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import typer
-import typer.core
 
 from kb.cli import outcome
-from kb.cli.options import COMMON, RUNNING, SHARED, Options
+from kb.cli.help import Command, Group
+from kb.cli.options import COMMON, SHARED, Options
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-
-class Command(typer.core.TyperCommand):
-    """A command whose help shows its own options first, then shared ones, then examples."""
-
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Arguments, own options, how to run it, common options."""
-        _write_options(self, ctx, formatter)
-
-    def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        """Examples, line by line as written."""
-        _write_examples(self.epilog, formatter)
-
-
-class Group(typer.core.TyperGroup):
-    """The same for a group that is a command as well (`kb pairs`, `kb release`)."""
-
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Commands of the group first: they are what a group is for."""
-        self.format_commands(ctx, formatter)
-        _write_options(self, ctx, formatter)
-
-    def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        """Examples, line by line as written."""
-        _write_examples(self.epilog, formatter)
 
 
 @dataclass(frozen=True)
@@ -279,35 +254,3 @@ def _nothing_before(context: Any) -> None:
                 f" write `{context.command_path} {name} {parameter.opts[0]} …`",
                 context,
             )
-
-
-def _write_options(self: Any, ctx: Any, formatter: Any) -> None:
-    sections: dict[str, list[tuple[str, str]]] = {
-        "Arguments": [],
-        "Options": [],
-        "Run options": [],
-        "Common options": [],
-    }
-    for parameter in self.get_params(ctx):
-        record = parameter.get_help_record(ctx)
-        if record is None:
-            continue
-        if parameter.param_type_name == "argument":
-            sections["Arguments"].append(record)
-        else:
-            sections[_section_of(parameter.name)].append(record)
-    for title, records in sections.items():
-        if records:
-            with formatter.section(title):
-                formatter.write_dl(records)
-
-
-def _section_of(name: str) -> str:
-    if name in RUNNING:
-        return "Run options"
-    return "Common options" if name in COMMON or name == "help" else "Options"
-
-
-def _write_examples(epilog: str | None, formatter: Any) -> None:
-    if epilog:
-        formatter.write("\nExamples:\n" + "".join(f"  {line}\n" for line in epilog.splitlines()))

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from kb.cli.command import Command
+from kb.cli.help import Command
 
 NAME = "--dumps"
 Dumps = Annotated[

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kb.cli.command import Group, command, group
+from kb.cli.command import command, group
+from kb.cli.help import Group
 
 if TYPE_CHECKING:
     from kb.core.context import Run

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kb.cli.command import Command, command, group
+from kb.cli.command import command, group
+from kb.cli.help import Command
 
 if TYPE_CHECKING:
     import pyarrow as pa

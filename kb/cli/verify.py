@@ -68,7 +68,7 @@ def verify(
     room = pipeline(run, "verify")
     look: Look
     done: list[str]
-    look, done = room.mended(run, place) if repair else (room.verify(run, place), [])
+    look, done = room.mended(run) if repair else (room.verify(run, place), [])
     getattr(run.progress, "close", lambda: None)()
     _print(look, done)
     summary = Summary(command="verify", **look.summary(place), repaired=done)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import shutil
 from collections.abc import Callable
 from functools import partial
 
@@ -126,6 +127,17 @@ def report(run: Run) -> Summary:
         )
     with taking(run.root, "report"):
         return _report(run)
+
+
+def report_again(run: Run) -> None:
+    """The report of today's rows, where there is one; it goes where its packages are not there."""
+    place = Layout(run.root).report
+    if not place.exists():
+        return
+    try:
+        report(run)
+    except MissingExtra:
+        shutil.rmtree(place)
 
 
 def _report(run: Run) -> Summary:

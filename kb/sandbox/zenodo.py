@@ -19,14 +19,15 @@ from werkzeug.routing import Map, Rule
 from werkzeug.wrappers import Request, Response
 
 from kb.sandbox.zenodo_answers import (
-    STAMP,
     Answer,
     Deposit,
     as_json,
     checked_metadata,
     file_entry,
+    file_stored,
     json_body,
-    root_of,
+    record,
+    refused,
     shown,
 )
 
@@ -139,13 +140,17 @@ class Deposits:
         )
 
     def _create(self, request: Request) -> Response:
-        body = json_body(request)
-        number = next(self._numbers)
-        made = Deposit(number, number - 1, str(uuid.uuid5(uuid.NAMESPACE_URL, str(number))))
+        metadata = checked_metadata(json_body(request).get("metadata", {}), whole=False)
+        made = self._new()
+        made.metadata = metadata
         next(self._numbers)
-        made.metadata = checked_metadata(body.get("metadata", {}), whole=False)
-        self.by_id[number] = made
         return as_json(self._shown(made, request), 201)
+
+    def _new(self, concept: int | None = None) -> Deposit:
+        number = next(self._numbers)
+        bucket = str(uuid.uuid5(uuid.NAMESPACE_URL, str(number)))
+        self.by_id[number] = Deposit(number, concept or number - 1, bucket)
+        return self.by_id[number]
 
     def _find(self, number: int) -> Deposit:
         if number not in self.by_id:
@@ -155,11 +160,7 @@ class Deposits:
     def _draft(self, number: int) -> Deposit:
         deposit = self._find(number)
         if deposit.submitted:
-            raise Answer(
-                400,
-                "Invalid action",
-                [{"field": "state", "message": "The deposition is published."}],
-            )
+            raise refused("Invalid action", "state", "The deposition is published.")
         return deposit
 
     def _get(self, request: Request, number: int) -> Response:
@@ -168,11 +169,7 @@ class Deposits:
     def _update(self, request: Request, number: int) -> Response:
         deposit, body = self._draft(number), json_body(request)
         if "metadata" not in body:
-            raise Answer(
-                400,
-                "Validation error.",
-                [{"field": "metadata", "message": "Missing data for required field."}],
-            )
+            raise refused("Validation error.", "metadata", "Missing data for required field.")
         deposit.metadata = checked_metadata(body["metadata"], whole=False)
         return as_json(self._shown(deposit, request))
 
@@ -211,19 +208,7 @@ class Deposits:
         if sum(map(len, deposit.files.values())) + len(data) > MOST_BYTES:
             raise Answer(413, "Quota limit exceeded.")
         deposit.files[name] = data
-        entry = file_entry(deposit, name)
-        body = {
-            "key": name,
-            "mimetype": "application/octet-stream",
-            "size": len(data),
-            "checksum": f"md5:{entry['checksum']}",
-            "version_id": entry["id"],
-            "is_head": True,
-            "created": STAMP,
-            "updated": STAMP,
-            "links": {"self": f"{root_of(request)}/api/files/{bucket}/{name}"},
-        }
-        return as_json(body, 201)
+        return as_json(file_stored(deposit, name, request), 201)
 
     # -- actions and records -----------------------------------------------------------------------
 
@@ -231,11 +216,7 @@ class Deposits:
         deposit = self._draft(number)
         deposit.metadata = checked_metadata(deposit.metadata, whole=True)
         if not deposit.files:
-            raise Answer(
-                400,
-                "Validation error.",
-                [{"field": "files", "message": "Minimum one file must be provided."}],
-            )
+            raise refused("Validation error.", "files", "Minimum one file must be provided.")
         deposit.submitted = True
         deposit.metadata["doi"] = f"10.5072/zenodo.{deposit.id}"
         return as_json(self._shown(deposit, request), 202)
@@ -243,11 +224,7 @@ class Deposits:
     def _new_version(self, request: Request, number: int) -> Response:
         deposit = self._find(number)
         if not deposit.submitted:
-            raise Answer(
-                400,
-                "Invalid action",
-                [{"field": "state", "message": "The deposition is not published."}],
-            )
+            raise refused("Invalid action", "state", "The deposition is not published.")
         draft = self._open_draft(deposit)
         if draft is not None and draft.files:
             raise Answer(
@@ -256,20 +233,10 @@ class Deposits:
                 [{"field": "files.enabled", "messages": ["Please remove all files first."]}],
             )
         if draft is None:
-            number = next(self._numbers)
-            kept = {
-                key: what
-                for key, what in deposit.metadata.items()
-                if key not in ("doi", "publication_date", "version")
-            }
-            draft = Deposit(
-                number,
-                deposit.concept,
-                str(uuid.uuid5(uuid.NAMESPACE_URL, str(number))),
-                kept,
-                dict(deposit.files),
-            )
-            self.by_id[number] = draft
+            draft = self._new(deposit.concept)
+            own = ("doi", "publication_date", "version")  # each version has its own
+            draft.metadata = {k: v for k, v in deposit.metadata.items() if k not in own}
+            draft.files = dict(deposit.files)
         return as_json(self._shown(deposit, request), 201)
 
     def _open_draft(self, deposit: Deposit) -> Deposit | None:
@@ -286,25 +253,7 @@ class Deposits:
         deposit = self._find(number)
         if not deposit.submitted:
             raise Answer(404, "PID does not exist.")
-        root = root_of(request)
-        files = [
-            {
-                "key": name,
-                "size": len(data),
-                "checksum": f"md5:{file_entry(deposit, name)['checksum']}",
-                "links": {"self": f"{root}/api/records/{number}/files/{name}/content"},
-            }
-            for name, data in deposit.files.items()
-        ]
-        return as_json(
-            {
-                "id": number,
-                "conceptrecid": str(deposit.concept),
-                "doi": deposit.metadata["doi"],
-                "metadata": deposit.metadata,
-                "files": files,
-            }
-        )
+        return as_json(record(deposit, request))
 
     def _content(self, request: Request, number: int, name: str) -> Response:
         deposit = self._find(number)

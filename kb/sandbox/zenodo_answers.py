@@ -50,6 +50,11 @@ class Answer(HTTPException):
         self.code = status
 
 
+def refused(message: str, field: str, why: str) -> Answer:
+    """400, with what is wrong at one field."""
+    return Answer(400, message, [{"field": field, "message": why}])
+
+
 @dataclass
 class Deposit:
     """One deposition: a draft, or a published record."""
@@ -143,6 +148,43 @@ def file_entry(one: Deposit, name: str) -> dict[str, Any]:
         "filename": name,
         "filesize": len(data),
         "checksum": digest,
+    }
+
+
+def file_stored(one: Deposit, name: str, request: Request) -> dict[str, Any]:
+    """A file as its bucket tells it."""
+    entry = file_entry(one, name)
+    return {
+        "key": name,
+        "mimetype": "application/octet-stream",
+        "size": entry["filesize"],
+        "checksum": f"md5:{entry['checksum']}",
+        "version_id": entry["id"],
+        "is_head": True,
+        "created": STAMP,
+        "updated": STAMP,
+        "links": {"self": f"{root_of(request)}/api/files/{one.bucket}/{name}"},
+    }
+
+
+def record(one: Deposit, request: Request) -> dict[str, Any]:
+    """A published record, as anybody may see it."""
+    place = f"{root_of(request)}/api/records/{one.id}"
+    files = [
+        {
+            "key": name,
+            "size": len(data),
+            "checksum": f"md5:{file_entry(one, name)['checksum']}",
+            "links": {"self": f"{place}/files/{name}/content"},
+        }
+        for name, data in one.files.items()
+    ]
+    return {
+        "id": one.id,
+        "conceptrecid": str(one.concept),
+        "doi": one.metadata["doi"],
+        "metadata": one.metadata,
+        "files": files,
     }
 
 

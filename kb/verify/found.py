@@ -76,6 +76,13 @@ class Look:
         """A file that is what was written."""
         self._count(kind, "whole", path.stat().st_size)
 
+    def judged(self, kind: str, path: Path, what: str, advice: str) -> None:
+        """A file that was read: damaged where `what` says how, else whole."""
+        if what:
+            self.damaged(kind, path, what, advice)
+        else:
+            self.whole(kind, path)
+
     def damaged(self, kind: str, path: Path, what: str, advice: str) -> None:
         """A file that is there and not what was written."""
         self._add(Found(kind, "damaged", path, _size(path), what, advice))

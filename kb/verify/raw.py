@@ -95,10 +95,8 @@ def state(look: Look, path: Path) -> None:
     look.advance(path.stat().st_size)
     if not path.stat().st_size:
         said = ["it is empty"]  # to SQLite, a database without tables
-    if said == ["ok"]:
-        look.whole("state", path)
-    else:
-        look.damaged("state", path, f"can't be read: {said[0]}", _STATE)
+    what = "" if said == ["ok"] else f"can't be read: {said[0]}"
+    look.judged("state", path, what, _STATE)
 
 
 def side_file(look: Look, path: Path) -> None:

@@ -62,10 +62,7 @@ def _file(look: Look, path: Path, wanted: str | None, advice: str) -> None:
     else:
         look.advance(path.stat().st_size)
         what = ""
-    if what:
-        look.damaged("release", path, what, advice)
-    else:
-        look.whole("release", path)
+    look.judged("release", path, what, advice)
 
 
 def _tar(path: Path) -> str:

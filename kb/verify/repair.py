@@ -1,25 +1,135 @@
-"""What can be mended without making anything again: copies, and names that no reader takes.
+"""Mending a data root, step by step: copies and names that no reader takes, then what a crawl asks
+for again and what is made of it.
 
 Foreign files are never touched, and nothing is deleted: what is damaged gets the ending
-`.damaged`, or is noted for the next crawl.
+`.damaged`, or is noted for the next crawl. What each step does is given by pipelines/verify.py.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from kb.core.errors import KbError
-from kb.store import digests, parquet, sidefiles
+from kb.core.progress import Progress
+from kb.store import digests, lock, parquet, sidefiles
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout, parquet_files
 from kb.verify.found import Found, Look
+from kb.verify.root import verify
 
-Step = Callable[[], object]
+Act = Callable[[], object]
 
 
-def set_aside(root: Path, look: Look) -> list[str]:
-    """Lines of what was done. Call it under all locks. Raises DiskFull."""
+class Step(Protocol):
+    """One thing that a repair may do."""
+
+    def take(self, root: Path, look: Look) -> list[str]:
+        """Do it where it has to be done: a line for each thing that was done, or left."""
+        ...
+
+
+def repaired(root: Path, progress: Progress, steps: Iterable[Step]) -> tuple[Look, list[str]]:
+    """Look, repair and look again, under all locks: (what is left, lines of what was done).
+
+    Raises WriterLocked, DiskFull.
+    """
+    with lock.taking(root, *lock.ORDER):  # which clears what killed commands left
+        look = verify(root, progress)
+        said = _set_aside(root, look)
+        for step in steps:
+            said += step.take(root, look)
+        # Of what was killed on its way nothing may be found any more.
+        return (verify(root, progress) if said else look), said
+
+
+@dataclass(frozen=True)
+class Crawl:
+    """What is lost of a source's raw data: damage is set aside, then a crawl asks again for it."""
+
+    source: str
+    set_aside: Callable[[], list[str]]
+    crawl: Act
+
+    def take(self, root: Path, look: Look) -> list[str]:
+        """See `Step`."""
+        if not is_lost(root, look, self.source):
+            return []
+        return [*self.set_aside(), *_tried(f"kb {self.source} crawl", self.crawl)]
+
+
+@dataclass(frozen=True)
+class Make:
+    """What is at `places` is made of what is before it, also where a crawl of `after` went on."""
+
+    kind: str
+    command: str
+    make: Act
+    places: tuple[Path, ...]
+    after: str = ""
+
+    def take(self, root: Path, look: Look) -> list[str]:
+        """See `Step`; not where a file of somebody else's would go with it."""
+        fresh = bool(self.after) and is_lost(root, look, self.after) and self.places[0].is_dir()
+        if not fresh and not any(self._holds(one) for one in look.of(self.kind)):
+            return []
+        foreign = next((one.path for one in look.found if self._is_in_the_way(one)), None)
+        if foreign is not None:
+            return [f"{self.places[0]} was left: move {foreign} away, then run `{self.command}`"]
+        return _tried(self.command, self.make)
+
+    def _holds(self, one: Found) -> bool:
+        return one.state != "foreign" and any(map(one.path.is_relative_to, self.places))
+
+    def _is_in_the_way(self, one: Found) -> bool:
+        if one.state != "foreign" or one.kind == "leftovers":
+            return False
+        return any(map(one.path.is_relative_to, self.places))
+
+
+@dataclass(frozen=True)
+class Describe:
+    """A released folder that was described once and has tables and no checksums.
+
+    It was made again, by this repair or by one that was killed before it came to the description.
+    """
+
+    source: str
+    describe: Act
+
+    def take(self, root: Path, look: Look) -> list[str]:
+        """See `Step`."""
+        folder, known = Layout(root).release(self.source), Layout(root).released(self.source)
+        described = known.is_dir() and any(known.iterdir())
+        if not described or not parquet_files(folder) or (folder / digests.SUMS).exists():
+            return []
+        return _tried("kb release", self.describe)
+
+
+def is_lost(root: Path, look: Look, source: str) -> bool:
+    """Whether something is lost that a crawl of the source asks for again."""
+    at = Layout(root)
+    places = (at.raw(source), at.state(source))
+    return any(
+        one.state != "foreign" and any(map(one.path.is_relative_to, places))
+        for one in look.of("raw answers", "captures", "images", "state")
+    )
+
+
+def _tried(command: str, act: Act) -> list[str]:
+    """What a command does, or why it could not."""
+    try:
+        act()
+    except KbError as error:
+        way = f"; {error.hint}" if error.hint else ""
+        return [f"`{command}` has to be run: {error}{way}"]
+    return [f"`{command}` was run"]
+
+
+def _set_aside(root: Path, look: Look) -> list[str]:
+    """Lines of what was done."""
     said = [_tombstones(root, one) for one in look.of("tombstones", state="damaged")]
     for one in look.of("annotations", state="damaged"):
         sidefiles.set_aside(one.path)
@@ -35,55 +145,6 @@ def set_aside(root: Path, look: Look) -> list[str]:
         sidefiles.suspect(root, "wiki", lost)
         said.append(f"{len(lost):,} captured files are noted for `kb wiki crawl`")
     return said
-
-
-def fetched_by(root: Path, look: Look, source: str) -> bool:
-    """Whether something is lost that a crawl of the source asks for again."""
-    at = Layout(root)
-    places = (at.raw(source), at.state(source))
-    return any(
-        one.state != "foreign" and any(one.path.is_relative_to(place) for place in places)
-        for one in look.of("raw answers", "captures", "images", "state")
-    )
-
-
-def made_again(look: Look, kind: str, folder: Path) -> bool:
-    """Whether a folder of tables has to be made again."""
-    return any(one.state != "foreign" and one.path.is_relative_to(folder) for one in look.of(kind))
-
-
-def in_the_way(look: Look, folder: Path) -> Found | None:
-    """A foreign file that would go with a folder that is made again."""
-    foreign = [one for one in look.found if one.state == "foreign" and one.kind != "leftovers"]
-    return next((one for one in foreign if one.path.is_relative_to(folder)), None)
-
-
-def make(look: Look, command: str, folder: Path, step: Step) -> list[str]:
-    """Make a folder again, unless a file of somebody else's would go with it."""
-    foreign = in_the_way(look, folder)
-    if foreign is not None:
-        return [f"{folder} was left: move {foreign.path} away, then run `{command}`"]
-    return tried(command, step)
-
-
-def tried(command: str, step: Step) -> list[str]:
-    """What a command does, or why it could not."""
-    try:
-        step()
-    except KbError as error:
-        way = f"; {error.hint}" if error.hint else ""
-        return [f"`{command}` has to be run: {error}{way}"]
-    return [f"`{command}` was run"]
-
-
-def undescribed(at: Layout, source: str) -> bool:
-    """Whether a folder that was described once has tables and no checksums.
-
-    It was made again, by this repair or by one that was killed before it came to the description.
-    """
-    folder = at.release(source)
-    described = at.released(source).is_dir() and any(at.released(source).iterdir())
-    return described and bool(parquet_files(folder)) and not (folder / digests.SUMS).exists()
 
 
 def _tombstones(root: Path, one: Found) -> str:

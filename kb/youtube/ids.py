@@ -13,6 +13,9 @@ import pyarrow.parquet as pq
 from kb.core.errors import SettingError
 from kb.store import parquet
 
+Part = tuple[int, int] | None
+"""Which of how many machines, from 1; None for one that does it all."""
+
 _ID = re.compile(r"(?:^|[=/])([A-Za-z0-9_-]{11})(?:$|[?&#])")
 
 
@@ -85,10 +88,8 @@ def _minedojo(path: Path) -> list[str]:
     return [str(entry.get("id", "")) if isinstance(entry, dict) else str(entry) for entry in data]
 
 
-def share(part: tuple[int, int] | None) -> Callable[[str], bool]:
-    """Whether a key belongs to part (i, n): the same on every machine, and every key to one
-    part.
-    """
+def share(part: Part) -> Callable[[str], bool]:
+    """Whether a key belongs to the part: the same on every machine, and every key to one."""
     if part is None:
         return lambda key: True
     number, count = part

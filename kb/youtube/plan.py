@@ -21,7 +21,7 @@ from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 from kb.youtube import quota
 from kb.youtube.fetch import PACK
-from kb.youtube.ids import share, some_ids
+from kb.youtube.ids import Part, share, some_ids
 from kb.youtube.reduce import (
     CHANNELS,
     PAYLOADS,
@@ -48,7 +48,7 @@ BYTES = {
 REQUESTS_A_TRANSCRIPT = 3
 
 
-def plan(run: Run, ids: Path | None = None, part: tuple[int, int] | None = None) -> Summary:
+def plan(run: Run, ids: Path | None = None, part: Part = None) -> Summary:
     """Units, calls, transcript hours, GB and days for what is left. Sends and writes nothing."""
     profile = run.profile.section("youtube")
     state = _state(run)
@@ -195,9 +195,7 @@ def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[
     }
 
 
-def _left_of_ids(
-    run: Run, ids: Path, part: tuple[int, int] | None, state: dict[str, Any]
-) -> dict[str, int]:
+def _left_of_ids(run: Run, ids: Path, part: Part, state: dict[str, Any]) -> dict[str, int]:
     """A known list: no searches and no lists."""
     mine = share(part)
     wanted = {key for key in some_ids(ids)[0] if mine(key)}

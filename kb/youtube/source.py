@@ -16,10 +16,14 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.core import waiting
 from kb.core.context import Run
@@ -27,14 +31,15 @@ from kb.core.errors import KbError, SettingError
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
-from kb.crawl.session import BLOCKED, Session
+from kb.crawl.session import Session
 from kb.crawl.source import Answer, Opened, Phase, Plain
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
 from kb.youtube.api import GOOGLE
+from kb.youtube.assemble import assemble
 from kb.youtube.discover import extend, new_round, no_channel, reopen
 from kb.youtube.fetch import API, PACK, WEB, Fetch
-from kb.youtube.ids import share, some_ids
+from kb.youtube.ids import Part, share, some_ids
 from kb.youtube.quota import GENERAL, SEARCH, limit, today
 from kb.youtube.reduce import (
     BEYOND,
@@ -67,24 +72,26 @@ PHASES = (
     # So many that fail one after the other are the site's trouble, not the videos'.
     Phase(kind=TRANSCRIPTS, unit="videos", workers=4, down=6, lane=WEB),
 )
+Worth = Callable[[pa.Table], "pa.Array[Any]"]
+"""Which assembled videos are worth asking for their transcript."""
+
 ONLY = {"channels": SEARCHES, "uploads": UPLOADS, "metadata": VIDEOS, "transcripts": TRANSCRIPTS}
 
 
 def crawl(
     run: Run,
-    wanted: Wanted,
-    *,
+    worth: Worth,
     only: str | None = None,
     ids: Path | None = None,
-    part: tuple[int, int] | None = None,
+    part: Part = None,
 ) -> Summary:
-    """Crawl until nothing is left. `wanted` picks the videos whose transcript is worth asking for.
+    """Crawl until nothing is left. `worth` says of assembled videos whose transcript is asked for.
 
     `only` names one phase; `ids` are known videos, which skip discovery; `part` (i, n) is one
     machine's share. Raises Stopped (with `summary`) when something is left for another run, and
     what kb.core.errors says for the rest.
     """
-    source = YouTube(run, wanted, only=only, ids=ids, part=part)
+    source = YouTube(run, partial(_promising, worth), only=only, ids=ids, part=part)
     try:
         summary = work(run, source, source.summary, phases=source.chosen, facts=source.facts)
     except KbError as error:
@@ -96,6 +103,13 @@ def crawl(
         again = "" if run.again else "; --again starts a new round"
         run.progress.say(f"youtube: nothing left to crawl{again}")
     return summary
+
+
+def _promising(worth: Worth, videos: pa.Table) -> list[str]:
+    """Ids of the parsed videos that are worth it."""
+    # No transcript is among them, so no words are counted.
+    rows = assemble({"videos": videos}, words=pc.list_value_length)["youtube/videos"]
+    return cast("list[str]", rows.filter(worth(rows))["video_id"].to_pylist())
 
 
 def nothing(rows: Any) -> Sequence[str]:
@@ -119,7 +133,7 @@ class YouTube(Plain):
         *,
         only: str | None = None,
         ids: Path | None = None,
-        part: tuple[int, int] | None = None,
+        part: Part = None,
     ) -> None:
         if ids and only in ("channels", "uploads"):
             raise SettingError(
@@ -155,11 +169,6 @@ class YouTube(Plain):
         super().begin(opened)
         self._reduce = Reducer(self.profile, self._wanted, self._mine, opened.gone)
         self._fetch = Fetch(self.run, self.profile, opened, self._count)
-        for lane in (API, WEB):  # noted under another name before kb.crawl
-            since = opened.frontier.cursor(f"{lane}_blocked")
-            if since is not None:
-                opened.frontier.set_cursor(BLOCKED + lane, since)
-                opened.frontier.set_cursor(f"{lane}_blocked", None)
 
     def discover(self, frontier: Frontier) -> None:
         """Known ids, or the profile's keywords, channels, and a new round."""

@@ -1,0 +1,155 @@
+"""Every file of a data root by where it is: whole, damaged, or nobody's."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+from kb.core.errors import DamagedData
+from kb.core.sources import SOURCES
+from kb.store import complete, indexed, leftovers, rawlog, sidefiles
+from kb.store.advice import advice
+from kb.store.layout import Layout
+from kb.verify import raw, tables
+from kb.verify.found import Look
+
+# Beside the folders of commands: other roots and what belongs to a checkout.
+NEIGHBOURS = {"demo", "dumps", "profiles", "demo-finished", ".gitignore", ".gitkeep"}
+_CLEARED = "a killed command left it: `kb verify --repair` or the next command there clears it"
+_NEVER_EMPTY = (".json", ".jsonl", ".html", ".png", ".svg")
+_OF_STATE = (".lock", ".key", ".key.sha256", ".exported", ".sqlite-wal", ".sqlite-shm", ".bak")
+
+
+class Files:
+    """Reads files of a data root in full, one after the other."""
+
+    def __init__(self, look: Look, root: Path) -> None:
+        self._look, self._root = look, root
+        self._segments = {source: raw.Segments(look, root, source) for source in SOURCES}
+
+    def read(self, files: Iterable[Path]) -> None:
+        """Each of them, then what the state knows of raw answers and is not among them."""
+        for path in files:
+            try:
+                self._file(path, path.relative_to(self._root).parts)
+            except FileNotFoundError:
+                continue  # replaced meanwhile; what is gone for good is told of the whole root
+        for segments in self._segments.values():
+            segments.end()
+
+    def _file(self, path: Path, parts: tuple[str, ...]) -> None:
+        look = self._look
+        if path.is_symlink() and not path.exists():
+            look.foreign("other", path, "is a link that leads nowhere", "remove it")
+        elif leftovers.is_left(parts):
+            look.foreign("leftovers", path, "is on its way, or was left", _CLEARED)
+        elif len(parts) == 1:
+            if path.name not in NEIGHBOURS:
+                self._strange("other", path)
+        elif parts[0] == "raw":
+            self._raw(path, parts)
+        elif parts[0] == "state":
+            self._state(path, parts)
+        elif parts[0] in ("annotations", "clean", "pairs", "links"):
+            self._made(path, parts)
+        elif parts[0] in ("export", "report", "restored"):
+            self._plain(path, parts[0])
+        elif parts[0] == "index":
+            self._index(path)
+        elif parts[0] == "release":
+            if len(parts) == 2:
+                look.foreign("release", path, "a release is a folder", "move it away")
+        else:
+            look.advance(path.stat().st_size)
+            self._strange("other", path)
+
+    def _raw(self, path: Path, parts: tuple[str, ...]) -> None:
+        look, known = self._look, parts[1] in SOURCES
+        if known and len(parts) == 3 and path.name.startswith("tombstones"):
+            self._parquet("tombstones", path)
+        elif known and len(parts) == 4 and path.name.endswith((rawlog.SUFFIX, rawlog.OPEN)):
+            self._segments[parts[1]].file(path)
+        elif known and len(parts) == 4 and f"{rawlog.SUFFIX}.damaged-" in path.name:
+            look.advance(path.stat().st_size)
+            look.whole("set aside", path)
+        elif known and parts[1:3] in (("wiki", "pages"), ("wiki", "images")):
+            if path.name.endswith(sidefiles.ASIDE):
+                look.whole("set aside", path)
+            else:
+                raw.side_file(look, path)
+        else:
+            look.foreign("raw answers", path, "no crawl or import has written it", "move it away")
+
+    def _state(self, path: Path, parts: tuple[str, ...]) -> None:
+        name = path.name
+        if name.endswith(".sqlite") and len(parts) == 2:
+            raw.state(self._look, path)
+        elif name.endswith(".parquet"):
+            self._parquet("tombstones" if name == "tombstones.parquet" else "state", path)
+        elif name.endswith(".json"):
+            self._json("state", path, "move it away, or put it back from a copy")
+        elif name.endswith(sidefiles.ASIDE):
+            self._look.whole("set aside", path)
+        elif name.endswith((*_OF_STATE, ".txt")) or name == ".gitkeep":
+            self._look.whole("state", path)
+        else:
+            self._strange("state", path)
+
+    def _made(self, path: Path, parts: tuple[str, ...]) -> None:
+        kind = parts[0]
+        if path.name.endswith(sidefiles.ASIDE):
+            self._look.whole("set aside", path)
+        elif path.suffix == ".parquet" and self._is_listed(path, kind):
+            self._parquet(kind, path)
+        elif path.suffix == ".json" and kind != "annotations":
+            self._json(kind, path, advice(path))
+        else:
+            self._strange(kind, path)
+
+    def _is_listed(self, path: Path, kind: str) -> bool:
+        """Whether a filter says that it wrote a clean file; of other tables all are taken."""
+        if kind != "clean":
+            return True
+        try:
+            listed = complete.listed(path.parent.parent)
+        except DamagedData:
+            return True  # told with the list
+        return not listed or path.name in listed.get(path.parent.name, ())
+
+    def _plain(self, path: Path, kind: str) -> None:
+        """Files of other layouts and figures; there are no checksums of these."""
+        if path.suffix == ".parquet":
+            self._parquet(kind, path)
+            return
+        size = path.stat().st_size
+        self._look.advance(size)
+        what = "" if size or path.suffix not in _NEVER_EMPTY else "is empty"
+        self._look.judged(kind, path, what, advice(path))
+
+    def _index(self, path: Path) -> None:
+        """What `kb search` reads; it is made again at any time."""
+        at, again = Layout(self._root), "run `kb index --again`"
+        if path in {at.indexed(source) for source in SOURCES}:
+            self._json("index", path, again)
+        elif path in {at.index(source) for source in SOURCES}:
+            self._look.advance(path.stat().st_size)
+            self._look.judged("index", path, indexed.problem(path), again)
+        else:
+            self._strange("index", path)
+
+    def _parquet(self, kind: str, path: Path) -> None:
+        what = tables.problem(path, self._look.advance)
+        self._look.judged(kind, path, what, advice(path))
+
+    def _json(self, kind: str, path: Path, mend: str) -> None:
+        self._look.advance(path.stat().st_size)
+        try:
+            json.loads(path.read_bytes())
+            what = ""
+        except (ValueError, RecursionError) as error:
+            what = f"can't be read: {error}"
+        self._look.judged(kind, path, what, mend)
+
+    def _strange(self, kind: str, path: Path) -> None:
+        self._look.foreign(kind, path, "no command has written it", "move it away")

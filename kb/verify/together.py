@@ -1,0 +1,85 @@
+"""What the files of a data root say together: which are not there, and keys with two answers."""
+
+from __future__ import annotations
+
+import contextlib
+from functools import partial
+from pathlib import Path
+
+import duckdb
+
+from kb.core.errors import DamagedData
+from kb.core.sources import PUBLISHED, SORTED, SOURCES
+from kb.store import complete, database, leftovers
+from kb.store.advice import advice
+from kb.store.layout import Layout, parquet_files
+from kb.store.reading import scan
+from kb.store.tally import VERDICTS
+from kb.verify import raw, releases
+from kb.verify.found import Look
+
+_KEYS = {"videos": "video_id", "pages": "page_id", "posts": "post_id", "comments": "comment_id"}
+
+
+def compare(look: Look, root: Path) -> None:
+    """Look for what is told by no file alone; `look` has what each one of them says."""
+    steps = [
+        partial(raw.lost_side_files, look, root),
+        partial(_lost_tables, look, root),
+        *(partial(_two_answers, look, root, source) for source in SOURCES),
+        *(partial(_release, look, root, source) for source in PUBLISHED),
+    ]
+    for step in steps:
+        look.steadily(step)
+    for other in sorted(Layout(root).release().glob("*/")):
+        if other.name not in PUBLISHED and not leftovers.is_left((other.name,)):
+            look.foreign("release", other, "no export has written it", "move it away")
+
+
+def _lost_tables(look: Look, root: Path) -> None:
+    """Files of tables that were written and are not there."""
+    at = Layout(root)
+    folders = [at.pairs, at.links]  # each with a note beside its tables
+    with contextlib.suppress(DamagedData):  # told with the list
+        folders += complete.tables(root)
+    for folder in folders:
+        with contextlib.suppress(DamagedData):
+            for path in complete.missing(folder):
+                look.missing(folder.relative_to(root).parts[0], path, advice(path))
+
+
+def _two_answers(look: Look, root: Path, source: str) -> None:
+    """crawled = kept + rejected + failed + pending: no key is in two of them."""
+    clean = Layout(root).clean(source)
+    if any(clean in one.path.parents for one in look.of("clean")):
+        return  # counting makes sense of whole files only
+    parts = [
+        f"SELECT '{prefix}' || {_KEYS[short]}::VARCHAR AS key FROM {scan(files)}"
+        for short, prefix in SORTED[source].items()
+        if (files := parquet_files(clean / short))
+    ]
+    parts += [
+        f"SELECT key FROM {scan(files)}"
+        for verdict in VERDICTS
+        if (files := parquet_files(clean / verdict))
+    ]
+    if not parts:
+        return
+    sql = f"SELECT count(*) - count(DISTINCT key) FROM ({' UNION ALL '.join(parts)})"
+    try:
+        with database.connect(root) as con:
+            more = (con.execute(sql).fetchone() or (0,))[0]
+    except duckdb.Error as error:
+        look.damaged("clean", clean, str(error).splitlines()[0], advice(clean / "x"))
+        return
+    if more:
+        what = f"{more:,} keys are in two of kept, rejected, failed and pending"
+        look.damaged("clean", clean / "summary.json", what, advice(clean / "x"))
+
+
+def _release(look: Look, root: Path, source: str) -> None:
+    folder = Layout(root).release(source)
+    if folder.is_dir() and any(folder.iterdir()):
+        releases.folder(look, folder, advice, described=False)
+    elif complete.exported(root, source):
+        look.missing("release", folder, advice(folder / "x"))
