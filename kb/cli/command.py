@@ -19,7 +19,6 @@ from __future__ import annotations
 import contextlib
 import inspect
 import signal
-import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -183,7 +182,8 @@ def _call(
             try:
                 summary = function(first, **values)
             finally:
-                _close(getattr(first, "progress", None))
+                if not nature.raw:
+                    first.progress.close()  # the terminal, before anything else is printed
             if summary is not None:
                 outcome.show_summary(summary, options.json)
     except typer.Exit as done:
@@ -233,14 +233,6 @@ def _bind(run: Any) -> None:
     from kb.store import belonging
 
     belonging.note_if_stored(run.root, run.profile)
-
-
-def _close(progress: Any) -> None:
-    """Give the terminal back before anything else is printed."""
-    close = getattr(progress, "close", None)
-    if close:
-        close()
-    sys.stderr.flush()
 
 
 def _nothing_before(context: Any) -> None:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kb.cli.as_typed import as_typed
 from kb.core import terminal
-from kb.core.progress import Counted, Plain, Silent
-
-if TYPE_CHECKING:
-    from kb.core.progress import Progress, Task
+from kb.core.progress import Counted, Plain, Progress, Silent, Task
 
 
 def choose(*, quiet: bool) -> Progress:
@@ -29,22 +26,11 @@ class Lines(Plain):
         super().say(as_typed(text))
 
 
-class Bars:
+class Bars(Progress):
     """One bar a task: done and total, rate, time left, and the figures that the stage names."""
 
     def __init__(self) -> None:
         self._live: Any = None
-
-    def task(
-        self,
-        name: str,
-        total: int | None = None,
-        unit: str = "",
-        *,
-        waiting: Callable[[], int] | None = None,
-    ) -> Task:
-        """A new bar; the display starts with the first one."""
-        return BarTask(self._start(), name, total, unit, waiting)
 
     def say(self, text: str) -> None:
         """One line above the bars."""
@@ -54,6 +40,11 @@ class Bars:
         else:
             print(shown, file=sys.stderr, flush=True)
 
+    def _task(
+        self, name: str, total: int | None, unit: str, waiting: Callable[[], int] | None
+    ) -> Task:
+        return BarTask(self._start(), name, total, unit, waiting)
+
     def close(self) -> None:
         """Leave the bars as they are and give the terminal back."""
         if self._live is not None:
@@ -62,14 +53,14 @@ class Bars:
 
     def _start(self) -> Any:
         if self._live is None:
+            from rich import progress as rich
             from rich.console import Console
-            from rich.progress import BarColumn, Progress, TextColumn
 
-            self._live = Progress(
-                TextColumn("{task.description}", markup=False),
-                BarColumn(bar_width=24),
-                TextColumn("{task.fields[figures]}", markup=False),
-                TextColumn("{task.fields[facts]}", markup=False, style="dim"),
+            self._live = rich.Progress(
+                rich.TextColumn("{task.description}", markup=False),
+                rich.BarColumn(bar_width=24),
+                rich.TextColumn("{task.fields[figures]}", markup=False),
+                rich.TextColumn("{task.fields[facts]}", markup=False, style="dim"),
                 console=Console(stderr=True),
                 refresh_per_second=4,
             )

@@ -96,7 +96,7 @@ def publish(
         done = error.summary or {}
         raise
     finally:
-        getattr(run.progress, "close", lambda: None)()
+        run.progress.close()
         for source, one in done.get("sources", {}).items() if not options.json else ():
             facts = (source, one["state"], one["id"], one["doi"], one["page"])
             typer.echo(terminal.one_line("  ".join(str(what) for what in facts if what)))

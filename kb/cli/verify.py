@@ -69,7 +69,7 @@ def verify(
     look: Look
     done: list[str]
     look, done = room.mended(run) if repair else (room.verify(run, place), [])
-    getattr(run.progress, "close", lambda: None)()
+    run.progress.close()
     _print(look, done)
     summary = Summary(command="verify", **look.summary(place), repaired=done)
     if look.found:

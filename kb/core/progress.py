@@ -13,7 +13,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable
-from typing import Protocol, Self, TextIO
+from typing import Self, TextIO
 
 from kb.core import clock, terminal
 
@@ -21,60 +21,30 @@ RECOUNT_S = 0.5  # how often `waiting` is asked: it may read a large state
 SETTLED_S = 5.0  # before that, and that long after the total grew, the time left would be a guess
 
 
-class Task(Protocol):
-    """One bar: `advance` counts items and names figures to show beside it.
+class Task:
+    """One bar, which shows nothing: `advance` counts items and names figures to show beside it.
 
-    `expect` says how many more are to come, where that is found out on the way. `close` ends
-    it; as a context manager it knows whether an error did.
+    As a context manager it knows whether an error ended it.
     """
 
-    def advance(self, n: int = 1, **facts: object) -> None: ...
-
-    def expect(self, more: int) -> None: ...
-
-    def close(self, *, stopped: bool = False) -> None: ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None: ...
-
-
-class Progress(Protocol):
-    """Where tasks are shown."""
-
-    def task(
-        self,
-        name: str,
-        total: int | None = None,
-        unit: str = "",
-        *,
-        waiting: Callable[[], int] | None = None,
-    ) -> Task: ...
-
-    def say(self, text: str) -> None: ...
-
-
-class SilentTask:
-    """Shows nothing."""
-
     def advance(self, n: int = 1, **facts: object) -> None:
-        """Nothing to show."""
+        """Count `n` more items and keep the newest figures."""
 
     def expect(self, more: int) -> None:
-        """Nothing to show."""
+        """So many are still to come, where that is found out on the way."""
 
     def close(self, *, stopped: bool = False) -> None:
-        """Nothing to end."""
+        """No more will come. What never had a total is whole now, unless it was `stopped`."""
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        """Nothing to end."""
+        self.close(stopped=kind is not None)
 
 
-class Silent:
-    """`--quiet`, and the default in Python code."""
+class Progress:
+    """Where tasks are shown; this one shows nothing."""
 
     def task(
         self,
@@ -84,14 +54,26 @@ class Silent:
         *,
         waiting: Callable[[], int] | None = None,
     ) -> Task:
-        """A task that shows nothing."""
-        return SilentTask()
+        """A new task. With `waiting`, `total` is the most that this run will do."""
+        return self._task(name, total, unit, waiting)
 
     def say(self, text: str) -> None:
-        """Nothing to show."""
+        """One line."""
+
+    def close(self) -> None:
+        """Give the terminal back."""
+
+    def _task(
+        self, name: str, total: int | None, unit: str, waiting: Callable[[], int] | None
+    ) -> Task:
+        return Task()
 
 
-class Counted:
+class Silent(Progress):
+    """`--quiet`, and the default in Python code."""
+
+
+class Counted(Task):
     """What every shown task keeps: how much of what is done, how fast, and the stage's figures.
 
     May be called from several threads. `_show` is what a display adds.
@@ -139,12 +121,6 @@ class Counted:
             if self.total is None and not stopped:
                 self.total = self.done
             self._end()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        self.close(stopped=kind is not None)
 
     def figures(self) -> str:
         """How much of what is done: "42/60", "42/?" while nobody knows."""
@@ -218,26 +194,20 @@ class PlainTask(Counted):
         print(terminal.one_line(", ".join(filter(None, parts))), file=self._stream, flush=True)
 
 
-class Plain:
+class Plain(Progress):
     """Lines on a stream that is no terminal."""
 
     def __init__(self, stream: TextIO | None = None, every: float = 10.0) -> None:
         self._stream, self._every = stream or sys.stderr, every
 
-    def task(
-        self,
-        name: str,
-        total: int | None = None,
-        unit: str = "",
-        *,
-        waiting: Callable[[], int] | None = None,
-    ) -> Task:
-        """A task that prints lines. With `waiting`, `total` is the most that this run will do."""
-        return PlainTask(name, total, unit, waiting, self._stream, self._every)
-
     def say(self, text: str) -> None:
         """One line."""
         print(terminal.one_line(text), file=self._stream, flush=True)
+
+    def _task(
+        self, name: str, total: int | None, unit: str, waiting: Callable[[], int] | None
+    ) -> Task:
+        return PlainTask(name, total, unit, waiting, self._stream, self._every)
 
 
 def _span(seconds: float) -> str:

@@ -15,7 +15,7 @@ from kb.annotate.scores import CATEGORIES, Scores
 from kb.annotate.toxicity import Scorer
 from kb.core import signals
 from kb.core.errors import Interrupted, LimitReached, MissingExtra, SettingError
-from kb.core.progress import SilentTask
+from kb.core.progress import Task
 from tests.annotate.made import usable
 
 TEXTS = [
@@ -180,7 +180,7 @@ def test_a_chunk_grows_and_shrinks_with_the_time_it_takes(tmp_path):
     ones.
     """
     scores = Scores(str(tmp_path), "m", "r")
-    given = chunks.Chunks(scores, None, None, SilentTask())
+    given = chunks.Chunks(scores, None, None, Task())
     sizes = []
     seconds = iter([0.1] * 6 + [60.0] * 4 + [4.0] * 100)
     for hashes, texts in given.of([[f"text {n}" for n in range(9000)]]):
@@ -191,7 +191,7 @@ def test_a_chunk_grows_and_shrinks_with_the_time_it_takes(tmp_path):
     assert sizes[:6] == [32, 64, 128, 256, 512, 1024]
     assert sizes[7:10] == [512, 256, 128]
     assert set(sizes[10:-1]) == {64}
-    long = chunks.Chunks(scores, None, None, SilentTask())
+    long = chunks.Chunks(scores, None, None, Task())
     first, _ = next(iter(long.of([["x" * 10_000 + str(n) for n in range(20)]])))
     assert len(first) == 4, "characters count too"
 
