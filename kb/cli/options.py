@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from kb.core.context import Run
     from kb.core.profile import Profile
-    from kb.core.verdict import Summary
 
 
 class Engine(StrEnum):
@@ -267,12 +266,3 @@ def pipeline(run: Run, name: str) -> ModuleType:
     from kb.core.pipeline import load, locate
 
     return load(str(locate(name, run.pipeline)))
-
-
-def exported(run: Run, source: str, format: str) -> Summary:
-    """An export of a source by its pipeline, while nobody else writes its release."""
-    from kb.store.lock import taking
-
-    with taking(run.root, f"release-{source}"):
-        summary: Summary = pipeline(run, source).export(run, format)
-        return summary

@@ -11,7 +11,8 @@ import typer
 
 from kb.cli.command import command, group
 from kb.cli.dumps import Dumps, DumpsCommand
-from kb.cli.options import CLUSTER, Plan, exported
+from kb.cli.options import CLUSTER, Plan
+from kb.cli.stages import add_export, add_filter
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -106,33 +107,8 @@ def import_(
     return import_dumps(run, files, since=begin, until=end)
 
 
-@command(
-    app,
-    name="filter",
-    uses=(*CLUSTER, "limit", "pipeline"),
-    checks=True,
-    examples=["kb reddit filter", "kb reddit filter --profile mine.toml"],
-)
-def filter_(run: Run) -> Summary:
-    """Sort raw answers into clean/reddit: kept, rejected with the reason, failed and pending."""
-    from kb.filters.clean import run_clean
-
-    return run_clean(run, "reddit")
-
-
-@command(
-    app,
-    uses=("engine", "scheduler", "pipeline"),
-    examples=["kb reddit export", "kb reddit export --format convokit"],
-)
-def export(
-    run: Run,
-    format: Annotated[
-        Format, typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/.")
-    ] = Format.parquet,
-) -> Summary:
-    """Write clean/reddit as the released tables, or in another layout."""
-    return exported(run, "reddit", format.value)
+filter_ = add_filter(app, "reddit")
+export = add_export(app, "reddit", Format)
 
 
 @command(

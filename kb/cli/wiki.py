@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
-from kb.cli.options import CLUSTER, Plan, exported, pipeline
+from kb.cli.options import Plan, pipeline
+from kb.cli.stages import add_export, add_filter
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -66,33 +67,11 @@ def crawl(
     return summary
 
 
-@command(
+filter_ = add_filter(app, "wiki", "captured pages")
+export = add_export(
     app,
-    name="filter",
-    uses=(*CLUSTER, "limit", "pipeline"),
-    checks=True,
-    examples=["kb wiki filter", "kb wiki filter --profile mine.toml"],
+    "wiki",
+    Format,
+    goes="Parquet and tar shards go",
+    tables="the released tables with their images",
 )
-def filter_(run: Run) -> Summary:
-    """Sort captured pages into clean/wiki: kept, rejected with the reason, failed and pending."""
-    from kb.filters.clean import run_clean
-
-    return run_clean(run, "wiki")
-
-
-@command(
-    app,
-    uses=("engine", "scheduler", "pipeline"),
-    examples=["kb wiki export", "kb wiki export --format minedojo"],
-)
-def export(
-    run: Run,
-    format: Annotated[
-        Format,
-        typer.Option(
-            "--format", help="Parquet and tar shards go to release/, others to export/FORMAT/."
-        ),
-    ] = Format.parquet,
-) -> Summary:
-    """Write clean/wiki as the released tables with their images, or in another layout."""
-    return exported(run, "wiki", format.value)

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.command import command, group
-from kb.cli.options import CLUSTER, Part, exported, parse_part, pipeline
+from kb.cli.options import Part, Plan, parse_part, pipeline
+from kb.cli.stages import add_export, add_filter
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -55,9 +56,7 @@ class Format(StrEnum):
 )
 def crawl(
     run: Run,
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Print what is left and what it costs; send nothing.")
-    ] = False,
+    plan: Plan = False,
     only: Annotated[Phase | None, typer.Option("--only", help="Run one phase alone.")] = None,
     part: Part = None,
     ids: Annotated[
@@ -131,30 +130,5 @@ def check(
     return summary
 
 
-@command(
-    app,
-    name="filter",
-    uses=(*CLUSTER, "limit", "pipeline"),
-    checks=True,
-    examples=["kb youtube filter", "kb youtube filter --profile mine.toml"],
-)
-def filter_(run: Run) -> Summary:
-    """Sort raw answers into clean/youtube: kept, rejected with the reason, failed and pending."""
-    from kb.filters.clean import run_clean
-
-    return run_clean(run, "youtube")
-
-
-@command(
-    app,
-    uses=("engine", "scheduler", "pipeline"),
-    examples=["kb youtube export", "kb youtube export --format minedojo"],
-)
-def export(
-    run: Run,
-    format: Annotated[
-        Format, typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/.")
-    ] = Format.parquet,
-) -> Summary:
-    """Write clean/youtube as the released tables, or in another layout."""
-    return exported(run, "youtube", format.value)
+filter_ = add_filter(app, "youtube")
+export = add_export(app, "youtube", Format)

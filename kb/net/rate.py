@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 
 from kb.core import clock
@@ -32,10 +33,7 @@ class Pace:
 
     def wait(self) -> None:
         """Wait for one's turn. Raises Interrupted when the run is asked to end."""
-        with self._lock:
-            start = max(clock.monotonic(), self._next)
-            self._next = start + self._seconds
-        clock.sleep(start - clock.monotonic())
+        self.wait_within(math.inf)
 
     def wait_within(self, seconds: float) -> bool:
         """Wait for one's turn when it comes within so many seconds; else False, no turn is taken.

@@ -1,0 +1,65 @@
+"""What every source has alike: the commands `filter` and `export`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from kb.cli.command import command
+from kb.cli.options import CLUSTER, pipeline
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.core.verdict import Summary
+
+
+def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Callable[..., Summary]:
+    """`kb <source> filter`, which sorts `what`."""
+
+    def filter_(run: Run) -> Summary:
+        from kb.filters.clean import run_clean
+
+        return run_clean(run, source)
+
+    filter_.__doc__ = (
+        f"Sort {what} into clean/{source}: kept, rejected with the reason, failed and pending."
+    )
+    return command(
+        app,
+        name="filter",
+        uses=(*CLUSTER, "limit", "pipeline"),
+        checks=True,
+        examples=[f"kb {source} filter", f"kb {source} filter --profile mine.toml"],
+    )(filter_)
+
+
+def add_export(
+    app: typer.Typer,
+    source: str,
+    formats: type[StrEnum],
+    *,
+    goes: str = "Parquet goes",
+    tables: str = "the released tables",
+) -> Callable[..., Summary]:
+    """`kb <source> export`, in each of `formats`; the last one is the example."""
+    parquet = formats("parquet")
+
+    def export(run: Run, format: Any = parquet) -> Summary:
+        from kb.store.lock import taking
+
+        with taking(run.root, f"release-{source}"):  # nobody else writes the release meanwhile
+            summary: Summary = pipeline(run, source).export(run, format.value)
+            return summary
+
+    option = typer.Option("--format", help=f"{goes} to release/, others to export/FORMAT/.")
+    export.__annotations__["format"] = Annotated[formats, option]
+    export.__doc__ = f"Write clean/{source} as {tables}, or in another layout."
+    *_, last = formats
+    return command(
+        app,
+        uses=("engine", "scheduler", "pipeline"),
+        examples=[f"kb {source} export", f"kb {source} export --format {last.value}"],
+    )(export)
