@@ -40,7 +40,7 @@ def check_model_files(folder: Path, what_to_do: str) -> None:
     if not files:
         raise MissingModel(f"there is no tokenizer in {folder}", hint=what_to_do)
     problem = next(
-        (found for path in (folder / "config.json", *files) if (found := problem_of(path))), ""
+        (problem for path in (folder / "config.json", *files) if (problem := problem_of(path))), ""
     )
     if problem:
         raise MissingModel(f"{folder}: {problem}", hint=what_to_do)

@@ -100,38 +100,38 @@ class Runner:
         """
         if not texts:
             return []
-        found: list[Sequence[int]] = []
+        inputs: list[Sequence[int]] = []
         owners: list[int] = []
         marks = len(self.meta.prefix) + len(self.meta.suffix)
         for number, encoded in enumerate(
             self._tokenizer.encode_batch(list(texts), add_special_tokens=False)
         ):
             for window in windows(encoded.ids, self.meta.window, marks):
-                found.append([*self.meta.prefix, *window, *self.meta.suffix])
+                inputs.append([*self.meta.prefix, *window, *self.meta.suffix])
                 owners.append(number)
-        logits = self._logits(self._network, found, between)
-        self.tokens += sum(map(len, found))
+        logits = self._logits(self._network, inputs, between)
+        self.tokens += sum(map(len, inputs))
         again = rounding.undecided(logits) if self._exact else ()
         if len(again) and self._exact:
             self.exactly += len(again)
-            logits[again] = self._logits(self._exact(), [found[n] for n in again], between)
+            logits[again] = self._logits(self._exact(), [inputs[n] for n in again], between)
         return largest(rounding.rounded(logits).tolist(), owners, len(texts))
 
     def _logits(
-        self, network: Network, found: Sequence[Sequence[int]], between: Callable[[], None]
+        self, network: Network, inputs: Sequence[Sequence[int]], between: Callable[[], None]
     ) -> Any:
-        """Logits (windows, classes) in float64, in the order of the windows `found`."""
+        """Logits (windows, classes) in float64, in the order of the windows `inputs`."""
         import numpy as np
 
-        logits = np.empty((len(found), len(self.meta.classes)))
+        logits = np.empty((len(inputs), len(self.meta.classes)))
         for width, numbers in batches(
-            [len(window) for window in found], self.budget, self.meta.window
+            [len(window) for window in inputs], self.budget, self.meta.window
         ):
             between()
             ids = np.full((len(numbers), width), self.meta.pad, dtype=np.int64)
             mask = np.zeros((len(numbers), width), dtype=np.int64)
             for row, number in enumerate(numbers):
-                window = found[number]
+                window = inputs[number]
                 ids[row, : len(window)] = window
                 mask[row, : len(window)] = 1
             logits[numbers] = np.asarray(network(ids, mask))[:, : len(self.meta.classes)]

@@ -116,10 +116,10 @@ class Scorer:
         """The largest category as `prefix`,
         and with `categories` each one as `prefix_<category>`.
         """
-        found = self.lookup(text_hashes(texts))
-        columns = {prefix: pc.max_element_wise(*(found[name] for name in CATEGORIES))}
+        scores = self.lookup(text_hashes(texts))
+        columns = {prefix: pc.max_element_wise(*(scores[name] for name in CATEGORIES))}
         if categories:
-            columns |= {f"{prefix}_{name}": found[name] for name in CATEGORIES}
+            columns |= {f"{prefix}_{name}": scores[name] for name in CATEGORIES}
         return columns
 
     def annotate(self, batches: Iterable[Any], total: int | None = None) -> Counts:

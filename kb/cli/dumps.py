@@ -30,14 +30,14 @@ class DumpsCommand(Command):
 
 
 def _each(args: list[str]) -> list[str]:
-    found: list[str] = []
+    words: list[str] = []
     inside = False
     for place, word in enumerate(args):
         if word.startswith("-"):
             inside = word == NAME
         elif inside and args[place - 1] != NAME and not Path(word).is_dir():
-            found.append(NAME)
+            words.append(NAME)
         elif inside and args[place - 1] != NAME:
             inside = False
-        found.append(word)
-    return found
+        words.append(word)
+    return words

@@ -181,8 +181,8 @@ def keywords(
     from kb.store.atomic import write_text
 
     run = options.make_run()
-    found = proposed(run)
-    text = found.text(run.profile.title)
+    proposal = proposed(run)
+    text = proposal.text(run.profile.title)
     if out is None:
         typer.echo(text, nl=False)
     else:
@@ -191,9 +191,9 @@ def keywords(
         write_text(out.expanduser().absolute(), text)
     summary = Summary(
         command="profile keywords",
-        keywords=len(found.rows),
-        not_proposed=found.left.total(),
-        not_proposed_by=dict(sorted(found.left.items())),
+        keywords=len(proposal.rows),
+        not_proposed=proposal.left.total(),
+        not_proposed_by=dict(sorted(proposal.left.items())),
     )
     if options.json or out is not None:
         outcome.show_summary(summary, options.json)
@@ -238,7 +238,7 @@ def _table(findings: Iterable[Finding]) -> str:
 
     one = terminal.one_line
     rows = [("level", "where", "finding", "how to mend it")]
-    rows += [(found.level, found.where, found.what, found.mend) for found in findings]
+    rows += [(one.level, one.where, one.what, one.mend) for one in findings]
     rows = [(one(level), one(where), one(what), one(mend)) for level, where, what, mend in rows]
     widths = [max(len(row[column]) for row in rows) for column in range(2)]
     lines = []

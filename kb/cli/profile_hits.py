@@ -45,11 +45,11 @@ def hits_of(run: Run) -> tuple[list[dict[str, Any]], list[Finding]]:
     except (FatalError, MissingExtra) as error:
         note = Finding(NOTE, "keywords", 0, "", f"were not tried: {error}", error.hint)
         return [], [note]
-    found = [line._asdict() for line in lines]
+    rows = [line._asdict() for line in lines]
     unused = [line.keyword for line in lines if not line.matches]
     if not unused:
-        return found, []
+        return rows, []
     named = ", ".join(unused[:_UNUSED]) + (" …" if len(unused) > _UNUSED else "")
     said = f"{len(unused):,} of {len(lines):,} hit nothing in {run.root}: {named}"
     mend = "people may say them otherwise: add forms"
-    return found, [Finding(NOTE, "keywords", 0, "", said, mend)]
+    return rows, [Finding(NOTE, "keywords", 0, "", said, mend)]

@@ -27,7 +27,7 @@ def proposed(run: Run) -> Proposal:
     section = run.profile.pairs
     listed = bool(section and (section.keyword_files or section.include))
     taken = keywords.load(run.profile).phrases if listed else ()
-    found = [
+    titles = [
         Page(
             page.title.removeprefix(f"{page.prefix}:"),
             [title.removeprefix(f"{page.prefix}:") for title in page.redirects],
@@ -35,4 +35,4 @@ def proposed(run: Run) -> Proposal:
         )
         for page in pages(run.root)
     ]
-    return propose(found, taken)
+    return propose(titles, taken)

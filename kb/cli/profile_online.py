@@ -103,11 +103,11 @@ def _youtube(run: Run, cost: Cost) -> Said:
             once = section.model_copy(update={"max_tries": 1})
             api = YouTubeApi(run, once, _Alone(run, ledger), lane="api")
             cost.requests = cost.units = 1
-            found = api.search(q=words, type="channel", part="snippet", maxResults=5)
+            answer = api.search(q=words, type="channel", part="snippet", maxResults=5)
             api.close()
         finally:
             ledger.close()
-    titles = [_title(one) for one in found.get("items", [])]
+    titles = [_title(one) for one in answer.get("items", [])]
     searched = f"a search for {wording.shown(words)}"
     if not titles:
         mend = "search for what channels of the domain call themselves"

@@ -182,18 +182,18 @@ def _catalog(run: Run) -> list[Listed]:
     from kb.query import catalog
     from kb.query.nearest import advice
 
-    found = catalog(run.root)
-    if not found:
+    listed = catalog(run.root)
+    if not listed:
         run.progress.say(f"no tables in {run.root} yet: {advice(run.root)}")
-    return found
+    return listed
 
 
-def _listing(found: list[Listed], *, for_people: bool) -> pa.RecordBatchReader:
+def _listing(listed: list[Listed], *, for_people: bool) -> pa.RecordBatchReader:
     """The catalog as an answer; for people schema and view in one word, as they are typed."""
     import pyarrow as pa
 
     types = {"rows": pa.int64(), "columns": pa.int64()}
-    lines = [view._asdict() for view in found]
+    lines = [view._asdict() for view in listed]
     head = ["schema", "view", "rows", "columns", "about"]
     if for_people:
         head[:2] = ["table"]

@@ -184,9 +184,9 @@ def _model_in(annotation: Any) -> tuple[Any, bool]:
         return annotation, False
     origin = typing.get_origin(annotation)
     for inner in typing.get_args(annotation) if origin is not None else ():
-        found, _ = _model_in(inner)
-        if found is not None:
-            return found, origin in (tuple, list, dict)
+        model, _ = _model_in(inner)
+        if model is not None:
+            return model, origin in (tuple, list, dict)
     return None, False
 
 

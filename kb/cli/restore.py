@@ -66,12 +66,12 @@ def restore(
     from kb.core.pipeline import load, locate
     from kb.release.downloaded import find, profile_of
 
-    found = find(folders)
-    own = profile_of(found)
+    releases = find(folders)
+    own = profile_of(releases)
     if options.profile is None and own is not None:
         options = replace(options, profile=str(own))
     run = options.make_run()
     room = load(str(locate("restore")))
     way = room.plan if plan else room.restore
-    summary: Summary = way(run, found, dumps or (), only.value if only else None)
+    summary: Summary = way(run, releases, dumps or (), only.value if only else None)
     return summary

@@ -59,9 +59,9 @@ class Unit(NamedTuple):
     def within(self, fence: Fence, room: int) -> str:
         """As much of it as `room` characters hold."""
         for text in (self.text, self.short):
-            found = f"{self.facts}\n{fence.around(text)}"
-            if text and len(found) <= room:
-                return found
+            whole = f"{self.facts}\n{fence.around(text)}"
+            if text and len(whole) <= room:
+                return whole
         given = self.short or self.text
         bare = len(f"{self.facts}\n{fence.around('')}")
         return f"{self.facts}\n{fence.around(cut(given, room - bare))}"

@@ -44,8 +44,8 @@ def of_link(url: str) -> Place | None:
     if host == "youtube.com" and asked.get("v"):
         return Place("youtube", asked["v"][0], asked.get("t", [""])[0].removesuffix("s"))
     if host.endswith("reddit.com"):
-        found = _THREAD.search(parts.path)
-        return Place("reddit", found[1], found[2] or "") if found else None
+        match = _THREAD.search(parts.path)
+        return Place("reddit", match[1], match[2] or "") if match else None
     query = "&".join(one for one in parts.query.split("&") if not one.startswith("oldid="))
     return Place("wiki", urlunsplit(parts._replace(query=query, fragment="")), parts.fragment)
 
@@ -53,8 +53,8 @@ def of_link(url: str) -> Place | None:
 def place(given: str) -> Place:
     """The place of a ref or link. Raises UsageError."""
     given = given.strip()
-    if found := _REF.fullmatch(given):
-        source, key, at = found[1], found[2], found[3] or ""
+    if match := _REF.fullmatch(given):
+        source, key, at = match[1], match[2], match[3] or ""
         if source == "reddit":
             key, at = key.removeprefix("t3_"), at.removeprefix("t1_")
         return Place(source, key, at)

@@ -81,7 +81,7 @@ def literal(value: str) -> str:
     """
     if _literal is None:
         return value
-    return _literal.sub(lambda found: MARK if len(found[0]) >= _LONG else found[0], value)
+    return _literal.sub(lambda match: MARK if len(match[0]) >= _LONG else match[0], value)
 
 
 def text(value: str) -> str:

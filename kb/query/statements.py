@@ -53,7 +53,7 @@ def asked(sql: str, views: Sequence[View]) -> list[View]:
 def _names(sql: str, view: View) -> bool:
     """Whether a query names a view, or a table of its name in no schema."""
     pattern = rf'(?:\b(\w+)"?\s*\.\s*"?)?\b{re.escape(view.name.lower())}\b'
-    schemas = {found[1] for found in re.finditer(pattern, sql)}
+    schemas = {match[1] for match in re.finditer(pattern, sql)}
     return view.schema in schemas or bool(schemas - set(SCHEMAS))
 
 
@@ -102,11 +102,11 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
 
 def _refuse(con: duckdb.DuckDBPyConnection, sql: str) -> None:
     """Raise UsageError for the name of a function or view that reads anything but the views."""
-    found = con.execute(
+    functions = con.execute(
         "SELECT DISTINCT lower(function_name) FROM duckdb_functions()"
         " WHERE function_type IN ('table', 'table_macro') AND internal"
     )
-    barred = _BARRED | ({name for (name,) in found.fetchall()} - _SOURCES)
+    barred = _BARRED | ({name for (name,) in functions.fetchall()} - _SOURCES)
     settings = {name for (name,) in con.execute("SELECT name FROM duckdb_settings()").fetchall()}
     words = [word for _, word in _words(sql)]
     for word, after in zip(words, [*words[1:], ""], strict=True):
@@ -122,9 +122,9 @@ def _words(sql: str) -> Iterator[tuple[int, str]]:
     """(offset in bytes, word in lower case) of each token that is no comment."""
     raw = sql.encode()
     for at, kind in duckdb.tokenize(sql):
-        found = re.match(rb'"(?:[^"]|"")*"|\w+|.', raw[at:], re.DOTALL)
-        if found and kind != duckdb.token_type.comment:
-            word = found[0].decode(errors="replace").lower()
+        match = re.match(rb'"(?:[^"]|"")*"|\w+|.', raw[at:], re.DOTALL)
+        if match and kind != duckdb.token_type.comment:
+            word = match[0].decode(errors="replace").lower()
             yield at, word[1:-1].replace('""', '"') if word.startswith('"') else word
 
 
@@ -148,15 +148,15 @@ def casts(relation: duckdb.DuckDBPyRelation, *, text: bool) -> str | None:
 def distinct(names: Sequence[str]) -> list[str]:
     """Names of columns without duplicates, told apart as DuckDB does it: a, a_1, a_2."""
     taken: set[str] = set()
-    found = []
+    apart = []
     for name in names:
         new, number = name, 0
         while new.lower() in taken:
             number += 1
             new = f"{name}_{number}"
         taken.add(new.lower())
-        found.append(new)
-    return found
+        apart.append(new)
+    return apart
 
 
 def _has(kind: duckdb.sqltypes.DuckDBPyType, wanted: set[str]) -> bool:

@@ -65,8 +65,8 @@ class Data:
         Raises UsageError in one line for what is wrong with it, DamagedData for a broken file.
         """
         try:
-            found = query.select(self._opened.con, query_, views=self._opened.views)
-            return Answer(found.read_all())
+            rows = query.select(self._opened.con, query_, views=self._opened.views)
+            return Answer(rows.read_all())
         except UsageError as error:
             if "kb query --tables" in error.hint:
                 error.hint = "data.tables lists the tables"

@@ -164,16 +164,16 @@ def _index(folder: Path) -> dict[tuple[str, str], dict[str, Any]]:
 
 @lru_cache(maxsize=4)
 def _read(path: Path, changed: int) -> dict[tuple[str, str], dict[str, Any]]:
-    found = {}
+    members = {}
     with path.open(encoding="utf-8") as lines:
         for number, line in enumerate(lines, start=1):
             try:
                 entry = json.loads(line)
-                found[entry["tar"], entry["member"]] = entry
+                members[entry["tar"], entry["member"]] = entry
                 int(entry["offset"]), int(entry["size"]), entry["sha256"]
             except (ValueError, KeyError, TypeError):
                 raise DamagedData(f"{path}, line {number} can't be read", hint=_AGAIN) from None
-    return found
+    return members
 
 
 def _size(data: bytes) -> tuple[int, int] | None:

@@ -100,12 +100,12 @@ class Page:
         if kind is not None and kind not in image.COLOURS:
             kinds = ", ".join(image.COLOURS)
             raise UsageError(f"no kind of element is {kind!r}", hint=f"one of {kinds}")
-        found = [
+        boxes = [
             image.box(row)
             for row in self.elements
             if (hidden or row["visible"]) and kind in (None, row["kind"])
         ]
-        return Boxes(self, found)
+        return Boxes(self, boxes)
 
     def _rows(self, short: str, order: str) -> Answer:
         name = f"{self._placed.view.schema}.wiki_{short}"

@@ -40,11 +40,11 @@ def find(
             f"no search index to look for {words!r} in: a release holds no texts",
             hint='load a data root; "kb index" makes its index',
         )
-    found = [
+    hits = [
         one
         for root in sorted(roots)
         for one in search(root, words, sources=sources, only=only, size=size, entity=entity)
     ]
-    found.sort(key=lambda one: -one.score)
-    rows = [msgspec.to_builtins(one) for one in found[: only.limit]]
+    hits.sort(key=lambda one: -one.score)
+    rows = [msgspec.to_builtins(one) for one in hits[: only.limit]]
     return Answer(pa.Table.from_pylist(rows, schema=_SCHEMA))

@@ -171,18 +171,18 @@ def _filled(
     if not rows or names[-1] in rows[0] or f"restored.{short}" not in opened:
         return rows
     chosen = ", ".join([key, *names])
-    found = opened.rows(f"SELECT {chosen} FROM restored.{short} WHERE post_id = ?", [post_id])
-    texts = {row[key]: row for row in found.to_pylist()}
+    restored = opened.rows(f"SELECT {chosen} FROM restored.{short} WHERE post_id = ?", [post_id])
+    texts = {row[key]: row for row in restored.to_pylist()}
     return [row | texts.get(row[key], {}) for row in rows]
 
 
 def _reasons(opened: Opened, short: str) -> dict[str, str]:
     """Keys with their reasons, of every table of this name that is here."""
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     for one in opened.ranked(short):
         for row in opened.rows(f"SELECT key, reason FROM {one.view.full}").to_pylist():
-            found[row["key"]] = row["reason"]
-    return found
+            reasons[row["key"]] = row["reason"]
+    return reasons
 
 
 def _nested(post: dict[str, Any], rows: list[dict[str, Any]], missing: dict[str, str]) -> Thread:

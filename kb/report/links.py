@@ -37,43 +37,43 @@ _WHO = {
 
 def most(data: Data, profile: Profile) -> Figure | None:
     """The entities that are named most."""
-    found = data.rows(_LINKS, _NAMED.replace("{order}", "DESC"), profile.report.top_keywords)
-    if not found:
+    rows = data.rows(_LINKS, _NAMED.replace("{order}", "DESC"), profile.report.top_keywords)
+    if not rows:
         return None
     total = data.rows(_LINKS, "SELECT sum(count)::BIGINT, count(DISTINCT entity) FROM {t}")[0]
     return _named(
         "links-most",
         "What is spoken of most",
         f"{total[0]:,} mentions of {total[1]:,} entities in titles, texts, transcripts, pages and"
-        f" comments; the {len(found)} most frequent.",
-        found,
+        f" comments; the {len(rows)} most frequent.",
+        rows,
         GREEN,
     )
 
 
 def least(data: Data, profile: Profile) -> Figure | None:
     """The entities that are named, and least; how many are not at all."""
-    found = data.rows(_LINKS, _NAMED.replace("{order}", "ASC"), profile.report.top_keywords)
-    if not found:
+    rows = data.rows(_LINKS, _NAMED.replace("{order}", "ASC"), profile.report.top_keywords)
+    if not rows:
         return None
     named = data.rows(_LINKS, "SELECT count(DISTINCT entity) FROM {t}")[0][0]
     return _named(
         "links-least",
         "What is spoken of least",
         f"Named nowhere: {data.count(_ENTITIES) - named:,} entities; of those that are named, the"
-        f" {len(found)} least frequent.",
-        found,
+        f" {len(rows)} least frequent.",
+        rows,
         ORANGE,
     )
 
 
 def known(data: Data, profile: Profile) -> Figure | None:
     """How many entities only one source knows, and which."""
-    found = {who: (n, names) for who, n, names in data.rows(_LINKS, _KNOWN)}
-    if not found:
+    by_source = {who: (n, names) for who, n, names in data.rows(_LINKS, _KNOWN)}
+    if not by_source:
         return None
-    nowhere = data.count(_ENTITIES) - sum(n for n, _ in found.values())
-    rows = [(said, *found.get(who, (0, ""))) for who, said in _WHO.items()]
+    nowhere = data.count(_ENTITIES) - sum(n for n, _ in by_source.values())
+    rows = [(said, *by_source.get(who, (0, ""))) for who, said in _WHO.items()]
     sheet = bars([row[0] for row in rows], [row[1] for row in rows], unit="entities", colors=SKY)
     return Figure(
         "links-known",
@@ -90,10 +90,10 @@ def known(data: Data, profile: Profile) -> Figure | None:
 
 
 def _named(
-    name: str, title: str, caption: str, found: list[tuple[object, ...]], color: str
+    name: str, title: str, caption: str, rows: list[tuple[object, ...]], color: str
 ) -> Figure:
-    labels = [readable(str(row[0])) for row in found]
-    sheet = bars(labels, [int(str(row[-1])) for row in found], unit="mentions", colors=color)
-    listed = ", ".join(f"{row[0]} {row[-1]:,}" for row in found[:10])
+    labels = [readable(str(row[0])) for row in rows]
+    sheet = bars(labels, [int(str(row[-1])) for row in rows], unit="mentions", colors=color)
+    listed = ", ".join(f"{row[0]} {row[-1]:,}" for row in rows[:10])
     alt = f"Bars of mentions by entity: {listed}."
-    return Figure(name, title, caption, alt, saved(sheet), _HEAD, found)
+    return Figure(name, title, caption, alt, saved(sheet), _HEAD, rows)

@@ -25,6 +25,7 @@ INK, GREY, PALE = "#1F2933", "#52606D", "#D9E2EC"
 FONT = "DejaVu Sans"  # comes with matplotlib: the same letters everywhere
 WIDTH = 4.6  # inches
 PIXELS = 200  # per inch, of the PNG
+_LONGEST = 26  # letters of a label
 _RULES: dict[str, Any] = {
     "font.family": FONT,
     "font.size": 10,
@@ -113,10 +114,10 @@ def saved(sheet: Any, pixels: int = PIXELS) -> dict[str, bytes]:
     return files
 
 
-def readable(text: str, longest: int = 26) -> str:
+def readable(text: str) -> str:
     """A label of the data's own words: one short line, "?" for letters that the font lacks."""
     line = " ".join(text.split())
-    short = line if len(line) <= longest else line[: longest - 1].rstrip() + "…"
+    short = line if len(line) <= _LONGEST else line[: _LONGEST - 1].rstrip() + "…"
     known = _letters()
     return "".join(letter if ord(letter) in known else "?" for letter in short)
 

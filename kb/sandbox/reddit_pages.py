@@ -14,10 +14,10 @@ _PERMALINK = re.compile(r"r/(\w+)/comments/(\w+)(?:/([^/]*)(?:/(\w+))?)?")
 
 def permalink(subreddit: Subreddit, path: str) -> Response | None:
     """The page under a permalink; None for another path, and 404 for what is not there."""
-    found = _PERMALINK.fullmatch(path)
-    if found is None:
+    match = _PERMALINK.fullmatch(path)
+    if match is None:
         return None
-    name, post, _, comment = found.groups()
+    name, post, _, comment = match.groups()
     above = subreddit.shown(f"t3_{post}")
     below = subreddit.shown(f"t1_{comment}") if comment else None
     elsewhere = below is not None and below["link_id"] != f"t3_{post}"

@@ -11,10 +11,8 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import importlib.util
 import threading
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Any, Self
 
 from werkzeug.serving import WSGIRequestHandler, make_server
@@ -85,16 +83,13 @@ class Sandbox:
     def __init__(
         self,
         world: World | None = None,
-        faults: Faults | None = None,
-        services: Sequence[str] | None = None,
+        services: Sequence[str] = SERVICES,
     ) -> None:
         self.world = world or World()
-        self.faults = faults or Faults()
+        self.faults = Faults()
         self.servers: dict[str, Server] = {}
         self._modules: dict[str, Any] = {}
-        for name in services or SERVICES:
-            if services is None and importlib.util.find_spec(f"kb.sandbox.{name}") is None:
-                continue
+        for name in services:
             self._modules[name] = importlib.import_module(f"kb.sandbox.{name}")
             self.servers[name] = Server(self._modules[name].app(self.world, self.faults))
 
@@ -139,10 +134,5 @@ class Sandbox:
     def __enter__(self) -> Self:
         return self.start()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.stop()

@@ -148,7 +148,7 @@ def _details(query: dict[str, str], site: Recorded, later: bool, answer: dict[st
     by_id = {str(page["pageid"]): page for page in pages.values()}
     by_revision = {str(page["lastrevid"]): page for page in pages.values()}
     files = {page["title"]: page for page in site.load("imageinfo.json")["query"]["pages"]}
-    found: list[dict[str, Any]] = []
+    shown: list[dict[str, Any]] = []
     normalized = []
     for wanted in (query.get("titles", "").split("|") if query.get("titles") else [])[:50]:
         title = wanted.replace("_", " ").strip()
@@ -159,7 +159,7 @@ def _details(query: dict[str, str], site: Recorded, later: bool, answer: dict[st
             normalized.append({"fromencoded": False, "from": wanted, "to": title})
         held = pages.get(title) or files.get(title)
         if any(char in title for char in "[]{}<>#"):
-            found.append(
+            shown.append(
                 {
                     "title": title,
                     "invalid": True,
@@ -167,21 +167,21 @@ def _details(query: dict[str, str], site: Recorded, later: bool, answer: dict[st
                 }
             )
         else:
-            found.append(
+            shown.append(
                 held
                 or {"ns": 6 if title.startswith("File:") else 0, "title": title, "missing": True}
             )
-    found += [
+    shown += [
         by_id.get(key) or {"pageid": int(key), "missing": True}
         for key in query.get("pageids", "").split("|")
         if key
     ]
-    found += [by_revision[key] for key in query.get("revids", "").split("|") if key in by_revision]
+    shown += [by_revision[key] for key in query.get("revids", "").split("|") if key in by_revision]
     if normalized:
         answer["query"]["normalized"] = normalized
     props = query.get("prop", "")
     answer["query"]["pages"] = [
-        {**page, **site.names(page, props)} if "revisions" in page else page for page in found
+        {**page, **site.names(page, props)} if "revisions" in page else page for page in shown
     ]
 
 

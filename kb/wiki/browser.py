@@ -245,11 +245,6 @@ class Browser:
         noted: list[dict[str, Any]] = answer["value"]
         return noted
 
-    @property
-    def selenium(self) -> Any:
-        """Selenium's driver, for benchmarks."""
-        return self._driver
-
     def _ask(self, method: str, *arguments: Any) -> Any:
         from selenium.common.exceptions import TimeoutException, WebDriverException
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 import zlib
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from kb.core.errors import Retryable
@@ -48,12 +47,7 @@ class PngWriter:
         self._last = tile.crop((0, height - 1, width, height))
         self._rows += height
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         try:
             if kind is None:
                 if self._rows != self._height:

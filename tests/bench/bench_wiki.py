@@ -88,7 +88,7 @@ def test_one_call_against_webdriver(make_pool, wiki, section):
             ours.append(time.perf_counter() - start)
         start = time.perf_counter()
         by_driver = []
-        for element in browser.selenium.find_elements(
+        for element in browser._driver.find_elements(
             "css selector", "#content :is(h1, h2, p, table, th, td)"
         ):
             by_driver.append((element.tag_name, element.text, element.rect, element.is_displayed()))
