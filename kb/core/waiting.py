@@ -50,6 +50,12 @@ def in_order(source: str, kinds: Iterable[str]) -> list[str]:
     return sorted(known, key=lambda kind: order.index(kind) if kind in order else len(order))
 
 
+def to_read(kinds: Mapping[str, Mapping[str, int]], kind: str) -> int:
+    """How many items a next crawl would ask for: those that wait, and those that failed."""
+    counts = kinds.get(kind, {})
+    return sum(counts.get(status, 0) for status in ("todo", "in_progress", "error"))
+
+
 def left_by(source: str, kinds: Mapping[str, Mapping[str, int]]) -> dict[str, int]:
     """What waits, by noun in the order of work, from counts by kind; nought is left out."""
     waiting = {

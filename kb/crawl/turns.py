@@ -41,11 +41,6 @@ class Turns:
         """In the order of their first phases."""
         return list(dict.fromkeys(self._lanes.values()))
 
-    def left(self, kind: str) -> int:
-        """How many items of a kind wait for another run."""
-        counts = self._frontier.counts(kind)
-        return counts.get("todo", 0) + counts.get("in_progress", 0)
-
     # -- taking ------------------------------------------------------------------------------------
 
     def take(self, lane: str) -> Turn | None:
@@ -148,7 +143,7 @@ class Turns:
         stop = self._closed.get(kind)
         if not self._session.run.wait or not isinstance(stop, (QuotaSpent, Blocked)):
             return False
-        return back_at([stop]) is not None and bool(self.left(kind))
+        return back_at([stop]) is not None and bool(self._frontier.waiting(kind))
 
     # -- what keeps it -----------------------------------------------------------------------------
 
@@ -171,7 +166,7 @@ class Turns:
         return [
             stop
             for kind, stop in self._closed.items()
-            if self.left(kind) or isinstance(stop, Unreachable)
+            if self._frontier.waiting(kind) or isinstance(stop, Unreachable)
         ]
 
     def why(self, lane: str) -> Stopped | None:
@@ -183,6 +178,9 @@ class Turns:
         """With --wait: when a lane that was stopped may go on; None when it may not."""
         if not self._session.run.wait:
             return None
-        kinds = [phase.kind for phase in self._of(lane)]
-        stops = [self._closed[kind] for kind in kinds if kind in self._closed and self.left(kind)]
+        stops = [
+            stop
+            for kind, stop in self._closed.items()
+            if self._lanes[kind] == lane and self._frontier.waiting(kind)
+        ]
         return back_at(stop for stop in stops if not isinstance(stop, LimitReached))

@@ -11,6 +11,7 @@ from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
+from kb.core.waiting import to_read
 from kb.reddit.client import IDS, ROOT
 from kb.reddit.importing import check_readable
 from kb.reddit.known import known
@@ -36,19 +37,15 @@ def plan_crawl(run: Run) -> Summary:
     if path.is_file():
         with reading.state(path) as frontier:
             kinds = frontier.kinds()
-
-    def waiting(kind: str) -> int:
-        return sum(kinds.get(kind, {}).get(one, 0) for one in ("todo", "in_progress", "error"))
-
     section = run.profile.section("reddit")
     spans = sum(name in ("top", "controversial") for name in section.listings)
     every = len(section.listings) + spans * (len(section.spans) - 1) + len(section.search)
-    listings = waiting("listing") if kinds.get("listing") else every
+    listings = to_read(kinds, "listing") if kinds.get("listing") else every
     pages, assumed = listings * PAGES, []
     fresh = round(pages * LISTED * NEW_A_LISTING)
     if listings:
         assumed.append(f"{PAGES} pages a listing, {NEW_A_LISTING:.0%} of their posts new")
-    posts = waiting("tree") + fresh
+    posts = to_read(kinds, "tree") + fresh
     done = kinds.get("tree", {}).get("done", 0)
     further = sum(kinds.get("more", {}).values()) / IDS + sum(kinds.get("thread", {}).values())
     each = 1 + further / done if done else REQUESTS_A_POST
@@ -58,7 +55,8 @@ def plan_crawl(run: Run) -> Summary:
         size = max(1, sum(one.stat().st_size for one in segments) // done)
     elif posts:
         assumed.append(f"{REQUESTS_A_POST:g} requests and {BYTES_A_POST // 1000} kB a post")
-    asked = round(posts * each) + math.ceil(waiting("more") / IDS) + waiting("thread")
+    asked = round(posts * each) + math.ceil(to_read(kinds, "more") / IDS)
+    asked += to_read(kinds, "thread")
     phases = [
         Phase("listings", listings, requests=pages, hours=_hours(run, pages)),
         Phase("posts", posts, requests=asked, hours=_hours(run, asked), gb=posts * size / 1e9),

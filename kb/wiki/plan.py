@@ -9,6 +9,7 @@ from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
+from kb.core.waiting import to_read
 from kb.store import reading
 from kb.store.layout import Layout
 from kb.wiki.titles import read_titles
@@ -31,23 +32,19 @@ def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
         with reading.state(path) as frontier:
             kinds = frontier.kinds()
             listed = bool((frontier.cursor("round") or {}).get("done"))
-    waiting = {
-        kind: sum(counts.get(status, 0) for status in ("todo", "in_progress", "error"))
-        for kind, counts in kinds.items()
-    }
     assumed = [f"{SECONDS_A_PAGE} s a page in each of {run.workers} browsers"]
-    asked = len(read_titles(titles).names) if titles else waiting.get("info", 0)
+    asked = len(read_titles(titles).names) if titles else to_read(kinds, "info")
     if not titles and not listed and not kinds.get("info"):
         asked = PAGES
         assumed.append(f"{PAGES:,} pages, as the wiki's list was not read yet")
-    pages = asked + waiting.get("pages", 0)
+    pages = asked + to_read(kinds, "pages")
     done = kinds.get("pages", {}).get("done", 0)
     known_files = sum(kinds.get("files", {}).values())
     each = known_files / done if done else IMAGES_A_PAGE
     size = _size(Layout(run.root).raw("wiki")) / done / 1e9 if done else MB_A_PAGE / 1e3
     if pages and not done:
         assumed += [f"{IMAGES_A_PAGE} image files and {MB_A_PAGE} MB a page"]
-    files = waiting.get("files", 0) + round(pages * each)
+    files = to_read(kinds, "files") + round(pages * each)
     pause = 0.0 if is_loopback(run.settings.kb_wiki_url or section.url) else section.seconds_between
     if pause:
         assumed.append(f"{pause:g} s between requests, unless robots.txt asks for more")

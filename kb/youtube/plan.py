@@ -16,8 +16,8 @@ from kb.core.context import Run
 from kb.core.plan import Phase
 from kb.core.plan import plan as make_plan
 from kb.core.verdict import Summary
-from kb.store import rawlog
-from kb.store.frontier import Frontier
+from kb.core.waiting import to_read
+from kb.store import rawlog, reading
 from kb.store.layout import Layout
 from kb.youtube import quota
 from kb.youtube.fetch import PACK
@@ -124,13 +124,11 @@ def _state(run: Run) -> dict[str, Any]:
         "kinds": {},
         "spent": {"search": 0, "general": 0},
         "open_searches": None,
-        "frontier": {},
     }
     if not path.is_file():
         return empty
-    frontier = Frontier(path, readonly=True, payloads=PAYLOADS)
-    try:
-        day = quota.today()
+    day = quota.today()
+    with reading.state(path, PAYLOADS) as frontier:
         return {
             "kinds": frontier.kinds(),
             "spent": {bucket: frontier.spent(bucket, day) for bucket in ("search", "general")},
@@ -141,19 +139,14 @@ def _state(run: Run) -> dict[str, Any]:
             ],
             "keywords": {payload.q for *_, payload in frontier.items(SEARCHES) if payload},
         }
-    finally:
-        frontier.close()
 
 
 def _measured(state: dict[str, Any]) -> tuple[dict[str, float], list[str]]:
     """Rates that this data root shows, and the names of those that had to be assumed."""
 
     def count(kind: str, *statuses: str) -> int:
-        return sum(
-            n
-            for status, n in state["kinds"].get(kind, {}).items()
-            if not statuses or status in statuses
-        )
+        counts = state["kinds"].get(kind, {})
+        return sum(n for status, n in counts.items() if not statuses or status in statuses)
 
     rates, assumed = {}, []
     for name, top, bottom, otherwise in (
@@ -168,14 +161,7 @@ def _measured(state: dict[str, Any]) -> tuple[dict[str, float], list[str]]:
 
 
 def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[str, int]:
-    def todo(kind: str) -> int:
-        return sum(
-            n
-            for status, n in state["kinds"].get(kind, {}).items()
-            if status in ("todo", "in_progress", "error")
-        )
-
-    pages = profile.search_pages
+    kinds, pages = state["kinds"], profile.search_pages
     if state["open_searches"] is None:
         searches = len(profile.keywords) * pages
     else:
@@ -183,15 +169,15 @@ def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[
         searches = (
             sum(max(0, pages - page + 1) for page in state["open_searches"]) + new_words * pages
         )
-    channels = todo(UPLOADS) + round(searches * rates["channels_a_page"])
+    channels = to_read(kinds, UPLOADS) + round(searches * rates["channels_a_page"])
     unlisted = round(channels * rates["videos_a_channel"])
-    videos = todo(VIDEOS) + unlisted
+    videos = to_read(kinds, VIDEOS) + unlisted
     return {
         "searches": searches,
         "channels": channels,
         "pages": max(channels, math.ceil(unlisted / PACK)),
         "videos": videos,
-        "transcripts": todo(TRANSCRIPTS) + round(videos * rates["worth_a_transcript"]),
+        "transcripts": to_read(kinds, TRANSCRIPTS) + round(videos * rates["worth_a_transcript"]),
     }
 
 
@@ -203,12 +189,9 @@ def _left_of_ids(run: Run, ids: Path, part: Part, state: dict[str, Any]) -> dict
     path = Layout(run.root).state("youtube")
     pending = 0
     if path.is_file():
-        frontier = Frontier(path, readonly=True)
-        try:
+        with reading.state(path) as frontier:
             wanted -= {key for key, *_ in frontier.items(VIDEOS, "done")}
             pending = frontier.counts(TRANSCRIPTS).get("todo", 0)
-        finally:
-            frontier.close()
     return {
         "searches": 0,
         "channels": 0,

@@ -52,7 +52,7 @@ def summary(session: Session, loop: Loop) -> Summary:
     return Summary(
         notes=loop.answered["notes"],
         failed=session.frontier.counts("notes").get("error", 0),
-        left=loop.turns.left("notes") + loop.turns.left("pages"),
+        left=session.frontier.waiting("notes", "pages"),
     )
 
 
