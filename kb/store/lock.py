@@ -99,22 +99,30 @@ def taking(root: Path, *names: str) -> Iterator[None]:
 
 def holders(root: Path) -> dict[str, str]:
     """By lock, the pid of another process that holds it now."""
-    found = {}
+    held = {}
     for name in ORDER:
         path = Layout(root).lock(name)
-        try:
-            if path.resolve() in _taken or not path.stat().st_size:
-                continue  # ours, or nobody's: whoever holds it has written its number
-            descriptor = os.open(path, os.O_RDONLY)
-        except FileNotFoundError:
+        # Ours, or nobody's: whoever holds it has written its number.
+        if path.resolve() in _taken or not path.exists() or not path.stat().st_size:
             continue
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            found[name] = os.read(descriptor, 32).decode(errors="replace").strip() or "unknown"
-        finally:
-            os.close(descriptor)
-    return found
+        if holder := _holder(path):
+            held[name] = holder
+    return held
+
+
+def _holder(path: Path) -> str:
+    """Who holds a lock now, "unknown" before it has written its number; "" for nobody."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return ""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return os.read(descriptor, 32).decode(errors="replace").strip() or "unknown"
+    finally:
+        os.close(descriptor)
+    return ""
 
 
 def used(root: Path) -> dict[str, int]:
@@ -125,9 +133,8 @@ def used(root: Path) -> dict[str, int]:
 
 def another(root: Path) -> str:
     """The pid of another process that writes to any source of a data root now, "" for none."""
-    held = holders(root)
-    ours = str(os.getpid())
-    return next((held[name] for name in SOURCES if held.get(name, ours) != ours), "")
+    held = (_holder(Layout(root).lock(name)) for name in SOURCES)
+    return next((holder for holder in held if holder not in ("", str(os.getpid()))), "")
 
 
 @contextlib.contextmanager
