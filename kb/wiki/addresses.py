@@ -91,7 +91,7 @@ def file_licence(page: dict[str, Any]) -> str | None:
         if isinstance(value, str) and value.strip():
             return spdx(value) or by_name(value) or value.strip()
     links = (link.get("url") or link.get("*") or "" for link in page.get("extlinks") or [])
-    return next((found for link in links if (found := spdx(link))), None)
+    return next((name for link in links if (name := spdx(link))), None)
 
 
 def history(script: str, title: str) -> str:

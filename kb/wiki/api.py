@@ -208,12 +208,12 @@ def _join(first: dict[str, Any], more: dict[str, Any]) -> None:
 class _Links(HTMLParser):
     def __init__(self) -> None:
         super().__init__()
-        self.found: str | None = None
+        self.href: str | None = None
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         held = dict(attrs)
         if tag == "link" and (held.get("rel") or "").lower() == "edituri" and held.get("href"):
-            self.found = self.found or held["href"]
+            self.href = self.href or held["href"]
 
 
 def find_endpoint(web: Web, url: str) -> str:
@@ -229,12 +229,12 @@ def find_endpoint(web: Web, url: str) -> str:
         raise FatalError(f"{url} does not answer as a wiki: {error}") from None
     links = _Links()
     links.feed(page.body.decode("utf-8", "replace"))
-    if not links.found:
+    if not links.href:
         raise FatalError(
             f"{url} has no EditURI link, so its API is not known",
             hint="give the root of a MediaWiki as KB_WIKI_URL or wiki.url in the profile",
         )
-    found = urlsplit(urljoin(page.url, links.found))
-    if found.hostname != urlsplit(page.url).hostname:
-        raise FatalError(f"the EditURI link of {url} leads to another host, {found.hostname}")
-    return urlunsplit((found.scheme, found.netloc, found.path, "", ""))
+    parts = urlsplit(urljoin(page.url, links.href))
+    if parts.hostname != urlsplit(page.url).hostname:
+        raise FatalError(f"the EditURI link of {url} leads to another host, {parts.hostname}")
+    return urlunsplit((parts.scheme, parts.netloc, parts.path, "", ""))

@@ -42,14 +42,14 @@ def find() -> Programs:
 
 @cache
 def _find(path: str, cache_path: str) -> Programs:
-    browser = next((found for name in BROWSERS if (found := shutil.which(name, path=path))), None)
+    browser = next((place for name in BROWSERS if (place := shutil.which(name, path=path))), None)
     driver = shutil.which("chromedriver", path=path)
     browser, driver = (
         browser or _fetched(cache_path, "chrome"),
         driver or _fetched(cache_path, "chromedriver"),
     )
     missing = [
-        name for name, found in (("Chromium", browser), ("chromedriver", driver)) if not found
+        name for name, there in (("Chromium", browser), ("chromedriver", driver)) if not there
     ]
     if missing or not browser or not driver:
         raise MissingExtra(
@@ -67,16 +67,13 @@ def _find(path: str, cache_path: str) -> Programs:
 def _fetched(cache_path: str, name: str) -> str | None:
     """What Selenium Manager fetched earlier, as `make setup` asks it to; nothing is downloaded."""
     base = Path(cache_path or Path.home() / ".cache" / "selenium") / name
-    found = (
-        [file for file in base.glob(f"*/*/{name}") if os.access(file, os.X_OK)]
-        if base.is_dir()
-        else []
-    )
-    return (
-        str(max(found, key=lambda file: [int(n) for n in re.findall(r"\d+", file.parent.name)]))
-        if found
-        else None
-    )
+    installed = [file for file in base.glob(f"*/*/{name}") if os.access(file, os.X_OK)]
+
+    def version(file: Path) -> list[int]:
+        return [int(number) for number in re.findall(r"\d+", file.parent.name)]
+
+    newest = max(installed, key=version, default=None)
+    return None if newest is None else str(newest)
 
 
 def _version(program: str) -> str:

@@ -122,11 +122,11 @@ def files(
     failed: BaseException | None = None
     for item, future in zip(items, asked, strict=True):
         try:
-            found = future.result()
+            stored = future.result()
         except BaseException as error:  # noqa: BLE001  the files in hand are kept first
             failed = failed or error
         else:
-            yield Answer("files", item.key, {}, found)
+            yield Answer("files", item.key, {}, stored)
     if failed is not None:
         raise failed
 

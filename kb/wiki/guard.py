@@ -25,7 +25,7 @@ def family(leader: int, folder: str = "") -> list[int]:
     it away.
     """
     parents: dict[int, int] = {}
-    found = {leader}
+    family = {leader}
     for name in (path.name for path in Path("/proc").iterdir()):
         if not name.isdigit():
             continue
@@ -37,13 +37,13 @@ def family(leader: int, folder: str = "") -> list[int]:
         pid = int(name)
         parents[pid] = int(fields[1])
         if int(fields[3]) == leader or (folder and _names(pid, folder)):
-            found.add(pid)
+            family.add(pid)
     grown = True
     while grown:
-        more = {pid for pid, parent in parents.items() if parent in found} - found
-        found |= more
+        more = {pid for pid, parent in parents.items() if parent in family} - family
+        family |= more
         grown = bool(more)
-    return sorted(found & (parents.keys() | {leader}))
+    return sorted(family & (parents.keys() | {leader}))
 
 
 def _names(pid: int, folder: str) -> bool:

@@ -117,11 +117,11 @@ def _header_size(kind: str, data: bytes) -> tuple[int | None, int | None]:
 def _svg_size(data: bytes) -> tuple[int | None, int | None]:
     """Width and height of the svg element where they are plain numbers of pixels."""
     head = re.search(rb"<svg\b[^>]*>", data)
-    found = [
+    sides = [
         re.search(rb"\s" + name + rb"""\s*=\s*["']\s*(\d+(?:\.\d+)?)(?:px)?\s*["']""", head[0])
         if head
         else None
         for name in (b"width", b"height")
     ]
-    width, height = (round(float(match[1])) if match else None for match in found)
+    width, height = (round(float(match[1])) if match else None for match in sides)
     return width, height

@@ -34,8 +34,8 @@ def pages(root: Path) -> list[Named]:
             if at >= newest.get(key, ("", None))[0]:
                 there = answers.state(page) == "there" and "redirects" not in query
                 newest[key] = (at, _named(page, spaces, removed) if there else None)
-    found = [page for key, (_, page) in newest.items() if page is not None and key not in removed]
-    return sorted(page for page in found if page.title not in removed and page.title != front)
+    held = [page for key, (_, page) in newest.items() if page is not None and key not in removed]
+    return sorted(page for page in held if page.title not in removed and page.title != front)
 
 
 def _site(root: Path) -> tuple[dict[int, str], str]:

@@ -34,7 +34,7 @@ def fetch_original(web: Web, section: Wiki, item: Item, page: dict[str, Any]) ->
             reason, value = "robots", url
             continue
         try:
-            sha256, found, size = web.attempt(
+            sha256, image, size = web.attempt(
                 partial(web.download, url, folder, section.max_file_bytes, inspect)
             )
         except ItemFinal as error:
@@ -50,10 +50,10 @@ def fetch_original(web: Web, section: Wiki, item: Item, page: dict[str, Any]) ->
             "url": url,
             "sha256": sha256,
             "bytes": size,
-            "media_type": found.media_type,
-            "path": str(BELOW.images / f"{sha256}.{found.extension}"),
-            "width": found.width,
-            "height": found.height,
-            "frames": list(found.frames),
+            "media_type": image.media_type,
+            "path": str(BELOW.images / f"{sha256}.{image.extension}"),
+            "width": image.width,
+            "height": image.height,
+            "frames": list(image.frames),
         }
     return {**answer, "outcome": "final", "reason": reason, "value": value}

@@ -48,8 +48,8 @@ def show_page(web: Web, section: Wiki, pool: Pool, item: Item) -> dict[str, Any]
         for number in range(1, section.max_tries + 1):
             last = number == section.max_tries
             try:
-                found = _capture(web, section, pool, item, url, shot, strict=not last)
-                stored = _store(root, item, found, shot)
+                captured = _capture(web, section, pool, item, url, shot, strict=not last)
+                stored = _store(root, item, captured, shot)
                 return {**answer, "tries": number, **stored}
             except ItemFinal as error:
                 return {**answer, **_final(web, error), "tries": number}
@@ -70,7 +70,7 @@ def _capture(
     web: Web, section: Wiki, pool: Pool, item: Item, url: str, shot: Path, *, strict: bool
 ) -> Captured:
     """One try. Raises ItemFinal, Retryable."""
-    found = pool.use(
+    captured = pool.use(
         lambda browser: capture(
             browser,
             url,
@@ -82,10 +82,10 @@ def _capture(
         ),
         first=web.pace.wait,
     )
-    shown = found.extraction["page"]["page_id"]
+    shown = captured.extraction["page"]["page_id"]
     if shown and shown != int(item.key):
         raise ItemFinal("other_page", str(shown))
-    return found
+    return captured
 
 
 def _final(web: Web, error: ItemFinal) -> dict[str, Any]:
@@ -142,37 +142,39 @@ def sweep(root: Path) -> None:
         shutil.rmtree(left, ignore_errors=True)
 
 
-def _store(root: Path, item: Item, found: Captured, shot: Path) -> dict[str, Any]:
+def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, Any]:
     """Write the page's files in one step; what the envelope says about them."""
     watch = clock.monotonic()
-    page = found.extraction["page"]
+    page = captured.extraction["page"]
     revision = int(page["revision_id"] or item.payload.revision_id)
     folder = pages_folder(root) / str(int(item.key)) / str(revision)
     images = Layout(root).images
     sprites = {}
-    for element, data in sorted(found.sprites.items()):
+    for element, data in sorted(captured.sprites.items()):
         name = hashlib.sha256(data).hexdigest()
         sprites[str(element)] = name
-        left, top, right, bottom = snapped(found.extraction["elements"][element]["box"])
-        found.extraction["elements"][element]["crop"] = [right - left, bottom - top]
+        left, top, right, bottom = snapped(captured.extraction["elements"][element]["box"])
+        captured.extraction["elements"][element]["crop"] = [right - left, bottom - top]
         sidefiles.write_named(images / f"{name}.png", data)
-    files = wanted_files(found.extraction)
+    files = wanted_files(captured.extraction)
     # Several sessions may show one page again: a folder is replaced as a whole or not at all.
     pack = rawlog.compressor()
     with replacing_folder(folder) as fresh:
         shutil.move(shot, fresh / "screenshot.png")
-        (fresh / "page.html.zst").write_bytes(pack.compress(found.html.encode("utf-8", "replace")))
+        (fresh / "page.html.zst").write_bytes(
+            pack.compress(captured.html.encode("utf-8", "replace"))
+        )
         (fresh / "extraction.json.zst").write_bytes(
-            pack.compress(_ENCODER.encode({**found.extraction, "sprites": sprites}))
+            pack.compress(_ENCODER.encode({**captured.extraction, "sprites": sprites}))
         )
         sidefiles.write_sums(fresh)
-    seconds = {**found.seconds, "store": round(clock.monotonic() - watch, 4)}
+    seconds = {**captured.seconds, "store": round(clock.monotonic() - watch, 4)}
     return {
         "outcome": "captured",
         "revision_id": revision,
         "folder": str(folder.relative_to(root)),
-        "settled": found.settled,
-        "elements": len(found.extraction["elements"]),
+        "settled": captured.settled,
+        "elements": len(captured.extraction["elements"]),
         "files": files,
         "seconds": seconds,
     }
@@ -180,7 +182,7 @@ def _store(root: Path, item: Item, found: Captured, shot: Path) -> dict[str, Any
 
 def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
     """The original files that a page shows, each once, in order: key (address), title, source."""
-    found: dict[str, dict[str, Any]] = {}
+    files: dict[str, dict[str, Any]] = {}
     page = addresses.original(extraction["page"]["url"])
     for element in extraction["elements"]:
         for held in element.get("frames") or [element]:
@@ -188,10 +190,10 @@ def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
             if src and src.startswith(("http:", "https:")):
                 key = addresses.original(src)
                 # An address that is the page's own, as of src="#", is no image.
-                if key != page and key not in found:
-                    found[key] = {
+                if key != page and key not in files:
+                    files[key] = {
                         "key": key,
                         "title": addresses.file_title(src, held.get("file")),
                         "src": src,
                     }
-    return list(found.values())
+    return list(files.values())

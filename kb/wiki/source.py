@@ -192,12 +192,12 @@ class WikiSource(Plain):
         frontier = self.opened.frontier
         known = frontier.cursor("endpoint")
         if known and known[0] == self.url and not self._run.again:
-            found = str(known[1])
+            endpoint = str(known[1])
         else:
-            found = find_endpoint(self._web, self.url)
-            frontier.set_cursor("endpoint", [self.url, found])
-        self._web.barred(found)
-        return found
+            endpoint = find_endpoint(self._web, self.url)
+            frontier.set_cursor("endpoint", [self.url, endpoint])
+        self._web.barred(endpoint)
+        return endpoint
 
     def _browsers(self) -> Pool:
         """The browsers, started when the first page is to be shown."""

@@ -33,11 +33,11 @@ class Titles(NamedTuple):
 
 def read_titles(path: Path) -> Titles:
     """The titles of `--titles FILE`. Raises SettingError (exit 2) also when there are none."""
-    found = read_names(path, "--titles", ("title",))
-    if not found.names:
-        bad = f", only {found.bad_lines} lines that can't be one" if found.bad_lines else ""
+    titles = read_names(path, "--titles", ("title",))
+    if not titles.names:
+        bad = f", only {titles.bad_lines} lines that can't be one" if titles.bad_lines else ""
         raise SettingError(f"--titles {path} holds no titles{bad}", hint="one title a line")
-    return found
+    return titles
 
 
 def read_names(path: Path, option: str, columns: tuple[str, ...]) -> Titles:
@@ -47,14 +47,14 @@ def read_names(path: Path, option: str, columns: tuple[str, ...]) -> Titles:
     Underscores are spaces, as the wiki writes titles. Raises SettingError (exit 2).
     """
     try:
-        found = [entry for file in _files(path, option) for entry in _file(file, columns)]
+        entries = [entry for file in _files(path, option) for entry in _file(file, columns)]
     except OSError as error:
         raise SettingError(f"{option} {path} can't be read: {error.strerror or error}") from None
     except (ValueError, RecursionError) as error:
         raise SettingError(f"{option} {path} can't be read: {error}") from None
     names: dict[str, None] = {}
     ids, bad = set(), 0
-    for entry in found:
+    for entry in entries:
         name = str(entry).replace("_", " ").strip() if isinstance(entry, str | int) else ""
         if not name or _NO_TITLE.search(name) or len(name.encode("utf-8", "replace")) > LONGEST:
             bad += 1

@@ -209,9 +209,9 @@ class Web:
             ):
                 raise Retryable("cut_off", unreachable=True)
         data = bytes(held)
-        found = inspect(data)
-        if found is None:
+        image = inspect(data)
+        if image is None:
             raise ItemFinal("not_a_picture")
-        path = folder / f"{digest.hexdigest()}.{found.extension}"
+        path = folder / f"{digest.hexdigest()}.{image.extension}"
         sidefiles.write_named(path, data)
-        return digest.hexdigest(), found, len(data)
+        return digest.hexdigest(), image, len(data)
