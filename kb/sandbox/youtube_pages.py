@@ -1,4 +1,4 @@
-"""The pages of the sandbox's YouTube: a video's watch page, the cookie wall, the captcha."""
+"""The watch page of the sandbox's YouTube."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from kb.sandbox.videos import Video
-from kb.sandbox.youtube_player import SITE, player_answer
+from kb.sandbox.youtube_player import player_answer
 
 PAGE_KEY = "sandbox_page_key"  # every page shows it; the player wants it back
 
@@ -58,29 +58,6 @@ def watch_page(video: Video | None, key: str) -> str:
         " document.createElement('meta');</script>"
         '<script nonce="sandbox">var ytInitialData ='
         f" {_script(_page_data(video, key))};</script></body></html>"
-    )
-
-
-def consent_page(key: str = "") -> str:
-    """The cookie wall that comes in place of a watch page."""
-    return (
-        '<!DOCTYPE html><html lang="en"><head><title>Before you continue to'
-        ' YouTube</title></head><body><form action="https://consent.youtube.com/s"'
-        ' method="POST"><input type="hidden" name="gl"'
-        ' value="DE"><input type="hidden" name="continue"'
-        f' value="{SITE}/watch?v={html.escape(key)}"><input'
-        ' type="hidden" name="v" value="cb.20261101-00-p0.en+FX+000">'
-        "<button>I agree</button></form></body></html>"
-    )
-
-
-def captcha_page() -> str:
-    """The page that a blocked client sees."""
-    return (
-        "<!DOCTYPE html><html><head><title>YouTube</title><script"
-        ' src="https://www.google.com/recaptcha/api.js" async defer></script></head><body>'
-        '<div id="captcha-page"><form action="/das_captcha" method="POST">'
-        '<div class="g-recaptcha" data-sitekey="sandbox"></div></form></div></body></html>'
     )
 
 

@@ -94,17 +94,6 @@ def player_answer(video: Video | None, key: str) -> dict[str, Any]:
     return answer
 
 
-def bot_answer() -> dict[str, Any]:
-    """The player's answer to a blocked client."""
-    return {
-        **_around(),
-        "playabilityStatus": {
-            "status": "LOGIN_REQUIRED",
-            "reason": "Sign in to confirm you’re not a bot",
-        },
-    }
-
-
 def signature(key: str) -> str:
     """The invented signature in a caption track's address."""
     return f"SANDBOX.{key}"

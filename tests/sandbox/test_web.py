@@ -15,9 +15,10 @@ import requests
 import youtube_transcript_api as api
 from youtube_transcript_api import YouTubeTranscriptApi
 
-from kb.sandbox import youtube_pages, youtube_player, youtube_web
+from kb.sandbox import youtube_player, youtube_web
 from kb.sandbox.server import Sandbox
 from tests.sandbox.test_data_api import form, lacking
+from tests.youtube import walls
 
 
 @pytest.fixture
@@ -90,16 +91,16 @@ def test_what_can_not_be_had(
 
 def test_blocks_are_seen_as_blocks(services: Sandbox, client: YouTubeTranscriptApi) -> None:
     video = services.world.youtube.of_case("manual")[0].id
-    services.faults.add("/watch", status=200, body=youtube_pages.captcha_page())
+    services.faults.add("/watch", status=200, body=walls.captcha_page())
     with pytest.raises(api.IpBlocked):
         client.list(video)
     services.faults.add("/watch", status=429)
     with pytest.raises(api.IpBlocked):
         client.list(video)
-    services.faults.add("/player", status=200, body=youtube_player.bot_answer())
+    services.faults.add("/player", status=200, body=walls.bot_answer())
     with pytest.raises(api.RequestBlocked):
         client.list(video)
-    services.faults.add("/watch", status=200, body=youtube_pages.consent_page(), times=None)
+    services.faults.add("/watch", status=200, body=walls.consent_page(), times=None)
     with pytest.raises(api.FailedToCreateConsentCookie):
         client.list(video)
 
@@ -110,7 +111,7 @@ def test_a_consent_wall_opens_to_its_cookie(
     services.faults.add(
         "/watch",
         status=200,
-        body=youtube_pages.consent_page(),
+        body=walls.consent_page(),
         times=None,
         when=lambda environ: "CONSENT=" not in environ.get("HTTP_COOKIE", ""),
     )
@@ -189,11 +190,11 @@ def test_the_walls_have_the_marks_of_the_recorded_ones(recorded: Path) -> None:
     for file, made, mark in (
         (
             "youtube_consent_page.html",
-            youtube_pages.consent_page(),
+            walls.consent_page(),
             'action="https://consent.youtube.com/s"',
         ),
-        ("youtube_consent_page.html", youtube_pages.consent_page(), 'name="v" value="'),
-        ("youtube_too_many_requests.html", youtube_pages.captcha_page(), 'class="g-recaptcha"'),
+        ("youtube_consent_page.html", walls.consent_page(), 'name="v" value="'),
+        ("youtube_too_many_requests.html", walls.captcha_page(), 'class="g-recaptcha"'),
     ):
         assert mark in (folder / file).read_text(encoding="utf-8")
         assert mark in made

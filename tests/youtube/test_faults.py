@@ -11,9 +11,10 @@ from typing import Any
 
 import pytest
 
-from kb.sandbox import youtube_errors, youtube_pages, youtube_player
+from kb.sandbox import youtube_errors
 from kb.sandbox.server import Sandbox
 from kb.sandbox.youtube import KEY
+from tests.youtube import walls
 from tests.youtube.job import Job, plain_units
 
 CRAWL = ("youtube", "crawl")
@@ -173,9 +174,9 @@ def test_a_service_that_is_down_stops_the_run(job: Job) -> None:
 @pytest.mark.parametrize(
     "what",
     [
-        {"path": "/watch", "status": 200, "body": youtube_pages.captcha_page()},
-        {"path": "/watch", "status": 200, "body": youtube_pages.consent_page()},
-        {"path": "/player", "status": 200, "body": youtube_player.bot_answer()},
+        {"path": "/watch", "status": 200, "body": walls.captcha_page()},
+        {"path": "/watch", "status": 200, "body": walls.consent_page()},
+        {"path": "/player", "status": 200, "body": walls.bot_answer()},
         {"path": "/timedtext", "status": 429, "headers": {"Retry-After": "0"}},
         {"path": "/watch", "status": 429, "headers": {"Retry-After": "7200"}},
         {

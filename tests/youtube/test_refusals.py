@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from kb.sandbox import youtube_errors
-from kb.sandbox.youtube_pages import captcha_page
 from kb.store.frontier import Frontier
 from kb.youtube.reduce import SEARCHES, UPLOADS, VIDEOS
+from tests.youtube import walls
 from tests.youtube.job import Job
 from tests.youtube.test_faults import CRAWL, finish, no_patience
 
@@ -121,7 +121,7 @@ def test_a_refresh_is_blocked_as_well_and_counts_what_failed(job: Job) -> None:
     ("what", "back"),
     [
         ({"status": 429}, "13:00:00Z"),
-        ({"status": 200, "body": captcha_page()}, "13:00:00Z"),
+        ({"status": 200, "body": walls.captcha_page()}, "13:00:00Z"),
         ({"status": 429, "headers": {"Retry-After": "7200"}}, "14:00:00Z"),
     ],
     ids=["429", "captcha", "429 for hours"],
