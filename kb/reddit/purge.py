@@ -20,6 +20,7 @@ import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.verdict import Summary
+from kb.crawl.purge import Keys, searched
 from kb.crawl.session import open_session
 from kb.reddit import threads, tree
 from kb.reddit.crossposts import drop_parents, repeats
@@ -32,6 +33,7 @@ from kb.store import mending, parquet, purge, purge_plan, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import Place, links_of, verdicts_of
+from kb.store.purge_search import Found
 from kb.store.rawlog import Envelope
 from kb.store.reading import reading
 from kb.store.shards import check_columns, write_table
@@ -108,22 +110,22 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
     if ids:
         read_wanted(ids)
     _check(run.root)
-    # Damage is set aside and told later; what a killed import had not noted holds texts too.
-    with open_session(run, Reddit(run), asks=False, every=True) as session:
-        keys = purge.begin(run.root, "reddit", collect(run, ids))
+    # What a killed import had not noted holds texts too. Damage is set aside and told later.
+    with open_session(run, Reddit(run), asks=False, tells=False) as session:
+        # A thing's own record has its id without the kind.
+        keys, found = searched(session, lambda: Keys(collect(run, ids)), partial(map, tree.bare))
+        purge.begin(run.root, "reddit", keys)
         if keys:
-            _take_out(run, session.frontier, keys)
+            _take_out(run, session.frontier, keys, found)
     return keys
 
 
-def _take_out(run: Run, frontier: Frontier, keys: dict[str, str]) -> None:
+def _take_out(run: Run, frontier: Frontier, keys: dict[str, str], found: Found) -> None:
     """Keys leave raw answers, the state, and what crossposts show."""
     mending.drop_asides(run.root, "reddit", frontier, keys, ())
     crossposts: set[str] = set()
     strip = partial(_strip, crossposts)
-    # A thing's own record has its id without the kind.
-    sought = map(tree.bare, keys)
-    purge.rewrite_raw(run.root, "reddit", keys.keys(), strip, frontier, sought)
+    purge.rewrite_raw(run.root, "reddit", keys.keys(), strip, frontier, found)
     for base in BASES:
         drop_parents(run.root / base / "posts", crossposts, keys)
     _forget(frontier, keys)

@@ -29,8 +29,8 @@ class Recorder:
     """Writes a source's answers. Make it under the source's writer lock; close it at the end.
 
     `asked`: the kinds of items that a crawl asks for. Raw data that are damaged or missing are set
-    aside, and what they held becomes to do again: DamagedData (exit 1) names them once. With
-    `every` all segments are looked into, and the caller says what was found by `mending.tell`.
+    aside, and what they held becomes to do again: DamagedData (exit 1) names them once. Without
+    `tells` the caller says what was found by `mending.tell`.
     """
 
     def __init__(
@@ -41,18 +41,28 @@ class Recorder:
         apply: Apply,
         *,
         asked: Collection[str] = (),
-        every: bool = False,
+        tells: bool = True,
     ) -> None:
         self._root, self._source, self._frontier, self._apply = root, source, frontier, apply
+        self._asked = asked
         self._segments: dict[str, Segment] = {}
         self._lock = threading.Lock()
         tombstones.heal(root, source)
-        mending.take_out(root, source, frontier, every=every)
-        self.cut = rawlog.recover(root, source)
-        self.replayed = self._replay()
-        mending.look_up(root, source, frontier, apply, asked)
-        if not every:
+        self._mend(every=False)
+        if tells:
             mending.tell(root, source, frontier)
+
+    def look_into_all(self) -> None:
+        """Set aside what can't be read of segments that nothing was wrong with by the state, and
+        look up what it held. The open segments must be closed.
+        """
+        self._mend(every=True)
+
+    def _mend(self, *, every: bool) -> None:
+        mending.take_out(self._root, self._source, self._frontier, every=every)
+        self.cut = rawlog.recover(self._root, self._source)
+        self.replayed = self._replay()
+        mending.look_up(self._root, self._source, self._frontier, self._apply, self._asked)
 
     def record(
         self,

@@ -98,7 +98,7 @@ def vanished(root: Path) -> set[str]:
     newest: dict[str, tuple[str, bool]] = {}
     decoder = msgspec.json.Decoder(_Answer)
     for path in rawlog.segments(root, "youtube", RAW_VIDEOS):
-        for _, line in rawlog.Frames(path):
+        for _, line in rawlog.Frames(path, checked=True):
             at, params, gone = _not_returned(decoder, line)
             for key in parse.requested(params):
                 if newest.get(key, ("", False))[0] <= at:
