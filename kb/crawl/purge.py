@@ -9,7 +9,7 @@ frontier   their items
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import msgspec
 
@@ -20,7 +20,7 @@ from kb.crawl.source import Source
 from kb.schema import keys as schema
 from kb.store import mending, purge
 from kb.store.purge import Strip
-from kb.store.purge_search import Found, everything, finder, search
+from kb.store.purge_search import Found, Holds, everything, finder, search
 from kb.store.rawlog import Envelope, Request
 
 
@@ -59,20 +59,19 @@ def strip_of(source: str, others: Mapping[str, Collection[str]] | None = None) -
 def searched(
     session: Session,
     collect: Callable[[], Keys],
-    sought: Callable[[Iterable[str]], Iterable[str]] | None = None,
+    holding: Callable[[Collection[str]], Holds],
 ) -> tuple[Keys, Found]:
     """What is to go, together with what an unfinished purge left, and which answers may hold it.
 
-    Nothing but damage is written: what can't be read is set aside, to be told later. `sought` says
-    which texts stand in every answer that holds one of some keys; without it any may.
+    Nothing but damage is written: what can't be read is set aside, to be told later. `holding`
+    makes of keys what tells whether an answer may hold one.
     """
     run, name = session.run, session.source.name
 
     def read() -> tuple[Keys, Found]:
         keys = collect()
         keys.update({**purge.left_over(run.root, name), **keys})
-        holds = everything if sought is None else finder(sought(keys))
-        return keys, search(run.root, name, holds, run.workers)
+        return keys, search(run.root, name, holding(keys), run.workers)
 
     try:
         return read()
@@ -102,8 +101,8 @@ def purge_raw(
     with open_session(run, source, asks=False, tells=False) as session:
         # Opening it has taken in what was not read yet.
         session.recorder.close()
-        sought = list if remove is None else None
-        keys, found = searched(session, lambda: collect(session), sought)
+        holding = finder if remove is None else everything
+        keys, found = searched(session, lambda: collect(session), holding)
         purge.begin(run.root, source.name, keys)
         if not keys:
             return keys

@@ -131,13 +131,14 @@ def rewrite_raw(
     strip: Strip,
     frontier: Frontier,
     found: Found,
+    decode: Callable[[bytes], Envelope] = rawlog.decode,
 ) -> int:
     """Write raw segments again without the keys; how many envelopes changed.
 
     Call it under the writer's lock, with every segment closed and taken into the frontier. A
     segment keeps its name and place in the order; the new one takes the old one's place by a
     rename. `found` are the frames that may hold a key, as `purge_search.search` says it: no others
-    are even read.
+    are even read. `decode` makes the envelopes that `strip` takes.
     """
     changed = 0
     for path, places in found.items():
@@ -145,19 +146,23 @@ def rewrite_raw(
         # Shorter soon: a state that knows more than there is would take it for lost. Killed
         # before the last line, the segment is read again, which changes nothing.
         frontier.set_offset(kind, name, 0)
-        changed += _rewrite(path, stripped(path, places, keys, strip))
+        changed += _rewrite(path, stripped(path, places, keys, strip, decode))
         frontier.set_offset(kind, name, path.stat().st_size)
     return changed
 
 
 def stripped(
-    path: Path, places: Iterable[tuple[int, int]], keys: Collection[str], strip: Strip
+    path: Path,
+    places: Iterable[tuple[int, int]],
+    keys: Collection[str],
+    strip: Strip,
+    decode: Callable[[bytes], Envelope] = rawlog.decode,
 ) -> Iterator[tuple[int, int, Envelope | None]]:
     """The frames (start, end) of a segment that hold keys, and what is left of each envelope;
     `places` are those that may.
     """
     for start, end, line in purge_search.lines(path, places):
-        envelope = rawlog.decode(line)
+        envelope = decode(line)
         left = strip(path.parent.name, envelope, keys)
         if left is not envelope:
             yield start, end, left

@@ -17,7 +17,7 @@ from kb.store import parquet, purge, rawlog
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import Place, Strip
-from kb.store.purge_search import Found, everything, finder, search
+from kb.store.purge_search import Found, Holds, everything, search
 from kb.store.reading import reading
 
 
@@ -57,17 +57,16 @@ def plan(
     found: dict[str, str],
     strip: Strip,
     places: Iterable[Place],
-    sought: Callable[[str], str] | None = None,
+    holding: Callable[[Collection[str]], Holds] = everything,
 ) -> Summary:
     """Counts of what would go for `found` (key to reason) and what an unfinished purge has left.
 
     `lines` has what each folder loses: raw answers that are changed or removed, rows, and files
-    that are made again. `sought` says which text stands in every answer that holds a key. Raises
+    that are made again. `holding` makes of keys what tells whether an answer may hold one. Raises
     DamagedData.
     """
     keys = purge.left_over(root, source) | found
-    holds = finder(map(sought, keys)) if sought is not None else everything
-    lines = [*_raw(root, source, keys, strip, search(root, source, holds))]
+    lines = [*_raw(root, source, keys, strip, search(root, source, holding(keys)))]
     seen = set()
     for place in (*places, *_released(places)) if keys else ():
         if place not in seen:

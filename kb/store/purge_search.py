@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -17,14 +17,16 @@ Holds = Callable[[bytes], bool]
 Found = dict[Path, list[tuple[int, int]]]
 """Of each segment the frames (start, end) that may hold a key, in order."""
 
+_ESCAPED = b"\\u"
 _LARGE = 1 << 16  # bytes of all keys: a table of so many states takes some dozens of MiB
 
 
-def finder(texts: Iterable[str]) -> Holds:
+def finder(texts: Iterable[str], *, alone: bool = False) -> Holds:
     """A function that says whether a raw line may hold one of these texts in some string or number.
 
     Never False for a line that does; looking is many times cheaper than decoding. Lines are
-    searched as `rawlog.encode` writes them; one with an escaped character may hold anything.
+    searched as `rawlog.encode` writes them; one with an escaped character may hold anything. With
+    `alone` a text between other letters or digits doesn't count: short ids are parts of many words.
     """
     needles = {msgspec.json.encode(text)[1:-1] for text in texts}
     if not needles or b"" in needles:
@@ -32,14 +34,26 @@ def finder(texts: Iterable[str]) -> Holds:
     # Three times as fast as what the library takes by itself for more than a hundred texts.
     quick = Implementation.DFA if sum(map(len, needles)) < _LARGE else None
     find = BytesAhoCorasick(
-        sorted({*needles, b"\\u"}), implementation=quick
+        sorted({*needles, _ESCAPED}), implementation=quick
     ).find_matches_as_indexes
-    return lambda line: bool(find(line))
+    if not alone:
+        return lambda line: bool(find(line))
+    return lambda line: (
+        bool(find(line))
+        and any(_is_alone(line, start, end) for _, start, end in find(line, overlapping=True))
+    )
 
 
-def everything(line: bytes) -> bool:
-    """For sources that don't say what stands in an answer with a key."""
-    return True
+def _is_alone(line: bytes, start: int, end: int) -> bool:
+    if line[start:end] == _ESCAPED:
+        return True
+    inside = (start and line[start - 1 : start].isalnum()) or line[end : end + 1].isalnum()
+    return not inside
+
+
+def everything(keys: Collection[str]) -> Holds:
+    """The same for sources that don't say what stands in an answer with a key."""
+    return lambda line: True
 
 
 def search(root: Path, source: str, holds: Holds, threads: int = 1) -> Found:

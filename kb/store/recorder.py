@@ -19,6 +19,7 @@ from kb.core.errors import DamagedData
 from kb.store import mending, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope, Request, Segment
+from kb.store.recovery import recover
 
 _AGAIN = "run the same command again: it sets aside what can't be read and says what that held"
 Apply = Callable[[Frontier, str, Envelope], None]
@@ -60,7 +61,7 @@ class Recorder:
 
     def _mend(self, *, every: bool) -> None:
         mending.take_out(self._root, self._source, self._frontier, every=every)
-        self.cut = rawlog.recover(self._root, self._source)
+        self.cut = recover(self._root, self._source)
         self.replayed = self._replay()
         mending.look_up(self._root, self._source, self._frontier, self._apply, self._asked)
 
