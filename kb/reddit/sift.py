@@ -18,6 +18,7 @@ from kb.reddit.strip import HOLDERS, of_thing, of_value, without_asked
 from kb.store.purge_search import Holds
 from kb.store.rawlog import Envelope
 
+_LIST, _OBJECT = b"[{"
 _THINGS = (tree.POST, tree.COMMENT, "more")
 
 
@@ -66,18 +67,21 @@ class Sift:
         """(value without the keys, whether it changed), as `of_value`; what did not change stays
         raw.
         """
-        data = bytes(value)
-        if data[:1] not in (b"[", b"{") or not self._holds(data):
-            return value, False
-        if data[:1] == b"[":
+        begin = memoryview(value)[0]
+        if begin == _LIST:
             found: list[Any] = []
             changed = False
-            for inner in _items.decode(data):
+            for inner in _items.decode(value):
+                if not self._holds(inner):
+                    found.append(inner)
+                    continue
                 left, other = self._thing(inner, keys)
                 changed |= other
                 found += left
             return (found, True) if changed else (value, False)
-        fields = _fields.decode(data)
+        if begin != _OBJECT:
+            return value, False
+        fields = _fields.decode(value)
         if _said(fields.get("after")) in keys:
             return self._decoded(value, keys, of_value)
         fresh: dict[str, Any] = {}
@@ -90,10 +94,7 @@ class Sift:
 
     def _thing(self, value: Raw, keys: Collection[str]) -> tuple[list[Any], bool]:
         """What takes the place of one element of a list, and whether that is something else."""
-        data = bytes(value)
-        if not self._holds(data):
-            return [value], False
-        if data[:1] == b"{" and _kind.decode(data).kind in _THINGS:
+        if memoryview(value)[0] == _OBJECT and _kind.decode(value).kind in _THINGS:
             left, changed = self._decoded(value, keys, of_thing)
             return (left, True) if changed else ([value], False)
         left, changed = self._value(value, keys)

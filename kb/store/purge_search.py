@@ -13,7 +13,7 @@ from kb.core import signals
 from kb.store import rawlog
 from kb.store.frames import content
 
-Holds = Callable[[bytes], bool]
+Holds = Callable[["bytes | msgspec.Raw"], bool]
 Found = dict[Path, list[tuple[int, int]]]
 """Of each segment the frames (start, end) that may hold a key, in order."""
 
@@ -38,10 +38,14 @@ def finder(texts: Iterable[str], *, alone: bool = False) -> Holds:
     ).find_matches_as_indexes
     if not alone:
         return lambda line: bool(find(line))
-    return lambda line: (
-        bool(find(line))
-        and any(_is_alone(line, start, end) for _, start, end in find(line, overlapping=True))
-    )
+
+    def holds(line: bytes | msgspec.Raw) -> bool:
+        if not find(line):
+            return False
+        data = bytes(line)
+        return any(_is_alone(data, start, end) for _, start, end in find(data, overlapping=True))
+
+    return holds
 
 
 def _is_alone(line: bytes, start: int, end: int) -> bool:
