@@ -60,7 +60,7 @@ def plan(run: Run, ids: Path | None) -> Summary:
     """What `kb purge reddit` would remove, counted. Changes nothing."""
     with tempfile.TemporaryDirectory(prefix="lorebase-plan-") as scratch:
         found = collect(run, ids, Path(scratch, "known"))
-    return purge_plan.plan(run.root, "reddit", found, strip, ROWS, _holding)
+    return purge_plan.plan(run.root, "reddit", found, strip, ROWS, holding)
 
 
 def collect(run: Run, ids: Path | None, scratch: Path | None = None) -> dict[str, str]:
@@ -108,7 +108,7 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
     _check(run.root)
     # What a killed import had not noted holds texts too. Damage is set aside and told later.
     with open_session(run, Reddit(run), asks=False, tells=False) as session:
-        keys, found = searched(session, lambda: Keys(collect(run, ids)), _holding)
+        keys, found = searched(session, lambda: Keys(collect(run, ids)), holding)
         purge.begin(run.root, "reddit", keys)
         if keys:
             _take_out(run, session.frontier, keys, found)
@@ -118,7 +118,7 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
 def _take_out(run: Run, frontier: Frontier, keys: dict[str, str], found: Found) -> None:
     """Keys leave raw answers, the state, and what crossposts show."""
     mending.drop_asides(run.root, "reddit", frontier, keys, ())
-    sift = Sift(_holding(keys))
+    sift = Sift(holding(keys))
     purge.rewrite_raw(run.root, "reddit", keys.keys(), sift, frontier, found, rawlog.undecoded)
     for base in BASES:
         drop_parents(run.root / base / "posts", sift.crossposts, keys)
@@ -129,7 +129,7 @@ def _take_out(run: Run, frontier: Frontier, keys: dict[str, str], found: Found) 
             shutil.rmtree(work)
 
 
-def _holding(keys: Collection[str]) -> Holds:
+def holding(keys: Collection[str]) -> Holds:
     """A thing's own record has its id without the kind."""
     return finder(map(tree.bare, keys), alone=True)
 

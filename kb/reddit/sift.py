@@ -82,7 +82,8 @@ class Sift:
         if begin != _OBJECT:
             return value, False
         fields = _fields.decode(value)
-        if _said(fields.get("after")) in keys:
+        after = fields.get("after")
+        if after is not None and tree.named(msgspec.json.decode(after), keys):
             return self._decoded(value, keys, of_value)
         fresh: dict[str, Any] = {}
         for name in HOLDERS:
@@ -109,9 +110,3 @@ class Sift:
     def _note(self, answer: Any, keys: Collection[str]) -> None:
         posts = (thing.data for thing in tree.things(answer) if thing.kind == tree.POST)
         self.crossposts.update(str(post.get("id")) for post in posts if repeats(post, keys))
-
-
-def _said(value: Raw | None) -> str | None:
-    """A text, None where there is none."""
-    said = None if value is None else msgspec.json.decode(value)
-    return said if isinstance(said, str) else None

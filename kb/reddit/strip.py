@@ -75,13 +75,12 @@ def of_value(value: Any, keys: Collection[str]) -> tuple[Any, bool]:
             inner, other = of_value(value[name], keys)
             if other:
                 fresh[name] = inner
-    if value.get("after") in keys:
+    if tree.named(value.get("after"), keys):
         # Reddit goes on behind any post that it knows.
-        last = [
-            child["data"].get("name")
-            for child in {**value, **fresh}.get("children") or []
-            if isinstance(child, dict)
-        ]
+        children = {**value, **fresh}.get("children")
+        things = children if isinstance(children, list) else []
+        data = [child.get("data") for child in things if isinstance(child, dict)]
+        last = [one.get("name") for one in data if isinstance(one, dict)]
         fresh["after"] = last[-1] if last else None
     return ({**value, **fresh}, True) if fresh else (value, False)
 
@@ -95,7 +94,7 @@ def of_thing(value: Any, keys: Collection[str]) -> tuple[list[Any], bool]:
     if value["kind"] == "more":
         return _stub(value, data, keys)
     name = f"{value['kind']}_{data.get('id')}"
-    if data.get("link_id") in keys:
+    if tree.named(data.get("link_id"), keys):
         return [], True
     replies, changed = of_value(data.get("replies"), keys)
     if name in keys:
@@ -117,7 +116,7 @@ def _stub(
     children = tree.stub_ids(data)
     kept = [key for key in children if f"t1_{key}" not in keys]
     if not children:
-        return ([], True) if data.get("parent_id") in keys else ([value], False)
+        return ([], True) if tree.named(data.get("parent_id"), keys) else ([value], False)
     if len(kept) == len(children):
         return [value], False
     # Without children it would mean "continue this thread".
