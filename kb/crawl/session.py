@@ -158,6 +158,8 @@ def open_session(
         session.look_up_blocks({phase.lane for phase in source.phases})
         asked = [phase.kind for phase in source.phases]
         session.recorder = stack.enter_context(
-            Recorder(root, source.name, frontier, source.reduce, asked=asked, tells=tells)
+            Recorder(
+                root, source.name, frontier, source.reduce, source.replay, asked=asked, tells=tells
+            )
         )
         yield session

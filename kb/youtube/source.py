@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from kb.crawl.session import BLOCKED, Session
 from kb.crawl.source import Answer, Opened, Phase, Plain
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
+from kb.youtube import replay
 from kb.youtube.api import GOOGLE
 from kb.youtube.discover import extend, new_round, no_channel, reopen
 from kb.youtube.fetch import API, PACK, WEB, Fetch
@@ -47,6 +48,7 @@ from kb.youtube.reduce import (
     Reducer,
     Wanted,
     crawled,
+    nothing,
     without_channels,
 )
 from kb.youtube.transcripts import SITE
@@ -96,11 +98,6 @@ def crawl(
         again = "" if run.again else "; --again starts a new round"
         run.progress.say(f"youtube: nothing left to crawl{again}")
     return summary
-
-
-def nothing(rows: Any) -> Sequence[str]:
-    """For what asks for no transcript."""
-    return ()
 
 
 class YouTube(Plain):
@@ -188,6 +185,11 @@ class YouTube(Plain):
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """See kb.youtube.reduce."""
         self._reduce(frontier, kind, envelope)
+
+    def replay(self, frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
+        """As kb.youtube.replay."""
+        if not replay.take_in(self._reduce, frontier, kind, lines):
+            super().replay(frontier, kind, lines)
 
     def close(self) -> None:
         """Close the connections."""
