@@ -79,8 +79,8 @@ def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False
 
     Looked into are open segments, those that the state knows in part, suspects, and with `every`
     all of them. A closed segment that it does not know at all is read in full when it is taken in
-    (kb.store.recorder), which tells as well. Call it under the writer's lock, before open segments are closed. Raises
-    DiskFull.
+    (kb.store.recorder), which tells as well. Call it under the writer's lock, before open segments
+    are closed. Raises DiskFull.
     """
     suspects = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [], of=_PAIRS)}
     suspects |= {(lost.kind, lost.segment) for lost in _load(frontier) if lost.items is None}
