@@ -67,7 +67,8 @@ def steps(run: Run) -> Iterator[Step]:
 def _set_aside(run: Run, source: str) -> list[str]:
     """Damaged stretches of raw data leave their segments, and what they held is to do again."""
     try:
-        with open_session(run, SOURCES[source](run), asks=False, every=True) as session:
+        with open_session(run, SOURCES[source](run), asks=False, tells=False) as session:
+            session.recorder.look_into_all()
             mending.tell(run.root, source, session.frontier)
     except DamagedData as error:
         return [f"{error}; {error.hint}"]

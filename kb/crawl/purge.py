@@ -1,8 +1,9 @@
 """Purge of raw answers: what a source's schemas say of keys is enough to take them out.
 
+search     every byte of the raw answers is read; where one may stand, and what is damaged
 begin      the list of what goes is written down, and their tombstones
 asides     damaged bytes that may hold one of them
-answers    each raw segment again without them, as `x-keys` of its kind says
+answers    raw segments that hold one again without them, as `x-keys` of their kind says
 frontier   their items
 """
 
@@ -13,11 +14,13 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 import msgspec
 
 from kb.core.context import Run
+from kb.core.errors import DamagedData
 from kb.crawl.session import Session, open_session
 from kb.crawl.source import Source
 from kb.schema import keys as schema
 from kb.store import mending, purge
 from kb.store.purge import Strip
+from kb.store.purge_search import Found, Holds, everything, finder, search
 from kb.store.rawlog import Envelope, Request
 
 
@@ -53,6 +56,32 @@ def strip_of(source: str, others: Mapping[str, Collection[str]] | None = None) -
     return without
 
 
+def searched(
+    session: Session,
+    collect: Callable[[], Keys],
+    holding: Callable[[Collection[str]], Holds],
+) -> tuple[Keys, Found]:
+    """What is to go, together with what an unfinished purge left, and which answers may hold it.
+
+    Nothing but damage is written: what can't be read is set aside, to be told later. `holding`
+    makes of keys what tells whether an answer may hold one.
+    """
+    run, name = session.run, session.source.name
+
+    def read() -> tuple[Keys, Found]:
+        keys = collect()
+        keys.update({**purge.left_over(run.root, name), **keys})
+        return keys, search(run.root, name, holding(keys), run.workers)
+
+    try:
+        return read()
+    except DamagedData as error:
+        if getattr(error, "path", None) is None:
+            raise
+        session.recorder.look_into_all()
+        return read()
+
+
 def purge_raw(
     run: Run,
     source: Source,
@@ -60,28 +89,30 @@ def purge_raw(
     *,
     kinds: Sequence[str] = (),
     exact: Sequence[str] = (),
-    remove: Callable[[Session, Keys], None] | None = None,
+    remove: Callable[[Session, Keys, Found], None] | None = None,
 ) -> Keys:
     """Take keys out of a source's raw answers and frontier; the keys, for all that is made of them.
 
     `collect` says what is to go; nothing is sent. Items of the frontier's `kinds` go by their key.
     `exact` are raw kinds with one answer a key, whose damaged bytes may stay. `remove` rewrites the
-    raw answers where more than the keys' answers goes with them. Raises WriterLocked, DiskFull.
+    raw answers where more than the keys' answers goes with them; any may hold such. Raises
+    WriterLocked, DiskFull, Interrupted.
     """
-    with open_session(run, source, asks=False, every=True) as session:
-        # Opening it has set damage aside and taken in what was not read yet.
+    with open_session(run, source, asks=False, tells=False) as session:
+        # Opening it has taken in what was not read yet.
         session.recorder.close()
-        collected = collect(session)
-        keys = Keys(purge.begin(run.root, source.name, collected), collected.said)
+        holding = finder if remove is None else everything
+        keys, found = searched(session, lambda: collect(session), holding)
+        purge.begin(run.root, source.name, keys)
         if not keys:
             return keys
         frontier = session.frontier
         mending.drop_asides(run.root, source.name, frontier, keys, exact)
         if remove is not None:
-            remove(session, keys)
+            remove(session, keys, found)
         else:
             strip = strip_of(source.name)
-            purge.rewrite_raw(run.root, source.name, keys.keys(), strip, frontier, sought=keys)
+            purge.rewrite_raw(run.root, source.name, keys.keys(), strip, frontier, found)
         for kind in kinds:
             frontier.remove(kind, keys)
         return keys

@@ -123,16 +123,16 @@ def open_session(
     place: Path | None = None,
     *,
     asks: bool = True,
-    every: bool = False,
+    tells: bool = True,
     locks: Sequence[str] = (),
 ) -> Iterator[Session]:
     """Open a source's part of a data root for writing.
 
     `place` is a work folder that holds raw answers and state instead of the data root. `asks` is
     false where nothing is asked of the service, so that no credential is needed and any host will
-    do. `every`: all raw segments are looked into, and the caller says what was found by
-    `mending.tell`. `locks` are held besides the source's own. Raises UsageError before anything is
-    sent or written, WriterLocked, DamagedData.
+    do. Without `tells` the caller says by `mending.tell` which raw data are damaged. `locks` are
+    held besides the source's own. Raises UsageError before anything is sent or written,
+    WriterLocked, DamagedData.
     """
     root = place or run.root
     facts = source.identity() if asks else {}
@@ -158,6 +158,8 @@ def open_session(
         session.look_up_blocks({phase.lane for phase in source.phases})
         asked = [phase.kind for phase in source.phases]
         session.recorder = stack.enter_context(
-            Recorder(root, source.name, frontier, source.reduce, asked=asked, every=every)
+            Recorder(
+                root, source.name, frontier, source.reduce, source.replay, asked=asked, tells=tells
+            )
         )
         yield session

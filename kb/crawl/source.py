@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import msgspec
 
 from kb.core.context import Run
+from kb.store import rawlog
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
 
@@ -137,6 +138,13 @@ class Source(Protocol):
         """Take an answer into the frontier; the same live and in a replay, so idempotent."""
         ...
 
+    def replay(self, frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
+        """Take lines of one raw kind in, in their order: the same as `reduce` for each of them.
+
+        Raises DamagedData for a line that is no envelope.
+        """
+        ...
+
     def close(self) -> None:
         """Close connections and programs."""
         ...
@@ -159,6 +167,15 @@ class Plain:
     def pack(self, phase: Phase, items: list[Item]) -> list[Item]:
         """All together."""
         return items
+
+    def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
+        """Every source has its own."""
+        raise NotImplementedError
+
+    def replay(self, frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
+        """One by one."""
+        for line in lines:
+            self.reduce(frontier, kind, rawlog.decode(line))
 
     def close(self) -> None:
         """Nothing to close."""

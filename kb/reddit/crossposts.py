@@ -14,6 +14,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.reddit import tree
 from kb.schema import raw
 from kb.store import parquet
 from kb.store.reading import reading
@@ -37,7 +38,7 @@ def repeats(post: dict[str, Any], keys: Collection[str]) -> bool:
     """Whether a post's record repeats one of the full names `keys`."""
     parents = post.get("crosspost_parent_list")
     listed = parents if isinstance(parents, list) else ()
-    return post.get("crosspost_parent") in keys or any(
+    return tree.named(post.get("crosspost_parent"), keys) or any(
         isinstance(one, dict) and f"t3_{one.get('id')}" in keys for one in listed
     )
 

@@ -9,7 +9,7 @@ much is known.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -21,13 +21,11 @@ import pyarrow.compute as pc
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.profile.reddit import Links
-from kb.reddit import parse
+from kb.reddit import heads, parse
 from kb.store import buckets, rawlog
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.layout import Layout
 from kb.store.newest import newest
-
-_READ = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "dump")
 
 
 class Known:
@@ -96,17 +94,10 @@ def _spread(run: Run, folder: Path, executor: Any) -> int:
 def spread(kind: str, links: Links, segment: str, place: int, folder: str, number: int) -> None:
     """Spread one segment; runs in a worker."""
     about = buckets.Kind(
-        partial(_rows, kind=kind, links=links), key=("fullname",), bucket="fullname"
+        partial(heads.rows, kind=kind, links=links), key=("fullname",), bucket="fullname"
     )
     with full_disk_is_resumable(Path(folder)):
         buckets.spread(about, f"reddit/{kind}", Path(segment), place, Path(folder), number)
-
-
-def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
-
-    good = pa.array(["there", "missing"])
-    for rows in parse.rows(lines, kind, links, _READ):
-        yield rows.filter(pc.is_in(rows["state"], value_set=good))
 
 
 def reduce(folder: str, number: int) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Collection
-from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -20,19 +19,21 @@ import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.verdict import Summary
+from kb.crawl.purge import Keys, searched
 from kb.crawl.session import open_session
 from kb.reddit import threads, tree
-from kb.reddit.crossposts import drop_parents, repeats
+from kb.reddit.crossposts import drop_parents
 from kb.reddit.known import known
+from kb.reddit.sift import Sift
 from kb.reddit.source import INFO, Reddit
-from kb.reddit.strip import strip as without
+from kb.reddit.strip import strip
 from kb.reddit.wanted import read_wanted
 from kb.schema import table
-from kb.store import mending, parquet, purge, purge_plan, tombstones
+from kb.store import mending, parquet, purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import Place, links_of, verdicts_of
-from kb.store.rawlog import Envelope
+from kb.store.purge_search import Found, Holds, finder
 from kb.store.reading import reading
 from kb.store.shards import check_columns, write_table
 
@@ -59,10 +60,7 @@ def plan(run: Run, ids: Path | None) -> Summary:
     """What `kb purge reddit` would remove, counted. Changes nothing."""
     with tempfile.TemporaryDirectory(prefix="lorebase-plan-") as scratch:
         found = collect(run, ids, Path(scratch, "known"))
-    crossposts: set[str] = set()
-    return purge_plan.plan(
-        run.root, "reddit", found, partial(_strip, crossposts), ROWS, sought=tree.bare
-    )
+    return purge_plan.plan(run.root, "reddit", found, strip, ROWS, holding)
 
 
 def collect(run: Run, ids: Path | None, scratch: Path | None = None) -> dict[str, str]:
@@ -108,29 +106,32 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
     if ids:
         read_wanted(ids)
     _check(run.root)
-    # Damage is set aside and told later; what a killed import had not noted holds texts too.
-    with open_session(run, Reddit(run), asks=False, every=True) as session:
-        keys = purge.begin(run.root, "reddit", collect(run, ids))
+    # What a killed import had not noted holds texts too. Damage is set aside and told later.
+    with open_session(run, Reddit(run), asks=False, tells=False) as session:
+        keys, found = searched(session, lambda: Keys(collect(run, ids)), holding)
+        purge.begin(run.root, "reddit", keys)
         if keys:
-            _take_out(run, session.frontier, keys)
+            _take_out(run, session.frontier, keys, found)
     return keys
 
 
-def _take_out(run: Run, frontier: Frontier, keys: dict[str, str]) -> None:
+def _take_out(run: Run, frontier: Frontier, keys: dict[str, str], found: Found) -> None:
     """Keys leave raw answers, the state, and what crossposts show."""
     mending.drop_asides(run.root, "reddit", frontier, keys, ())
-    crossposts: set[str] = set()
-    strip = partial(_strip, crossposts)
-    # A thing's own record has its id without the kind.
-    sought = map(tree.bare, keys)
-    purge.rewrite_raw(run.root, "reddit", keys.keys(), strip, frontier, sought)
+    sift = Sift(holding(keys))
+    purge.rewrite_raw(run.root, "reddit", keys.keys(), sift, frontier, found, rawlog.undecoded)
     for base in BASES:
-        drop_parents(run.root / base / "posts", crossposts, keys)
+        drop_parents(run.root / base / "posts", sift.crossposts, keys)
     _forget(frontier, keys)
     # Answers of a reconstruction that was cut off; it asks again.
     for base in REBUILT:
         for work in (run.root / base).glob(".work-*"):
             shutil.rmtree(work)
+
+
+def holding(keys: Collection[str]) -> Holds:
+    """A thing's own record has its id without the kind."""
+    return finder(map(tree.bare, keys), alone=True)
 
 
 def _check(root: Path) -> None:
@@ -156,17 +157,6 @@ def mend(root: Path, keys: Collection[str]) -> None:
             write_table(path, rows.filter(pa.array(left, pa.bool_())), "shared/failed")
     for base in BASES:
         threads.count_again(root / base)
-
-
-def _strip(
-    crossposts: set[str], kind: str, envelope: Envelope, keys: Collection[str]
-) -> Envelope | None:
-    """Strip; the bare ids of crossposts of a key are added, also when a purge that was cut off has
-    stripped them.
-    """
-    posts = (thing.data for thing in tree.things(envelope.response) if thing.kind == tree.POST)
-    crossposts.update(str(post.get("id")) for post in posts if repeats(post, keys))
-    return without(kind, envelope, keys)
 
 
 def _forget(frontier: Frontier, names: Collection[str]) -> None:

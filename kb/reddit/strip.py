@@ -21,15 +21,17 @@ from kb.reddit.crossposts import repeats, without_parent
 from kb.schema.keys import asked
 from kb.store.rawlog import Envelope, Request
 
+HOLDERS = ("data", "json", "things", "children", "replies")  # fields in which things may be
+
 
 def strip(kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | None:
     """The envelope without the full names `keys`; the same object when it holds none, None when
     nothing is left.
     """
-    request = _asked(kind, envelope.request, keys)
+    request = without_asked(kind, envelope.request, keys)
     if request is None:
         return None
-    answer, changed = _without(envelope.response, keys)
+    answer, changed = of_value(envelope.response, keys)
     if not changed and request is envelope.request:
         return envelope
     if kind == "dumps" and not answer["data"]["children"]:
@@ -39,10 +41,10 @@ def strip(kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | No
 
 def without(answer: Any, keys: Collection[str]) -> Any:
     """The answer without the full names `keys`."""
-    return _without(answer, keys)[0] if keys else answer
+    return of_value(answer, keys)[0] if keys else answer
 
 
-def _asked(kind: str, request: Request, keys: Collection[str]) -> Request | None:
+def without_asked(kind: str, request: Request, keys: Collection[str]) -> Request | None:
     """What was asked, without the keys; None when it was about them alone."""
     params = asked(f"reddit/{kind}", request.params, {"": keys})
     if params is None:
@@ -55,47 +57,46 @@ def _asked(kind: str, request: Request, keys: Collection[str]) -> Request | None
     return request if params is request.params else Request(endpoint, params)
 
 
-def _without(value: Any, keys: Collection[str]) -> tuple[Any, bool]:
+def of_value(value: Any, keys: Collection[str]) -> tuple[Any, bool]:
     """(value without the keys, whether it changed); what did not change is the same object."""
     if isinstance(value, list):
         found: list[Any] = []
         changed = False
         for inner in value:
-            left, other = _thing(inner, keys)
+            left, other = of_thing(inner, keys)
             changed |= other
             found += left
         return (found, True) if changed else (value, False)
     if not isinstance(value, dict):
         return value, False
     fresh: dict[str, Any] = {}
-    for name in ("data", "json", "things", "children", "replies"):
+    for name in HOLDERS:
         if isinstance(value.get(name), (dict, list)):
-            inner, other = _without(value[name], keys)
+            inner, other = of_value(value[name], keys)
             if other:
                 fresh[name] = inner
-    if value.get("after") in keys:
+    if tree.named(value.get("after"), keys):
         # Reddit goes on behind any post that it knows.
-        last = [
-            child["data"].get("name")
-            for child in {**value, **fresh}.get("children") or []
-            if isinstance(child, dict)
-        ]
+        children = {**value, **fresh}.get("children")
+        things = children if isinstance(children, list) else []
+        data = [child.get("data") for child in things if isinstance(child, dict)]
+        last = [one.get("name") for one in data if isinstance(one, dict)]
         fresh["after"] = last[-1] if last else None
     return ({**value, **fresh}, True) if fresh else (value, False)
 
 
-def _thing(value: Any, keys: Collection[str]) -> tuple[list[Any], bool]:
+def of_thing(value: Any, keys: Collection[str]) -> tuple[list[Any], bool]:
     """What takes the place of one element of a list, and whether that is something else."""
     data = value.get("data") if isinstance(value, dict) else None
     if not isinstance(data, dict) or value.get("kind") not in (tree.POST, tree.COMMENT, "more"):
-        left, changed = _without(value, keys)
+        left, changed = of_value(value, keys)
         return [left], changed
     if value["kind"] == "more":
         return _stub(value, data, keys)
     name = f"{value['kind']}_{data.get('id')}"
-    if data.get("link_id") in keys:
+    if tree.named(data.get("link_id"), keys):
         return [], True
-    replies, changed = _without(data.get("replies"), keys)
+    replies, changed = of_value(data.get("replies"), keys)
     if name in keys:
         inner = replies.get("data") if isinstance(replies, dict) else None
         return (inner.get("children") or []) if isinstance(inner, dict) else [], True
@@ -115,7 +116,7 @@ def _stub(
     children = tree.stub_ids(data)
     kept = [key for key in children if f"t1_{key}" not in keys]
     if not children:
-        return ([], True) if data.get("parent_id") in keys else ([value], False)
+        return ([], True) if tree.named(data.get("parent_id"), keys) else ([value], False)
     if len(kept) == len(children):
         return [value], False
     # Without children it would mean "continue this thread".

@@ -6,7 +6,7 @@ post, then nested comments); `json.data.things` (morechildren, flat); dumps are 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 POST, COMMENT = "t3", "t1"
@@ -100,6 +100,11 @@ def outside(made: Any, since: float | None, until: float | None) -> bool:
 def bare(fullname: Any) -> str:
     """An id without its `t1_` or `t3_`; empty when there is none."""
     return fullname.partition("_")[2] if isinstance(fullname, str) else ""
+
+
+def named(value: Any, names: Container[str]) -> bool:
+    """Whether a value is one of these full names; an answer may hold anything in a name's place."""
+    return isinstance(value, str) and value in names
 
 
 def depths(parents: Iterable[tuple[str, str | None]]) -> dict[str, int | None]:

@@ -8,12 +8,13 @@ from typing import BinaryIO
 import zstandard
 
 MAGIC = b"\x28\xb5\x2f\xfd"
+_WINDOW = 1 << 31
 _CHUNK = 1 << 16  # small, as the rest of a chunk is copied once for each frame in it
 
 
 def whole(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:
     """(start, end, content) of every whole frame from `at` on, whatever lies between them."""
-    engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
+    engine = _engine()
     file.seek(at)
     rest = file.read(_CHUNK)
     while rest:
@@ -30,6 +31,15 @@ def whole(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:
         yield at, at + used, content
         at += used
         rest = rest or file.read(_CHUNK)
+
+
+def content(frame: bytes) -> bytes:
+    """What a frame that was whole before holds. Raises ZstdError."""
+    return _engine().decompressobj().decompress(frame)
+
+
+def _engine() -> zstandard.ZstdDecompressor:
+    return zstandard.ZstdDecompressor(max_window_size=_WINDOW)
 
 
 def _frame(

@@ -77,11 +77,18 @@ class Frontier(State):
 
     def mark(self, kind: str, keys: Iterable[str], status: str, reason: str | None = None) -> None:
         """Set the status of known keys; an "error" counts one try."""
+        self.mark_each(kind, ((key, status, reason) for key in keys))
+
+    def mark_each(self, kind: str, marks: Iterable[tuple[str, str, str | None]]) -> None:
+        """Set (key, status, reason) of known keys, one after the other; an "error" counts a try."""
         with self.transaction():
             self._db.executemany(
                 "UPDATE items SET status = ?, reason = ?, tries = tries + ?"
                 " WHERE kind = ? AND key = ?",
-                [(status, reason, int(status == "error"), kind, key) for key in keys],
+                (
+                    (status, reason, int(status == "error"), kind, key)
+                    for key, status, reason in marks
+                ),
             )
 
     def done(self, kind: str, *keys: str) -> None:

@@ -23,9 +23,8 @@ from kb.core.errors import DamagedData
 from kb.store import damage, rawlog, reading
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
-from kb.store.rawlog import Envelope
 
-Apply = Callable[[Frontier, str, Envelope], None]
+Replay = Callable[[Frontier, str, Iterable[bytes]], None]
 DUMPS = "dumps"  # the one raw kind that no crawl can ask for: its files have to be imported again
 _LOST, _SUSPECTS = "lost", "suspects"  # cursors of the frontier
 _PAIRS = list[tuple[str, str]]
@@ -78,9 +77,10 @@ def note(root: Path, source: str, frontier: Frontier, error: DamagedData, hint: 
 def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False) -> None:
     """Set aside what can't be read, and note what is missing or short.
 
-    Looked into are open segments, those that the state does not know in full, suspects, and with
-    `every` all of them. Call it under the writer's lock, before open segments are closed. Raises
-    DiskFull.
+    Looked into are open segments, those that the state knows in part, suspects, and with `every`
+    all of them. A closed segment that it does not know at all is read in full when it is taken in
+    (kb.store.recorder), which tells as well. Call it under the writer's lock, before open segments
+    are closed. Raises DiskFull.
     """
     suspects = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [], of=_PAIRS)}
     suspects |= {(lost.kind, lost.segment) for lost in _load(frontier) if lost.items is None}
@@ -89,14 +89,14 @@ def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False
         for path in rawlog.segments(root, source, kind):
             name, size = rawlog.base_name(path), path.stat().st_size
             committed = known.pop((kind, name), 0)
-            sure = committed == size and not path.name.endswith(".open")
+            sure = committed in (0, size) and not path.name.endswith(".open")
             if committed > size:
                 with frontier.transaction():
                     _note(frontier, [Lost(kind, name, size, committed)])
                     frontier.set_offset(kind, name, size)
                 committed = size
             if every or not sure or (kind, name) in suspects:
-                _take_out_of(path, kind, committed, frontier)
+                take_out_of(path, kind, frontier, committed)
     for (kind, name), committed in known.items():
         with frontier.transaction():
             _note(frontier, [Lost(kind, name, 0, committed)] if committed else [])
@@ -104,7 +104,11 @@ def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False
     frontier.set_cursor(_SUSPECTS, None)
 
 
-def _take_out_of(path: Path, kind: str, committed: int, frontier: Frontier) -> None:
+def take_out_of(path: Path, kind: str, frontier: Frontier, committed: int = 0) -> None:
+    """Set aside what can't be read of a segment of which the state knows so many bytes.
+
+    Raises DiskFull.
+    """
     name = rawlog.base_name(path)
     if not (gaps := damage.gaps(path, committed)):
         return
@@ -119,7 +123,7 @@ def _take_out_of(path: Path, kind: str, committed: int, frontier: Frontier) -> N
 
 
 def look_up(
-    root: Path, source: str, frontier: Frontier, apply: Apply, asked: Collection[str]
+    root: Path, source: str, frontier: Frontier, replay: Replay, asked: Collection[str]
 ) -> None:
     """Find out what was in the stretches that are lost, and make it to do again.
 
@@ -136,8 +140,8 @@ def look_up(
         with rebuilt.transaction():
             for kind in rawlog.kinds(root, source):
                 for path in rawlog.segments(root, source, kind):
-                    for _, line in rawlog.Frames(path, mending=True):
-                        apply(rebuilt, kind, rawlog.decode(line))
+                    lines = (line for _, line in rawlog.Frames(path, mending=True))
+                    replay(rebuilt, kind, lines)
         items = [
             (kind, key)
             for kind in asked

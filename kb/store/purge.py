@@ -17,12 +17,12 @@ from typing import Any, NamedTuple, cast
 import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
-from ahocorasick_rs import BytesAhoCorasick
 
-from kb.store import damage, lock, mending, notes, parquet, rawlog, tombstones
+from kb.store import damage, lock, mending, notes, parquet, purge_search, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout, parquet_files, rows_pattern
+from kb.store.purge_search import Found
 from kb.store.rawlog import Envelope
 from kb.store.reading import reading
 from kb.store.shards import ShardWriter
@@ -124,88 +124,68 @@ def finish(root: Path, source: str) -> None:
             frontier.close()
 
 
-def finder(texts: Iterable[str]) -> Callable[[bytes], bool]:
-    """A function that says whether a raw line may hold one of these texts in some string or number.
-
-    Never False for a line that does; looking is many times cheaper than decoding. Lines are
-    searched as `rawlog.encode` writes them; one with an escaped character may hold anything.
-    """
-    needles = {msgspec.json.encode(text)[1:-1] for text in texts}
-    if not needles or b"" in needles:
-        return lambda line: bool(needles)
-    find = BytesAhoCorasick(sorted({*needles, b"\\u"})).find_matches_as_indexes
-    return lambda line: bool(find(line))
-
-
 def rewrite_raw(
     root: Path,
     source: str,
     keys: Collection[str],
     strip: Strip,
     frontier: Frontier,
-    sought: Iterable[str] | None = None,
+    found: Found,
+    decode: Callable[[bytes], Envelope] = rawlog.decode,
 ) -> int:
     """Write raw segments again without the keys; how many envelopes changed.
 
-    Call it under the writer's lock, with every segment closed, taken into the frontier, and rid of
-    what can't be read (a Recorder with `every`). A segment keeps its name and place in the order;
-    the new one takes the old one's place by a rename. `sought`: texts of which one stands in every
-    envelope that `strip` changes; the others are not even decoded.
+    Call it under the writer's lock, with every segment closed and taken into the frontier. A
+    segment keeps its name and place in the order; the new one takes the old one's place by a
+    rename. `found` are the frames that may hold a key, as `purge_search.search` says it: no others
+    are even read. `decode` makes the envelopes that `strip` takes.
     """
     changed = 0
-    holds = finder(sought) if sought is not None else None
-    for kind in rawlog.kinds(root, source):
-        for path in rawlog.segments(root, source, kind):
-            # Shorter soon: a state that knows more than there is would take it for lost. Killed
-            # before the last line, the segment is read again, which changes nothing.
-            frontier.set_offset(kind, rawlog.base_name(path), 0)
-            changed += _rewrite(path, kind, keys, strip, holds)
-            frontier.set_offset(kind, rawlog.base_name(path), path.stat().st_size)
+    for path, places in found.items():
+        kind, name = path.parent.name, rawlog.base_name(path)
+        # Shorter soon: a state that knows more than there is would take it for lost. Killed
+        # before the last line, the segment is read again, which changes nothing.
+        frontier.set_offset(kind, name, 0)
+        changed += _rewrite(path, stripped(path, places, keys, strip, decode))
+        frontier.set_offset(kind, name, path.stat().st_size)
     return changed
 
 
 def stripped(
     path: Path,
-    kind: str,
+    places: Iterable[tuple[int, int]],
     keys: Collection[str],
     strip: Strip,
-    holds: Callable[[bytes], bool] | None = None,
+    decode: Callable[[bytes], Envelope] = rawlog.decode,
 ) -> Iterator[tuple[int, int, Envelope | None]]:
-    """The frames (start, end) of a segment that hold keys, and what is left of each envelope."""
-    frames = rawlog.Frames(path)
-    for after, line in frames:
-        if holds is not None and not holds(line):
-            continue
-        envelope = rawlog.decode(line)
-        left = strip(kind, envelope, keys)
+    """The frames (start, end) of a segment that hold keys, and what is left of each envelope;
+    `places` are those that may.
+    """
+    for start, end, line in purge_search.lines(path, places):
+        envelope = decode(line)
+        left = strip(path.parent.name, envelope, keys)
         if left is not envelope:
-            yield frames.start, after, left
+            yield start, end, left
 
 
-def _rewrite(
-    path: Path,
-    kind: str,
-    keys: Collection[str],
-    strip: Strip,
-    holds: Callable[[bytes], bool] | None,
-) -> int:
-    """A segment without the keys; how many envelopes changed.
+def _rewrite(path: Path, left: Iterable[tuple[int, int, Envelope | None]]) -> int:
+    """A segment with what is `left` of some envelopes; how many changed.
 
-    Frames without keys are copied as they stand; a segment without any stays.
+    The other frames are copied as they stand; a segment in which nothing changes stays.
     """
     engine = rawlog.compressor()
     changes = [
-        (start, after, b"" if left is None else engine.compress(rawlog.encode(left)))
-        for start, after, left in stripped(path, kind, keys, strip, holds)
+        (start, end, b"" if envelope is None else engine.compress(rawlog.encode(envelope)))
+        for start, end, envelope in left
     ]
     if not changes:
         return 0
     with writing(path) as temporary, path.open("rb") as old, temporary.open("wb") as fresh:
         at = 0
-        for start, after, frame in changes:
+        for start, end, frame in changes:
             damage.copy(old, fresh, at, start)
             fresh.write(frame)
-            at = after
+            at = end
         damage.copy(old, fresh, at, path.stat().st_size)
     return len(changes)
 

@@ -17,6 +17,7 @@ from kb.store import parquet, purge, rawlog
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import Place, Strip
+from kb.store.purge_search import Found, Holds, everything, search
 from kb.store.reading import reading
 
 
@@ -56,17 +57,16 @@ def plan(
     found: dict[str, str],
     strip: Strip,
     places: Iterable[Place],
-    sought: Callable[[str], str] | None = None,
+    holding: Callable[[Collection[str]], Holds] = everything,
 ) -> Summary:
     """Counts of what would go for `found` (key to reason) and what an unfinished purge has left.
 
     `lines` has what each folder loses: raw answers that are changed or removed, rows, and files
-    that are made again. `sought` says which text stands in every answer that holds a key. Raises
+    that are made again. `holding` makes of keys what tells whether an answer may hold one. Raises
     DamagedData.
     """
     keys = purge.left_over(root, source) | found
-    holds = purge.finder(map(sought, keys)) if sought is not None else None
-    lines = [*_raw(root, source, keys, strip, holds)]
+    lines = [*_raw(root, source, keys, strip, search(root, source, holding(keys)))]
     seen = set()
     for place in (*places, *_released(places)) if keys else ():
         if place not in seen:
@@ -91,17 +91,14 @@ def plan(
 
 
 def _raw(
-    root: Path,
-    source: str,
-    keys: Collection[str],
-    strip: Strip,
-    holds: Callable[[bytes], bool] | None,
+    root: Path, source: str, keys: Collection[str], strip: Strip, found: Found
 ) -> Iterator[Line]:
     for kind in rawlog.kinds(root, source):
         changed = sum(
             1
-            for path in rawlog.segments(root, source, kind)
-            for _ in purge.stripped(path, kind, keys, strip, holds)
+            for path, places in found.items()
+            if path.parent.name == kind
+            for _ in purge.stripped(path, places, keys, strip)
         )
         yield Line(str(BELOW.raw(source, kind)), "answers", changed)
 

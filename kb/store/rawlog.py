@@ -51,8 +51,12 @@ class Envelope(msgspec.Struct):
     response: Any
 
 
+class _Undecoded(Envelope):
+    response: msgspec.Raw
+
+
 _encoder = msgspec.json.Encoder()
-_decoder = msgspec.json.Decoder(Envelope)
+_decoder, _undecoded = msgspec.json.Decoder(Envelope), msgspec.json.Decoder(_Undecoded)
 _UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
 
 
@@ -95,6 +99,14 @@ def decode(line: bytes) -> Envelope:
     try:
         return _decoder.decode(line)
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
+        raise DamagedData(f"a raw line is no envelope: {error}") from None
+
+
+def undecoded(line: bytes) -> Envelope:
+    """The same with its answer as it is written, a `msgspec.Raw`. Raises DamagedData."""
+    try:
+        return _undecoded.decode(line)
+    except msgspec.DecodeError as error:
         raise DamagedData(f"a raw line is no envelope: {error}") from None
 
 
@@ -286,30 +298,3 @@ class Segment:
         self._file = self.path.open("ab", buffering=0)
         self.size = 0
         sync_folder(self._base)
-
-
-def recover(root: Path, source: str) -> list[str]:
-    """Cut torn frames off the ends of open segments and close them; names of what was cut.
-
-    Called under the writer's lock, before anything is written, and after `kb.store.mending` took
-    out what had been committed and can't be read: only what no state knows is cut.
-    """
-    cut = []
-    for kind in kinds(root, source):
-        for path in segments(root, source, kind):
-            if not path.name.endswith(".open"):
-                continue
-            frames = Frames(path, mending=True)
-            for _ in frames:
-                pass
-            if frames.torn:
-                with path.open("r+b") as file:
-                    file.truncate(frames.good)
-                    os.fsync(file.fileno())
-                cut.append(f"{kind}/{base_name(path)}")
-            if frames.good == 0:
-                path.unlink()
-            else:
-                os.rename(path, path.with_name(path.name.removesuffix(".open")))
-            sync_folder(path.parent)
-    return cut

@@ -10,7 +10,7 @@ and the raw data have lost is (kb.store.mending).
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any, Self
 
@@ -19,18 +19,21 @@ from kb.core.errors import DamagedData
 from kb.store import mending, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope, Request, Segment
+from kb.store.recovery import recover
 
 _AGAIN = "run the same command again: it sets aside what can't be read and says what that held"
 Apply = Callable[[Frontier, str, Envelope], None]
 """Takes (frontier, kind, envelope) into the frontier; must be idempotent."""
+Replay = mending.Replay
+"""Takes (frontier, kind, lines) in, to the same effect."""
 
 
 class Recorder:
     """Writes a source's answers. Make it under the source's writer lock; close it at the end.
 
     `asked`: the kinds of items that a crawl asks for. Raw data that are damaged or missing are set
-    aside, and what they held becomes to do again: DamagedData (exit 1) names them once. With
-    `every` all segments are looked into, and the caller says what was found by `mending.tell`.
+    aside, and what they held becomes to do again: DamagedData (exit 1) names them once. Without
+    `tells` the caller says what was found by `mending.tell`.
     """
 
     def __init__(
@@ -39,20 +42,31 @@ class Recorder:
         source: str,
         frontier: Frontier,
         apply: Apply,
+        replay: Replay | None = None,
         *,
         asked: Collection[str] = (),
-        every: bool = False,
+        tells: bool = True,
     ) -> None:
         self._root, self._source, self._frontier, self._apply = root, source, frontier, apply
+        self._asked, self._take_in = asked, replay or _one_by_one(apply)
         self._segments: dict[str, Segment] = {}
         self._lock = threading.Lock()
         tombstones.heal(root, source)
-        mending.take_out(root, source, frontier, every=every)
-        self.cut = rawlog.recover(root, source)
-        self.replayed = self._replay()
-        mending.look_up(root, source, frontier, apply, asked)
-        if not every:
+        self._mend(every=False)
+        if tells:
             mending.tell(root, source, frontier)
+
+    def look_into_all(self) -> None:
+        """Set aside what can't be read of segments that nothing was wrong with by the state, and
+        look up what it held. The open segments must be closed.
+        """
+        self._mend(every=True)
+
+    def _mend(self, *, every: bool) -> None:
+        mending.take_out(self._root, self._source, self._frontier, every=every)
+        self.cut = recover(self._root, self._source)
+        self.replayed = self._replay()
+        mending.look_up(self._root, self._source, self._frontier, self._take_in, self._asked)
 
     def record(
         self,
@@ -104,14 +118,38 @@ class Recorder:
         count = 0
         for kind in rawlog.kinds(self._root, self._source):
             for path in rawlog.segments(self._root, self._source, kind):
-                name = rawlog.base_name(path)
-                start = self._frontier.offset(kind, name)
-                if start >= path.stat().st_size:
-                    continue
-                with self._frontier.transaction():
-                    frames = rawlog.Frames(path, start)
-                    for _, line in frames:
-                        self._apply(self._frontier, kind, rawlog.decode(line))
-                        count += 1
-                    self._frontier.set_offset(kind, name, frames.good)
+                try:
+                    count += self._replay_one(kind, path)
+                except DamagedData as error:
+                    if getattr(error, "path", None) != path:
+                        raise
+                    mending.take_out_of(path, kind, self._frontier)
+                    count += self._replay_one(kind, path)
         return count
+
+    def _replay_one(self, kind: str, path: Path) -> int:
+        """Raises DamagedData, with nothing taken in, where something can't be read."""
+        name, count = rawlog.base_name(path), 0
+        start = self._frontier.offset(kind, name)
+        if start >= path.stat().st_size:
+            return 0
+        frames = rawlog.Frames(path, start, checked=True)
+
+        def lines() -> Iterator[bytes]:
+            nonlocal count
+            for _, line in frames:
+                count += 1
+                yield line
+
+        with self._frontier.transaction():
+            self._take_in(self._frontier, kind, lines())
+            self._frontier.set_offset(kind, name, frames.good)
+        return count
+
+
+def _one_by_one(apply: Apply) -> Replay:
+    def take_in(frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
+        for line in lines:
+            apply(frontier, kind, rawlog.decode(line))
+
+    return take_in

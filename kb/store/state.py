@@ -21,6 +21,7 @@ from kb.store import sqlite
 from kb.store.atomic import full_disk_is_resumable, writing
 
 VERSION = 2
+_CACHE_KIB = 64 << 10
 _TABLES = """
 CREATE TABLE items (
   kind TEXT NOT NULL, key TEXT NOT NULL, seq INTEGER NOT NULL,
@@ -58,6 +59,9 @@ class State:
             self._db.execute("PRAGMA journal_mode = WAL")
             self._db.execute("PRAGMA synchronous = FULL")
             self._db.execute("PRAGMA secure_delete = ON")  # what is removed leaves its page
+            # Millions of items in one transaction would be written again and again with the 2 MiB
+            # that SQLite takes by itself.
+            self._db.execute(f"PRAGMA cache_size = -{_CACHE_KIB}")
             self._prepare()
             # Whatever was in flight when the last writer ended is asked again.
             self._db.execute("UPDATE items SET status = 'todo' WHERE status = 'in_progress'")

@@ -18,6 +18,7 @@ from kb.store.frontier import Frontier
 from kb.store.inside import is_inside
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import Strip, links_of, place_of, verdicts_of
+from kb.store.purge_search import Found
 from kb.wiki import tables
 from kb.wiki.payloads import PAYLOADS
 from kb.wiki.reduce import LEFT
@@ -47,8 +48,8 @@ def purge_raw(run: Run, ids: Path | None) -> frame.Keys:
         found = _gone(session.frontier) | dict.fromkeys([*known, *unknown], "named")
         return frame.Keys(found, {"unknown": len(unknown), "bad_lines": bad} if ids else {})
 
-    def remove(session: Session, keys: frame.Keys) -> None:
-        _remove(run.root, session.frontier, keys)
+    def remove(session: Session, keys: frame.Keys, found: Found) -> None:
+        _remove(run.root, session.frontier, keys, found)
 
     return frame.purge_raw(run, WikiSource(run), collect, exact=("renders",), remove=remove)
 
@@ -162,7 +163,7 @@ def _others(root: Path, frontier: Frontier, keys: Collection[str]) -> Others:
     return Others(titles, files, names, own)
 
 
-def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
+def _remove(root: Path, frontier: Frontier, keys: Collection[str], found: Found) -> None:
     others = _others(root, frontier, keys)
     for path in sorted(others.paths):
         (root / path).unlink(missing_ok=True)
@@ -170,7 +171,7 @@ def _remove(root: Path, frontier: Frontier, keys: Collection[str]) -> None:
     for key in keys:
         if key.isdigit():
             shutil.rmtree(Layout(root).captures / key, ignore_errors=True)
-    purge.rewrite_raw(root, "wiki", keys, others.strip(), frontier)
+    purge.rewrite_raw(root, "wiki", keys, others.strip(), frontier, found)
     marks = {
         _mark(title): key
         for key, _, _, page in frontier.items("pages")

@@ -16,6 +16,7 @@ from kb.crawl.purge import Keys
 from kb.store import purge_plan, rawlog
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import Place, links_of, place_of, verdicts_of
+from kb.store.purge_search import finder
 from kb.youtube import parse
 from kb.youtube.ids import read_ids
 from kb.youtube.reduce import RAW_TRANSCRIPTS, RAW_VIDEOS, REFRESH, TRANSCRIPTS, VIDEOS
@@ -46,7 +47,7 @@ def plan(run: Run, ids: Path | None) -> Summary:
     """What `kb purge youtube` would remove, counted. Changes nothing."""
     named, said = _named(ids)
     strip = purge.strip_of("youtube")
-    counts = purge_plan.plan(run.root, "youtube", collect(run, named), strip, ROWS, sought=str)
+    counts = purge_plan.plan(run.root, "youtube", collect(run, named), strip, ROWS, finder)
     return Summary(counts, **said)
 
 
@@ -98,7 +99,7 @@ def vanished(root: Path) -> set[str]:
     newest: dict[str, tuple[str, bool]] = {}
     decoder = msgspec.json.Decoder(_Answer)
     for path in rawlog.segments(root, "youtube", RAW_VIDEOS):
-        for _, line in rawlog.Frames(path):
+        for _, line in rawlog.Frames(path, checked=True):
             at, params, gone = _not_returned(decoder, line)
             for key in parse.requested(params):
                 if newest.get(key, ("", False))[0] <= at:

@@ -11,7 +11,7 @@ transcripts   key video id
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any
 
 import msgspec
@@ -43,6 +43,11 @@ _log = logging.getLogger("kb.youtube")
 
 Wanted = Callable[[Any], Iterable[str]]
 """Picks from parsed videos the ids of those whose transcript is worth asking for."""
+
+
+def nothing(rows: Any) -> Sequence[str]:
+    """For what asks for no transcript."""
+    return ()
 
 
 class Search(msgspec.Struct):
@@ -92,6 +97,11 @@ class Reducer:
             RAW_VIDEOS: self._videos,
             RAW_TRANSCRIPTS: self._transcript,
         }
+
+    @property
+    def wants(self) -> bool:
+        """Whether any video's transcript may be asked for."""
+        return self._wanted is not nothing
 
     def __call__(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """The effect of one envelope; other raw kinds have none."""
@@ -182,18 +192,25 @@ class Reducer:
         frontier.add(VIDEOS, asked)
         frontier.done(VIDEOS, *asked)
         frontier.done(REFRESH, *asked)
+        if not self.wants:
+            return
         for rows in parse.videos_of(envelope):
             keys = [key for key in self._wanted(rows) if key not in self._gone]
             frontier.add(TRANSCRIPTS, keys)
 
     def _transcript(self, frontier: Frontier, envelope: Envelope) -> None:
-        answer = envelope.response if isinstance(envelope.response, dict) else {}
-        key = str(answer.get("video_id", ""))
-        frontier.add(TRANSCRIPTS, [key])
-        if answer.get("outcome") in FINAL:
-            frontier.done(TRANSCRIPTS, key)
-        else:
-            frontier.error(TRANSCRIPTS, key, str(answer.get("reason") or "failed"))
+        mark = outcome(envelope.response)
+        frontier.add(TRANSCRIPTS, [mark[0]])
+        frontier.mark_each(TRANSCRIPTS, [mark])
+
+
+def outcome(response: Any) -> tuple[str, str, str | None]:
+    """What an answer about a transcript says of its item: (key, status, reason)."""
+    answer = response if isinstance(response, dict) else {}
+    key = str(answer.get("video_id", ""))
+    if answer.get("outcome") in FINAL:
+        return key, "done", None
+    return key, "error", str(answer.get("reason") or "failed")
 
 
 def without_channels(frontier: Frontier, keywords: Iterable[str]) -> list[str]:

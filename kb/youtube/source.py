@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -35,6 +35,7 @@ from kb.crawl.session import Session
 from kb.crawl.source import Answer, Opened, Phase, Plain
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
+from kb.youtube import replay
 from kb.youtube.api import GOOGLE
 from kb.youtube.assemble import assemble
 from kb.youtube.discover import extend, new_round, no_channel, reopen
@@ -52,6 +53,7 @@ from kb.youtube.reduce import (
     Reducer,
     Wanted,
     crawled,
+    nothing,
     without_channels,
 )
 from kb.youtube.transcripts import SITE
@@ -110,11 +112,6 @@ def _promising(worth: Worth, videos: pa.Table) -> list[str]:
     # No transcript is among them, so no words are counted.
     rows = assemble({"videos": videos}, words=pc.list_value_length)["youtube/videos"]
     return cast("list[str]", rows.filter(worth(rows))["video_id"].to_pylist())
-
-
-def nothing(rows: Any) -> Sequence[str]:
-    """For what asks for no transcript."""
-    return ()
 
 
 class YouTube(Plain):
@@ -197,6 +194,11 @@ class YouTube(Plain):
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """See kb.youtube.reduce."""
         self._reduce(frontier, kind, envelope)
+
+    def replay(self, frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
+        """As kb.youtube.replay."""
+        if not replay.take_in(self._reduce, frontier, kind, lines):
+            super().replay(frontier, kind, lines)
 
     def close(self) -> None:
         """Close the connections."""

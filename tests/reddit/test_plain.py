@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kb.core.profile import load_profile
-from kb.reddit import parse, plain
+from kb.reddit import heads, parse, plain
 
 LINKS = load_profile("minecraft").section("reddit").links
 
@@ -128,6 +128,14 @@ def test_columns_are_the_rows_field_by_field(
     careful = [row for line in lines for row in reader.envelope(line, marks=True)]
     found = [row for part in parse.rows(lines, kind, LINKS) for row in part.to_pylist()]
     assert found == parse.to_table(careful).to_pylist()
+    # What refresh and purge go by is read out of them without the texts.
+    kept = [
+        {name: row[name] for name in heads.COLUMNS}
+        for row in found
+        if row["state"] in ("there", "missing")
+    ]
+    brief = [row for part in heads.rows(lines, kind, LINKS) for row in part.to_pylist()]
+    assert brief == kept
 
 
 def test_comments_as_they_should_be_take_the_quick_path() -> None:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from kb.crawl.purge import strip_of
 from kb.store import purge, rawlog
 from kb.store.frontier import Frontier
+from kb.store.purge_search import finder, search
 from kb.store.rawlog import Envelope, Request
 
 keys = st.text(min_size=1, max_size=4) | st.sampled_from(["a", "é", 'q"', "b\\c", "7", "x/y", "\n"])
@@ -30,7 +31,7 @@ def test_no_answer_with_a_key_is_skipped(asked: list[str], ids: list[Any], gone:
     made = envelope(",".join(asked), ids)
     _, line = rawlog.storable(made)
     kept = rawlog.decode(line)
-    holds = purge.finder(gone)
+    holds = finder(gone)
     if strip_of("youtube")("videos", kept, set(gone)) is not kept:
         assert holds(line)
         assert holds(json.dumps(json.loads(line)).encode())  # whatever else wrote it
@@ -58,7 +59,8 @@ def test_only_answers_that_may_hold_a_key_are_decoded(segment: Path, tmp_path: P
     frames = list(rawlog.Frames(segment))
     frontier = Frontier(tmp_path / "state" / "youtube.sqlite")
     gone = {"v007", "v040", "w040"}
-    assert purge.rewrite_raw(tmp_path, "youtube", gone, strip, frontier, sought=gone) == 2
+    found = search(tmp_path, "youtube", finder(gone))
+    assert purge.rewrite_raw(tmp_path, "youtube", gone, strip, frontier, found) == 2
     assert seen == ["v007,w007", "v040,w040"]
     left = [one for _, one in rawlog.Frames(segment)]
     assert left[7] == rawlog.encode(envelope("w007", ["w007"]))
@@ -71,5 +73,6 @@ def test_only_answers_that_may_hold_a_key_are_decoded(segment: Path, tmp_path: P
     assert frontier.offset("videos", rawlog.base_name(segment)) == segment.stat().st_size
 
     again = segment.stat().st_mtime_ns
-    assert purge.rewrite_raw(tmp_path, "youtube", gone, strip, frontier, sought=gone) == 0
+    assert search(tmp_path, "youtube", finder(gone)) == {}
+    assert purge.rewrite_raw(tmp_path, "youtube", gone, strip, frontier, found={segment: []}) == 0
     assert segment.stat().st_mtime_ns == again  # nothing to take out: not written again

@@ -1,0 +1,36 @@
+"""Open segments of the raw log after their writer ended, however it did."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from kb.store.atomic import sync_folder
+from kb.store.rawlog import Frames, base_name, kinds, segments
+
+
+def recover(root: Path, source: str) -> list[str]:
+    """Cut torn frames off the ends of open segments and close them; names of what was cut.
+
+    Called under the writer's lock, before anything is written, and after `kb.store.mending` took
+    out what had been committed and can't be read: only what no state knows is cut.
+    """
+    cut = []
+    for kind in kinds(root, source):
+        for path in segments(root, source, kind):
+            if not path.name.endswith(".open"):
+                continue
+            frames = Frames(path, mending=True)
+            for _ in frames:
+                pass
+            if frames.torn:
+                with path.open("r+b") as file:
+                    file.truncate(frames.good)
+                    os.fsync(file.fileno())
+                cut.append(f"{kind}/{base_name(path)}")
+            if frames.good == 0:
+                path.unlink()
+            else:
+                os.rename(path, path.with_name(path.name.removesuffix(".open")))
+            sync_folder(path.parent)
+    return cut
