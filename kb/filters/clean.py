@@ -14,13 +14,12 @@ from __future__ import annotations
 import json
 import shutil
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from kb.core import pipeline, vocabulary
 from kb.core.context import Run
@@ -28,12 +27,13 @@ from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import CountMismatch, DamagedData, FatalError
 from kb.core.verdict import Summary, Tally
 from kb.filters.chain import VERDICTS, Clean
-from kb.filters.tasks import Job, parse_segment, removed_keys, sort_bucket, spec_of, texts_of
+from kb.filters.lost import unanswered
+from kb.filters.tasks import Job, parse_segment, sort_bucket, spec_of, texts_of
 from kb.schema.tables import table
-from kb.store import buckets, complete, indexed, mending, parquet, rawlog, tally, tombstones
+from kb.store import buckets, complete, indexed, mending, rawlog, tally, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.frontier import Frontier
-from kb.store.layout import Layout, parquet_files
+from kb.store.layout import Layout
 from kb.store.lock import of_clean, taking, writer
 from kb.store.shards import write_table
 
@@ -204,7 +204,7 @@ def _sort(run: Run, job: Job, executor: Any) -> Counter[str]:
             total.update(done)
             task.advance(1, kept=total["kept"], rejected=total["rejected"])
     if spec.unanswered is not None:
-        total.update(_unanswered(run, job, spec))
+        total.update(unanswered(job, spec))
     _write_empty(Path(job.out), spec)
     for cut in Path(job.out).rglob(
         ".*.tmp"
@@ -225,50 +225,6 @@ def _write_empty(out: Path, spec: Clean) -> None:
         path = out / declared.short / "part-00000.parquet"
         if not path.exists():
             write_table(path, declared.arrow().empty_table(), declared, sync=False)
-
-
-def _unanswered(run: Run, job: Job, spec: Clean) -> Counter[str]:
-    """Keys that the crawl gave up on and that have no row: failed.
-
-    One that waits for what was given up no longer waits.
-    """
-    assert spec.unanswered is not None
-    lost = dict(spec.unanswered(run.root))
-    waited = _ended(Path(job.out, "pending"), spec.ended_by_failure, lost)
-    places = [(chain.table, chain.key, chain.prefix) for chain in spec.chains] + [
-        (f"shared/{verdict}", "key", "") for verdict in VERDICTS
-    ]
-    for name, column, prefix in places if lost else ():
-        for path in parquet_files(Path(job.out, table(name).short)):
-            for key in parquet.read_table(path, columns=[column])[column].to_pylist():
-                lost.pop(f"{prefix}{key}", None)
-    for key in removed_keys(job.root, job.source, job.tombstones) if lost else ():
-        lost.pop(key, None)
-    if lost:
-        rows = pa.table({"key": list(lost), "reason": list(lost.values())})
-        write_table(Path(job.out, "failed", "part-crawl.parquet"), rows, "shared/failed")
-    return Counter(crawled=len(lost) - waited, failed=len(lost), pending=-waited)
-
-
-def _ended(pending: Path, reasons: tuple[str, ...], lost: Mapping[str, str]) -> int:
-    """Take the rows of the keys in `lost` that wait for one of these reasons out of the pending
-    ones; how many there were.
-    """
-    count = 0
-    keys, of = pa.array(lost, pa.string()), pa.array(reasons, pa.string())
-    for path in parquet_files(pending) if lost and reasons else ():
-        rows = parquet.read_table(path)
-        out = pc.and_(
-            pc.is_in(rows["key"].cast(pa.string()), keys),
-            pc.is_in(rows["reason"].cast(pa.string()), of),
-        )
-        left = rows.filter(pc.invert(out))
-        if left.num_rows < rows.num_rows:
-            count += rows.num_rows - left.num_rows
-            path.unlink()
-            if left.num_rows:
-                write_table(path, left, "shared/pending", sync=False)
-    return count
 
 
 def _summary(

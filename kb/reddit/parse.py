@@ -84,7 +84,7 @@ class Batch:
 
     def _page(self, page: plain.Page) -> None:
         params, dump = page.params, self._read.dump(page.endpoint, page.params)
-        about = about_of(params)
+        about, asked = about_of(params), asked_for(self._kind, params, 200)
         quick: list[Any] = []
         places: list[int] = []
         known: set[str] = set()
@@ -101,11 +101,12 @@ class Batch:
             if kind not in (tree.COMMENT, tree.POST):
                 stubs.append(thing)
             found = list(self._read.of_thing(thing, about))
-            known.update(row["fullname"] for row in found)
+            if asked:
+                known.update(row["fullname"] for row in found)
             self._careful(self._read.told(found, page.fetched_at, dump))
         self._plain.add(places, quick, page.fetched_at, dump)
-        known.update(f"t1_{record.id}" for record in quick)
-        asked = asked_for(self._kind, params, 200)
+        if asked:
+            known.update(f"t1_{record.id}" for record in quick)
         found = [row_of(name, post, "missing") for name, post in asked if name not in known]
         found += marked(self._kind, stubs, params, 200)
         self._careful(self._read.told(found, page.fetched_at, dump))

@@ -8,9 +8,10 @@ value is not what it should be, take the careful path, field by field, to the sa
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
-from typing import Any, Literal, NamedTuple
+from operator import attrgetter
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import msgspec
 import pyarrow as pa
@@ -27,21 +28,25 @@ LATEST = 253402300800  # seconds of Unix time: the year 10000
 _FAR = 1 << 62
 NOBODY = frozenset({"", "[deleted]", "[removed]"})
 # What the rules of the tables read besides the columns' own fields (kb.reddit.types, …tree).
-_BY_RULES = (
-    "children",
+_OF_ALL = (
+    "is_robot_indexable",
+    "removed_by_category",
+    "retrieved_on",
+    "retrieved_utc",
+    "selftext",
+    "title",
+)
+_OF_POSTS = (
+    "body",
     "crosspost_parent",
     "crosspost_parent_list",
     "gallery_data",
     "is_gallery",
-    "is_robot_indexable",
     "is_self",
     "is_video",
     "over_18",
     "permalink",
     "poll_data",
-    "removed_by_category",
-    "retrieved_on",
-    "retrieved_utc",
     "url",
     "url_overridden_by_dest",
 )
@@ -59,29 +64,50 @@ class Children(msgspec.Struct, gc=False):
     children: list[Thing]
 
 
-class Thing(msgspec.Struct, gc=False):
-    """A post, a comment or a stub."""
-
-    kind: Literal["t3", "t1", "more"]
-    data: Record  # type: ignore[valid-type]
-
-
-def _fields() -> list[str]:
-    columns = (*table("reddit/posts").columns, *table("reddit/comments").columns)
-    named = (one.source for one in columns if one.source.kind in ("posts", "comments"))
-    return sorted({source.path.partition(".")[0] for source in named}.union(_BY_RULES))
+def _record(name: str, *fields: str, **more: Any) -> type[msgspec.Struct]:
+    """The fields of a thing that are read; UNSET where it has none."""
+    read = [(field, Any, UNSET) for field in sorted({"id", *fields})]
+    typed = [(field, kind, UNSET) for field, kind in more.items()]
+    return msgspec.defstruct(name, [*read, *typed], module=__name__, gc=False)
 
 
-Record = msgspec.defstruct(
-    "Record",
-    [
-        *((name, Any, UNSET) for name in _fields()),
-        ("replies", "Listing | str | None | UnsetType", UNSET),
-    ],
-    module=__name__,
-    namespace={"__doc__": "The fields of a thing that are read; UNSET where it has none."},
-    gc=False,
+def _columns(of: str) -> list[str]:
+    named = (column.source for column in table(f"reddit/{of}").columns)
+    return [source.path.partition(".")[0] for source in named if source.kind == of]
+
+
+PostFields = _record("PostFields", *_columns("posts"), *_OF_ALL, *_OF_POSTS)
+CommentFields = _record(
+    "CommentFields",
+    *_columns("comments"),
+    *_OF_ALL,
+    replies="Listing | str | None | UnsetType",
 )
+StubFields = _record("StubFields", "children", "parent_id")
+
+
+class Post(msgspec.Struct, gc=False, tag_field="kind", tag="t3"):
+    """A post."""
+
+    kind: ClassVar[str] = tree.POST
+    data: PostFields  # type: ignore[valid-type]
+
+
+class Comment(msgspec.Struct, gc=False, tag_field="kind", tag="t1"):
+    """A comment with its replies."""
+
+    kind: ClassVar[str] = tree.COMMENT
+    data: CommentFields  # type: ignore[valid-type]
+
+
+class Stub(msgspec.Struct, gc=False, tag_field="kind", tag="more"):
+    """What stands for comments that the answer has not."""
+
+    kind: ClassVar[str] = "more"
+    data: StubFields  # type: ignore[valid-type]
+
+
+Thing = Post | Comment | Stub
 
 
 class _Things(msgspec.Struct, gc=False):
@@ -143,31 +169,36 @@ def page(line: bytes, kind: str) -> Page | None:
         envelope = _decoder(kind).decode(line)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
-    params, things = envelope.request.params, list(_walk(envelope.response))
+    params, things = envelope.request.params, _walked(envelope.response)
     if "since" in params or "until" in params:
         return None  # what is outside of the span is left out, row by row
-    if not all(type(one.data.id) is str and one.data.id for one in things if one.kind != "more"):
-        return None  # such a thing is known by all of its fields
+    for one in things:
+        key = one.data.id
+        if (type(key) is not str or not key) and one.kind != "more":
+            return None  # such a thing is known by all of its fields
     return Page(envelope.fetched_at, envelope.request.endpoint, params, things)
 
 
-def _walk(response: Any) -> Iterator[Any]:
+def _walked(response: Any) -> list[Any]:
     if isinstance(response, _More):
         stack: list[Any] = response.json.data.things[::-1]
     else:
         listings = response if isinstance(response, list) else [response]
         stack = [one for listing in listings for one in listing.data.children][::-1]
+    things = []
     while stack:
         thing = stack.pop()
-        yield thing
-        if thing.kind == "t1" and isinstance(thing.data.replies, Listing):
+        things.append(thing)
+        if thing.kind == tree.COMMENT and type(thing.data.replies) is Listing:
             stack.extend(reversed(thing.data.replies.data.children))
+    return things
 
 
 def fields_of(record: Any) -> dict[str, Any]:
     """The fields of a record as the answer's own object has them."""
-    named = ((name, getattr(record, name)) for name in record.__struct_fields__)
-    return {name: value for name, value in named if value is not UNSET and name != "replies"}
+    fields = msgspec.structs.asdict(record)
+    fields.pop("replies", None)
+    return {name: value for name, value in fields.items() if value is not UNSET}
 
 
 def is_plain(record: Any, *, escaped: bool) -> bool:
@@ -214,44 +245,76 @@ class Comments:
         return pa.table(columns, schema=schema)
 
     def _when(self, records: list[Any], live: bool) -> pa.Array[Any]:
-        return times(self._fetched_at)[0] if live else _moments(map(_retrieved, records))
+        if live:
+            return times(self._fetched_at)[0]
+        return _micros(pa.array(list(map(_retrieved, records)), pa.int64()))
 
 
 def _texts(values: Iterable[str | None]) -> pa.Array[Any]:
     return pa.array(values, pa.string())
 
 
+def _field(records: list[Any], name: str) -> pa.Array[Any] | None:
+    """A field of all records as text, null where it is null; None where one is something else."""
+    try:
+        return pa.array(list(map(attrgetter(name), records)), pa.string())
+    except (pa.ArrowTypeError, pa.ArrowInvalid):
+        return None
+
+
 def _bodies(records: list[Any], live: bool) -> pa.Array[Any]:
-    bodies = (one.body for one in records)
+    bodies = map(attrgetter("body"), records)
     if live:
-        return _texts(bodies)
-    return _texts(html.unescape(body) if "&" in body else body for body in bodies)
+        return _texts(list(bodies))
+    return _texts([html.unescape(body) if "&" in body else body for body in bodies])
+
+
+def _posts(records: list[Any]) -> pa.Array[Any]:
+    links = _field(records, "link_id")
+    if links is None or not pc.all(pc.fill_null(pc.starts_with(links, "t3_"), False)).as_py():
+        return _texts([tree.bare(one.link_id) for one in records])
+    posts: pa.Array[Any] = pc.utf8_slice_codeunits(links, 3)
+    return posts
+
+
+def _authors(records: list[Any]) -> pa.Array[Any]:
+    names = _field(records, "author")
+    if names is None:
+        names = _texts([one.author if type(one.author) is str else None for one in records])
+    nobody = pc.is_in(names, value_set=pa.array(NOBODY, pa.string()))
+    known: pa.Array[Any] = pc.if_else(nobody, pa.scalar(None, pa.string()), names)
+    return known
 
 
 def _scores(records: list[Any]) -> pa.Array[Any]:
     return pa.array([None if one.score is UNSET else one.score for one in records], pa.int64())
 
 
+def _made(records: list[Any]) -> pa.Array[Any]:
+    seconds = pa.array(list(map(attrgetter("created_utc"), records)), pa.float64())
+    return _micros(seconds.cast(pa.int64(), safe=False))  # what is behind the point is left out
+
+
+def _micros(seconds: pa.Array[Any]) -> pa.Array[Any]:
+    micros: pa.Array[Any] = pc.multiply(seconds, 1_000_000)
+    return micros
+
+
 # How each column of a batch of comments is made: (comments, their records, whether they are live).
 _COLUMNS: dict[str, Callable[[Comments, list[Any], bool], pa.Array[Any]]] = {
-    "fullname": lambda _, records, live: _texts(f"t1_{one.id}" for one in records),
-    "post_id": lambda _, records, live: _texts(_bare(one.link_id) for one in records),
+    "fullname": lambda _, records, live: _texts([f"t1_{one.id}" for one in records]),
+    "post_id": lambda _, records, live: _posts(records),
     "state": lambda _, records, live: pa.repeat("there", len(records)),
     "fetched_at": Comments._when,
     "live": lambda _, records, live: pa.repeat(pa.scalar(live), len(records)),
     "dump": lambda these, records, live: _texts(these._dumps),
     "text": lambda _, records, live: _bodies(records, live),
-    "author_hash": lambda _, records, live: _texts(_author(one.author) for one in records),
+    "author_hash": lambda _, records, live: _authors(records),
     "score": lambda _, records, live: _scores(records),
-    "created_utc": lambda _, records, live: _moments(int(one.created_utc) for one in records),
-    "parent_id": lambda _, records, live: _texts(one.parent_id for one in records),
+    "created_utc": lambda _, records, live: _made(records),
+    "parent_id": lambda _, records, live: _texts(list(map(attrgetter("parent_id"), records))),
     "problems": lambda _, records, live: problems({}, len(records)),
 }
-
-
-def _moments(seconds: Iterable[int | None]) -> pa.Array[Any]:
-    micros: pa.Array[Any] = pc.multiply(pa.array(seconds, pa.int64()), 1_000_000)
-    return micros
 
 
 def _retrieved(record: Any) -> int | None:
@@ -260,16 +323,6 @@ def _retrieved(record: Any) -> int | None:
     if utc is UNSET and type(on) is int and 0 < on < LATEST:
         return on
     return retrieved({"retrieved_utc": utc, "retrieved_on": on})
-
-
-def _bare(fullname: Any) -> str:
-    if type(fullname) is str and fullname[:3] == "t3_":
-        return fullname[3:]
-    return tree.bare(fullname)
-
-
-def _author(name: Any) -> str | None:
-    return name if type(name) is str and name not in NOBODY else None
 
 
 def in_order(tables: Sequence[pa.Table], places: Sequence[list[int]]) -> pa.Table:

@@ -113,21 +113,23 @@ def depths(parents: Iterable[tuple[str, str | None]]) -> dict[str, int | None]:
     0 for an answer to the post, null when an ancestor is unknown (or the chain is a ring).
     """
     parent = dict(parents)
-    known: dict[str, int | None] = {}
-    for start in parent:
-        chain: list[str] = []
-        walked: set[str] = set()
-        key, base = start, None
-        while key in parent and key not in known and key not in walked:
-            chain.append(key)
-            walked.add(key)
-            above = parent[key]
-            if above is None or above.startswith("t3_"):
-                key, base = "", None if above is None else -1
-            else:
-                key = bare(above)
-        if key in known:
-            base = known[key]
+    known: dict[str, int | None] = {
+        key: None if above is None else 0
+        for key, above in parent.items()
+        if above is None or above.startswith("t3_")
+    }
+    for start, above in parent.items():
+        if start in known:
+            continue
+        chain = [start]
+        key = bare(above)
+        if key not in known:
+            walked = {start}
+            while key in parent and key not in known and key not in walked:
+                chain.append(key)
+                walked.add(key)
+                key = bare(parent[key])
+        base = known.get(key)  # None as well where nothing is known of it, and in a ring
         for name in reversed(chain):
             base = None if base is None else base + 1
             known[name] = base

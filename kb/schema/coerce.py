@@ -7,7 +7,6 @@ whole column; only a column that holds something odd is gone through value by va
 
 from __future__ import annotations
 
-import itertools
 import json
 import re
 from collections.abc import Callable, Sequence
@@ -30,7 +29,6 @@ _DURATION = re.compile(
 _SECONDS = (604_800, 86_400, 3_600, 60, 1)
 _TIME = r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?Z$"
 _LARGEST = (1 << 63) - 1
-_EXACT = 1 << 53  # up to here a float holds every whole number
 
 
 class Wrong:
@@ -47,8 +45,6 @@ def coerce(
 
     `clean` is the caller's word that no text holds a NUL.
     """
-    if kind.item is not None and kind.item.fields:
-        return records(values, kind, clean=clean)
     if kind.item is not None:
         return lists(values, kind, clean=clean)
     if kind.text.startswith("timestamp"):
@@ -60,7 +56,7 @@ def coerce(
             return durations(values)
         return integers(values, types(schema))
     if kind.text.startswith("float"):
-        return _each(values, kind.arrow(), _number)
+        return _each(values, kind.arrow(), a_number)
     return texts(values, clean=clean)
 
 
@@ -69,9 +65,9 @@ def texts(values: Sequence[Any], *, clean: bool = False) -> tuple[pa.Array[Any],
     try:
         column = pa.array(values, pa.string())
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
-        return _each(values, pa.string(), _text)
+        return _each(values, pa.string(), a_text)
     if not clean and _holds_nul(column):
-        return _each(values, pa.string(), _text)
+        return _each(values, pa.string(), a_text)
     return column, []
 
 
@@ -160,78 +156,6 @@ def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa
     return pc.fill_null(column, pa.scalar(empty, kind.arrow())) if bad else column, bad
 
 
-def records(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
-    """Lists of fixed rows ([start, duration, text]) → lists of structs.
-
-    A column of each field is made of all rows at once; only lists that hold something odd are gone
-    through cell by cell.
-    """
-    assert kind.item is not None
-    fields = kind.item.fields
-    try:
-        return _structs(values, kind, clean=clean), []
-    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError, TypeError):
-        pass
-    makers: list[Callable[[Any], Any]] = [
-        _text if inner.text == "string" else _number for _, inner in fields
-    ]
-    bad: Bad = []
-    made = list(values)
-    for row, value in enumerate(values):
-        if _plain(value, makers):
-            continue
-        try:
-            made[row] = [_record(item, makers) for item in _list(value)]
-        except (ValueError, KeyError, TypeError, OverflowError):
-            made[row] = None
-            bad.append((row, shown(value)))
-    return _structs(made, kind, clean=True), bad
-
-
-def _structs(values: Sequence[Any], kind: Type, *, clean: bool) -> pa.Array[Any]:
-    """Lists of records as they should be. Raises TypeError or what Arrow raises for any other."""
-    assert kind.item is not None
-    fields = kind.item.fields
-    there = [value for value in values if value is not None]
-    rows = list(itertools.chain.from_iterable(there))
-    if set(map(type, there)) - {list} or set(map(type, rows)) - {list, tuple}:
-        raise TypeError
-    if set(map(len, rows)) - {len(fields)}:
-        raise TypeError
-    cells = list(itertools.chain.from_iterable(rows))
-    columns: list[pa.Array[Any]] = []
-    for place, (_, inner) in enumerate(fields):
-        column = cells[place :: len(fields)]
-        text = inner.text == "string"
-        if not text and set(map(type, column)) - {float, int}:
-            raise TypeError  # Arrow would take true as 1
-        columns.append(pa.array(column, inner.arrow()))
-        if columns[-1].null_count or (text and not clean and _holds_nul(columns[-1])):
-            raise TypeError
-    struct = pa.StructArray.from_arrays(columns, names=[name for name, _ in fields])
-    offsets = pa.array([0, *itertools.accumulate(len(row or ()) for row in values)], pa.int32())
-    absent = [row is None for row in values]
-    mask = pa.array(absent, pa.bool_()) if len(there) < len(values) else None
-    return pa.ListArray.from_arrays(offsets, struct, type=kind.arrow(), mask=mask)
-
-
-def _plain(value: Any, makers: list[Callable[[Any], Any]]) -> bool:
-    """Whether a list of records is one that Arrow takes as it is."""
-    if value is None:
-        return True
-    if type(value) is not list or set(map(type, value)) - {list}:
-        return False
-    if set(map(len, value)) - {len(makers)}:
-        return False
-    return all(
-        (type(cell) is str and not _UNHOLDABLE.search(cell))
-        if make is _text
-        else (type(cell) is float or (type(cell) is int and abs(cell) <= _EXACT))
-        for record in value
-        for make, cell in zip(makers, record, strict=True)
-    )
-
-
 def _holds_nul(texts: pa.Array[Any]) -> bool:
     return bool(pc.any(pc.match_substring(texts, "\0")).as_py())
 
@@ -259,13 +183,15 @@ def _each(
     return pa.array(made, kind), bad
 
 
-def _text(value: Any) -> str:
+def a_text(value: Any) -> str:
+    """A string as Arrow can hold it. Raises TypeError for what is none."""
     if not isinstance(value, str):
         raise TypeError
     return _UNHOLDABLE.sub("\ufffd", value)
 
 
-def _number(value: Any) -> float:
+def a_number(value: Any) -> float:
+    """A number as a float. Raises TypeError for what is none, OverflowError for a huge one."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise TypeError
     return float(value)
@@ -322,8 +248,4 @@ def _list(value: Any) -> list[Any]:
 
 
 def _strings(value: Any) -> list[str]:
-    return [_text(item) for item in _list(value)]
-
-
-def _record(value: Any, makers: list[Callable[[Any], Any]]) -> tuple[Any, ...]:
-    return tuple(make(item) for make, item in zip(makers, _list(value), strict=True))
+    return [a_text(item) for item in _list(value)]

@@ -10,10 +10,9 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from itertools import chain, repeat
 from operator import attrgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import pyarrow as pa
@@ -22,27 +21,28 @@ import pyarrow.compute as pc
 from kb.core.errors import DamagedData
 from kb.schema import raw
 from kb.schema.coerce import Wrong, coerce, times
+from kb.schema.records import texts, verbatim
 from kb.schema.tables import Column, Table
 
 _UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
+_NULL = msgspec.Raw(b"null")
 
 
-@dataclass
-class Answer:
-    """One decoded envelope: `values` has one list for each column of the reader, all of `size`."""
+class Answer(NamedTuple):
+    """One decoded envelope; its records have the reader's fields and no others."""
 
     fetched_at: str | None
     params: dict[str, Any]
     status: int
-    size: int
-    values: list[list[Any]]
+    records: list[Any]
 
 
 class Reader:
     """Reads envelopes of one raw kind into the columns of `declared` that come from it.
 
     `note_absent`: whether a null where none may be is a problem (not for answers that may hold
-    an outcome without a row).
+    an outcome without a row). Lists of fixed rows stay as they are in the answer, as JSON text:
+    kb.schema.records makes columns of them.
     """
 
     def __init__(self, declared: Table, kind: str, *, note_absent: bool = True) -> None:
@@ -57,7 +57,8 @@ class Reader:
             for path in paths
         ]
         self._schemas = [raw.at(self._kind, path) or {} for path in paths]
-        response = _struct("Record", _tree(self._paths))
+        self._verbatim = [_is_records(column) for column in self.columns]
+        response = self._record = _struct("Record", _tree(self._paths, self._verbatim))
         if self._listed:
             items: Any = ("items", list[response], msgspec.field(default_factory=list))  # type: ignore[valid-type]
             response = msgspec.defstruct("Response", [items])
@@ -74,7 +75,7 @@ class Reader:
             ],
         )
         self._decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(envelope)
-        self._parents = sorted({tuple(path[:-1]) for path in self._paths}, key=len)
+        self._take = [attrgetter(".".join(path)) for path in self._paths]
 
     def answer(self, line: bytes) -> Answer:
         """Decodes one envelope. Raises DamagedData when the line is no envelope at all."""
@@ -85,22 +86,13 @@ class Reader:
                 pass
             else:
                 records = got.response.items if self._listed else [got.response]
-                return Answer(
-                    got.fetched_at,
-                    got.request.params,
-                    got.status,
-                    len(records),
-                    self._columns_of(records),
-                )
+                return Answer(got.fetched_at, got.request.params, got.status, records)
         return self._patient(line)
 
-    def _columns_of(self, records: list[Any]) -> list[list[Any]]:
-        """A list for each path; each parent object is reached once."""
-        parents: dict[tuple[str, ...], list[Any]] = {(): records}
-        for parent in self._parents:
-            if parent:
-                parents[parent] = list(map(attrgetter(".".join(parent)), records))
-        return [list(map(attrgetter(path[-1]), parents[tuple(path[:-1])])) for path in self._paths]
+    def values(self, name: str, records: Iterable[Any]) -> list[Any]:
+        """What the records have for a column, as JSON gave it."""
+        places = (place for place, column in enumerate(self.columns) if column.name == name)
+        return list(map(self._take[next(places)], records))
 
     def _patient(self, line: bytes) -> Answer:
         try:
@@ -123,8 +115,18 @@ class Reader:
                 if isinstance(items, list)
                 else []
             )
-        values = [[_follow(record, path) for record in records] for path in self._paths]
-        return Answer(fetched_at, params, status, len(records), values)
+        return Answer(fetched_at, params, status, [self._made(record) for record in records])
+
+    def _made(self, record: Any) -> Any:
+        """A decoded object as a record."""
+        made = self._record()
+        for path, is_records in zip(self._paths, self._verbatim, strict=True):
+            value = _follow(record, path)
+            inner = made
+            for step in path[:-1]:
+                inner = getattr(inner, step)
+            setattr(inner, path[-1], verbatim(value) if is_records else value)
+        return made
 
     def tables(self, lines: Iterable[bytes], rows: int) -> Iterator[tuple[pa.Table, list[Answer]]]:
         """Batches of about `rows` rows with the answers they came from.
@@ -140,7 +142,7 @@ class Reader:
             if answer.status != 200:
                 continue
             waiting.append(answer)
-            size += max(1, answer.size)
+            size += max(1, len(answer.records))
             if size >= rows:
                 yield self.table(waiting), waiting
                 waiting, size = [], 0
@@ -149,11 +151,14 @@ class Reader:
 
     def table(self, answers: list[Answer]) -> pa.Table:
         """The columns of some answers."""
-        size = sum(answer.size for answer in answers)
+        records = list(chain.from_iterable(answer.records for answer in answers))
         data: dict[str, pa.Array[Any]] = {}
         found: dict[int, list[tuple[str, str, str | None]]] = {}
         for number, (column, schema) in enumerate(zip(self.columns, self._schemas, strict=True)):
-            values = list(chain.from_iterable(answer.values[number] for answer in answers))
+            values = list(map(self._take[number], records))
+            if self._verbatim[number]:
+                data[column.name] = texts(values)
+                continue
             array, bad = coerce(values, column.parsed, schema, clean=True)  # answer() saw to it
             for row, text in bad:
                 found.setdefault(row, []).append((column.name, "malformed", text))
@@ -162,11 +167,11 @@ class Reader:
             data[column.name] = array
         moments, _ = times([answer.fetched_at for answer in answers])
         spread = pa.array(
-            list(chain.from_iterable(repeat(n, one.size) for n, one in enumerate(answers))),
+            list(chain.from_iterable(repeat(n, len(one.records)) for n, one in enumerate(answers))),
             pa.int32(),
         )
         data["fetched_at"] = moments.take(spread)
-        data["problems"] = problems(found, size)
+        data["problems"] = problems(found, len(records))
         return pa.table(data)
 
 
@@ -195,21 +200,28 @@ def _note_absent(
             found.setdefault(row, []).append((name, "absent", None))
 
 
-def _tree(paths: list[list[str]]) -> dict[str, Any]:
+def _is_records(column: Column) -> bool:
+    item = column.parsed.item
+    return item is not None and bool(item.fields)
+
+
+def _tree(paths: list[list[str]], verbatim: list[bool]) -> dict[str, Any]:
     tree: dict[str, Any] = {}
-    for path in paths:
+    for path, is_records in zip(paths, verbatim, strict=True):
         node = tree
         for step in path[:-1]:
             node = node.setdefault(step, {})
-        node[path[-1]] = None
+        node[path[-1]] = msgspec.Raw if is_records else Any
     return tree
 
 
 def _struct(name: str, tree: dict[str, Any]) -> type[msgspec.Struct]:
     fields: list[Any] = []
     for key, below in tree.items():
-        if below is None:
-            fields.append((key, Any, None))
+        if below is msgspec.Raw:
+            fields.append((key, below, _NULL))
+        elif below is Any:
+            fields.append((key, below, None))
         else:
             inner = _struct(key.capitalize(), below)
             fields.append((key, inner, msgspec.field(default_factory=inner)))

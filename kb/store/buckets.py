@@ -159,7 +159,7 @@ def newest_of(
 
 def _read(path: Path, kind: Kind, wanted: pa.Array[Any] | None) -> pa.Table:
 
-    with pa.ipc.open_file(str(path)) as file:
+    with pa.ipc.open_file(pa.memory_map(str(path))) as file:
         if wanted is None:
             return file.read_all()
         batches = (file.get_batch(number) for number in range(file.num_record_batches))

@@ -30,8 +30,9 @@ class Shuffle:
             if bucket not in self._writers:
                 path = self._folder / str(bucket) / f"{self._name}.arrow"
                 path.parent.mkdir(parents=True, exist_ok=True)
-                options = pa.ipc.IpcWriteOptions(compression="lz4")
-                self._writers[bucket] = pa.ipc.new_file(str(path), part.schema, options=options)
+                # Not compressed: what is written and read once costs less as it is, and a reader
+                # maps it into memory.
+                self._writers[bucket] = pa.ipc.new_file(str(path), part.schema)
             self._writers[bucket].write_table(part)
 
     def __enter__(self) -> Self:

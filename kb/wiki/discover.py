@@ -15,7 +15,7 @@ from kb.core.profile.wiki import Wiki
 from kb.store import rawlog, sidefiles, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
-from kb.wiki import reduce, tables
+from kb.wiki import extraction, reduce
 from kb.wiki.payloads import Site, Title
 
 
@@ -172,7 +172,7 @@ def _with_sprites(frontier: Frontier, root: Path, names: set[str]) -> set[str]:
         if page.rendered is not None:
             folder = Layout(root).captures / key / str(page.rendered[0])
             try:
-                sprites = tables.read_extraction(root, folder).get("sprites", {})
+                sprites = extraction.sprites(root, folder)
             except DamagedData:
                 found.add(key)
                 continue

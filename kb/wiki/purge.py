@@ -19,7 +19,7 @@ from kb.store.inside import is_inside
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import Strip, links_of, place_of, verdicts_of
 from kb.store.purge_search import Found
-from kb.wiki import tables
+from kb.wiki import extraction, tables
 from kb.wiki.payloads import PAYLOADS
 from kb.wiki.reduce import LEFT
 from kb.wiki.source import WikiSource
@@ -150,7 +150,7 @@ def _others(root: Path, frontier: Frontier, keys: Collection[str]) -> Others:
         shown[gone] |= {file["key"]: file["title"] for file in answer["files"]}
         folder = root / answer["folder"]
         if is_inside(root, answer["folder"]) and (folder / "extraction.json.zst").exists():
-            sprites = tables.read_extraction(root, folder).get("sprites", {})
+            sprites = extraction.sprites(root, folder)
             paths[gone] |= {str(BELOW.images / f"{name}.png") for name in sprites.values()}
     files = shown[True].keys() - shown[False].keys()
     names = {name for name in shown[True].values() if name} - set(shown[False].values())

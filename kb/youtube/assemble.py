@@ -112,7 +112,7 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
             (column.name, column.parsed.arrow()) for column in (*names.columns, *names.inputs)
         ]
         return pa.schema([*fields, ("word_count", pa.int64())]).empty_table()
-    rows = rows.filter(pc.is_valid(rows["video_id"]))
+    rows = parse.with_cues(rows.filter(pc.is_valid(rows["video_id"])))
     whole = pc.and_(
         pc.and_(pc.is_valid(rows["cues"]), pc.is_valid(rows["kind"])),
         pc.is_valid(rows["language"]),

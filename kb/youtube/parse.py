@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.schema.coerce import times
 from kb.schema.decode import Answer, Reader, problems
+from kb.schema.records import records
 from kb.schema.tables import table
 from kb.store.rawlog import Envelope
 
@@ -47,11 +48,10 @@ def videos_of(envelope: Envelope) -> Iterator[pa.Table]:
 
 def _with_missing(reader: Reader, got: pa.Table, answers: list[Answer]) -> Iterator[pa.Table]:
     """The rows that have an id, and one for each id that was asked for and not returned."""
-    place = [column.name for column in reader.columns].index("video_id")
     got = got.filter(pc.is_valid(got["video_id"]))
     got = got.append_column("missing", pa.repeat(pa.scalar(False), got.num_rows))
     yield got
-    gone = [(key, answer) for answer in answers for key in _not_returned(answer, place)]
+    gone = [(key, answer) for answer in answers for key in _not_returned(reader, answer)]
     if gone:
         yield _missing(gone, got.schema)
 
@@ -59,9 +59,9 @@ def _with_missing(reader: Reader, got: pa.Table, answers: list[Answer]) -> Itera
 def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
     """Outcomes of transcripts → one row each.
 
-    Columns: `video_id`, `outcome`, `kind`, `language`, `cues`, `player_width`, `player_height`
-    (px), `player_fps`, `game_label_id`, `game_label`, `fetched_at`, `problems`, and `final`: false
-    for an outcome that is tried again.
+    Columns: `video_id`, `outcome`, `kind`, `language`, `cues` (as JSON text: see `with_cues`),
+    `player_width`, `player_height` (px), `player_fps`, `game_label_id`, `game_label`, `fetched_at`,
+    `problems`, and `final`: false for an outcome that is tried again.
     """
     for got, _ in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(
         lines, rows
@@ -69,6 +69,36 @@ def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
         yield got.append_column(
             "final", pc.fill_null(pc.not_equal(got["outcome"], "failed"), False)
         )
+
+
+def with_cues(rows: pa.Table) -> pa.Table:
+    """Rows of `transcripts` with `cues` as a column, and those that can't be read among the
+    problems.
+    """
+    kind = table("youtube/transcripts").column("cues").parsed
+    made: list[pa.Array[Any]] = [pa.array([], kind.arrow())]
+    bad: dict[int, str] = {}
+    done = 0
+    for texts in rows["cues"].chunks:
+        cues, odd = records(texts, kind)
+        made.append(cues)
+        bad |= {done + row: text for row, text in odd}
+        done += len(texts)
+    if bad:
+        told = _with_problems(cast("list[Any]", rows["problems"].to_pylist()), bad)
+        rows = rows.set_column(rows.column_names.index("problems"), "problems", told)
+    return rows.set_column(rows.column_names.index("cues"), "cues", pa.chunked_array(made))
+
+
+def _with_problems(told: list[list[dict[str, Any]]], bad: dict[int, str]) -> pa.Array[Any]:
+    names = ("column", "reason", "value")
+    found = {
+        row: [tuple(entry[name] for name in names) for entry in entries]
+        for row, entries in enumerate(told)
+    }
+    for row, text in bad.items():
+        found[row].append(("cues", "malformed", text))
+    return problems(found, len(told))
 
 
 def requested(params: dict[str, Any]) -> list[str]:
@@ -115,8 +145,8 @@ def _reader(name: str, kind: str, *, note_absent: bool = True) -> Reader:
     return Reader(table(name), kind, note_absent=note_absent)
 
 
-def _not_returned(answer: Answer, place: int) -> list[str]:
-    asked, got = requested(answer.params), answer.values[place]
+def _not_returned(reader: Reader, answer: Answer) -> list[str]:
+    asked, got = requested(answer.params), reader.values("video_id", answer.records)
     if asked == got:
         return []
     there = {value for value in got if isinstance(value, str)}

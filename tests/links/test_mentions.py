@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -156,7 +157,7 @@ def test_a_page_s_text_is_that_whose_words_are_counted(
         for at, (kind, visible, parent, text) in enumerate(elements):
             above = parent if 0 <= parent < at else None
             one = {"id": at, "parent": above, "kind": kind, "visible": visible, "text": text}
-            found.append(one)
+            found.append(SimpleNamespace(**one))
             rows.append(
                 {
                     "page_id": page,
@@ -168,7 +169,7 @@ def test_a_page_s_text_is_that_whose_words_are_counted(
                 }
             )
         tops = wiki_tables.tops(found)
-        wanted += [(page, one["id"]) for one in tops if one["text"] is not None]
+        wanted += [(page, one.id) for one in tops if one.text is not None]
     names = ("page_id", "element_id", "parent_id", "kind", "visible", "text")
     types = (pa.int64(), pa.int64(), pa.int64(), pa.string(), pa.bool_(), pa.string())
     table = pa.Table.from_pylist(rows, pa.schema(zip(names, types, strict=True)))

@@ -6,12 +6,16 @@ import json
 from datetime import UTC, datetime, timedelta, timezone
 from typing import Any
 
+import msgspec
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kb.schema import coerce, table
+from kb.core.errors import DamagedData
+from kb.schema import coerce, records, table
 from kb.schema.decode import Reader
 from kb.schema.types import parse_type
+from kb.youtube import parse
 
 scalars = (
     st.none()
@@ -134,7 +138,7 @@ number = st.floats(0, 1e5) | st.integers(-5, 10**6)
 odd_number = st.sampled_from([-0.0, 2**53, 2**53 + 1, -(2**53) - 1, 2**64, 10**30, True, "1", None])
 nan = st.sampled_from([float("nan"), float("inf")])  # json.loads takes them
 words = st.text("ab \n♪é", max_size=9)
-odd_words = st.sampled_from(["a\0b", "\ud800", b"x", None, 3, ["a"]])
+odd_words = st.sampled_from(["a\0b", "\ud800", "\\u0000", None, 3, ["a"]])
 good_cue = st.tuples(number, number, words).map(list)
 odd_cue = (
     st.tuples(number | odd_number | nan, number | odd_number, words | odd_words).map(list)
@@ -143,6 +147,10 @@ odd_cue = (
 )
 good_cues = st.none() | st.lists(good_cue, max_size=4)
 odd_cues = st.lists(good_cue | odd_cue, max_size=4) | scalars | st.just({"a": 1})
+
+
+def as_columns(values: list[Any]) -> tuple[Any, list[tuple[int, str]]]:
+    return records.records(records.texts([records.verbatim(value) for value in values]), CUES)
 
 
 def cell_by_cell(values: list[Any]) -> tuple[list[Any], list[tuple[int, str]]]:
@@ -179,7 +187,7 @@ def _a_list(value: Any) -> list[Any]:
 @given(st.lists(good_cues, max_size=4), st.lists(good_cues | odd_cues, max_size=4))
 def test_cues_as_columns_are_the_cues_cell_by_cell(good: list[Any], odd: list[Any]) -> None:
     values = [*good, *odd]
-    column, bad = coerce.coerce(values, CUES, {})
+    column, bad = as_columns(values)
     expected, expected_bad = cell_by_cell(values)
     assert repr(column.to_pylist()) == repr(expected)  # by repr: NaN is NaN, -0.0 is not 0.0
     assert bad == expected_bad
@@ -189,7 +197,7 @@ def test_cues_as_columns_are_the_cues_cell_by_cell(good: list[Any], odd: list[An
 def test_one_odd_list_of_cues_costs_that_list_only() -> None:
     huge = 10**400  # no float holds it
     values = [[[0, 1.5, "a"]], [[huge, 1, "b"]], None, [[True, 1, "c"]], [], [[2**53 + 1, 1, "d"]]]
-    column, bad = coerce.coerce(values, CUES, {})
+    column, bad = as_columns(values)
     assert [row for row, _ in bad] == [1, 3]
     assert column.to_pylist() == [
         [{"start_s": 0.0, "duration_s": 1.5, "text": "a"}],
@@ -199,6 +207,31 @@ def test_one_odd_list_of_cues_costs_that_list_only() -> None:
         [],
         [{"start_s": 2.0**53, "duration_s": 1.0, "text": "d"}],
     ]
+
+
+@pytest.mark.parametrize(
+    ("cues", "starts"),
+    [
+        (b'[[-0,1,"a"]]', [0.0]),
+        (b'[[1e400,1,"a"]]', [float("inf")]),
+        (b'[[1E-3,1,"a"], [2.50,1,"\xc3\xa9"]]', [0.001, 2.5]),
+        (b'[[1,1,"\xed\xa0\x80"]]', [1.0]),  # half of a pair, as some write it
+        (b"[[1,1]]", None),
+        (b'[[1,1,"a",2]]', None),
+        (b"{}", None),
+    ],
+)
+def test_numbers_and_texts_as_json_may_write_them(cues: bytes, starts: list[float] | None) -> None:
+    column, bad = records.records(records.texts([msgspec.Raw(b"null"), msgspec.Raw(cues)]), CUES)
+    nothing, one = column.to_pylist()
+    assert nothing is None
+    assert (one and repr([cue["start_s"] for cue in one])) == (starts and repr(starts))
+    assert [row for row, _ in bad] == ([] if starts else [1])
+
+
+def test_a_list_that_is_no_text_is_damage() -> None:
+    with pytest.raises(DamagedData, match="no envelope"):
+        records.texts([msgspec.Raw(b'[[1,1,"\xff"]]')])
 
 
 transcript = st.fixed_dictionaries(
@@ -233,12 +266,12 @@ def test_typed_and_patient_decoding_give_equal_tables(responses: list[Any]) -> N
         ).encode()
         for response in responses
     ]
-    together = reader.table([reader.answer(line) for line in lines])
-    patient = reader.table([reader._patient(line) for line in lines])
+    together = parse.with_cues(reader.table([reader.answer(line) for line in lines]))
+    patient = parse.with_cues(reader.table([reader._patient(line) for line in lines]))
     assert repr(together.to_pylist()) == repr(patient.to_pylist())
     assert together.schema == patient.schema
     # And none of them changes another.
-    apart = [reader.table([reader.answer(line)]).to_pylist()[0] for line in lines]
+    apart = [parse.with_cues(reader.table([reader.answer(line)])).to_pylist()[0] for line in lines]
     assert repr(together.to_pylist()) == repr(apart)
 
 

@@ -154,5 +154,5 @@ def test_comments_as_they_should_be_take_the_quick_path() -> None:
 
 @pytest.mark.parametrize("field", ["body", "parent_id", "created_utc"])
 def test_a_comment_without_a_needed_field_is_looked_at_twice(field: str) -> None:
-    record = plain.Record(**{name: value for name, value in whole.items() if name != field})
+    record = plain.CommentFields(**{name: value for name, value in whole.items() if name != field})
     assert not plain.is_plain(record, escaped=False)

@@ -1,0 +1,142 @@
+"""What the page script saw of a captured page, as it lies beside the raw log.
+
+Decoded into types that hold the fields which `schemas/tables/wiki/` names in `from` and those that
+its rules read. An extraction of another form is read field by field, to the same records.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import zstandard
+
+from kb.schema.tables import Column, table
+from kb.store import sidefiles
+
+SIDES = ("x", "y", "width", "height")
+_Box = tuple[float, float, float, float]
+_BY_RULES = ("alt", "caption", "crop", "frames", "lines", "src")  # an element may be without
+
+
+class Extraction(msgspec.Struct, gc=False):
+    """Sizes of the page, its elements in the order of the document, and what is told of them.
+
+    Extractions of earlier versions have neither facts nor recipes, and no lines in elements.
+    """
+
+    page: dict[str, Any]
+    elements: list[Any]
+    cells: list[Any]
+    sprites: dict[str, Any] = {}
+    facts: list[Any] = []
+    recipes: list[Any] = []
+
+
+def read(root: Path, folder: Path) -> Extraction:
+    """The extraction in a page's folder. Raises DamagedData, and notes the page for the next
+    crawl.
+    """
+    text = _content(root, folder)
+    try:
+        found: Extraction = _decoder().decode(text)
+    except msgspec.DecodeError:
+        return _careful(_decoded(root, folder, text))
+    return found
+
+
+def sprites(root: Path, folder: Path) -> dict[str, Any]:
+    """The hashes of a page's icons by element; raises as `read`."""
+    found: dict[str, Any] = _decoded(root, folder, _content(root, folder)).get("sprites", {})
+    return found
+
+
+@cache
+def element() -> Any:
+    """The type of an element."""
+    declared = [column for column in table("wiki/elements").columns if column.name != "lines"]
+    return _entry("Element", "elements", declared, _BY_RULES)
+
+
+@cache
+def cell() -> Any:
+    """The type of a table's cell."""
+    return _entry("Cell", "cells", table("wiki/cells").columns, (), row=int, column=int)
+
+
+def field(column: Column) -> str:
+    """The name of what a column is read from, "" where it is from no extraction."""
+    entry, _, name = column.source.path.partition("[].")
+    return (name or entry) if column.source.kind == "extraction" else ""
+
+
+def _entry(name: str, entries: str, declared: Any, optional: tuple[str, ...], **more: Any) -> Any:
+    fields: dict[str, Any] = {
+        field(column): _type(column)
+        for column in declared
+        if column.source.path.startswith(f"{entries}[].")
+    }
+    none: list[Any] = [(each, Any, None) for each in optional]
+    return msgspec.defstruct(name, [*(fields | more).items(), *none], gc=False)
+
+
+def _type(column: Column) -> Any:
+    if field(column) == "box":
+        return _Box
+    made = {"string": str, "bool": bool, "int64": int, "float64": float}[column.type]
+    return made | None if column.nullable else made
+
+
+@cache
+def _decoder() -> msgspec.json.Decoder[Any]:
+    entries = {"elements": list[element()], "cells": list[cell()]}  # type: ignore[misc]
+    fields = [
+        (each.name, entries.get(each.name, each.type), msgspec.field(**_default(each)))
+        for each in msgspec.structs.fields(Extraction)
+    ]
+    return msgspec.json.Decoder(msgspec.defstruct("Typed", fields, gc=False))
+
+
+def _default(each: msgspec.structs.FieldInfo) -> dict[str, Any]:
+    return {} if each.required else {"default_factory": each.default_factory}
+
+
+def _content(root: Path, folder: Path) -> bytes:
+    path = folder / "extraction.json.zst"
+    try:
+        return zstandard.ZstdDecompressor().decompressobj().decompress(path.read_bytes())
+    except (OSError, zstandard.ZstdError) as error:
+        raise _lost(root, path, error) from None
+
+
+def _decoded(root: Path, folder: Path, text: bytes) -> dict[str, Any]:
+    try:
+        found: dict[str, Any] = msgspec.json.decode(text)
+    except msgspec.DecodeError as error:
+        raise _lost(root, folder / "extraction.json.zst", error) from None
+    return found
+
+
+def _lost(root: Path, path: Path, error: Exception) -> Exception:
+    told = sidefiles.lost(root, "wiki", [path])
+    told.args = (f"{path} can't be read: {error}",)
+    return told
+
+
+def _careful(found: dict[str, Any]) -> Extraction:
+    more = {name: found[name] for name in ("sprites", "facts", "recipes") if name in found}
+    elements = [_record(element(), entry) for entry in found["elements"]]
+    cells = [_record(cell(), entry) for entry in found["cells"]]
+    return Extraction(found["page"], elements, cells, **more)
+
+
+def _record(kind: Any, entry: dict[str, Any]) -> Any:
+    """An entry as a record, whatever its fields hold. Raises KeyError for one that lacks one."""
+    return kind(
+        **{
+            each.name: entry[each.name] if each.required else entry.get(each.name)
+            for each in msgspec.structs.fields(kind)
+        }
+    )
