@@ -12,7 +12,7 @@ from kb.core.context import Run
 from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
 from kb.reddit.client import IDS, ROOT
-from kb.reddit.importing import check_readable
+from kb.reddit.dumps import check_readable
 from kb.reddit.known import known
 from kb.reddit.reduce import PAGES
 from kb.reddit.refresh import due_parts, oldest_due
