@@ -22,7 +22,7 @@ from kb.filters.clean import run_clean
 from kb.filters.released import stages
 from kb.pairs import refill
 from kb.reddit import restored as reddit
-from kb.reddit.importing import check_readable
+from kb.reddit.dumps import check_readable
 from kb.reddit.restored import Dumps
 from kb.release.downloaded import Folders, verify
 from kb.release.missing import write_missing

@@ -8,7 +8,6 @@ another key the same person would be two people in old and new rows.
 from __future__ import annotations
 
 import hashlib
-import hmac
 import re
 import secrets
 import shlex
@@ -47,6 +46,8 @@ _LISTS = frozenset(
 )
 _NAME, _LIST, _SUBREDDIT, _ADDRESS = "name", "list", "subreddit", "address"  # see `_about`
 _WHO = _NAMES | {"author"}
+_NESTED = frozenset({dict, list})
+_BLOCK = 64  # bytes of SHA-256
 _KEPT = frozenset({"", "[deleted]", "[removed]"})
 # A person's profile is a subreddit whose name is theirs: u_NAME, shown as u/NAME; its own title is
 # theirs too.
@@ -95,16 +96,21 @@ class Scrubber:
     """Replaces names in raw answers by keyed hashes, the same for the same name."""
 
     def __init__(self, key: bytes) -> None:
-        self._key = key
+        # HMAC-SHA256, of which the key's share is taken once: a name then takes half the time of
+        # hmac.digest. Source: https://www.rfc-editor.org/rfc/rfc2104#section-4
+        block = (key if len(key) <= _BLOCK else hashlib.sha256(key).digest()).ljust(_BLOCK, b"\0")
+        self._inner = hashlib.sha256(bytes(byte ^ 0x36 for byte in block))
+        self._outer = hashlib.sha256(bytes(byte ^ 0x5C for byte in block))
         self.hash = lru_cache(maxsize=1 << 16)(self._hash)
 
     def _hash(self, name: str) -> str:
         """32 hexadecimal digits for a name; `[deleted]` stays as it is."""
-        return (
-            name
-            if name in _KEPT
-            else hmac.digest(self._key, name.encode("utf-8", "replace"), hashlib.sha256).hex()[:32]
-        )
+        if name in _KEPT:
+            return name
+        inner, outer = self._inner.copy(), self._outer.copy()
+        inner.update(name.encode("utf-8", "replace"))
+        outer.update(inner.digest())
+        return outer.hexdigest()[:32]
 
     def scrub(self, value: Any) -> Any:
         """The answer with every author field hashed, in place where it can be; safe to repeat only
@@ -117,18 +123,20 @@ class Scrubber:
             return value
         if not isinstance(value, dict):
             return value
-        for name, inner in value.items():
-            # Most of a record is numbers and nulls, which name nobody.
+        # Records of a month have the same fields, of which few name anybody.
+        for name, about in _naming(tuple(value)):
+            inner = value[name]
+            if not inner and (inner is None or name not in _WHO):
+                continue
             if isinstance(inner, str):
-                if about := _about(name):
-                    value[name] = self._text(about, inner)
+                value[name] = self._text(about, inner)
             elif inner and isinstance(inner, (dict, list)):
-                if _about(name) in (_NAME, _LIST):
+                if about in (_NAME, _LIST):
                     value[name] = []
-                else:
-                    self.scrub(inner)
-            elif name in _WHO and inner is not None and not isinstance(inner, bool):
+            elif name in _WHO and not isinstance(inner, bool):
                 value[name] = self.hash(str(inner))  # somebody whose name is a number
+        for inner in [inner for inner in value.values() if inner and inner.__class__ in _NESTED]:
+            self.scrub(inner)
         if _is_profile(value.get("subreddit")) and isinstance(value.get("domain"), str):
             value["domain"] = self.hash(value["domain"])  # self.u_NAME
         if _is_profile(value.get("display_name")):
@@ -153,9 +161,14 @@ class Scrubber:
         return text
 
 
-@lru_cache(1 << 12)
+@lru_cache(1 << 8)
+def _naming(names: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    """Those of a record's fields that may name people, and how."""
+    return tuple((name, about) for name in names if (about := _about(name)))
+
+
 def _about(name: str) -> str:
-    """How a field may name people; "" where it does not. Asked for every field, so it remembers."""
+    """How a field may name people; "" where it does not."""
     if name.startswith("author") or name in _NAMES:
         return _NAME
     if name in _LISTS:

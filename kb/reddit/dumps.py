@@ -7,12 +7,14 @@ is counted, never fatal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import zstandard
+
+from kb.core.errors import SettingError
 
 # Several passes go over what one read swells to, so it should fit the processor's cache (measured
 # in the bench).
@@ -44,6 +46,26 @@ class Seen:
         self.bad_lines += number
         if self.first_bad is None:
             self.first_bad = first
+
+
+def check_readable(files: Sequence[Path]) -> None:
+    """Raise SettingError for what is no dump, before anything is read."""
+    for file in files:
+        _readable(file)
+
+
+def _readable(file: Path) -> None:
+    try:
+        with file.open("rb") as opened:
+            start = opened.read(4)
+    except OSError as error:
+        raise SettingError(
+            f"{file} can't be read: {error.strerror}", hint="give paths of .zst dumps that exist"
+        ) from None
+    if start != _FRAME and not (len(start) == 4 and start[1:] == _SKIPPED):
+        raise SettingError(
+            f"{file} is no zstd file", hint="give RS_*.zst, RC_*.zst or files of one subreddit"
+        )
 
 
 def pieces(path: Path, seen: Seen) -> Iterator[bytes]:

@@ -67,13 +67,15 @@ def search_of(rules: Rules, state: State | None = None) -> Search:
 def look(search: Search, chunk: Chunk, rules: Rules) -> Looked:
     """The wanted things of a chunk, in their order."""
     scrubber, gone = _tools(rules.root, rules.tombstones, rules.ids)
-    found = search(chunk)
-    things = []
-    for end, record in found.records:
+    things: list[Taken] = []
+
+    def take(end: int, record: dict[str, Any]) -> None:
         thing = _wanted(record, rules, gone)
         if thing is not None:
-            whole = {**thing, "data": scrubber.scrub(thing["data"])}
-            things.append(Taken(end, _encoded(whole), retrieved(whole["data"])))
+            data = scrubber.scrub(thing["data"])
+            things.append(Taken(end, _encoded({**thing, "data": data}), retrieved(data)))
+
+    found = search(chunk, take)
     offset = chunk.offset + chunk.end - chunk.begin
     return Looked(offset, found.lines, found.bad_lines, found.first_bad, things)
 

@@ -13,7 +13,7 @@ from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
 from kb.core.waiting import to_read
 from kb.reddit.client import IDS, ROOT
-from kb.reddit.importing import check_readable
+from kb.reddit.dumps import check_readable
 from kb.reddit.known import known
 from kb.reddit.reduce import PAGES
 from kb.reddit.refresh import due_parts, oldest_due

@@ -26,31 +26,26 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from kb.core import waiting
 from kb.core.context import Run
 from kb.core.errors import KbError, MissingCredential
 from kb.core.profile import DEFAULT, load_profile
 from kb.core.settings import load_settings
 from kb.core.verdict import Summary
 from kb.crawl import job
-from kb.crawl.loop import Loop
-from kb.crawl.session import Session
-from kb.crawl.source import Answer, Opened, Phase
 from kb.net import redact
 from kb.reddit import byid, earlier, places, tables
+from kb.reddit.again import Rebuild, unanswered
 from kb.reddit.authors import load_key
-from kb.reddit.importing import Job, check_readable, different, import_jobs, summary_of
-from kb.reddit.reduce import PAYLOADS
-from kb.reddit.source import INFO, MORE, THREAD, TREE, Reddit
+from kb.reddit.dumps import check_readable
+from kb.reddit.importing import different, import_jobs, summary_of
+from kb.reddit.onedump import Job
 from kb.reddit.wanted import Ids, Wanted, asked_for, released, subreddit_of
-from kb.store import leftovers, parquet, reading, tombstones
-from kb.store.frontier import Frontier, Item
+from kb.store import leftovers, parquet, tombstones
 from kb.store.layout import Layout
 from kb.store.lock import writer
 
 LOCK = ".lock"  # in the folder of the tables: one run at a time adds to them
 NOT_THERE = "not in these dumps"
-_WHY = {"404": "missing", "410": "missing", "purged": "purged"}
 
 
 class Post(NamedTuple):
@@ -175,8 +170,8 @@ def rebuild(
         else:
             source = Rebuild(run, wanted, gone)
             summary = job.work(run, source, source.summary, place=work, facts=source.facts)
-            unanswered = _unanswered(Layout(work).state("reddit"))
-            answers = answers._replace(unanswered=unanswered)
+            left = unanswered(Layout(work).state("reddit"))
+            answers = answers._replace(unanswered=left)
         try:
             done.answered.pop(digest, None)
             done.counts = tables.write(answers, out, run.profile.section("reddit").links)
@@ -259,80 +254,6 @@ def _counts(out: Path, done: earlier.Done) -> dict[str, int]:
         **{name: done.counts[name] for name in earlier.NAMES},
         "missing": done.counts[earlier.MISSING] - failed,
     }
-
-
-class Rebuild(Reddit):
-    """What is wanted: names, and posts whose whole trees are read. `answered` counts names."""
-
-    phases = (replace(INFO, name="reddit reconstruct"), MORE, THREAD, TREE)
-
-    def __init__(self, run: Run, wanted: Wanted, gone: Collection[str] = ()) -> None:
-        super().__init__(run)
-        self.wanted, self.gone = wanted, gone
-        self.answered = 0
-
-    def begin(self, opened: Opened) -> None:
-        """What was purged elsewhere counts as purged here."""
-        opened.gone.update(self.gone)
-        super().begin(opened)
-
-    def identity(self) -> dict[str, str]:
-        """The host; ids are of any subreddit."""
-        return {"host": super().identity()["host"]}
-
-    def settle(self) -> None:
-        """Answers go into a work folder, which has no dumps."""
-
-    def discover(self, frontier: Frontier) -> None:
-        """What is wanted, once."""
-        if frontier.cursor("seeded"):
-            return
-        with frontier.transaction():
-            frontier.add("info", self.wanted.names)
-            frontier.add("tree", self.wanted.trees)
-            frontier.set_cursor("seeded", True)
-
-    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
-        """As in a crawl."""
-        for answer in super().fetch(phase, items):
-            yield answer
-            self.answered += len(items) if phase.kind == "info" else 0
-
-    def facts(self, phase: Phase) -> dict[str, object]:
-        """What stands beside a progress bar."""
-        return {"requests": self.requests()}
-
-    def summary(self, session: Session, loop: Loop) -> Summary:
-        """Figures of this run and what is left."""
-        frontier = session.frontier
-        counts = {phase.kind: frontier.counts(phase.kind) for phase in self.phases}
-        left = waiting.left_by("reddit", counts)
-        return Summary(
-            command="reddit reconstruct",
-            source="reddit",
-            counted="posts and comments",
-            crawled=self.answered + loop.answered["tree"],
-            failed=sum(count.get("error", 0) for count in counts.values()),
-            pending=frontier.waiting("info", "tree"),
-            requests=self.requests(),
-            left=sum(left.values()),
-            left_by=left,
-        )
-
-
-def _unanswered(state: Path) -> dict[str, str]:
-    """What has no answer with content for a reason that is not in the answers: full name →
-    reason.
-    """
-    found: dict[str, str] = {}
-    with reading.state(state, PAYLOADS) as frontier:
-        for kind, prefix in (("info", ""), ("tree", "t3_"), ("more", "t1_")):
-            for key, *_ in frontier.items(kind, "error"):
-                found[f"{prefix}{key}"] = "failed"
-        for kind, prefix in (("info", ""), ("tree", "t3_")):
-            for key, _, reason, _ in frontier.items(kind, "skipped"):
-                found[f"{prefix}{key}"] = _WHY.get(reason or "", "forbidden")
-    return found
 
 
 def _run(profile: str | None, settings: dict[str, Any]) -> Run:

@@ -25,14 +25,17 @@ DEEPEST = 200  # lists and objects within each other; what Reddit says has about
 
 
 class Found(NamedTuple):
-    """What a chunk holds: its lines, damaged ones and where the first is, and the subreddit's
-    records as (offset of the line's end, object).
-    """
+    """What a chunk holds: its lines, damaged ones and where the first is."""
 
     lines: int
     bad_lines: int
     first_bad: int | None
-    records: list[tuple[int, dict[str, Any]]]
+
+
+Take = Callable[[int, dict[str, Any]], None]
+"""What is done with a record of the subreddit, at the offset of its line's end. One after the
+other: many of them at once don't fit into the processor's cache, which costs as much as reading.
+"""
 
 
 class State(NamedTuple):
@@ -68,12 +71,12 @@ class Search:
         """What it has learned, to go on elsewhere."""
         return State(tuple(self._exact), self._ids_tell)
 
-    def __call__(self, chunk: Chunk) -> Found:
-        """What a chunk holds, in order."""
+    def __call__(self, chunk: Chunk, take: Take) -> Found:
+        """What a chunk holds; its records are given to `take`, in order."""
         offset, data, begin, end = chunk
         lines, whole = _counted(chunk)
         stop = begin
-        records: list[tuple[int, dict[str, Any]]] = []
+        taken = 0
         hits: set[int] = set()  # where lines begin that were read
         bad: list[int] = []
         for place in self._looked_for(data, begin, end):
@@ -86,8 +89,9 @@ class Search:
             if record is None:
                 bad.append(first)
             elif self._takes(record):
-                records.append((offset + stop - begin, record))
-        every = offset < CHECKED or 2 * len(records) >= lines
+                taken += 1
+                take(offset + stop - begin, record)
+        every = offset < CHECKED or 2 * taken >= lines
         if len(hits) < lines and (every or whole < lines):
             at = begin
             for line in _lines(chunk):
@@ -99,7 +103,7 @@ class Search:
                 ):
                     bad.append(at)
                 at += len(line)
-        return Found(lines, len(bad), offset + min(bad) - begin if bad else None, records)
+        return Found(lines, len(bad), offset + min(bad) - begin if bad else None)
 
     def _takes(self, record: dict[str, Any]) -> bool:
         """Whether a record is wanted. The name may stand in a title: only the field decides."""

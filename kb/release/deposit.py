@@ -1,107 +1,66 @@
 """A client of Zenodo's legacy deposit API, which its sandbox speaks as well.
 
 Source: https://developers.zenodo.org. Only what a release needs: create, list, upload with md5,
-metadata, publish, new version. Every answer that is no success becomes one of kb.core.errors:
-401 the token (403 as well where no deposit is named), 400 what the service says field by field, 429
-a wait or exit 3 with the time, 5xx and broken connections a few more tries and then exit 3.
+metadata, publish, new version. Errors are those of kb.release.service.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
-import math
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import IO, Any
 from urllib.parse import quote
 
-import msgspec
-import requests
-
-from kb.core import clock, signals
-from kb.core.errors import CredentialRefused, FatalError, QuotaSpent, Retryable, Unreachable
-from kb.net import redact
-from kb.net.retry import attempt, retry_after
-from kb.net.session import Session, failure, host_of, refusal
-from kb.release.answers import (
-    Deposit,
-    Described,
-    File,
-    Sent,
-    content_of,
-    latest_draft,
-    message,
-)
+from kb.core import signals
+from kb.core.errors import FatalError, Retryable, Unreachable
+from kb.net.session import Session
+from kb.release.answers import Deposit, Described, File, Sent, latest_draft
+from kb.release.service import TRIES, Gone, Service
 from kb.store.digests import digest
 
-TRIES = 5
-TIMEOUT_S = (10.0, 300.0)  # seconds to connect, and between two bytes of an answer
-LONGEST_WAIT = 120  # seconds that a limit may ask for before the run stops instead
-LONGEST_LIMIT = 366 * 86_400  # seconds: what asks for more is no time to come back at
 PAGE = 100
-_GO_ON = "the same command goes on where it stopped"
-_SCOPES = "it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own"
-
-
-class Gone(FatalError):
-    """A deposit that is not there any more."""
-
-
-class Forbidden(CredentialRefused):
-    """The token may not do this to this deposit: it is another account's, or is closed,
-    or a scope is missing.
-    """
 
 
 class Damaged(Retryable):
     """The service received other bytes than were sent."""
 
 
-def stray(url: str) -> FatalError:
-    """The error for an address at another host."""
-    return FatalError("the deposit service links to another host", hint="nothing was sent there")
-
-
 class Zenodo:
     """One account at one service. The token goes into the header only, and to that service only."""
 
     def __init__(self, session: Session, endpoint: str, token: str, *, wait: bool = False) -> None:
-        self._session, self._wait = session, wait
-        self.root = endpoint.rstrip("/").removesuffix("/api")
-        self._base = f"{self.root}/api/deposit/depositions"
-        self._token = token
-        self._headers = {"Authorization": f"Bearer {token}"}
+        self._service = Service(session, endpoint, token, wait=wait)
+        self.root, self._base = self._service.root, self._service.base
 
     def create(self, metadata: dict[str, Any]) -> dict[str, Any]:
         """A new draft. Not sent twice: a draft whose answer was lost is found by `drafts`."""
-        made: dict[str, Any] = self._json(
+        made: dict[str, Any] = self._service.json(
             "POST", self._base, shape=Deposit, json={"metadata": metadata}, once=True
         )
         return made
 
     def drafts(self) -> list[dict[str, Any]]:
         """The newest unpublished deposits of the account."""
-        drafts: list[dict[str, Any]] = self._json(
+        drafts: list[dict[str, Any]] = self._service.json(
             "GET", self._base, shape=list[Deposit], params={"status": "draft", "size": PAGE}
         )
         return drafts
 
     def get(self, number: int) -> dict[str, Any]:
         """A deposit. Raises Gone."""
-        deposit: dict[str, Any] = self._json("GET", f"{self._base}/{number}", shape=Deposit)
+        deposit: dict[str, Any] = self._service.json("GET", f"{self._base}/{number}", shape=Deposit)
         return deposit
 
     def files(self, number: int) -> dict[str, dict[str, Any]]:
         """Name → {"id", "checksum" (md5, hexadecimal), "filesize"} of what was uploaded."""
-        files = self._json("GET", f"{self._base}/{number}/files", shape=list[File])
+        files = self._service.json("GET", f"{self._base}/{number}/files", shape=list[File])
         return {one["filename"]: one for one in files}
 
     def remove(self, number: int, file: str) -> None:
         """Remove an uploaded file of a draft; one that is gone already is what was wanted."""
         with contextlib.suppress(Gone):
-            self._json("DELETE", f"{self._base}/{number}/files/{quote(file, safe='')}")
+            self._service.json("DELETE", f"{self._base}/{number}/files/{quote(file, safe='')}")
 
     def upload(self, bucket: str, path: Path, md5: str, sent: Callable[[int], None]) -> None:
         """Put a file into a draft's bucket, again when the service received other bytes.
@@ -113,7 +72,7 @@ class Zenodo:
 
         def put() -> None:
             with path.open("rb") as file:
-                answer = self._request(
+                answer = self._service.request(
                     "PUT",
                     f"{bucket}/{quote(path.name)}",
                     shape=Sent,
@@ -124,7 +83,7 @@ class Zenodo:
                 raise Damaged("damaged upload")
 
         try:
-            self._attempt(put)
+            self._service.attempt(put)
         except Unreachable as error:
             if not isinstance(error.__cause__, Damaged):
                 raise
@@ -138,7 +97,7 @@ class Zenodo:
         """Set the metadata. Raises FatalError when the service refuses it or
         takes another licence.
         """
-        answer: dict[str, Any] = self._json(
+        answer: dict[str, Any] = self._service.json(
             "PUT", f"{self._base}/{number}", shape=Described, json={"metadata": metadata}
         )
         taken = answer.get("metadata", {}).get("license")
@@ -154,7 +113,7 @@ class Zenodo:
         """Publish a draft: can't be undone. When the answer is lost, the deposit itself tells."""
         try:
             url = f"{self._base}/{number}/actions/publish"
-            published: dict[str, Any] = self._json("POST", url, shape=Deposit, once=True)
+            published: dict[str, Any] = self._service.json("POST", url, shape=Deposit, once=True)
             return published
         except (Unreachable, FatalError):
             now = self.get(number)
@@ -169,129 +128,13 @@ class Zenodo:
         """
         try:
             url = f"{self._base}/{number}/actions/newversion"
-            latest = latest_draft(self._json("POST", url, shape=Deposit, once=True))
+            latest = latest_draft(self._service.json("POST", url, shape=Deposit, once=True))
         except FatalError:
             latest = latest_draft(self.get(number))
             if not latest.startswith(self._base):
                 raise
-        draft: dict[str, Any] = self._json("GET", latest, shape=Deposit)
+        draft: dict[str, Any] = self._service.json("GET", latest, shape=Deposit)
         return draft
-
-    # -- requests ----------------------------------------------------------------------------------
-
-    def _json(self, method: str, url: str, *, once: bool = False, **what: Any) -> Any:
-        """The answer, of the `shape` that is given."""
-        return self._attempt(lambda: self._request(method, url, **what), once=once)
-
-    def _attempt(self, call: Callable[[], Any], *, once: bool = False) -> Any:
-        """`once`: what must not be done twice is tried again only when the service refused to
-        begin.
-        """
-
-        def guarded() -> Any:
-            try:
-                return call()
-            except Retryable as error:
-                if once and not error.throttled:
-                    raise Unreachable(
-                        f"the deposit service did not answer ({error.reason})", hint=_GO_ON
-                    ) from None
-                raise
-
-        return attempt(guarded, tries=TRIES, patience=math.inf, service="the deposit service")
-
-    def _request(
-        self,
-        method: str,
-        url: str,
-        *,
-        shape: Any = Any,
-        headers: dict[str, str] | None = None,
-        **what: Any,
-    ) -> Any:
-        if not self._is_ours(url):
-            raise stray(url)
-        try:
-            # Redirects would carry the token to wherever they point.
-            with self._session.request(
-                method,
-                url,
-                headers={**self._headers, **(headers or {})},
-                allow_redirects=False,
-                stream=True,
-                **what,
-            ) as answer:
-                # What it says may come to a terminal and a file: never our token.
-                content = content_of(answer).replace(self._token.encode(), redact.MARK.encode())
-        except requests.RequestException as error:
-            raise failure(error, url) from None
-        if answer.is_redirect or 300 <= answer.status_code < 400:
-            raise FatalError(
-                f"the deposit service leads elsewhere ({answer.status_code})",
-                hint="nothing was sent there; check KB_ZENODO_ENDPOINT",
-            )
-        said = message(content, str(answer.reason or "").replace(self._token, redact.MARK))
-        if answer.status_code == 401 or (answer.status_code == 403 and url == self._base):
-            raise CredentialRefused(
-                "the deposit service does not accept ZENODO_TOKEN", hint=_SCOPES
-            )
-        if answer.status_code == 403:
-            raise Forbidden(
-                f"the deposit service refused (403): {said}",
-                hint="look at the draft there, then run the same command again",
-            )
-        if answer.status_code == 429:
-            raise self._limited(answer.headers)
-        refused = refusal(answer, url)
-        if refused is not None:
-            raise refused
-        if answer.status_code == 404 and url == self._base:
-            raise FatalError(
-                f"there is no deposit API at {self.root}", hint="check KB_ZENODO_ENDPOINT"
-            )
-        if answer.status_code in (404, 410):
-            raise Gone(
-                f"the deposit service answered {answer.status_code}: {said}",
-                hint="the deposit may have been removed by hand",
-            )
-        if not 200 <= answer.status_code < 300:
-            raise FatalError(
-                f"the deposit service refused ({answer.status_code}): {said}",
-                hint="correct that, then run the same command again",
-            )
-        try:
-            body = json.loads(content) if content else {}
-            msgspec.convert(body, shape)
-        except (ValueError, RecursionError):
-            raise Retryable("an answer that is none of the deposit API", unreachable=True) from None
-        return body
-
-    def _is_ours(self, url: str) -> bool:
-        """Whether an address that the service gave is one of its own."""
-        try:
-            return host_of(url) == host_of(self.root)
-        except ValueError:
-            return False  # no address at all
-
-    def _limited(self, headers: Any) -> Exception:
-        """A short wait is waited out, a long one ends the run with the time to come back (or
-        --wait).
-        """
-        now = datetime.now(UTC)  # the service's own clock: KB_NOW does not move it
-        seconds = retry_after(headers.get("Retry-After"), headers.get("Date"))
-        if seconds is None:
-            reset = retry_after(
-                headers.get("X-RateLimit-Reset")
-            )  # a number as well: seconds since 1970
-            seconds = None if reset is None else max(0.0, reset - now.timestamp())
-        if seconds is None or seconds <= LONGEST_WAIT or (self._wait and seconds <= LONGEST_LIMIT):
-            return Retryable("limited", after=seconds, throttled=True)
-        back = now + timedelta(seconds=min(seconds, LONGEST_LIMIT))
-        return QuotaSpent(
-            f"the deposit service's limit is spent until {clock.stamp(back)}",
-            hint="run the same command then",
-            reset_at=back,
-        )
 
 
 class _Watched:

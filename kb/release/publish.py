@@ -20,10 +20,11 @@ from kb.core.verdict import Summary
 from kb.net.session import Session, host_of
 from kb.release import check
 from kb.release.build import exported, refuse
-from kb.release.deposit import TIMEOUT_S, Zenodo, stray
+from kb.release.deposit import Zenodo
 from kb.release.folders import Folder
 from kb.release.measure import models
 from kb.release.problem import Problem
+from kb.release.service import TIMEOUT_S, stray
 from kb.release.upload import Upload, document_of
 from kb.store.digests import SUMS
 from kb.store.lock import RELEASES, taking, writer

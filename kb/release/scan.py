@@ -5,12 +5,14 @@ and anything shaped like a key.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from ahocorasick_rs import BytesAhoCorasick, MatchKind
 
 from kb.core.errors import DamagedData
 from kb.release.folders import Folder
@@ -30,8 +32,8 @@ KEY_SHAPES = {
         r"(?:access_token|client_secret|api_key|apikey|[?&]key)=[0-9A-Za-z_\-]{16,}"
     ),
 }
-# What each shape can't do without: bytes are looked through for these first, which is many times
-# faster.
+# What each shape can't do without. A file is looked through for all of these at once first, which
+# is a hundred times faster than one after the other; where one of them stands, for each.
 _ANCHORS = {
     "a Google API key": (b"AIza",),
     "a Google access token": (b"ya29.",),
@@ -50,55 +52,78 @@ _OVERLAP = 4096  # bytes of a piece that the next one begins with: more than any
 
 def secrets(folder: Folder, values: Sequence[str]) -> list[Problem]:
     """A line for each file and column that holds a secret; the value itself is never shown."""
-    literals = [value for value in values if len(value) >= SHORTEST]
+    wanted = Wanted(values)
     problems = []
     for path in folder.files():
         where = f"{folder.source}/{path.name}"
         for place, what in (
-            _in_parquet(path, literals) if path.suffix == ".parquet" else _in_file(path, literals)
+            _in_parquet(path, wanted) if path.suffix == ".parquet" else _in_file(path, wanted)
         ):
             problems.append(Problem("secret", where, f"{place} holds {what}"))
     return problems
 
 
-def _in_file(path: Path, literals: Sequence[str]) -> Iterator[tuple[str, str]]:
+class Wanted:
+    """What is looked for: literal values of settings, and shapes."""
+
+    def __init__(self, values: Sequence[str]) -> None:
+        self.literals = [value for value in values if len(value) >= SHORTEST]
+        texts = [value.encode() for value in self.literals]
+        self.overlap = max((_OVERLAP, *map(len, texts)))
+        self._any = _finder(*(anchor for some in _ANCHORS.values() for anchor in some), *texts)
+        self._values = [_finder(text) for text in texts]
+        self._anchors = {what: [_finder(one) for one in some] for what, some in _ANCHORS.items()}
+
+    def anything(self, data: bytes) -> bool:
+        """Whether a value stands in some bytes, or what a shape can't do without."""
+        return bool(self._any(data))
+
+    def within(self, data: bytes) -> Iterator[str]:
+        """The values and shapes in some bytes."""
+        if not self.anything(data):
+            return
+        if any(find(data) for find in self._values):
+            yield "the value of a setting"
+        for what, anchors in self._anchors.items():
+            there = any(find(data) for find in anchors)
+            if there and re.search(KEY_SHAPES[what].encode(), data):
+                yield what
+
+
+def _finder(*texts: bytes) -> Callable[[bytes], list[Any]]:
+    """Finds texts, of those that overlap the first.
+
+    It is vectorised, which `in` is not, and a search for all matches of several neither.
+    """
+    return BytesAhoCorasick(texts, matchkind=MatchKind.LeftmostFirst).find_matches_as_indexes
+
+
+def _in_file(path: Path, wanted: Wanted) -> Iterator[tuple[str, str]]:
     """The values and shapes in any file, read in pieces."""
-    wanted = [value.encode() for value in literals]
-    overlap = max((_OVERLAP, *(len(value) for value in wanted)))
     hits: dict[str, None] = {}
     tail = b""
     with path.open("rb") as file:
         while chunk := file.read(_CHUNK):
-            chunk = tail + chunk
-            hits |= dict.fromkeys(_in_bytes(chunk, wanted))
-            tail = chunk[-overlap:]
+            # Most pieces hold nothing, and are not copied to be put behind the one before.
+            if wanted.anything(chunk) or wanted.anything(tail + chunk[: wanted.overlap]):
+                hits |= dict.fromkeys(wanted.within(tail + chunk))
+            tail = (tail + chunk[-wanted.overlap :])[-wanted.overlap :]
     yield from (("it", what) for what in hits)
 
 
-def _in_bytes(data: bytes, wanted: Sequence[bytes]) -> Iterator[str]:
-    if any(value in data for value in wanted):
-        yield "the value of a setting"
-    for what, anchors in _ANCHORS.items():
-        if any(anchor in data for anchor in anchors) and re.search(KEY_SHAPES[what].encode(), data):
-            yield what
-
-
-def _in_parquet(path: Path, literals: Sequence[str]) -> Iterator[tuple[str, str]]:
+def _in_parquet(path: Path, wanted: Wanted) -> Iterator[tuple[str, str]]:
 
     try:
         file = parquet.open_file(path)
     except (pa.ArrowException, OSError, DamagedData):
         return  # the structure check reports it
-    yield from (
-        ("its metadata", what)
-        for what in _in_bytes(_about(file), [value.encode() for value in literals])
-    )
+    yield from (("its metadata", what) for what in wanted.within(_about(file)))
     names = [
         field.name
         for field in file.schema_arrow
         if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)
     ]
-    any_literal = "|".join(re.escape(value) for value in literals)
+    any_literal = "|".join(re.escape(value) for value in wanted.literals)
     shapes = {"the value of a setting": any_literal} if any_literal else {}
     shapes |= KEY_SHAPES
     together = "|".join(f"(?:{shape})" for shape in shapes.values())

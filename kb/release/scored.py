@@ -56,33 +56,33 @@ def check(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
 
 def _unscored(files: Sequence[Path], declared: Table, names: set[str]) -> dict[str, int] | Problem:
     """Text → rows with that text and without its score."""
-    scores = [
-        name
+    # Each text → what says whether it is there, and its score.
+    tests = {
+        name.removeprefix("toxicity_"): (
+            f'length(trim("{name.removeprefix("toxicity_")}")) > 0',
+            name,
+        )
         for name in sorted(names)
         if name.startswith("toxicity_") and name.removeprefix("toxicity_") in names
-    ]
-    tests = {
-        name.removeprefix(
-            "toxicity_"
-        ): f'length(trim("{name.removeprefix("toxicity_")}")) > 0 AND "{name}" IS NULL'
-        for name in scores
     }
     if {"toxicity", "word_count"} <= names:
-        tests["the page's text"] = "word_count > 0 AND toxicity IS NULL"
-    if not files or not tests:
+        tests["the page's text"] = ("word_count > 0", "toxicity")
+    if not files:
         return {}
-    counts = ", ".join(f"count(*) FILTER (WHERE {test})" for test in tests.values())
+    found = {}
     try:
         with database.asking() as con:
-            row = (
-                con.execute(
-                    f"SELECT {counts} FROM read_parquet(?)", [[str(path) for path in files]]
+            for text, (there, score) in tests.items():
+                # One after the other: of files whose rows all have a score no text is read.
+                row = con.execute(
+                    f'SELECT count(*) FROM read_parquet(?) WHERE "{score}" IS NULL AND {there}',
+                    [[str(path) for path in files]],
                 ).fetchone()
-                or ()
-            )
+                if row and row[0]:
+                    found[text] = int(row[0])
     except duckdb.Error as error:
         return damaged(f"clean rows of {declared.name}", error, again(declared.source))
-    return {text: rows for text, rows in zip(tests, row, strict=True) if rows}
+    return found
 
 
 def again(source: str) -> str:

@@ -17,9 +17,10 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.release.answers import doi, page
-from kb.release.deposit import Forbidden, Gone, Zenodo, md5
+from kb.release.deposit import Zenodo, md5
 from kb.release.folders import DEPOSIT, Folder
 from kb.release.metadata import Document
+from kb.release.service import Forbidden, Gone
 from kb.store.atomic import write_text
 from kb.store.digests import SUMS, digest
 from kb.store.layout import Layout

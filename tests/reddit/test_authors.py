@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hmac
 import json
 import shutil
 import subprocess
@@ -87,6 +88,32 @@ def test_an_address_of_a_profile_keeps_its_form() -> None:
 
 def test_a_name_of_digits_that_came_as_a_number() -> None:
     assert SCRUBBER.scrub({"author": 4711}) == SCRUBBER.scrub({"author": "4711"})
+
+
+@pytest.mark.parametrize("key", [b"k" * 64, b"short", b"long" * 50])
+@pytest.mark.parametrize("name", [NAME, "ünïcode", "half \ud83d of one"])
+def test_the_hash_is_the_standard_one(key: bytes, name: str) -> None:
+    expected = hmac.new(key, name.encode("utf-8", "replace"), "sha256").hexdigest()[:32]
+    assert Scrubber(key).hash(name) == expected
+
+
+def test_a_field_is_looked_at_whatever_other_records_held() -> None:
+    """Which fields name people is remembered for all records with the same fields."""
+    for value, expected in (
+        (None, None),
+        ([], Scrubber(b"k" * 64).hash("[]")),
+        ("", ""),
+        ({"name": NAME}, []),
+        (0, SCRUBBER.hash("0")),
+        (NAME, HASH),
+        (False, False),
+    ):
+        assert SCRUBBER.scrub({"author": value, "sr_detail": {}}) == {
+            "author": expected,
+            "sr_detail": {},
+        }
+    nested = SCRUBBER.scrub({"author": None, "sr_detail": {"author": NAME}})
+    assert nested["sr_detail"] == {"author": HASH}
 
 
 def test_what_names_nobody_stays() -> None:

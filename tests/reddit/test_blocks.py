@@ -9,9 +9,12 @@ from typing import Any
 
 import pytest
 
-from kb.reddit import importing
-from kb.reddit.importing import Job, import_dumps, import_file, import_with
+from kb.core.errors import LimitReached
+from kb.reddit import onedump
+from kb.reddit.authors import load_key
+from kb.reddit.importing import import_dumps
 from kb.reddit.lines import look_at_block
+from kb.reddit.onedump import Job, import_file, import_with
 from kb.store import rawlog
 from tests.reddit.dumped import imported, post, run_in, write
 
@@ -53,11 +56,11 @@ def dump(tmp_path: Path) -> Path:
 def test_blocks_give_the_same_segments_and_counts(
     dump: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(importing, "BLOCK", 100_000)
-    monkeypatch.setattr(importing, "WORTH", 0.0)
+    monkeypatch.setattr(onedump, "BLOCK", 100_000)
+    monkeypatch.setattr(onedump, "WORTH", 0.0)
     jobs = []
     for name in ("one", "many"):
-        importing.load_key(tmp_path / "one")  # the same key in both
+        load_key(tmp_path / "one")  # the same key in both
         if name == "many":
             key = tmp_path / "many" / "state" / "reddit.key"
             key.parent.mkdir(parents=True)
@@ -85,7 +88,7 @@ def test_a_small_dump_starts_no_worker(dump: Path, tmp_path: Path) -> None:
         def submit(self, *task: Any, **options: Any) -> Any:
             raise AssertionError("a worker costs more than the file")
 
-    importing.load_key(tmp_path)
+    load_key(tmp_path)
     job = Job(str(tmp_path), str(dump), "Minecraft", 0, 4e9, 0)
     assert import_with(Nobody(), 4, job).things > 500
 
@@ -93,10 +96,10 @@ def test_a_small_dump_starts_no_worker(dump: Path, tmp_path: Path) -> None:
 def test_a_file_left_in_the_middle_goes_on_with_all_workers(
     dump: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(importing, "WORTH", 0.0)
+    monkeypatch.setattr(onedump, "WORTH", 0.0)
     whole = import_dumps(run_in(tmp_path / "whole"), [dump])
     root = tmp_path / "parts"
-    with pytest.raises(importing.LimitReached):
+    with pytest.raises(LimitReached):
         import_dumps(run_in(root, limit=150), [dump])
     rest = import_dumps(run_in(root, workers=2), [dump])
     assert rest["crawled"] == whole["crawled"] - 150

@@ -266,8 +266,8 @@ def test_ids_of_any_length_and_kind(tmp_path: Path) -> None:
     ]
     for separators in ((",", ":"), None):
         data = b"".join(json.dumps(one, separators=separators).encode() + b"\n" for one in lines)
-        found = search(Chunk(1 << 30, data, 0, len(data)))
-        assert [record["id"] for _, record in found.records] == [
-            *("a", "abcdefg", "abcdefgh", "abcdefghijk", "reply", "tree1")
-        ]
+        taken: list[object] = []
+        chunk = Chunk(1 << 30, data, 0, len(data))
+        found = search(chunk, lambda _, record, taken=taken: taken.append(record["id"]))
+        assert taken == [*("a", "abcdefg", "abcdefgh", "abcdefghijk", "reply", "tree1")]
         assert (found.lines, found.bad_lines) == (len(lines), 0)

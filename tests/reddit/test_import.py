@@ -24,7 +24,8 @@ from kb.core.progress import Plain
 from kb.filters.clean import run_clean
 from kb.reddit import dumps, parse, places
 from kb.reddit.dumps import Chunk
-from kb.reddit.importing import Job, import_dumps, import_file
+from kb.reddit.importing import import_dumps
+from kb.reddit.onedump import Job, import_file
 from kb.reddit.search import CHECKED, DEEPEST, Search
 from kb.store import rawlog, tombstones
 from tests.reddit.dumped import imported, post, run_in, write
@@ -367,7 +368,7 @@ def test_sigkill_then_the_same_command_takes_each_once(tmp_path):
         frames=3,
     )
     program = (
-        "import sys; from kb.reddit.importing import Job, import_file; print('go', flush=True);"
+        "import sys; from kb.reddit.onedump import Job, import_file; print('go', flush=True);"
         "import_file(Job(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'), 0, 60_000))"
     )
     folder = rawlog.folder(tmp_path, "reddit", "dumps")
@@ -410,13 +411,17 @@ LINE = some.one_of(
 @given(some.lists(LINE, max_size=30), some.sampled_from([0, CHECKED]))
 def test_search_finds_what_reading_every_line_finds(lines, start):
     chunk = b"".join(line + b"\n" for line in lines)
-    found = Search("Minecraft")(Chunk(start, b"x" + chunk + b"x", 1, len(chunk) + 1))
+    taken = []
+    found = Search("Minecraft")(
+        Chunk(start, b"x" + chunk + b"x", 1, len(chunk) + 1),
+        lambda _, record: taken.append(record["id"]),
+    )
     wanted = [
         json.loads(line)["id"]
         for line in lines
         if line.startswith(b"{") and json.loads(line)["subreddit"].lower() == "minecraft"
     ]
-    assert [record["id"] for _, record in found.records] == wanted
+    assert taken == wanted
     assert found.lines == len(lines)
     bad = [n for n, line in enumerate(lines) if not line.startswith(b"{")]
     assert found.bad_lines == len(bad)

@@ -11,7 +11,7 @@ import pytest
 
 from kb.reddit import importing
 from kb.reddit.dumps import memory
-from kb.reddit.importing import Job
+from kb.reddit.onedump import Job
 from tests.reddit.dumped import imported, post, write
 
 GB = 10**9

@@ -20,7 +20,8 @@ from kb.core.progress import Plain
 from kb.core.signals import stop
 from kb.reddit import places
 from kb.reddit.authors import load_key
-from kb.reddit.importing import Job, import_dumps, import_file
+from kb.reddit.importing import import_dumps
+from kb.reddit.onedump import Job, import_file
 from kb.reddit.purge import purge_raw
 from kb.store import rawlog
 from tests.cli.conftest import clean_environment
