@@ -22,9 +22,9 @@ TALL = f"<p>{WORDS}</p><div style='height:{MOST + 500}px'></div>"
 
 
 @pytest.fixture
-def wiki(serve, shared_browsers):
+def wiki(stage):
     held = SmallWiki()
-    held.url = serve(held.application)
+    held.url, stage.application = stage.url, held.application
     return held
 
 
