@@ -4,6 +4,7 @@ and what to do when something is not installed.
 
 from __future__ import annotations
 
+import importlib.util
 import os
 from collections.abc import Iterator
 from datetime import timedelta
@@ -67,6 +68,17 @@ def skip_or_fail(reason: str) -> NoReturn:
     if os.environ.get("CI") == "true":
         pytest.fail(reason, pytrace=False)
     pytest.skip(reason)
+
+
+def needs(*modules: str) -> None:
+    """Skip the file where a module is not installed; that it is there is all that is looked at.
+
+    Every test process collects every file: importing torch for that would take each of them
+    seconds.
+    """
+    for name in modules:
+        if importlib.util.find_spec(name) is None:
+            pytest.skip(f"{name} is not installed", allow_module_level=True)
 
 
 @pytest.fixture(scope="session")

@@ -1,15 +1,19 @@
 """What the server of tests/forked.py imports before the first command.
 
-Nothing is called here: a library that is only imported has started no thread that a fork loses.
+No library is called here: one that is only imported has started no thread that a fork loses.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import gc
 import importlib
 import os
 
+from kb.cli.profile_check import examine
+from kb.core.profile import load_profile
+from kb.pairs import list_check, listed
 from tests.forked import import_kb
 
 # What commands import late: they load a model, draw, or drive a browser.
@@ -31,4 +35,8 @@ import_kb()
 for _name in LATE:
     with contextlib.suppress(ImportError):  # of an extra that is not installed
         importlib.import_module(_name)
+# Every command looks at its profile's lists, and those of the shipped one have thousands of words:
+# what each becomes is reckoned here, once, and not in a thousand forks.
+list_check.phrase = listed.phrase = functools.cache(list_check.phrase)
+examine(load_profile("minecraft").path)
 gc.freeze()  # a collection in a fork would copy every page of these

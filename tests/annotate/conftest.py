@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("torch")
-pytest.importorskip("detoxify")
-
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint
 from kb.core.settings import load_settings
 from kb.sandbox.toxicity import tiny_checkpoint
+from tests.conftest import needs
+
+needs("torch", "detoxify")
 
 
 @pytest.fixture(scope="session")

@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import pytest
 
-torch = pytest.importorskip("torch")
-transformers = pytest.importorskip("transformers")
+from kb.annotate.first_token import shorten, shortened
+from tests.conftest import needs
 
-from kb.annotate.first_token import shorten, shortened  # noqa: E402
+needs("torch", "transformers")
+
 
 SIZES = {
     "num_labels": 3,
@@ -24,7 +25,14 @@ SIZES = {
 
 
 @pytest.fixture
-def batch():
+def torch():
+    import torch
+
+    return torch
+
+
+@pytest.fixture
+def batch(torch):
     ids = torch.arange(3, 3 + 4 * 9).reshape(4, 9) % 47 + 3
     mask = torch.ones_like(ids)
     mask[1, 5:] = 0
@@ -33,13 +41,16 @@ def batch():
 
 
 def model_of(name: str, **more):
+    import torch
+    import transformers
+
     torch.manual_seed(3)
     config = getattr(transformers, f"{name}Config")(**{**SIZES, **more})
     return getattr(transformers, f"{name}ForSequenceClassification")(config).eval()
 
 
 @pytest.mark.parametrize("name", ["Bert", "Roberta", "XLMRoberta"])
-def test_same_logits_from_fewer_tokens(name, batch):
+def test_same_logits_from_fewer_tokens(torch, name, batch):
     model = model_of(name)
     with torch.inference_mode():
         whole = model(**batch).logits
@@ -55,7 +66,7 @@ def test_same_logits_from_fewer_tokens(name, batch):
     assert after.shape[1] == 9, "the model stayed shortened"
 
 
-def test_a_model_of_another_layout_stays_as_it_is(batch):
+def test_a_model_of_another_layout_stays_as_it_is(torch, batch):
     model = model_of("Albert", embedding_size=8)
     with torch.inference_mode():
         whole = model(**batch).logits

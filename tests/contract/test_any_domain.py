@@ -26,9 +26,11 @@ from kb.pairs.fold import phrase
 from kb.sandbox.domain import domain_of
 from kb.sandbox.world import World
 from tests.cli.conftest import clean_environment
+from tests.conftest import needs
 from tests.sandbox.domains import GAMES, MINECRAFT, written
 
-pytest.importorskip("torch")
+needs("torch")
+
 
 SMALL = {"n_channels": 9, "n_videos": 60, "n_posts": 24, "width": 30, "depth": 8}
 LITTLE = ("wiki crawl", "wiki filter", "wiki export", "reddit crawl", "reddit import")

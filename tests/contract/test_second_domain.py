@@ -8,15 +8,15 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import pytest
-
 from kb.sandbox.domain import OTHER_LABEL
 from kb.sandbox.server import Sandbox
 from kb.sandbox.subreddit import Subreddit
 from kb.sandbox.world import World
 from tests.cli.conftest import Kb, kb  # noqa: F401  (a fixture)
+from tests.conftest import needs
 
-pytest.importorskip("torch")
+needs("torch")
+
 
 PROFILE = f"""
 name = "harborlight"

@@ -28,25 +28,31 @@ class Mention(NamedTuple):
 
 
 def mentions() -> Iterator[Mention]:
+    """Each mention, file by file; of a file without one not even the syntax is looked at, as this
+    is asked while tests are collected, in each test process.
+    """
     for path in sorted([*ROOT.glob("kb/**/*.py"), *ROOT.glob("pipelines/*.py")]):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        docs = {
-            id(node.value)
-            for node in ast.walk(tree)
-            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-        }
-        parts = {
-            id(value)
-            for node in ast.walk(tree)
-            if isinstance(node, ast.JoinedStr)
-            for value in node.values
-        }
-        for node in ast.walk(tree):
-            text = "" if id(node) in parts else text_of(node)
-            for found in re.finditer(r"`kb ([a-z<{-][^`]*)`", text):
-                place = f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}"
-                advised = bool(re.search(r"\brun `", text[: found.start() + 1]))
-                yield Mention(place, found[1], advised, id(node) in docs)
+        text = path.read_text(encoding="utf-8")
+        if "`kb " in text:
+            yield from _mentions_in(path.relative_to(ROOT), ast.parse(text))
+
+
+def _mentions_in(path: Path, tree: ast.AST) -> Iterator[Mention]:
+    nodes = list(ast.walk(tree))
+    docs = {
+        id(node.value)
+        for node in nodes
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    }
+    parts = {
+        id(value) for node in nodes if isinstance(node, ast.JoinedStr) for value in node.values
+    }
+    for node in nodes:
+        text = "" if id(node) in parts else text_of(node)
+        for found in re.finditer(r"`kb ([a-z<{-][^`]*)`", text):
+            place = f"{path}:{getattr(node, 'lineno', 0)}"
+            advised = bool(re.search(r"\brun `", text[: found.start() + 1]))
+            yield Mention(place, found[1], advised, id(node) in docs)
 
 
 def text_of(node: ast.AST) -> str:

@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import pytest
 
-pytest.importorskip("torch")
-pytest.importorskip("detoxify")
-
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.conftest import needs
 from tests.engine.test_same_bytes_youtube import digests
 from tests.wiki.made import many
 from tests.youtube.job import Job
+
+needs("torch", "detoxify")
 
 
 @pytest.fixture(scope="module")

@@ -12,14 +12,17 @@ from pathlib import Path
 import psutil
 import pytest
 
-pytest.importorskip("distributed")
-
 from kb.core import dask_engine
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError, MissingExtra, SettingError, Unreachable
 
 sys.path.insert(0, str(Path(__file__).parent))
 import tasks
+
+from tests.conftest import needs
+
+needs("distributed")
+
 
 pytestmark = pytest.mark.dask
 

@@ -14,14 +14,17 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("distributed")
-
 from kb.core import dask_engine, signals
 from kb.core.engine import make_executor
 from kb.core.errors import Interrupted, Unreachable
 
 sys.path.insert(0, str(Path(__file__).parent))
 import tasks
+
+from tests.conftest import needs
+
+needs("distributed")
+
 
 pytestmark = pytest.mark.dask
 

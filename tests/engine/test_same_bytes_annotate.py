@@ -8,10 +8,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("distributed")
-pytest.importorskip("torch")
-pytest.importorskip("detoxify")
-
 from kb.annotate import chunks
 from kb.annotate.toxicity import Scorer
 from kb.core import clock
@@ -20,6 +16,10 @@ from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.sandbox import toxicity_words
 from kb.sandbox.toxicity import tiny_checkpoint
+from tests.conftest import needs
+
+needs("distributed", "torch", "detoxify")
+
 
 pytestmark = pytest.mark.dask
 

@@ -6,13 +6,14 @@ import shutil
 
 import pytest
 
-pytest.importorskip("torch")
-pytest.importorskip("detoxify")
-
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.annotate.least import LIMITS
+from tests.conftest import needs
 from tests.youtube.job import Job
+
+needs("torch", "detoxify")
+
 
 pytestmark = pytest.mark.dask
 

@@ -6,13 +6,15 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("distributed")
-
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.pairs import build as building
+from tests.conftest import needs
 from tests.pairs.made import fill, tables
+
+needs("distributed")
+
 
 pytestmark = pytest.mark.dask
 

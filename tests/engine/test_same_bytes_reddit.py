@@ -9,14 +9,16 @@ from pathlib import Path
 import pytest
 import zstandard
 
-pytest.importorskip("distributed")
-
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.reddit.authors import load_key
 from kb.reddit.importing import import_dumps
+from tests.conftest import needs
 from tests.engine.test_same_bytes_youtube import digests
+
+needs("distributed")
+
 
 pytestmark = pytest.mark.dask
 

@@ -8,10 +8,6 @@ import shutil
 
 import pytest
 
-pytest.importorskip("distributed")
-pytest.importorskip("torch")
-pytest.importorskip("detoxify")
-
 from kb.annotate.toxicity import Scorer
 from kb.core.context import Run
 from kb.core.profile import load_profile
@@ -19,8 +15,12 @@ from kb.core.settings import load_settings
 from kb.filters.clean import run_clean, texts
 from kb.sandbox.toxicity import tiny_checkpoint
 from kb.store import buckets
+from tests.conftest import needs
 from tests.engine.test_same_bytes_youtube import digests
 from tests.wiki.made import MONDAY, many, page, put, refused, told
+
+needs("distributed", "torch", "detoxify")
+
 
 pytestmark = pytest.mark.dask
 

@@ -10,10 +10,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("distributed")
-pytest.importorskip("torch")
-pytest.importorskip("detoxify")
-
 from kb.core import pipeline
 from kb.core.context import Run
 from kb.core.profile import load_profile
@@ -24,7 +20,11 @@ from kb.sandbox.server import Sandbox
 from kb.sandbox.toxicity import tiny_checkpoint
 from kb.sandbox.world import World
 from kb.store import buckets
+from tests.conftest import needs
 from tests.youtube.job import NOW, Job
+
+needs("distributed", "torch", "detoxify")
+
 
 pytestmark = pytest.mark.dask
 

@@ -18,8 +18,6 @@ import pytest
 from anyio.from_thread import start_blocking_portal
 from hypothesis import given
 from hypothesis import strategies as st
-from mcp import Client
-from mcp.client.stdio import StdioServerParameters, stdio_client
 
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
@@ -68,6 +66,10 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def client(data: Path) -> Iterator[Any]:
     """(client, how to call it from here) of one server."""
+    # Here and not above: every test process collects this file, and the SDK takes a second.
+    from mcp import Client
+    from mcp.client.stdio import StdioServerParameters, stdio_client
+
     command, *words = [*SERVER, str(data)]
     server = StdioServerParameters(command=command, args=words, env=clean_environment())
     with (

@@ -8,14 +8,15 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("torch")
-pytest.importorskip("detoxify")
-
 from kb.annotate.scores import CATEGORIES
 from kb.sandbox.server import Sandbox
+from tests.conftest import needs
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import NOW, Work, rows
+
+needs("torch", "detoxify")
+
 
 RUDE, PLAIN, ONLY = (
     "you are a stupid idiot",

@@ -7,12 +7,14 @@ from __future__ import annotations
 import functools
 import json
 import re
+import shutil
 import time
+import warnings
 from collections.abc import Callable
 from datetime import timedelta
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import duckdb
@@ -24,6 +26,7 @@ from kb.core.errors import DamagedData
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.core.sources import PUBLISHED
+from kb.core.verdict import Summary
 from kb.report import links, pairs, services, wikipage, youtube
 from kb.report.build import report
 from kb.report.data import Data
@@ -70,6 +73,50 @@ def a_run(root: Path, workers: int = 1) -> Run:
     return Run(load_settings(dotenv=False), load_profile("minecraft"), root, workers=workers)
 
 
+class OfOne(NamedTuple):
+    """The report of a root that has one source alone."""
+
+    root: Path
+    page: str
+    summary: Summary
+    warned: list[str]
+
+
+MODEL = {"model": "toxic_original"}
+
+
+def _odd(name: str, made: list[dict[str, Any]]) -> None:
+    """Markup in a title, labels of any script and sign."""
+    for index, row in enumerate(made):
+        if name == "reddit/posts":
+            row["title"] = (
+                '<script>alert("x")</script><img src=http://evil.example/x.png onerror=alert(1)>'
+            )
+        if "keyword" in row:
+            row["keyword"] = ("$x_{", "採掘\n🧱", "a" * 80)[index % 3]
+        if "channel_title" in row or name == "youtube/videos":
+            row["channel_title"] = "$^$ 採掘"
+
+
+@pytest.fixture(scope="module")
+def of_one(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], OfOne]:
+    """of_one(source): made once; the root is read only."""
+
+    @functools.cache
+    def make(source: str) -> OfOne:
+        root = tmp_path_factory.mktemp(source)
+        build(root, _odd, sources=(source,), export=False, n=20)
+        if source == "wiki":
+            (root / "clean" / "wiki" / "summary.json").write_text(json.dumps(MODEL))
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            summary = report(a_run(root))
+        page = (root / "report" / "index.html").read_text()
+        return OfOne(root, page, summary, [str(one.message) for one in warned])
+
+    return make
+
+
 def test_every_figure_is_there_as_svg_png_and_pdf(root: Path) -> None:
     folder = root / "report"
     for suffix in ("svg", "png", "pdf"):
@@ -85,18 +132,20 @@ def test_every_figure_is_there_as_svg_png_and_pdf(root: Path) -> None:
 
 
 def test_same_bytes_whenever_wherever_and_with_any_number_of_workers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    of_one: Callable[[str], OfOne], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    build(tmp_path, sources=("youtube",), export=False, n=40)
-    contents = []
-    for workers, now in ((1, "2026-11-02T00:00:00Z"), (3, "2027-12-31T23:59:59Z")):
-        monkeypatch.setenv("KB_NOW", now)
-        monkeypatch.setenv("TZ", "Asia/Tokyo" if workers == 3 else "UTC")
-        time.tzset()
-        report(a_run(tmp_path, workers=workers))
-        contents.append({path.name: path.read_bytes() for path in (tmp_path / "report").iterdir()})
-    assert contents[0] == contents[1]
-    assert len(contents[0]) == 3 * 8 + 1
+    """The other report was made by one worker, in the folder of all of this file."""
+    before = {
+        path.name: path.read_bytes() for path in (of_one("youtube").root / "report").iterdir()
+    }
+    shutil.copytree(of_one("youtube").root / "clean", tmp_path / "clean")
+    monkeypatch.setenv("KB_NOW", "2027-12-31T23:59:59Z")
+    monkeypatch.setenv("TZ", "Asia/Tokyo")
+    time.tzset()
+    report(a_run(tmp_path, workers=3))
+    after = {path.name: path.read_bytes() for path in (tmp_path / "report").iterdir()}
+    assert after == before
+    assert len(after) == 3 * 8 + 1
 
 
 def test_durations_end_at_the_percentile_of_the_profile(root: Path) -> None:
@@ -172,18 +221,8 @@ def test_an_empty_root_gives_a_page_that_says_so(tmp_path: Path) -> None:
     assert "No data yet." in (tmp_path / "report" / "index.html").read_text()
 
 
-def test_what_people_wrote_is_text_and_never_markup(tmp_path: Path) -> None:
-    def edit(name: str, made: list[dict]) -> None:  # type: ignore[type-arg]
-        for row in made:
-            if name == "reddit/posts":
-                row["title"] = (
-                    '<script>alert("x")</script><img src=http://evil.example/x.png'
-                    " onerror=alert(1)>"
-                )
-
-    build(tmp_path, edit, sources=("reddit",), export=False, n=10)
-    report(a_run(tmp_path))
-    page = (tmp_path / "report" / "index.html").read_text()
+def test_what_people_wrote_is_text_and_never_markup(of_one: Callable[[str], OfOne]) -> None:
+    page = of_one("reddit").page
     assert "<script" not in page
     assert "&lt;script&gt;" in page
 
@@ -197,13 +236,14 @@ def test_page_needs_nothing_outside_itself(root: Path) -> None:
     assert len(re.findall(r"<figure ", page)) == len(FIGURES)
 
 
-def test_scores_of_the_tiny_model_are_marked(tmp_path: Path) -> None:
-    build(tmp_path, sources=("wiki",), export=False, n=10)  # the source with the fewest figures
-    summary = tmp_path / "clean" / "wiki" / "summary.json"
-    summary.write_text('{"model": "toxic_original"}')
-    report(a_run(tmp_path))
-    assert "tiny model" not in (tmp_path / "report" / "index.html").read_text()
-    summary.write_text('{"model": "lorebase_tiny"}')
+def test_scores_of_the_tiny_model_are_marked(
+    of_one: Callable[[str], OfOne], tmp_path: Path
+) -> None:
+    root, page, _, _ = of_one("wiki")  # the source with the fewest figures
+    assert json.loads((root / "clean" / "wiki" / "summary.json").read_text()) == MODEL
+    assert "tiny model" not in page
+    shutil.copytree(root / "clean", tmp_path / "clean")
+    (tmp_path / "clean" / "wiki" / "summary.json").write_text('{"model": "lorebase_tiny"}')
     report(a_run(tmp_path))
     assert "tiny model" in (tmp_path / "report" / "index.html").read_text()
 
@@ -390,29 +430,15 @@ def test_what_is_spoken_of_and_who_knows_it(tmp_path: Path) -> None:
     assert known.caption.endswith("one source alone names 1, none 1.")
 
 
-@pytest.fixture(scope="module")
-def of_one(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[str, Any]]:
-    """of_one(source): the page of a root that has this source alone, and the summary."""
-
-    @functools.cache
-    def make(source: str) -> tuple[str, Any]:
-        root = tmp_path_factory.mktemp(source)
-        build(root, sources=(source,), export=False, n=20)
-        summary = report(a_run(root))
-        return (root / "report" / "index.html").read_text(), summary
-
-    return make
-
-
 @pytest.mark.parametrize("source", PUBLISHED)
-def test_a_root_of_one_source(of_one: Callable[[str], tuple[str, Any]], source: str) -> None:
-    page, _ = of_one(source)
+def test_a_root_of_one_source(of_one: Callable[[str], OfOne], source: str) -> None:
+    page = of_one(source).page
     assert page.count("No data of") == len(PUBLISHED) - 1
     assert "may not be passed on" in page
 
 
-def test_missing_sources_are_said_in_a_line(of_one: Callable[[str], tuple[str, Any]]) -> None:
-    page, summary = of_one("youtube")
+def test_missing_sources_are_said_in_a_line(of_one: Callable[[str], OfOne]) -> None:
+    _, page, summary, _ = of_one("youtube")
     assert summary["without"] == "Wiki, Reddit, Video-text pairs, Entities, Services"
     assert (
         "No data of Reddit yet: run `kb reddit crawl` or `kb reddit import FILE`,"
@@ -469,18 +495,9 @@ def test_share_of_the_channels(root: Path) -> None:
     assert (share.videos, share.channels, share.half, len(share.largest)) == (120, 7, 4, 3)
 
 
-def test_labels_of_any_script_and_sign(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+def test_labels_of_any_script_and_sign(of_one: Callable[[str], OfOne]) -> None:
     """A dollar is no formula, and what the font can't draw is a question mark, not a warning."""
-
-    def edit(name: str, made: list[dict[str, Any]]) -> None:
-        for index, row in enumerate(made):
-            if "keyword" in row:
-                row["keyword"] = ("$x_{", "採掘\n🧱", "a" * 80)[index % 3]
-            if "channel_title" in row or name == "youtube/videos":
-                row["channel_title"] = "$^$ 採掘"
-
-    build(tmp_path, edit, sources=("youtube", "pairs"), export=False, n=12)
-    report(a_run(tmp_path))
-    assert not [str(one.message) for one in recwarn if "missing from font" in str(one.message)]
+    warned = [*of_one("youtube").warned, *of_one("pairs").warned]
+    assert not [text for text in warned if "missing from font" in text]
     assert readable("採掘\n🧱 ok") == "?? ? ok"
     assert len(readable("a" * 80)) == 26

@@ -82,6 +82,20 @@ def serve() -> Iterator[Callable[[Any], str]]:
         server.server_close()
 
 
+class Stage:
+    """One address, at which each test has a wiki of its own, so that browsers can be shared."""
+
+    def __init__(self, serve: Callable[[Any], str]) -> None:
+        self.url = serve(lambda environ, start: self.application(environ, start))
+        self.application: Callable[..., Any] = Response("nothing here", 404)
+
+
+@pytest.fixture(scope="module")
+def stage(serve: Callable[[Any], str], shared_browsers: None) -> Stage:
+    """stage.application = …: what is served at stage.url from now on."""
+    return Stage(serve)
+
+
 class Pages:
     """A server of own pages: `put` a body under a path, see what was asked."""
 

@@ -17,20 +17,21 @@ from kb.store import rawlog, tombstones
 from kb.wiki.source import crawl
 from tests.wiki.small import WORDS, SmallWiki
 
-TALL = f"<p>{WORDS}</p><div style='height:120000px'></div>"
+MOST = 3000  # pixels; a page of the default's 100,000 takes seconds to be pictured
+TALL = f"<p>{WORDS}</p><div style='height:{MOST + 500}px'></div>"
 
 
 @pytest.fixture
-def wiki(serve, shared_browsers):
+def wiki(stage):
     held = SmallWiki()
-    held.url = serve(held.application)
+    held.url, stage.application = stage.url, held.application
     return held
 
 
 @pytest.fixture
 def run(wiki, run_on, tmp_path, monkeypatch):
     monkeypatch.setattr("kb.wiki.web.TRIES", 2)
-    run = run_on(tmp_path / "data", wiki.url, wiki={"settle_seconds": 1.0})
+    run = run_on(tmp_path / "data", wiki.url, wiki={"settle_seconds": 1.0, "max_page_height": MOST})
     off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
     return dataclasses.replace(run, profile=run.profile.model_copy(update={"toxicity": off}))
 
@@ -150,7 +151,7 @@ def test_a_page_that_will_not_be_shown_is_final(wiki, run):
     assert wiki.shown() == ["Gone_from_the_shelf"]
     # A profile that allows more shows it at once, a new revision in the next round.
     higher = run.profile.model_copy(
-        update={"wiki": run.profile.wiki.model_copy(update={"max_page_height": 130_000})}
+        update={"wiki": run.profile.wiki.model_copy(update={"max_page_height": MOST + 1000})}
     )
     assert crawl(dataclasses.replace(run, profile=higher))["rejected"] == 0
     assert wiki.shown() == ["Tall"]

@@ -26,7 +26,7 @@ def dot() -> bytes:
 
 
 @pytest.fixture
-def wiki(serve, tiny):
+def wiki(stage, tiny):
     """A small wiki that notes when it was asked for what: `seen`, a list of (seconds, path)."""
     held = tiny.SmallWiki()
     held.seen = []
@@ -40,7 +40,7 @@ def wiki(serve, tiny):
         return queue.pop(0) if queue else None
 
     held.hook = hook
-    held.url = serve(held.application)
+    held.url, stage.application = stage.url, held.application
     return held
 
 
