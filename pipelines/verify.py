@@ -72,9 +72,9 @@ def repair(run: Run, look: Look) -> list[str]:
             step = partial(_links, replace(run, again=True))
             said += mend.make(look, "kb links --again", at.links, step)
         for source in SOURCES:
-            if {at.index(source), at.indexed(source)} & {one.path for one in look.of("index")}:
+            if mend.made_again(look, "index", at.index(source)):
                 step = partial(follow, replace(run, again=True), source)
-                said += mend.tried("kb index", step)
+                said += mend.make(look, "kb index --again", at.index(source), step)
         for source in PUBLISHED:
             if mend.made_again(look, "release", at.release(source)):
                 step = partial(_export, run, source)

@@ -134,6 +134,7 @@ class _Root:
         steadily = self._look.steadily
         steadily(lambda: raw.lost_side_files(self._look, self._root))
         steadily(self._tables)
+        steadily(self._indexes)
         for source in PUBLISHED:
             steadily(partial(self._release, source))
         self._foreign_releases()
@@ -156,7 +157,7 @@ class _Root:
         elif parts[0] in ("export", "report", "restored"):
             self._plain(path, parts[0])
         elif parts[0] == "index":
-            self._index(path)
+            self._index(path, parts)
         elif parts[0] == "release":
             if len(parts) == 2:
                 look.foreign("release", path, "a release is a folder", "move it away")
@@ -247,18 +248,29 @@ class _Root:
         else:
             self._look.damaged(kind, path, "is empty", advice(path))
 
-    def _index(self, path: Path) -> None:
+    def _index(self, path: Path, parts: tuple[str, ...]) -> None:
         """What `kb search` reads; it is made again at any time."""
-        look, at = self._look, self._at
-        if path not in {file(source) for source in SOURCES for file in (at.index, at.indexed)}:
-            look.foreign("index", path, "no command has written it", "move it away")
+        look = self._look
+        if len(parts) != 3 or parts[1] not in SOURCES:
+            look.foreign("index", path, indexed.FOREIGN, "move it away")
             return
         look.advance(path.stat().st_size)
-        what = _json(path) if path.suffix == ".json" else indexed.problem(path)
-        if what:
+        if path.name in indexed.LOCKS:
+            return
+        is_note = path == self._at.indexed(parts[1])
+        what = _json(path) if is_note else indexed.problem(self._root, parts[1], path.name)
+        if what == indexed.FOREIGN:
+            look.foreign("index", path, what, "move it away")
+        elif what:
             look.damaged("index", path, what, "run `kb index --again`")
         else:
             look.whole("index", path)
+
+    def _indexes(self) -> None:
+        """Files of indexes that were written and are not there."""
+        for source in SOURCES:
+            for path in indexed.missing(self._root, source):
+                self._look.missing("index", path, "run `kb index --again`")
 
     def _tables(self) -> None:
         """Files that were written and are not there; keys that have two answers."""
