@@ -13,7 +13,6 @@ happens is chance), and all are put together to one index, under numbers instead
 from __future__ import annotations
 
 import contextlib
-import itertools
 import json
 import os
 import re
@@ -21,10 +20,14 @@ import shutil
 import tempfile
 import uuid
 from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import orjson
+import pyarrow as pa
+import pyarrow.compute as pc
 import tantivy
 from tantivy import Filter, Occur, Query, Tokenizer
 
@@ -42,6 +45,9 @@ STEMMERS = {
 WORDS, KEY, KIND, THING, DAY, ROW = "words", "key", "kind", "thing", "day", "row"
 _META, _MANAGED, _PARTS = "meta.json", ".managed.json", "parts"
 _WRITERS = 2
+_AT_ONCE = 4_096  # passages whose words are looked up together
+_KEPT = 200_000  # words
+_LINES = 256  # titles and headings, which are those of the passage before more often than not
 _PART = 64 << 20  # characters of a segment's words; they take about as many bytes of memory
 _HEAP = 256 << 20  # bytes that a writer may take; full, it would begin a second segment
 _LEAST_ROOM = 64 << 20  # bytes; where less is left on the disk, that is why a writer failed
@@ -65,6 +71,35 @@ def analyzer(stemmer: str) -> tantivy.TextAnalyzer:
     return (made.filter(Filter.stemmer(stemmer)) if stemmer else made).build()
 
 
+class _Words(dict[str, str]):
+    """Texts as the words that `analyzer` finds in them, with spaces between. What was found for
+    whatever stands between two spaces is kept: a stem takes longer than all else.
+    """
+
+    def __init__(self, stemmer: str) -> None:
+        super().__init__()
+        self._analyze = analyzer(stemmer).analyze
+        self.line = lru_cache(_LINES)(self._line)
+
+    def __missing__(self, given: str) -> str:
+        if len(self) >= _KEPT:
+            self.clear()
+        found = self[given] = " ".join(self._analyze(given))
+        return found
+
+    def _line(self, text: str) -> str:
+        return " ".join(map(self.__getitem__, text.split()))
+
+    def texts(self, texts: list[str]) -> list[str]:
+        """The same for many texts, each different word of which is looked up once."""
+        parts = pc.utf8_split_whitespace(pa.array(texts, pa.string()))
+        coded = pc.list_flatten(parts).dictionary_encode()
+        words = pa.array(map(self.__getitem__, coded.dictionary.to_pylist()), pa.string())
+        found = pa.ListArray.from_arrays(parts.offsets, words.take(coded.indices))
+        joined: list[str] = pc.binary_join(found, " ").to_pylist()
+        return joined
+
+
 def write(
     folder: Path, stemmer: str, passages: Iterable[Passage], told: Callable[[int], object]
 ) -> int:
@@ -72,13 +107,18 @@ def write(
 
     The passages of a thing come together. Raises DiskFull.
     """
-    parts = folder / _PARTS
-    writers = [_Writer(parts / str(number), stemmer) for number in range(_WRITERS)]
-    count = number = 0
+    parts, words = folder / _PARTS, _Words(stemmer)
+    writers = [_Writer(parts / str(number), words) for number in range(_WRITERS)]
+    count, number, thing = 0, -1, None
+    rest = iter(passages)
     with _full_disk_is_told(folder):
-        for number, (_, some) in enumerate(itertools.groupby(passages, lambda one: one.thing)):
-            count += (added := writers[number % _WRITERS].add(some, number))
-            told(added)
+        while some := list(islice(rest, _AT_ONCE)):
+            for one, text in zip(some, words.texts([one.text for one in some]), strict=True):
+                number += one.thing != thing
+                thing = one.thing
+                writers[number % _WRITERS].add(one, text, number)
+            count += len(some)
+            told(len(some))
         _put_together(folder, [part for one in writers for part in one.end()], count)
     shutil.rmtree(parts)
     return count
@@ -87,29 +127,26 @@ def write(
 class _Writer:
     """Writes index after index, each of which is one segment."""
 
-    def __init__(self, parts: Path, stemmer: str) -> None:
-        self._parts, self._stemmer = parts, stemmer
+    def __init__(self, parts: Path, words: _Words) -> None:
+        self._parts, self._words = parts, words
         self._done = self._held = 0
         self._writer: tantivy.IndexWriter | None = None
 
-    def add(self, passages: Iterable[Passage], number: int) -> int:
-        """The passages of one thing; how many they were."""
-        count = 0
-        for one in passages:
-            if self._writer is None or self._held > _PART:
-                self._begin()
-            assert self._writer is not None
-            self._writer.add_document(_document(one, number))
-            self._held += len(one.text) + len(one.alt) + len(one.path) + 2 * len(one.title)
-            count += 1
-        return count
+    def add(self, one: Passage, text: str, thing: int) -> None:
+        """A passage, its text's words and the number of its thing."""
+        if self._writer is None or self._held > _PART:
+            self._begin()
+        assert self._writer is not None
+        title = self._words.line(one.title)
+        path, alt = self._words.line(one.path), self._words.line(one.alt)
+        self._writer.add_document(_document(one, (title, title, path, text, alt), thing))
+        self._held += 2 * len(title) + len(path) + len(text) + len(alt)
 
     def _begin(self) -> None:
         self._finish()
         folder = self._folder(self._done)
         folder.mkdir(parents=True)
         index = tantivy.Index(_schema(), path=str(folder))
-        index.register_tokenizer(WORDS, analyzer(self._stemmer))
         self._writer, self._held = index.writer(heap_size=_HEAP, num_threads=1), 0
 
     def _finish(self) -> None:
@@ -131,7 +168,7 @@ class _Writer:
 
 def _schema() -> tantivy.Schema:
     made = tantivy.SchemaBuilder()
-    made.add_text_field(WORDS, tokenizer_name=WORDS)
+    made.add_text_field(WORDS, tokenizer_name="whitespace")
     made.add_text_field(KEY, tokenizer_name="raw", index_option="basic")
     for name in (KIND, THING, DAY):
         made.add_integer_field(name, fast=True)
@@ -139,11 +176,11 @@ def _schema() -> tantivy.Schema:
     return made.build()
 
 
-def _document(one: Passage, thing: int) -> tantivy.Document:
+def _document(one: Passage, words: Iterable[str], thing: int) -> tantivy.Document:
     made = tantivy.Document()
-    for text in (one.title, one.title, one.path, one.text, one.alt):
-        if text:
-            made.add_text(WORDS, text)
+    for some in words:
+        if some:
+            made.add_text(WORDS, some)
     made.add_text(KEY, one.key)
     made.add_integer(KIND, KINDS.index(one.kind))
     made.add_integer(THING, thing)

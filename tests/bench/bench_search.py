@@ -4,8 +4,9 @@ shares of the paper's transcripts.
     KB_BENCH_SCALE=0.1 make bench ARGS="-k search"    a tenth of each share, for a quick look
 
 CPU seconds of all threads, so that other work on the machine disturbs the ratios little, and wall
-time, as an index is written by threads. Transcripts have real word frequencies (tests/bench/scale_raw.py); 2,000 different ones
-are repeated under other ids. Each engine has a process of its own, whose memory is told.
+time, as an index is written by threads. Transcripts have real word frequencies
+(tests/bench/scale_raw.py); 2,000 different ones are repeated under other ids. Each engine has a
+process of its own, whose memory is told.
 """
 
 from __future__ import annotations
