@@ -56,8 +56,8 @@ def steps(run: Run) -> Iterator[Step]:
     links = partial(load(str(locate("links"))).tables, again)
     yield Make("links", "kb links --again", links, (at.links,))
     for source in SOURCES:
-        places = (at.index(source), at.indexed(source))
-        yield Make("index", "kb index", partial(follow, again, source), places)
+        step = partial(follow, again, source)
+        yield Make("index", "kb index --again", step, (at.index(source),))
     for name in PUBLISHED:
         export = partial(layouts.export, run, name)
         yield Make("release", exported_by(name), export, (at.release(name),))

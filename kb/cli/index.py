@@ -26,8 +26,8 @@ app = group("One local index over everything that is clean, for kb search.")
 def index(run: Run) -> Summary:
     """Make the index that `kb search` reads: transcripts, wiki sections, tables, posts, comments.
 
-    A source whose clean files are the same is left as it is. index/<source>.sqlite holds texts of
-    their authors and is never released; any SQLite opens it, datasette too.
+    A source whose clean files are the same is left as it is. index/<source>/ holds texts of their
+    authors and is never released; `kb query` is what looks at the rows themselves.
     """
     from kb.search.build import index
 

@@ -110,7 +110,7 @@ def _video(opened: Opened, place: Place) -> Whole:
         pieces.append(Piece(Place("youtube", place.key), "description", url, described))
     said = _said_in(opened, place.key)
     for begin, after in said.windows():
-        text, _ = said.joined(begin, after)
+        text = " ".join(said.texts[begin:after])
         second = int(said.starts[begin])
         at = Place("youtube", place.key, str(second))
         pieces.append(Piece(at, f"{_clock(second)} transcript", f"{url}&t={second}s", text))

@@ -9,8 +9,9 @@ from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
 from kb.reader.opened import Opened
 from kb.reader.rows import Answer
-from kb.search.ask import KINDS, search
 from kb.search.ask import Answer as Found
+from kb.search.ask import search
+from kb.search.passage import KINDS
 from kb.search.rank import Only
 
 _NUMBERS = ("score", "start_s")

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
-from kb.core.errors import DamagedData, UsageError
+from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
+from kb.search.engine import Opened
 from kb.search.entities import restrict
-from kb.search.rank import Only, Ranked, rank, weigh
+from kb.search.passage import Passage
+from kb.search.rank import Found, Only, Ranked, rank, weigh
+from kb.search.snippet import snippet
 from kb.search.words import question
-from kb.store import indexed, sqlite
+from kb.store import indexed
 from kb.store.layout import Layout
-
-KINDS = ("video", "transcript", "section", "table", "post", "comment")
-MARK = "**"  # around the words of a snippet that were asked for
-_SNIPPET = 32  # words
-_LEFT, _RIGHT = "\x02", "\x03"  # passages have no control characters
-_COLUMN = {"title": 0, "path": 1, "text": 2, "alt": 3}
-_PASSAGE = ("kind", "key", "title", "path", "text", "alt", "url", "date", "licence", "times")
 
 
 class Answer(msgspec.Struct):
@@ -65,16 +58,13 @@ def search(
     they are asked for; DamagedData for what can't be read.
     """
     asked = question(words)
-    with contextlib.ExitStack() as stack:
-        indexes = {
-            source: stack.enter_context(_opened(root, source))
-            for source in usable(root, sources or SOURCES)
-        }
-        weighed = weigh(indexes, asked)
-        if entity:
-            restrict(root, entity, indexes)
-        ranked = rank(indexes, asked, weighed, only or Only(), linked=bool(entity))
-        return [_answer(indexes[one.source], one, weighed.marked, size) for one in ranked]
+    indexes = {source: _opened(root, source) for source in usable(root, sources or SOURCES)}
+    weighed = weigh(indexes, asked)
+    linked = restrict(root, entity, list(indexes)) if entity else None
+    return [
+        _answer(indexes[one.source], one, weighed.marked(one.source), size)
+        for one in rank(indexes, asked, weighed, only or Only(), linked)
+    ]
 
 
 def usable(root: Path, sources: Sequence[str]) -> list[str]:
@@ -97,44 +87,36 @@ def usable(root: Path, sources: Sequence[str]) -> list[str]:
     return with_rows
 
 
-@contextlib.contextmanager
-def _opened(root: Path, source: str) -> Iterator[sqlite.Connection]:
-    path = Layout(root).index(source)
+def _opened(root: Path, source: str) -> Opened:
     indexed.check(root, source)
-    try:
-        with contextlib.closing(sqlite.connect(path, readonly=True)) as con:
-            yield con
-    except DamagedData as error:
-        if str(path) not in str(error):
-            raise  # another one's
-        raise DamagedData(f"{path} can't be read", hint="run `kb index --again`") from None
+    note = indexed.read(root, source)
+    return Opened(Layout(root).index(source), str(note.rules["stemmer"]) if note else "")
 
 
-def _answer(con: sqlite.Connection, ranked: Ranked, marked: str, size: int) -> Answer:
-    sql = f"SELECT {', '.join(_PASSAGE)} FROM passages WHERE id = ?"
-    row: dict[str, Any] = dict(zip(_PASSAGE, con.execute(sql, [ranked.id]).fetchone(), strict=True))
-    snippet, column = "", ""
-    for column in ("text", "alt", "path", "title"):
-        snippet = _snippet(con, ranked.id, marked, column)
-        if _LEFT in snippet:
+def _answer(index: Opened, ranked: Ranked, marked: Sequence[Found], size: int) -> Answer:
+    one = index.passage(ranked.place)
+    for text in (one.text, one.alt, one.path, one.title):
+        shown = snippet(text, index.analyzer, marked)
+        if shown.marks:
             break
-    start = _second(row, snippet) if column == "text" else None
-    url = row["url"]
-    if start is not None:
+    start, url = None, one.url
+    if one.times:
+        start = one.times[0] if text != one.text else _second(one, shown.marks)
         url = re.sub(r"&t=\d+s$", f"&t={int(start)}s", url)
+    text = one.text.replace("\n", " ") if one.times else one.text
     return Answer(
-        text=cut(row["text"] or row["alt"] or row["title"], size),
-        snippet=snippet.replace(_LEFT, MARK).replace(_RIGHT, MARK),
+        text=cut(text or one.alt or one.title, size),
+        snippet=shown.text,
         source=ranked.source,
-        kind=row["kind"],
-        key=row["key"],
-        title=row["title"],
-        path=row["path"],
+        kind=one.kind,
+        key=one.key,
+        title=one.title,
+        path=one.path,
         score=ranked.score,
         url=url,
-        licence=row["licence"],
-        date=row["date"],
-        start_s=start if start is not None else _first(row),
+        licence=one.licence,
+        date=one.date,
+        start_s=start,
     )
 
 
@@ -143,33 +125,11 @@ def cut(text: str, size: int) -> str:
     return text if len(text) <= size else text[: max(0, size - 1)].rstrip() + "…"
 
 
-def _snippet(con: sqlite.Connection, number: int, marked: str, column: str) -> str:
-    sql = (
-        f"SELECT snippet(found, {_COLUMN[column]}, ?, ?, '…', {_SNIPPET}) FROM found"
-        " WHERE found MATCH ? AND rowid = ?"
-    )
-    found = con.execute(sql, [_LEFT, _RIGHT, marked, number]).fetchone()
-    return " ".join(str(found[0]).split()) if found and found[0] else ""
-
-
-def _second(row: dict[str, Any], snippet: str) -> float | None:
-    """The second at which the cue with the most of the snippet's marked words begins, of several
-    the first.
+def _second(one: Passage, marks: Sequence[tuple[int, int]]) -> float:
+    """The second at which the cue with the most of the marked words begins, of several the first;
+    cues are lines.
     """
-    if not row["times"] or _LEFT not in snippet:
-        return None
-    times: list[tuple[int, float]] = json.loads(row["times"])
-    at: int = row["text"].find(snippet.replace(_LEFT, "").replace(_RIGHT, "").strip("…"))
-    if at < 0:
-        return None
-    marks: Counter[float] = Counter()
-    for piece in re.split(f"({_LEFT}[^{_RIGHT}]*{_RIGHT})", snippet.strip("…")):
-        bare = piece.strip(_LEFT + _RIGHT)
-        if piece.startswith(_LEFT):
-            marks[max(second for first, second in times if first <= at)] += len(bare.split())
-        at += len(bare)
-    return min(marks, key=lambda second: (-marks[second], second))
-
-
-def _first(row: dict[str, Any]) -> float | None:
-    return float(json.loads(row["times"])[0][1]) if row["times"] else None
+    words: Counter[int] = Counter()
+    for at, count in marks:
+        words[one.text.count("\n", 0, at)] += count
+    return one.times[min(words, key=lambda line: (-words[line], line), default=0)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -11,28 +11,23 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.errors import UsageError
-from kb.search.rank import KEYS
 from kb.store import complete, indexed, linked, parquet
 from kb.store.reading import reading
-from kb.store.sqlite import Connection
 
 
-def restrict(root: Path, name: str, indexes: Mapping[str, Connection]) -> None:
-    """Put the keys that are linked to an entity beside each index, for `kb.search.rank.rank`.
+def restrict(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[str]]:
+    """The keys that are linked to an entity, for `kb.search.rank.rank`.
 
     Raises UsageError where there are no entity tables, they are older than the clean tables that
     are searched, or no entity has that name; DamagedData.
     """
-    stamps = {source: note.files for source in indexes if (note := indexed.read(root, source))}
+    stamps = {source: note.files for source in sources if (note := indexed.read(root, source))}
     now = {
         source: {file: stamp.sha256 for file, stamp in files.items()}
         for source, files in stamps.items()
     }
     linked.check(root, now)
-    found = keys(root, entity(root, name), list(indexes))
-    for source, con in indexes.items():
-        con.execute(f"CREATE TEMP TABLE {KEYS} (key TEXT PRIMARY KEY) WITHOUT ROWID")
-        con.executemany(f"INSERT INTO {KEYS} VALUES (?)", [(key,) for key in found[source]])
+    return keys(root, entity(root, name), sources)
 
 
 def entity(root: Path, name: str) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+import unicodedata
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 
@@ -16,19 +16,19 @@ from kb.store import complete
 from kb.store.merge import Merge
 from kb.store.shards import order
 
+KINDS = ("video", "transcript", "section", "table", "post", "comment")
 MOST_WORDS = 200  # of a passage's text
 _AT_ONCE = 64  # rows as Python objects at a time: a transcript is a large one
 _AHEAD = 1_024  # of all files: a transcript has tens of kilobytes
 _NOT_SHOWN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")  # marks of snippets would be among them
 
 
-@dataclass(frozen=True, slots=True)
-class Passage:
+class Passage(NamedTuple):
     """A piece of one thing of a source.
 
     `key` is the thing's own (video id, page id, full name of a post or comment), `thing` what at
     most one answer is given of: the video, page or thread. `path` is a section's headings. `times`
-    are (first character, second) of a transcript's cues.
+    are the seconds at which a transcript's cues begin, each of which is a line of the text.
     """
 
     kind: str
@@ -41,12 +41,18 @@ class Passage:
     licence: str | None = None
     path: str = ""
     alt: str = ""
-    times: list[tuple[int, float]] = field(default_factory=list)
+    times: Sequence[float] = ()
 
 
 def plain(text: str | None) -> str:
-    """A text without control characters; "" for None."""
-    return _NOT_SHOWN.sub(" ", text or "")
+    """A text without control characters, accents in one character with their letters; "" for
+    None.
+    """
+    if not text:
+        return ""
+    if not text.isascii():
+        text = unicodedata.normalize("NFC", text)
+    return _NOT_SHOWN.sub(" ", text)
 
 
 def day(when: Any) -> str | None:

@@ -1,15 +1,17 @@
 """BM25 over the indexes of several sources, as if they were one.
 
-FTS5 reckons each passage's part of a term from the term's frequency in it, weighted by field, and
-its length beside the mean of its source; how rare a term is follows here from all sources that are
-searched together, else a word would count more only because its source is larger:
-
     score = Σ rarity · f · (k + 1) / (f + k · (1 - b + b · length / mean))
     rarity = ln(1 + (N - n + 0.5) / (n + 0.5))
 
-with N passages, n that have the term, f = Σ weight · frequency by field, k = 1.2, b = 0.75. A plain
-word that stands in more than a fifth of many passages is left out where a rarer one is asked for
-too: it would decide nothing, and looking it up would take the longest.
+with N passages, n that have the term, f how often a passage has it, k = 1.2, b = 0.75; words of the
+title count twice, in f and in the length. Lengths are held in one byte: up to 40 words they are
+exact, above that the next lower of 42, 44 … 56, 60 … 88, 96 … 152, 168 …; the mean, of the source
+alone, is exact. How rare a term is follows from all sources that are searched together, else a
+word would count more only because its source is larger: tantivy weighs each term by its own
+source, and that is divided out.
+
+What begins like a prefix counts as the best of its words: each of the most frequent ones as if it
+were as rare as the prefix is, any other as found once in a passage of mean length.
 """
 
 from __future__ import annotations
@@ -17,20 +19,22 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
+from functools import cached_property
 from typing import NamedTuple
 
-from kb.core.errors import UsageError
-from kb.search.words import Question, Term
-from kb.store.sqlite import Connection
+from tantivy import Occur, Query
 
-WEIGHTS = {"title": 2.0, "path": 1.5, "text": 1.0, "alt": 0.5}
-KEYS = "linked"  # a temporary table beside an index: the keys that alone may be answers
-_MANY = 10_000  # passages from which common words are left out
-_COMMON = 0.2
+from kb.core.errors import UsageError
+from kb.search.engine import Address, Opened
+from kb.search.words import Question, Term
+
+_BEGINNINGS = 64  # words of a prefix that count as often as they are found
 _MARKED = 0.3  # of the rarest term's rarity
+_DIGITS = 5  # of a score; the engine reckons with seven
+_AHEAD = 64  # passages that are looked at first, as several may be of one thing
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class Ranked(NamedTuple):
 
     minus: float
     source: str
-    id: int
+    place: Address
 
     @property
     def score(self) -> float:
@@ -70,63 +74,95 @@ class Ranked(NamedTuple):
         return -self.minus
 
 
+class Found:
+    """A term in one index. `words` are its words as the index has them."""
+
+    def __init__(self, index: Opened, term: Term) -> None:
+        self._index, self._prefix = index, term.prefix
+        self.words = index.analyzer.analyze(term.text)
+
+    @cached_property
+    def _every(self) -> list[list[str]]:
+        """The term's words; of a prefix those of the most frequent words that it may stand for."""
+        if not self._prefix or not self.words:
+            return [self.words] if self.words else []
+        *before, last = self.words
+        return [[*before, one] for one in self._index.beginning(last, _BEGINNINGS)]
+
+    @cached_property
+    def having(self) -> int:
+        """How many passages have the term."""
+        if len(self._every) == 1 and len(self.words) == 1:
+            return self._index.having(self._every[0][0])
+        return self._index.count(self.query(1.0)) if self._every else 0
+
+    def is_at(self, words: Sequence[str], at: int) -> bool:
+        """Whether the term stands at a place among the words of a text."""
+        *before, last = self.words
+        there = words[at : at + len(self.words)]
+        if there[:-1] != before:
+            return False
+        return there[-1].startswith(last) if self._prefix else there[-1] == last
+
+    def query(self, rarity: float) -> Query:
+        """Passages with the term, scored as one that is so rare. There have to be some."""
+        parts = [
+            Query.boost_query(self._index.words(words), rarity / self._own_rarity(words))
+            for words in self._every
+        ]
+        if len(parts) >= _BEGINNINGS:
+            parts.append(Query.const_score_query(self._index.like(self.words), rarity))
+        return parts[0] if len(parts) == 1 else Query.disjunction_max_query(parts)
+
+    def _own_rarity(self, words: list[str]) -> float:
+        """What tantivy weighs these words with."""
+        index = self._index
+        return sum(rarity(index.size, index.having(word)) for word in words)
+
+
 class Weighed(NamedTuple):
-    """A question's terms that decide, the rarest first: rarity, and passages that have the term by
-    source; `sizes`: passages by source.
+    """A question's terms that decide, the rarest first, with their rarity; and each of the
+    question's terms in each index.
     """
 
     rarities: dict[Term, float]
-    having: dict[Term, dict[str, int]]
-    sizes: dict[str, int]
+    found: dict[str, dict[Term, Found]]
 
-    @property
-    def marked(self) -> str:
+    def marked(self, source: str) -> list[Found]:
         """What a snippet marks: without words that are everywhere, such as "to"."""
         most = max(self.rarities.values(), default=0.0)
-        told = [term.match for term, one in self.rarities.items() if one >= _MARKED * most]
-        return " OR ".join(told)
+        told = [term for term, one in self.rarities.items() if one >= _MARKED * most]
+        return [self.found[source][term] for term in told]
 
 
-def weigh(indexes: Mapping[str, Connection], question: Question) -> Weighed:
+def weigh(indexes: Mapping[str, Opened], question: Question) -> Weighed:
     """How much each term counts in these indexes; one that is nowhere is left out."""
-    # They are numbered from 1 on; counting them would read the whole file.
-    last = "SELECT coalesce(max(id), 0) FROM passages"
-    sizes = {source: _one(con, last) for source, con in indexes.items()}
-    having = {
-        term: {source: _having(con, term) for source, con in indexes.items()}
-        for term in question.terms
+    every = dict.fromkeys((*question.terms, *question.needed, *question.barred))
+    found = {
+        source: {term: Found(index, term) for term in every} for source, index in indexes.items()
     }
-    whole = sum(sizes.values())
-    counts = {term: count for term in having if (count := sum(having[term].values()))}
-    rare = {term: n for term, n in counts.items() if not _is_common(term, n, whole)}
-    told = {term: rarity(whole, count) for term, count in (rare or counts).items()}
-    by_rarity = sorted(told.items(), key=lambda one: (-one[1], one[0]))
-    return Weighed(dict(by_rarity), having, sizes)
+    whole = sum(index.size for index in indexes.values())
+    counts = {term: sum(one[term].having for one in found.values()) for term in question.terms}
+    told = {term: rarity(whole, count) for term, count in counts.items() if count}
+    return Weighed(dict(sorted(told.items(), key=lambda one: (-one[1], one[0]))), found)
 
 
 def rank(
-    indexes: Mapping[str, Connection],
+    indexes: Mapping[str, Opened],
     question: Question,
     weighed: Weighed,
     only: Only,
-    *,
-    linked: bool = False,
+    linked: Mapping[str, Collection[str]] | None = None,
 ) -> list[Ranked]:
     """The best passages of all indexes, at most `only.limit`, the best first; of equal ones in
-    the order of sources and rows. `linked`: those alone whose keys the table KEYS has.
+    the order of sources and of writing. `linked`: those alone that have one of these keys.
     """
     ranked: list[Ranked] = []
-    for source, con in indexes.items():
-        factors = {
-            term: value / _of_fts5(weighed.sizes[source], count)
-            for term, value in weighed.rarities.items()
-            if (count := weighed.having[term][source])
-        }
-        if factors:
-            ranked += (
-                Ranked(-score, source, number)
-                for number, score in _best(con, factors, question, only, linked=linked)
-            )
+    for source, index in indexes.items():
+        keys = None if linked is None else linked[source]
+        query = _query(index, weighed.found[source], question, weighed, only, keys)
+        if query is not None:
+            ranked += (Ranked(-score, source, place) for score, place in _best(index, query, only))
     return sorted(ranked)[: only.limit]
 
 
@@ -135,79 +171,56 @@ def rarity(passages: int, having: int) -> float:
     return math.log(1 + (passages - having + 0.5) / (having + 0.5))
 
 
-def _of_fts5(passages: int, having: int) -> float:
-    """What FTS5 takes instead (fts5_aux.c, fts5Bm25GetData), to be divided out."""
-    known = math.log((passages - having + 0.5) / (having + 0.5))
-    return known if known > 0 else 1e-6
-
-
-def _is_common(term: Term, having: int, passages: int) -> bool:
-    return term.plain and passages >= _MANY and having > _COMMON * passages
-
-
-def _best(
-    con: Connection,
-    factors: Mapping[Term, float],
+def _query(
+    index: Opened,
+    found: Mapping[Term, Found],
     question: Question,
+    weighed: Weighed,
     only: Only,
-    *,
-    linked: bool,
-) -> list[tuple[int, float]]:
-    weights = ", ".join(str(weight) for weight in WEIGHTS.values())
-    values: list[str | float | int] = []
-    parts = []
-    for number, (term, factor) in enumerate(factors.items()):
-        parts.append(
-            f"hits{number} AS MATERIALIZED (SELECT rowid AS id, -bm25(found, {weights}) * ? AS part"
-            " FROM found WHERE found MATCH ?)"
-        )
-        values += [factor, term.match]
-    every = " UNION ALL ".join(f"SELECT id, part FROM hits{n}" for n in range(len(factors)))
-    where = ["score >= ?"]
-    bounds: list[str | float | int] = [only.least]
-    has = "(SELECT rowid FROM found WHERE found MATCH ?)"
-    for sign, matches in (("IN", question.needed), ("NOT IN", question.barred)):
-        where += [f"id {sign} {has}"] * len(matches)
-        bounds += matches
-    sql = f"""
-        WITH {", ".join(parts)},
-        scored AS (SELECT id, round(sum(part), 6) AS score FROM ({every}) GROUP BY id)
-        SELECT id, score FROM scored WHERE {" AND ".join(where)} ORDER BY score DESC, id"""
-    return _first(con, con.execute(sql, [*values, *bounds]), only, linked=linked)
+    keys: Collection[str] | None,
+) -> Query | None:
+    """What an index is asked; None where it can have no answer."""
+    needed = [term for term in question.needed if found[term].words]
+    if not all(found[term].having for term in needed):
+        return None
+    scored: list[tuple[Occur, Query]] = [
+        (Occur.Must if term in needed else Occur.Should, found[term].query(one))
+        for term, one in weighed.rarities.items()
+        if found[term].having
+    ]
+    if not scored:
+        return None
+    filters: list[tuple[Occur, Query]] = []
+    if only.kinds:
+        filters.append((Occur.Must, index.kinds(only.kinds)))
+    if only.since or only.until:
+        filters.append((Occur.Must, index.days(only.since, only.until)))
+    if keys is not None:
+        filters.append((Occur.Must, index.keys(keys)))
+    for term in needed:
+        if term not in weighed.rarities:  # of too many
+            filters.append((Occur.Must, found[term].query(1.0)))
+    filters = [(sign, Query.const_score_query(one, 0.0)) for sign, one in filters]
+    for term in question.barred:
+        if found[term].having:
+            filters.append((Occur.MustNot, found[term].query(1.0)))
+    asked = Query.boolean_query(scored)
+    return Query.boolean_query([(Occur.Must, asked), *filters]) if filters else asked
 
 
-def _first(
-    con: Connection, scored: Iterable[tuple[int, float]], only: Only, *, linked: bool
-) -> list[tuple[int, float]]:
-    """The first that may be answers. What a passage is of is looked up for these alone: reading it
-    for every passage with one of the words would take the longest.
-    """
-    found: list[tuple[int, float]] = []
-    taken: Counter[str] = Counter()
-    keys = {key for (key,) in con.execute(f"SELECT key FROM {KEYS}")} if linked else set()
-    for number, score in scored:
-        sql = "SELECT key, thing, kind, date FROM passages WHERE id = ?"
-        key, thing, kind, day = con.execute(sql, [number]).fetchone()
-        if linked and key not in keys:
-            continue
-        if only.kinds and kind not in only.kinds:
-            continue
-        if (only.since or only.until) and day is None:
-            continue
-        if (only.since and day < only.since) or (only.until and day > only.until):
-            continue
-        taken[thing] += 1
-        if only.each is not None and taken[thing] > only.each:
-            continue
-        found.append((number, score))
-        if len(found) == only.limit:
-            break
-    return found
-
-
-def _having(con: Connection, term: Term) -> int:
-    return _one(con, "SELECT count(*) FROM found WHERE found MATCH ?", term.match)
-
-
-def _one(con: Connection, sql: str, *values: str) -> int:
-    return int(con.execute(sql, values).fetchone()[0])
+def _best(index: Opened, query: Query, only: Only) -> list[tuple[float, Address]]:
+    most = only.limit if only.each is None else max(_AHEAD, 4 * only.limit)
+    while True:
+        most = min(most, index.size)
+        hits = index.best(query, most)
+        found: list[tuple[float, Address]] = []
+        taken: Counter[int] = Counter()
+        for exact, place, thing in hits:
+            taken[thing] += 1
+            score = round(exact, _DIGITS)
+            if score >= only.least and (only.each is None or taken[thing] <= only.each):
+                found.append((score, place))
+        enough = len(found) >= only.limit or len(hits) < most or most == index.size
+        if enough or round(hits[-1][0], _DIGITS) < only.least:
+            return found[: only.limit]
+        most *= 8

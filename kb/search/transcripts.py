@@ -4,12 +4,14 @@ title and description.
 
 from __future__ import annotations
 
+import unicodedata
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.search.passage import Beside, Passage, batches, day, pieces, plain, rows
@@ -33,27 +35,21 @@ class Talk(NamedTuple):
         """The cues in groups (first, one past the last) of at most MOST words. A group ends before
         the longest pause after its first LEAST words; of equal pauses before the last.
         """
-        begin, count = 0, len(self.texts)
+        words, begin, count = self.words, 0, len(self.texts)
+        pauses = [
+            round(start - end, 3) if start > end else 0.0
+            for start, end in zip(self.starts[1:], self.ends, strict=False)
+        ]  # after each cue but the last
         while begin < count:
-            end = bisect_right(self.words, self.words[begin] + MOST, begin + 1) - 1
-            best, pause = end, -1.0
+            end = bisect_right(words, words[begin] + MOST, begin + 1) - 1
             if end < count:
-                first = bisect_left(self.words, self.words[begin] + LEAST, begin + 1)
-                for after in range(first, end + 1):
-                    gap = max(0.0, round(self.starts[after] - self.ends[after - 1], 3))
-                    if gap >= pause:
-                        best, pause = after, gap
-            yield begin, best
-            begin = best
-
-    def joined(self, begin: int, after: int) -> tuple[str, list[tuple[int, float]]]:
-        """A group's text, and where in it which second begins."""
-        texts = self.texts[begin:after]
-        at = accumulate((len(text) + 1 for text in texts), initial=0)
-        return " ".join(texts), [
-            (place, round(start, 2))
-            for place, start in zip(at, self.starts[begin:after], strict=False)
-        ]
+                first = bisect_left(words, words[begin] + LEAST, begin + 1)
+                some = pauses[first - 1 : end]
+                while some[-1] < max(some):
+                    some.pop()
+                end = first + len(some) - 1
+            yield begin, end
+            begin = end
 
 
 def passages(root: Path) -> Iterator[Passage]:
@@ -74,8 +70,8 @@ def passages(root: Path) -> Iterator[Passage]:
         for transcript in heard.of(key):
             said: Talk = transcript["talk"]
             for begin, after in said.windows():
-                text, times = said.joined(begin, after)
-                url = f"{_WATCH}{key}&t={int(said.starts[begin])}s"
+                text, times = "\n".join(said.texts[begin:after]), said.starts[begin:after]
+                url = f"{_WATCH}{key}&t={int(times[0])}s"
                 yield Passage("transcript", text=text, url=url, times=times, **about)
 
 
@@ -87,13 +83,27 @@ def spoken(root: Path) -> Iterator[dict[str, Any]]:
     for part in batches(root, "youtube/transcripts", ["video_id", "cues"]):
         keys, lists = part["video_id"].to_pylist(), part["cues"].combine_chunks()
         counts = pc.list_value_length(lists).to_pylist()
-        cues = pc.list_flatten(lists)
-        columns = [pc.struct_field(cues, [name]).to_pylist() for name in _CUE]
+        starts, ends, texts = _columns(pc.list_flatten(lists))
         at = 0
         for key, count in zip(keys, counts, strict=True):
             after = at + (count or 0)
-            yield {"video_id": key, "talk": talk(*(one[at:after] for one in columns))}
+            yield {
+                "video_id": key,
+                "talk": _talk(starts[at:after], ends[at:after], texts[at:after]),
+            }
             at = after
+
+
+def _columns(cues: pa.Array[Any]) -> tuple[list[float], list[float], list[str]]:
+    """Starts and ends of cues to the hundredth of a second, and their texts; no null."""
+    start, length, text = (pc.struct_field(cues, [name]) for name in _CUE)
+    starts = pc.max_element_wise(start, 0.0)  # which leaves nulls out
+    ends = pc.add(starts, pc.max_element_wise(length, 0.0))
+    return (
+        pc.round(starts, 2).to_pylist(),
+        pc.round(ends, 2).to_pylist(),
+        pc.fill_null(text, "").to_pylist(),
+    )
 
 
 def talk(
@@ -103,19 +113,27 @@ def talk(
 
     Times in seconds.
     """
-    begun = [max(0.0, start or 0.0) for start in starts]
-    ended = [
-        start + max(0.0, length or 0.0) for start, length in zip(begun, durations, strict=True)
+    columns: list[pa.Array[Any]] = [
+        pa.array(starts, pa.float64()),
+        pa.array(durations, pa.float64()),
+        pa.array(texts, pa.string()),
     ]
-    said = [text or "" for text in texts]
-    if not "".join(said).isprintable():
-        said = list(map(plain, said))
-    words = list(map(str.split, said))
+    return _talk(*_columns(pa.StructArray.from_arrays(columns, names=_CUE)))
+
+
+def _talk(starts: list[float], ends: list[float], texts: list[str]) -> Talk:
+    whole = f" {' '.join(texts)} "
+    one_form = whole.isascii() or unicodedata.is_normalized("NFC", whole)
+    if one_form and whole.isprintable() and "  " not in whole:  # as nearly all are
+        counts = [text.count(" ") + 1 for text in texts]
+        if max(counts, default=0) <= MOST:
+            return Talk(starts, ends, texts, list(accumulate(counts, initial=0)))
+    words = [plain(text).split() for text in texts]
     counts = list(map(len, words))
     if counts and (min(counts) == 0 or max(counts) > MOST):
-        begun, ended, words = _divided(begun, ended, words)
+        starts, ends, words = _divided(starts, ends, words)
         counts = list(map(len, words))
-    return Talk(begun, ended, list(map(" ".join, words)), list(accumulate(counts, initial=0)))
+    return Talk(starts, ends, list(map(" ".join, words)), list(accumulate(counts, initial=0)))
 
 
 def _divided(

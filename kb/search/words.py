@@ -1,4 +1,4 @@
-"""What a person types, as questions to FTS5.
+"""What a person types, as a question to an index.
 
     wolf tame       either word, the more and the rarer the better; words that only make a
                     sentence ("how", "the") count where nothing else is asked for
@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Collection
 from typing import NamedTuple
 
 MOST = 32  # terms of one question; what is typed after them is left out
@@ -32,64 +31,52 @@ _SMALL = {
 
 
 class Term(NamedTuple):
-    """A word or phrase as FTS5 takes it, and whether it is a plain word, which may be left out."""
+    """Words side by side, most often one; as a `prefix` the last is how a word begins."""
 
-    match: str
-    plain: bool
+    text: str
+    prefix: bool = False
 
 
 class Question(NamedTuple):
     """What makes an answer better, what it has to have, and what it must not have."""
 
     terms: tuple[Term, ...]
-    needed: tuple[str, ...]
-    barred: tuple[str, ...]
+    needed: tuple[Term, ...]
+    barred: tuple[Term, ...]
 
 
 def question(text: str) -> Question:
     """The question in a text. Without any word in it there are no terms."""
-    terms: dict[str, Term] = {}
-    needed: dict[str, None] = {}
-    barred: dict[str, None] = {}
+    terms: dict[Term, None] = {}
+    needed: dict[Term, None] = {}
+    barred: dict[Term, None] = {}
     for found in _TERM.finditer(_clean(text)):
         sign, phrase = found["sign"], found["phrase"]
         word = found["word"] if phrase is None else phrase
         prefix = bool(found["any"]) or (phrase is None and word.endswith("*"))
-        match = _quoted(word, prefix=prefix)
-        if not match:
+        kept = "".join(one if _counts(one) else " " for one in word).split()
+        if not kept:
             continue
+        term = Term(" ".join(kept), prefix)
         if sign == "-":
-            barred[match] = None
+            barred[term] = None
             continue
-        must = sign == "+" or phrase is not None
-        terms.setdefault(match, Term(match, plain=not must))
-        if must:
-            needed[match] = None
-            terms[match] = Term(match, plain=False)
-    kept = tuple(_telling(terms.values()))[:MOST]
-    return Question(kept, tuple(needed)[:MOST], tuple(barred)[:MOST])
-
-
-def _telling(terms: Collection[Term]) -> Collection[Term]:
-    """Without small words, unless there are no others."""
-    return [
-        one for one in terms if not one.plain or one.match.strip('"').lower() not in _SMALL
-    ] or terms
+        terms[term] = None
+        if sign == "+" or phrase is not None:
+            needed[term] = None
+    # Without small words, unless there are no others.
+    told = [one for one in terms if one in needed or one.prefix or one.text.lower() not in _SMALL]
+    return Question(tuple(told or terms)[:MOST], tuple(needed)[:MOST], tuple(barred)[:MOST])
 
 
 def _clean(text: str) -> str:
-    """The text without what SQLite can't take, or is no sign: control characters, surrogates."""
-    return "".join(" " if unicodedata.category(one) in ("Cc", "Cs") else one for one in text)
-
-
-def _quoted(words: str, *, prefix: bool) -> str:
-    """The words as a phrase of FTS5; "" where nothing in them is a letter or digit."""
-    kept = "".join(one if _counts(one) else " " for one in words).split()
-    if not kept:
-        return ""
-    return '"' + " ".join(kept) + '"' + (" *" if prefix else "")
+    """The text without what is no sign (control characters, surrogates), accents in one
+    character with their letters.
+    """
+    signs = "".join(" " if unicodedata.category(one) in ("Cc", "Cs") else one for one in text)
+    return unicodedata.normalize("NFC", signs)
 
 
 def _counts(one: str) -> bool:
-    """Whether the tokenizer takes a character for one of a word (letters, digits, marks)."""
+    """Whether a character may be one of a word: letters, digits, marks."""
     return unicodedata.category(one)[0] in "LNM" or unicodedata.category(one) == "Co"

@@ -11,7 +11,7 @@ release/<source>/          what can be published
 export/<format>/           other projects' layouts
 report/                    figures and their page
 restored/<source>/         what `kb restore` brought back from a release's ids; restored/pairs/ too
-index/<source>.sqlite      what `kb search` reads, and beside it what it was made of
+index/<source>/            what `kb search` reads, and in a note what it was made of
 """
 
 from __future__ import annotations
@@ -211,12 +211,12 @@ class Layout:
         return self.root / "index"
 
     def index(self, source: str) -> Path:
-        """A source's passages and their words, in SQLite."""
-        return self.indexes / f"{source}.sqlite"
+        """A source's passages and their words."""
+        return self.indexes / source
 
     def indexed(self, source: str) -> Path:
-        """The clean files that a source's index was made of."""
-        return self.indexes / f"{source}.json"
+        """The clean files that a source's index was made of, and its own."""
+        return self.index(source) / "note.json"
 
 
 BELOW = Layout(Path())

@@ -61,7 +61,7 @@ def _places(at: Layout, name: str) -> tuple[Path, ...]:
             return (at.deposits,)
         case "index-youtube" | "index-wiki" | "index-reddit":
             source = name.removeprefix("index-")
-            return at.index(source), at.indexed(source)
+            return (at.index(source),)
         case "release-youtube":
             lists = ("youtube_full.json", "youtube_tutorial.json")
             made = [at.export("minedojo", one) for one in lists]

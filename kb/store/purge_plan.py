@@ -130,8 +130,9 @@ def _rows(root: Path, place: Place, keys: Collection[str]) -> int:
 def _made(root: Path, source: str) -> Iterator[Line]:
     """What has to be written anew as a whole."""
     index = Layout(root).index(source)
-    if index.is_file():
-        yield Line(index.parent.name, f"files, {index.name} made again by the next search", 1)
+    if files := sum(path.is_file() for path in index.rglob("*")):
+        below = str(BELOW.index(source))
+        yield Line(below, "files, made again by the next search", files)
     for folder in (Layout(root).export(), Layout(root).report):
         files = sum(path.is_file() for path in folder.rglob("*"))
         if files:

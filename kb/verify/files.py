@@ -56,7 +56,7 @@ class Files:
         elif parts[0] in ("export", "report", "restored"):
             self._plain(path, parts[0])
         elif parts[0] == "index":
-            self._index(path)
+            self._index(path, parts)
         elif parts[0] == "release":
             if len(parts) == 2:
                 look.foreign("release", path, "a release is a folder", "move it away")
@@ -127,16 +127,22 @@ class Files:
         what = "" if size or path.suffix not in _NEVER_EMPTY else "is empty"
         self._look.judged(kind, path, what, advice(path))
 
-    def _index(self, path: Path) -> None:
+    def _index(self, path: Path, parts: tuple[str, ...]) -> None:
         """What `kb search` reads; it is made again at any time."""
-        at, again = Layout(self._root), "run `kb index --again`"
-        if path in {at.indexed(source) for source in SOURCES}:
-            self._json("index", path, again)
-        elif path in {at.index(source) for source in SOURCES}:
-            self._look.advance(path.stat().st_size)
-            self._look.judged("index", path, indexed.problem(path), again)
-        else:
+        look, again = self._look, "run `kb index --again`"
+        if len(parts) != 3 or parts[1] not in SOURCES:
             self._strange("index", path)
+        elif path == Layout(self._root).indexed(parts[1]):
+            self._json("index", path, again)
+        elif path.name in indexed.LOCKS:
+            look.advance(path.stat().st_size)
+        else:
+            look.advance(path.stat().st_size)
+            what = indexed.problem(self._root, parts[1], path.name)
+            if what == indexed.FOREIGN:
+                self._strange("index", path)
+            else:
+                look.judged("index", path, what, again)
 
     def _parquet(self, kind: str, path: Path) -> None:
         what = tables.problem(path, self._look.advance)

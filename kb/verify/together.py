@@ -10,7 +10,7 @@ import duckdb
 
 from kb.core.errors import DamagedData
 from kb.core.sources import PUBLISHED, SORTED, SOURCES
-from kb.store import complete, database, leftovers
+from kb.store import complete, database, indexed, leftovers
 from kb.store.advice import advice
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import scan
@@ -26,6 +26,7 @@ def compare(look: Look, root: Path) -> None:
     steps = [
         partial(raw.lost_side_files, look, root),
         partial(_lost_tables, look, root),
+        partial(_lost_indexes, look, root),
         *(partial(_two_answers, look, root, source) for source in SOURCES),
         *(partial(_release, look, root, source) for source in PUBLISHED),
     ]
@@ -46,6 +47,13 @@ def _lost_tables(look: Look, root: Path) -> None:
         with contextlib.suppress(DamagedData):
             for path in complete.missing(folder):
                 look.missing(folder.relative_to(root).parts[0], path, advice(path))
+
+
+def _lost_indexes(look: Look, root: Path) -> None:
+    """Files of indexes that were written and are not there."""
+    for source in SOURCES:
+        for path in indexed.missing(root, source):
+            look.missing("index", path, "run `kb index --again`")
 
 
 def _two_answers(look: Look, root: Path, source: str) -> None:

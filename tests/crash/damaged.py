@@ -107,7 +107,7 @@ def _of(source: str) -> Iterator[Place]:
     tables = (f"{clean}/*/*.parquet", f"{clean}/*.json")
     yield Place(clean, tables, (exported, indexed, status, *pairs))
     search = Reader((("search", "the", "how", "--source", source),), prints=True)
-    yield Place(f"index/{source}", (f"index/{source}.*",), (search,))
+    yield Place(f"index/{source}", (f"index/{source}/[!.]*",), (search,))
     described = Reader((("release",),), f"release/{source}")
     yield Place(f"release/{source}", (f"release/{source}/*",), (described,))
 

@@ -6,7 +6,6 @@ import json
 import math
 import re
 import shutil
-import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,12 +20,13 @@ import kb
 from kb.core.errors import DamagedData, KbError, UsageError
 from kb.core.sources import SOURCES
 from kb.filters.clean import run_clean
+from kb.search import sections, threads, transcripts
 from kb.search.ask import search
 from kb.search.build import index
-from kb.search.passage import MOST_WORDS
-from kb.search.rank import WEIGHTS, Only
+from kb.search.passage import MOST_WORDS, Passage
+from kb.search.rank import Only
 from kb.search.transcripts import LEAST, MOST, talk
-from kb.search.words import question
+from kb.search.words import Term, question
 from kb.store import indexed, lock
 from kb.store.layout import Layout
 from kb.verify.root import verify
@@ -118,39 +118,52 @@ def test_every_address_is_one(made: Path) -> None:
             assert parts.query == f"v={one.key}&t={int(one.start_s)}s"
 
 
-def brute(passages: list[tuple[str, dict[str, list[str]]]], words: list[str]) -> list[float]:
-    """BM25 by its definition: (source, words by field) → scores."""
+def held(length: int) -> int:
+    """A length as the index keeps it, in a byte."""
+    at, step = 40, 2
+    while length >= at + 8 * step:
+        at, step = at + 8 * step, 2 * step
+    return length if length <= 40 else at + (length - at) // step * step
+
+
+def brute(passages: list[tuple[str, list[str]]], words: list[str]) -> list[float]:
+    """BM25 by its definition: (source, its words) → scores."""
     total = len(passages)
     scores = []
-    for source, fields in passages:
-        lengths = [sum(map(len, other.values())) for name, other in passages if name == source]
-        mean, length = sum(lengths) / len(lengths), sum(map(len, fields.values()))
+    for source, held_words in passages:
+        lengths = [len(other) for name, other in passages if name == source]
+        mean, length = sum(lengths) / len(lengths), held(len(held_words))
         score = 0.0
         for word in words:
-            having = sum(any(word in one for one in other.values()) for _, other in passages)
+            having = sum(word in other for _, other in passages)
             rarity = math.log(1 + (total - having + 0.5) / (having + 0.5))
-            often = sum(WEIGHTS[name] * fields[name].count(word) for name in WEIGHTS)
+            often = held_words.count(word)
             score += rarity * often * 2.2 / (often + 1.2 * (0.25 + 0.75 * length / mean))
         scores.append(score)
     return scores
 
 
+def every(root: Path) -> list[tuple[str, Passage]]:
+    """All passages of the small world, by source."""
+    return [
+        *(("youtube", one) for one in transcripts.passages(root)),
+        *(("wiki", one) for one in sections.passages(root)),
+        *(("reddit", one) for one in threads.passages("Minecraft", root)),
+    ]
+
+
 @pytest.mark.parametrize("words", ["camel", "ride camel bones", "nobody camel welcome leather"])
 def test_scores_are_those_of_a_reckoning_by_hand(made: Path, words: str) -> None:
     passages, places = [], []
-    for source in SOURCES:
-        con = sqlite3.connect(Layout(made).index(source))
-        names = ", ".join(WEIGHTS)
-        for kind, key, *fields in con.execute(
-            f"SELECT kind, key, {names} FROM passages ORDER BY id"
-        ):
-            split = [re.findall(r"\w+", text.lower()) for text in fields]
-            passages.append((source, dict(zip(WEIGHTS, split, strict=True))))
-            places.append((kind, key, fields[2]))
-        con.close()
+    for source, one in every(made):
+        whole = f"{one.title} {one.title} {one.path} {one.text} {one.alt}".lower()
+        stemmed = [word.replace("bones", "bone") for word in re.findall(r"\w+", whole)]
+        passages.append((source, stemmed))
+        places.append((one.kind, one.key, one.text.replace("\n", " " if one.times else "\n")))
+    asked = words.replace("bones", "bone").split()
     wanted = {
-        place: pytest.approx(score, rel=1e-5)
-        for place, score in zip(places, brute(passages, words.split()), strict=True)
+        place: pytest.approx(score, rel=1e-5, abs=1e-5)
+        for place, score in zip(places, brute(passages, asked), strict=True)
         if score
     }
     found = search(made, words, only=EVERY, size=10_000)
@@ -198,6 +211,75 @@ def test_filters_and_how_many(made: Path) -> None:
     assert all(len(one.text) <= 20 for one in search(made, "camel", size=20))
 
 
+def posts(root: Path, *bodies: str, title: str = "t") -> None:
+    """A thread of each text, indexed."""
+    made = [
+        {"post_id": f"p{n}", "type": "text", "title": title, "body": body}
+        for n, body in enumerate(bodies)
+    ]
+    write(root, "reddit/posts", made)
+    write(root, "reddit/comments", [])
+
+
+def found(root: Path, words: str, **only: Any) -> list[str]:
+    """The texts of the answers out of threads."""
+    answers = search(root, words, sources=["reddit"], only=Only(**{"limit": 100, **only}))
+    return [one.text for one in answers]
+
+
+def test_words_are_folded_and_stemmed_by_the_profiles_language(tmp_path: Path) -> None:
+    posts(tmp_path, "Cafe\u0301 d'Écume", "the Häuser were sold", "岩島に住む", title="Título")
+    index(run_at(tmp_path))
+    for words in ("cafe", "CAFÉ", "e\u0301cume", "d'ecume", '"café d ecume"'):
+        assert found(tmp_path, words) == ["Café d'Écume"], words
+    assert found(tmp_path, "selling houses") == []
+    assert found(tmp_path, "haus") == []
+    assert found(tmp_path, "häuser") == ["the Häuser were sold"]
+    assert found(tmp_path, "岩島に住む") == ["岩島に住む"]
+    assert found(tmp_path, "岩島*") == ["岩島に住む"]
+    assert len(found(tmp_path, "titulo")) == 3
+    index(run_at(tmp_path, language="de"))
+    assert found(tmp_path, "haus") == ["the Häuser were sold"]
+    assert index(run_at(tmp_path, language="xx"))["indexed"] == ["reddit"]
+    assert found(tmp_path, "haus") == []
+    assert found(tmp_path, "HAUSER") == ["the Häuser were sold"]
+
+
+def test_a_beginning_finds_all_that_begin_so_the_best_of_its_words_first(tmp_path: Path) -> None:
+    bodies = [f"a craft{n} of wood" for n in range(200)]
+    posts(tmp_path, *bodies, "crafting craft7 craft7 craft7", "no such thing", "a kraft of wood")
+    index(run_at(tmp_path))
+    texts = found(tmp_path, "craft*", limit=500)
+    assert texts[0] == "crafting craft7 craft7 craft7"
+    assert set(texts) == {*bodies, texts[0]}
+    assert set(found(tmp_path, '"a craft1"*', limit=500)) == {
+        body for body in bodies if body.startswith("a craft1")
+    }
+    assert len(found(tmp_path, '"a craft"*', limit=500)) == 200
+    assert found(tmp_path, "craft* -craft* wood") == ["a kraft of wood"]
+    (one,) = search(tmp_path, "+craft* +such", sources=["reddit"], only=Only(limit=9)) or [None]
+    assert one is None
+
+
+def test_equal_answers_come_as_they_were_written_and_none_is_lost_to_its_thread(
+    tmp_path: Path,
+) -> None:
+    comments = [
+        {"comment_id": f"c{n:03d}", "post_id": "p0", "parent_id": "t3_p0", "body": "an elm elm"}
+        for n in range(300)
+    ]
+    posts(tmp_path, "oak", *["an elm stands there"] * 30)
+    write(tmp_path, "reddit/comments", comments)
+    index(run_at(tmp_path))
+    answers = search(tmp_path, "elm", sources=["reddit"], only=Only(limit=20))
+    assert answers[0].key.startswith("t1_c")  # of which only one is taken
+    keys = [one.key for one in answers[1:]]
+    assert len(keys) == 19
+    assert keys == [one.key for one in search(tmp_path, "elm", only=Only(limit=20))][1:]
+    assert len(search(tmp_path, "elm", only=EVERY)) == 330
+    assert len(search(tmp_path, "elm", only=Only(each=None, limit=10**9))) == 330
+
+
 @given(st.text(max_size=60))
 @example('"')
 @example('" " ""')
@@ -213,13 +295,14 @@ def test_no_text_is_an_error(made: Path, text: str) -> None:
 
 
 def test_what_is_typed_becomes() -> None:
-    assert [term.match for term in question("how-to 'ride'").terms] == ['"how to"', '"ride"']
+    assert question("how-to 'ride'").terms == (Term("how to"), Term("ride"))
     asked = question('wolf "bed rock" craft* +iron -dog -"a b"')
-    assert [term.match for term in asked.terms] == ['"wolf"', '"bed rock"', '"craft" *', '"iron"']
-    assert asked.needed == ('"bed rock"', '"iron"')
-    assert asked.barred == ('"dog"', '"a b"')
+    craft = Term("craft", prefix=True)
+    assert asked.terms == (Term("wolf"), Term("bed rock"), craft, Term("iron"))
+    assert asked.needed == (Term("bed rock"), Term("iron"))
+    assert asked.barred == (Term("dog"), Term("a b"))
     asked = question("How do I tame the wolf?")
-    assert [term.match for term in asked.terms] == ['"tame"', '"wolf"']
+    assert asked.terms == (Term("tame"), Term("wolf"))
     assert len(question("how to").terms) == 2
     assert len(question('+how "to the" wolf').terms) == 3
     assert question("x" + " y z" * 100).terms == question("x y z").terms
@@ -233,10 +316,6 @@ def test_windows_end_where_the_talk_pauses() -> None:
     found = list(said.windows())
     assert [starts[begin] for begin, _ in found] == [0.0, 25]  # before the pause from 21 to 25
     assert [n for begin, after in found for n in range(begin, after)] == list(range(16))
-    text, times = said.joined(*found[1])
-    assert [(text[at : at + 4], second) for at, second in times] == [
-        ("word", start) for start in starts[7:]
-    ]
     even = talk([3.0 * n for n in range(100)], [3.0] * 100, [words] * 100).windows()
     sizes = [10 * (after - begin) for begin, after in even]
     assert sum(sizes) == 1000
@@ -267,17 +346,27 @@ def test_no_passage_is_long(tmp_path: Path) -> None:
     assert len(one.text.split()) <= MOST_WORDS
 
 
-def bytes_of(root: Path) -> bytes:
-    return b"".join(path.read_bytes() for path in sorted(Layout(root).indexes.rglob("*")))
+def files_of(folder: Path) -> dict[str, bytes]:
+    """What an index holds; its note says when that was written."""
+    paths = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+
+def bytes_of(folder: Path) -> bytes:
+    return b"".join(files_of(folder).values())
+
+
+def made_at(root: Path) -> dict[str, int]:
+    return {source: Layout(root).indexed(source).stat().st_ino for source in SOURCES}
 
 
 def test_a_changed_source_is_made_again_and_no_other(root: Path) -> None:
     run = run_at(root)
-    times = {source: Layout(root).index(source).stat().st_mtime_ns for source in SOURCES}
     assert index(run)["indexed"] == []
     Layout(root).rows("wiki/pages")[0].touch()  # the same bytes
     assert index(run)["indexed"] == []
-    assert SECRET.encode() in bytes_of(root)
+    assert SECRET.encode() in bytes_of(Layout(root).index("reddit"))
+    before = made_at(root)
     keep = pq.read_table(Layout(root).rows("reddit/posts")[0]).slice(1).to_pylist()
     write(root, "reddit/posts", keep)
     with pytest.raises(UsageError, match="older than clean/reddit") as caught:
@@ -285,8 +374,9 @@ def test_a_changed_source_is_made_again_and_no_other(root: Path) -> None:
     assert caught.value.hint == "run `kb index`"
     assert search(root, "camel", sources=["wiki"])
     assert index(run)["indexed"] == ["reddit"]
-    now = {source: Layout(root).index(source).stat().st_mtime_ns for source in SOURCES}
-    assert {source for source in SOURCES if now[source] != times[source]} == {"reddit"}
+    now = made_at(root)
+    assert {source for source in SOURCES if now[source] != before[source]} == {"reddit"}
+    assert SECRET.encode() not in bytes_of(Layout(root).index("reddit"))
     assert {one.source for one in search(root, SECRET)} == {"youtube", "wiki"}
 
 
@@ -297,7 +387,7 @@ def test_a_filter_removes_an_index_that_it_made_old_and_leaves_another(tmp_path:
     index(run)
     held = Layout(root).index("youtube")
     run_clean(run, "youtube")
-    assert held.is_file()
+    assert Layout(root).indexed("youtube").is_file()
     views = run.profile.section("youtube").min_views
     run_clean(run_at(root, min_views=views + 10**9), "youtube")
     assert not held.exists()
@@ -307,7 +397,10 @@ def test_the_same_rows_give_the_same_bytes(root: Path, made: Path) -> None:
     shutil.rmtree(Layout(root).indexes)
     index(run_at(root))
     for source in SOURCES:
-        first, again = (Layout(one).index(source).read_bytes() for one in (made, root))
+        first, again = (files_of(Layout(one).index(source)) for one in (made, root))
+        assert len(first) > 6
+        for one in (first, again):
+            del one["note.json"]
         assert first == again
 
 
@@ -316,11 +409,11 @@ def test_a_purge_leaves_no_byte_and_the_next_search_follows(
 ) -> None:
     source = "youtube"
     held = Layout(root).index(source)
-    assert SECRET.encode() in held.read_bytes()
+    assert SECRET.encode() in bytes_of(held)
     (tmp_path / "ids.txt").write_text(video_id(0))
     at = ("--data", str(root), "--profile", "minecraft")
     planned = here("purge", source, "--ids", str(tmp_path / "ids.txt"), "--plan", "--json", *at)
-    assert "index" in {
+    assert "index/youtube" in {
         line["folder"] for line in json.loads(planned.out.splitlines()[-1])["lines"]
     }, planned
     done = here("purge", source, "--ids", str(tmp_path / "ids.txt"), "--workers", "1", *at)
@@ -332,18 +425,19 @@ def test_a_purge_leaves_no_byte_and_the_next_search_follows(
     assert done.code == 0, done.err
     found = json.loads(done.out.splitlines()[-1])["answers"]
     assert {one["source"] for one in found} == set(SOURCES) - {source}
-    assert held.is_file()
-    assert SECRET.encode() not in held.read_bytes()
+    assert held.is_dir()
+    assert SECRET.encode() not in bytes_of(held)
 
 
 def test_what_a_killed_index_left_goes_with_the_next_lock(root: Path) -> None:
-    left = Layout(root).index("wiki").with_name(".wiki.sqlite.1-2-abc.tmp")
-    left.write_text(SECRET)
+    left = Layout(root).index("wiki").with_name(".wiki.new")
+    (left / "parts").mkdir(parents=True)
+    (left / "parts" / "0.store").write_text(SECRET)
     with lock.taking(root, *lock.of_purge("youtube")):
         assert left.exists()  # another source's
     with lock.taking(root, *lock.of_purge("wiki")):
         assert not left.exists()
-    assert Layout(root).index("wiki").is_file()
+    assert search(root, "camel", sources=["wiki"])
 
 
 def test_search_as_it_is_typed(root: Path, here: Here) -> None:
@@ -391,31 +485,45 @@ def test_search_in_python(root: Path) -> None:
     assert caught.value.hint == "run `kb index`"
 
 
-def break_index(path: Path) -> None:
+def flip(path: Path) -> None:
     data = bytearray(path.read_bytes())
-    for at in range(4096, len(data), 4096):
-        data[at : at + 200] = b"\xff" * 200
+    data[len(data) // 2] ^= 1
     path.write_bytes(data)
 
 
-def flip_index(path: Path) -> None:
-    data = bytearray(path.read_bytes())
-    data[data.index(b"camel")] ^= 1
-    path.write_bytes(data)
-
-
-SPOIL = [flip_index, break_index, lambda path: path.write_bytes(b"no database" * 99)]
+SPOIL = [flip, lambda path: path.write_bytes(path.read_bytes()[:-9]), Path.unlink]
 
 
 @pytest.mark.parametrize("spoil", SPOIL)
 def test_a_damaged_index_is_told(root: Path, spoil: Callable[[Path], Any]) -> None:
-    assert not verify(root, run_at(root).progress).of("index")
-    spoil(Layout(root).index("wiki"))
-    with pytest.raises(DamagedData, match=r"wiki\.sqlite can't be read") as caught:
-        search(root, "camel")
-    assert caught.value.hint == "run `kb index --again`"
-    (bad,) = verify(root, run_at(root).progress).of("index")
-    assert (bad.state, bad.path) == ("damaged", Layout(root).index("wiki"))
-    index(run_at(root))
+    run, folder = run_at(root), Layout(root).index("wiki")
+    for name in sorted(files_of(folder).keys() - {"note.json", *indexed.LOCKS}):
+        assert not verify(root, run.progress).of("index")
+        spoil(folder / name)
+        with pytest.raises(DamagedData, match=re.escape(f"wiki/{name} ")) as caught:
+            search(root, "camel")
+        assert caught.value.hint == "run `kb index --again`"
+        (bad,) = verify(root, run.progress).of("index")
+        assert (bad.state, bad.path) == (
+            "missing" if spoil is Path.unlink else "damaged",
+            folder / name,
+        )
+        index(run)
+        assert search(root, "camel")
+    assert not verify(root, run.progress).of("index")
+
+
+def test_an_index_without_its_note_or_with_a_file_more(root: Path) -> None:
+    run, at = run_at(root), Layout(root)
+    (at.index("wiki") / "more.txt").write_text("x")
+    (bad,) = verify(root, run.progress).of("index")
+    assert (bad.state, bad.path.name) == ("foreign", "more.txt")
     assert search(root, "camel")
-    assert not verify(root, run_at(root).progress).of("index")
+    assert index(run)["indexed"] == ["wiki"]  # no byte stays that is not known
+    assert not verify(root, run.progress).of("index")
+    at.indexed("wiki").unlink()
+    assert "missing" in {one.state for one in verify(root, run.progress).of("index")}
+    with pytest.raises(UsageError, match="the index of wiki is not there"):
+        search(root, "camel")
+    assert index(run)["indexed"] == ["wiki"]
+    assert not verify(root, run.progress).of("index")
