@@ -41,10 +41,7 @@ def open_runner(
 
     Raises MissingExtra, MissingModel, SettingError (no such device or precision).
     """
-    if precision not in PRECISIONS:
-        raise SettingError(
-            f"--precision is {precision!r}", hint=f"allowed: {', '.join(PRECISIONS)}"
-        )
+    _check_precision(precision)
     os.environ.setdefault("RAYON_NUM_THREADS", str(threads))  # the tokenizer's own threads
     if device == "cuda":
         return torch_runner(checkpoint, precision, device, threads)
@@ -74,10 +71,7 @@ def check_options(precision: str, device: str, here: bool) -> None:
     """Raise SettingError or MissingExtra for options that can't work; `here`:
     this machine does the scoring.
     """
-    if precision not in PRECISIONS:
-        raise SettingError(
-            f"--precision is {precision!r}", hint=f"allowed: {', '.join(PRECISIONS)}"
-        )
+    _check_precision(precision)
     if device not in DEVICES:
         raise SettingError(f"--device is {device!r}", hint=f"allowed: {', '.join(DEVICES)}")
     if precision == "int8" and device == "cuda":
@@ -86,6 +80,12 @@ def check_options(precision: str, device: str, here: bool) -> None:
         need_int8()
     if here and device == "cuda":
         choose_device(device)
+
+
+def _check_precision(precision: str) -> None:
+    if precision not in PRECISIONS:
+        allowed = ", ".join(PRECISIONS)
+        raise SettingError(f"--precision is {precision!r}", hint=f"allowed: {allowed}")
 
 
 def need_int8() -> None:

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from kb.core.context import Run
     from kb.core.verdict import Summary
 
-_USES = (*CLUSTER, "limit", "pipeline")
-
 app = group("Toxicity scores for text that has none yet; `filter` calls it.")
 
 
@@ -85,39 +83,30 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
     )
 
 
-@command(
-    app, uses=_USES, examples=["kb annotate youtube                     titles and descriptions"]
+def _add(source: str, about: str, *examples: str) -> None:
+    def annotate(
+        run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
+    ) -> Summary:
+        return _annotate(run, source, precision, device)
+
+    annotate.__doc__ = about
+    command(app, name=source, uses=(*CLUSTER, "limit", "pipeline"), examples=examples)(annotate)
+
+
+_add(
+    "youtube",
+    "Score titles and descriptions of crawled videos.",
+    "kb annotate youtube                     titles and descriptions",
 )
-def youtube(
-    run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
-) -> Summary:
-    """Score titles and descriptions of crawled videos."""
-    return _annotate(run, "youtube", precision, device)
-
-
-@command(
-    app, uses=_USES, examples=["kb annotate wiki                        each page's visible text"]
+_add(
+    "wiki",
+    "Score the text of crawled wiki pages.",
+    "kb annotate wiki                        each page's visible text",
 )
-def wiki(
-    run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
-) -> Summary:
-    """Score the text of crawled wiki pages."""
-    return _annotate(run, "wiki", precision, device)
-
-
-@command(
-    app,
-    uses=_USES,
-    examples=[
-        (
-            "kb annotate reddit --precision int8     faster; what lies near the threshold is"
-            " computed exactly"
-        ),
-        "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
-    ],
+_add(
+    "reddit",
+    "Score titles, bodies and comments.",
+    "kb annotate reddit --precision int8     faster; what lies near the threshold is computed"
+    " exactly",
+    "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
 )
-def reddit(
-    run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
-) -> Summary:
-    """Score titles, bodies and comments."""
-    return _annotate(run, "reddit", precision, device)

@@ -108,21 +108,19 @@ def describe(error: BaseException) -> tuple[str, str, int]:
 
 def complain(message: str, *, hint: str = "") -> None:
     """One line on stderr."""
-    from kb.cli.as_typed import as_typed
-    from kb.core import terminal
-
-    text = " ".join(message.split())
-    line = _redact(as_typed(f"kb: {text}" + (f"; {hint}" if hint else "")))
-    print(terminal.one_line(line), file=sys.stderr, flush=True)
+    _say(f"kb: {' '.join(message.split())}" + (f"; {hint}" if hint else ""))
 
 
 def warn(message: str) -> None:
     """One line on stderr about something that does not end the command."""
+    _say(f"warning: {' '.join(message.split())}")
+
+
+def _say(text: str) -> None:
     from kb.cli.as_typed import as_typed
     from kb.core import terminal
 
-    line = _redact(as_typed(f"warning: {' '.join(message.split())}"))
-    print(terminal.one_line(line), file=sys.stderr, flush=True)
+    print(terminal.one_line(_redact(as_typed(text))), file=sys.stderr, flush=True)
 
 
 def show_summary(summary: dict[str, Any], as_json: bool) -> None:

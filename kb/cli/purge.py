@@ -43,41 +43,35 @@ def _purge(run: Run, source: str, ids: Path | None, plan: bool) -> Summary:
     return counts
 
 
-@command(
-    app,
-    uses=CLUSTER,
-    planned=("ids",),
-    needs_data=True,
-    examples=["kb purge youtube", "kb purge youtube --ids gone.txt", "kb purge youtube --plan"],
-)
-def youtube(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
-    """Remove videos that vanished from YouTube, or are named, everywhere, and remember them."""
-    return _purge(run, "youtube", ids, plan)
+def _add(source: str, about: str, *examples: str) -> None:
+    def purge(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
+        return _purge(run, source, ids, plan)
+
+    purge.__doc__ = about
+    command(app, name=source, uses=CLUSTER, planned=("ids",), needs_data=True, examples=examples)(
+        purge
+    )
 
 
-@command(
-    app,
-    uses=CLUSTER,
-    planned=("ids",),
-    needs_data=True,
-    examples=["kb purge wiki --ids pages.txt"],
+_add(
+    "youtube",
+    "Remove videos that vanished from YouTube, or are named, everywhere, and remember them.",
+    "kb purge youtube",
+    "kb purge youtube --ids gone.txt",
+    "kb purge youtube --plan",
 )
-def wiki(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
+_add(
+    "wiki",
     """Remove pages that the wiki deleted, or that are named, from every folder, and remember them.
 
     The file names pages by id, title or address, a line each, or is MineDojo's JSON. Names that
     nothing here bears are counted as unknown, and kept away from later crawls.
-    """
-    return _purge(run, "wiki", ids, plan)
-
-
-@command(
-    app,
-    uses=CLUSTER,
-    planned=("ids",),
-    needs_data=True,
-    examples=["kb purge reddit", "kb purge reddit --ids requests.txt"],
+    """,
+    "kb purge wiki --ids pages.txt",
 )
-def reddit(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
-    """Remove posts and comments that were deleted or removed, or are named, and remember them."""
-    return _purge(run, "reddit", ids, plan)
+_add(
+    "reddit",
+    "Remove posts and comments that were deleted or removed, or are named, and remember them.",
+    "kb purge reddit",
+    "kb purge reddit --ids requests.txt",
+)

@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from kb.cli.command import command, group
-from kb.core import vocabulary
+from kb.core import sizes, vocabulary
 from kb.store.layout import BELOW
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def _lines(about: dict[str, Any]) -> list[str]:
     lines = [
         (
             f"data root {about['data']}, profile {about['profile']},"
-            f" {_bytes(about['disk_bytes_total'])}"
+            f" {sizes.shown(about['disk_bytes_total'])}"
         )
     ]
     if not about["sources"]:
@@ -56,7 +56,7 @@ def _lines(about: dict[str, Any]) -> list[str]:
         lines += ["", *_source(source, facts)]
     if links := about["links"]:
         lines += ["", f"links: {_linked(links)}"]
-    disk = ", ".join(f"{name} {_bytes(size)}" for name, size in about["disk_bytes"].items())
+    disk = ", ".join(f"{name} {sizes.shown(n)}" for name, n in about["disk_bytes"].items())
     lines += ["", f"disk: {disk}"]
     lines += [f"next: {step}" for step in about["next"]]
     if not about["next"]:
@@ -146,12 +146,3 @@ def _table(head: str, columns: list[str], rows: dict[str, list[int]]) -> list[st
         f"  {name:<{width}}" + "".join(f"{value:>12,}" for value in values)
         for name, values in rows.items()
     ]
-
-
-def _bytes(size: int) -> str:
-    value = float(size)
-    for unit in ("B", "kB", "MB", "GB"):
-        if value < 1000:
-            return f"{value:.0f} {unit}" if unit == "B" else f"{value:.1f} {unit}"
-        value /= 1000
-    return f"{value:.1f} TB"

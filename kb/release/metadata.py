@@ -11,13 +11,14 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from kb.core import sizes
 from kb.core.context import Run
 from kb.release.about import about
 from kb.release.facts import Facts
 from kb.release.languages import three_letters
 from kb.release.licences import licence
 from kb.release.provenance import software_address
-from kb.release.texts import SANDBOX_NOTE, day, language, name, size, span
+from kb.release.texts import SANDBOX_NOTE, day, language, name, span
 
 Text = Annotated[str, Field(min_length=1)]
 
@@ -127,7 +128,7 @@ def _description(run: Run, facts: Facts) -> str:
     tables = "".join(
         (
             f"<li><b>{html.escape(table.table.short)}</b>:"
-            f" {html.escape(table.table.doc)} {table.rows:,} rows, {size(table.size)}.</li>"
+            f" {html.escape(table.table.doc)} {table.rows:,} rows, {sizes.shown(table.size)}.</li>"
         )
         for table in facts.tables
     )

@@ -15,6 +15,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from kb.core import sizes
 from kb.core.templates import environment
 from kb.release import texts
 
@@ -28,7 +29,7 @@ FILTERS = {
     "flow": texts.line,
     "line": texts.line,
     "md": texts.md,
-    "size": texts.size,
+    "size": sizes.shown,
     "span": texts.span,
     "yaml": texts.folded,
 }

@@ -35,14 +35,6 @@ def span(pair: tuple[datetime, datetime] | None) -> str:
     return first if first == last else f"{first} to {last}"
 
 
-def size(n: int) -> str:
-    """Bytes for people: 1.2 MB."""
-    for unit, step in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
-        if n >= step:
-            return f"{n / step:.1f} {unit}"
-    return f"{n} B"
-
-
 def value(thing: Any) -> str:
     """A figure for people."""
     if thing is None:

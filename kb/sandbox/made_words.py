@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from functools import cache
+from pathlib import Path
 
+import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
@@ -20,138 +23,58 @@ from kb.pairs.listed import NEVER, Keyword
 from kb.sandbox.speech import Words
 
 _CERTAIN, _EVERYDAY = 45, 15  # most keywords of each kind that are spoken of
-_PLAIN = ("first step", "second try", "last part", "small detail", "whole list", "short way")
-_TAGS = ("how it works", "step by step", "in one evening", "a closer look", "for everyone")
-_POLL = ("the first one", "this & that", "neither", "both of them")
-_CHANNELS = (
-    "{} Corner",
-    "{} & Co",
-    "The Long {}",
-    "Quiet {}",
-    "{} Notes",
-    "{} Weekly",
-    "{} and More",
-    "Tuesday {}",
-    "{} Diary",
-    "Second {}",
-    "{} Hour",
-    "{} Radio",
-)
-_SAYINGS = (
-    "today we look at the {thing} and what it is for",
-    "first you need the {thing} before anything else",
-    "look at the {thing} next to the {thing2}",
-    "put the {thing} beside the {thing2}",
-    "never start with the {thing} when the {thing2} is not ready",
-    "let us go back to the {thing} once more",
-    "this is where the {thing} comes in",
-    "most people forget about the {thing}",
-    "i keep the {thing} close to the {thing2}",
-    "you can see how the {thing} changes the {thing2}",
-    "there is more to say about the {thing}",
-    "and now for the {thing}",
-    "that is how it works with the {thing}",
-    "careful with the {thing} here",
-    "the {thing} & the {thing2} don't always agree",
-    "i'm going to show the {thing} again",
-    "so much for the {thing2}",
-    "okay that works",
-)
-_ENDINGS = (
-    "so we have to be careful",
-    "and that is easier than it looks",
-    "which took me all night",
-    "and it still surprises me",
-    "but there is a better way",
-    "so let us do it again",
-    "and that is really all there is to it",
-)
-_TITLES = (
-    "{topic}: The {plain}, Episode {n}",
-    "{n} Things About the {plain} in {topic}",
-    "{topic} From the Beginning: {plain}",
-    "I Spent {n} Days With the {plain} - {topic}",
-    "{topic} Part {n}: {plain} Trouble",
-    "{topic} for Everyone: Your First {plain}",
-    "The {plain} Is Finished! {topic} {n}",
-)
-_PLAIN_TITLES = (
-    "The {plain}, Episode {n}",
-    "The {plain} and the {plain2} (#{n})",
-    "{n} Things About the {plain}",
-    "My {plain}, Part {n}",
-)
-_ABOUT = (
-    "In this episode we look at the {plain}.",
-    "Watch out for the {plain} and the {plain2}.",
-    "All you need is the {plain}, and some time.",
-    "Recorded in one evening.",
-    "This is number {n}.",
-    "Thank you for watching.",
-    "Next time: the {plain}.",
-)
-_POSTS = (
-    "My {plain} after {n} days",
-    "What do you do with the {plain}?",
-    "Found this {plain} beside the {plain2}",
-    "Is the {plain} worth it?",
-)
-_FOREIGN = {
-    "en": (
-        "today i show you something new",
-        "first of all we need some patience",
-        "be careful with the next step",
-        "the rest comes last",
-    ),
-    "de": (
-        "heute zeige ich euch etwas Neues",
-        "zuerst brauchen wir etwas Geduld",
-        "passt auf beim nächsten Schritt",
-        "der Rest kommt als Letztes",
-    ),
-    "es": (
-        "hoy os enseño algo nuevo",
-        "primero necesitamos un poco de paciencia",
-        "cuidado con el siguiente paso",
-        "el resto va al final",
-    ),
-    "ja": (
-        "今日は新しいことを紹介します",
-        "まず少し待ちましょう",
-        "次は気をつけて",
-        "最後に残りです",
-    ),
-}
+_PHRASES = Path(__file__).with_name("data") / "phrases.toml"
+
+
+class Phrases(msgspec.Struct, frozen=True):
+    """What is said whatever the domain (data/phrases.toml); names as in `Words`."""
+
+    plain: tuple[str, ...]
+    tags: tuple[str, ...]
+    poll: tuple[str, ...]
+    channels: tuple[str, ...]
+    sayings: tuple[str, ...]
+    endings: tuple[str, ...]
+    titles: tuple[str, ...]
+    plain_titles: tuple[str, ...]
+    about: tuple[str, ...]
+    posts: tuple[str, ...]
+    foreign: dict[str, tuple[str, ...]]
+
+
+@cache
+def _phrases() -> Phrases:
+    return msgspec.toml.decode(_PHRASES.read_bytes(), type=Phrases)
 
 
 def words_of(profile: Profile, listed: Sequence[Keyword]) -> Words:
     """The lists of a profile, with its `listed` keywords in them."""
-    section = profile.youtube
+    said, section = _phrases(), profile.youtube
     topic = section.words if section else (profile.title,)
     searches = section.keywords if section else (profile.title,)
-    things = _spoken(listed) or _PLAIN
-    plain = tuple(_without(topic, [_for_text(one) for one in things])) or _free(topic, _PLAIN)
-    free = _free(topic, _TAGS)
+    things = _spoken(listed) or said.plain
+    plain = tuple(_without(topic, [_for_text(one) for one in things])) or _free(topic, said.plain)
+    free = _free(topic, said.tags)
     return Words(
         tags=(topic[0].lower(), free[0], free[1]),
-        poll=_free(topic, _POLL)[:2],
+        poll=_free(topic, said.poll)[:2],
         slots=("thing", "thing2", "plain", "plain2"),
         link_words="plain",
         channels=tuple(
             name.format(_for_text(plain[n % len(plain)]).title())
-            for n, name in enumerate(_CHANNELS)
+            for n, name in enumerate(said.channels)
         ),
-        channel_kinds=_kinds(searches, len(_CHANNELS)),
-        sayings=_SAYINGS,
-        endings=_ENDINGS,
-        titles=_TITLES,
-        plain_titles=_free(topic, _PLAIN_TITLES),
-        about=_free(topic, _ABOUT),
-        posts=_POSTS,
+        channel_kinds=_kinds(searches, len(said.channels)),
+        sayings=said.sayings,
+        endings=said.endings,
+        titles=said.titles,
+        plain_titles=_free(topic, said.plain_titles),
+        about=_free(topic, said.about),
+        posts=said.posts,
         words={"thing": things, "plain": plain},
         foreign={
-            language: said
-            for language, said in _FOREIGN.items()
+            language: lines
+            for language, lines in said.foreign.items()
             if language != (section.language if section else "en")
         },
     )

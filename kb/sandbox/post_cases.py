@@ -1,11 +1,15 @@
-"""The kinds of posts of the invented subreddit, each in the form of Reddit's answers."""
+"""The kinds of posts of the invented subreddit, each in the form of Reddit's answers, which are
+written down in data/reddit/posts.json.
+"""
 
 from __future__ import annotations
 
 import random
+from functools import partial
 from typing import Any
 
 from kb.sandbox.domain import Domain
+from kb.sandbox.written import written
 
 RUDE = [
     "you are a stupid worthless idiot",
@@ -37,99 +41,48 @@ CASES = (
     "link_video_page",
     "empty_text",
 )
+_CHANGED = (  # cases that are written down
+    "image",
+    "gallery",
+    "poll",
+    "crosspost",
+    "nsfw",
+    "removed",
+    "deleted",
+    "odd_text",
+    "empty_text",
+)
+_written = partial(written, "reddit/posts.json")
 
 
 def shape(post: dict[str, Any], case: str, domain: Domain, rng: random.Random) -> None:
     """Make an ordinary post one of that case."""
     key = post["id"]
-    links = {
-        "image": f"https://i.redd.it/{key}pic.png",
-        "image_album": f"https://imgur.com/a/{key}",
-        "image_direct": f"https://pictures.example/{key}.jpg",
-        "video_hosted": f"https://v.redd.it/{key}",
-        "video_youtube": f"https://www.youtube.com/watch?v={key}vid0",
-        "video_gifv": f"https://i.imgur.com/{key}.gifv",
-        "link": f"https://notes.example/{domain.speech.link_word(rng)}/{key}",
-        "link_video_page": "https://www.youtube.com/@brisk-otter-builds",
-        "gallery": f"https://www.reddit.com/gallery/{key}",
-    }
+    links = _written("links", {"key": key, "word": domain.speech.link_word(rng)})
+    values: dict[str, Any] = {"key": key}
     if case in links:
-        post |= {
-            "is_self": False,
-            "selftext": "",
-            "url": links[case],
-            "url_overridden_by_dest": links[case],
-            "domain": links[case].split("/")[2],
-            "is_video": case == "video_hosted",
-        }
-        if case == "image":
-            post["post_hint"] = "image"
+        url, is_video = links[case], case == "video_hosted"
+        post |= _written("linked", {"url": url, "host": url.split("/")[2], "is_video": is_video})
     if case == "gallery":
-        post |= {
-            "is_gallery": True,
-            "gallery_data": {
-                "items": [{"media_id": f"{key}a", "id": 1}, {"media_id": f"{key}b", "id": 2}]
-            },
-            "media_metadata": {
-                f"{key}{part}": {"status": "valid", "e": "Image", "m": "image/png"} for part in "ab"
-            },
-        }
+        media = {"status": "valid", "e": "Image", "m": "image/png"}
+        values["media"] = {f"{key}{part}": dict(media) for part in "ab"}
     elif case == "poll":
-        post["poll_data"] = {
-            "options": [
-                {"text": word, "id": str(n), "vote_count": 3 * n}
-                for n, word in enumerate(domain.words.poll)
-            ],
-            "total_vote_count": 3,
-            "voting_end_timestamp": int(post["created_utc"] * 1_000) + 86_400_000,
-        }
+        values["options"] = [
+            {"text": word, "id": str(n), "vote_count": 3 * n}
+            for n, word in enumerate(domain.words.poll)
+        ]
+        values["end"] = int(post["created_utc"] * 1_000) + 86_400_000
     elif case == "crosspost":
-        parent = {
-            **post,
-            "id": "zz9zz9",
-            "name": "t3_zz9zz9",
-            "subreddit": "u_mossy_heron17",
-            "is_self": False,
-            "selftext": "",
-            "permalink": "/user/mossy_heron17/comments/zz9zz9/post/",
-            "url": "https://v.redd.it/zz9zz9",
-            "is_video": True,
-        }
-        post |= {
-            "crosspost_parent": "t3_zz9zz9",
-            "crosspost_parent_list": [parent],
-            "is_self": False,
-            "selftext": "",
-            "url": "https://v.redd.it/zz9zz9",
-        }
+        values["parent"] = {**post, **_written("parent", {})}
+    if case in _CHANGED:
+        post |= _written(case, values)
     elif case == "low_score":
         post["score"] = rng.randrange(0, max(1, domain.min_score))
     elif case == "no_score":
         del post["score"]
-    elif case == "nsfw":
-        post["over_18"] = True
-    elif case == "removed":
-        post |= {
-            "selftext": "[removed]",
-            "removed_by_category": "moderator",
-            "is_robot_indexable": False,
-        }
-    elif case == "deleted":
-        post |= {
-            "selftext": "[deleted]",
-            "author": "[deleted]",
-            "removed_by_category": "deleted",
-            "is_robot_indexable": False,
-        }
-        del post["author_fullname"]
     elif case == "rude_title":
         post["title"] = RUDE[0].capitalize()
     elif case == "rude_body":
         post["selftext"] = RUDE[1]
-    elif case == "odd_text":
-        post |= {
-            "title": "A tower 🗼 مرحبا & <b>bold</b>",
-            "selftext": "tab\tand\0nul and \ud83d alone",
-        }
-    elif case == "empty_text":
-        post["selftext"] = ""
+    if case == "deleted":
+        del post["author_fullname"]

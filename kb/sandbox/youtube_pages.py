@@ -1,37 +1,23 @@
-"""The watch page of the sandbox's YouTube."""
+"""The watch page of the sandbox's YouTube, as written down in data/youtube/watch_page.json."""
 
 from __future__ import annotations
 
 import html
 import json
+from functools import partial
 from typing import Any
 
 from kb.sandbox.videos import Video
-from kb.sandbox.youtube_player import player_answer
+from kb.sandbox.written import written
+from kb.sandbox.youtube_player import is_gone, player_answer
 
 PAGE_KEY = "sandbox_page_key"  # every page shows it; the player wants it back
+_part = partial(written, "youtube/watch_page.json")
 
 
 def watch_page(video: Video | None, key: str) -> str:
     """The page of a video: settings with the key, the first player answer, the page's data."""
-    config = {
-        "CLIENT_CANARY_STATE": "none",
-        "DEVICE": "cbr=Sandbox",
-        "HL": "en",
-        "INNERTUBE_API_KEY": PAGE_KEY,
-        "INNERTUBE_API_VERSION": "v1",
-        "INNERTUBE_CLIENT_NAME": "WEB",
-        "INNERTUBE_CLIENT_VERSION": "2.20261101.00.00",
-        "VISITOR_DATA": "Q2dzU2FuZGJveA%3D%3D",
-        "INNERTUBE_CONTEXT": {
-            "client": {
-                "hl": "en",
-                "gl": "US",
-                "remoteHost": "2001:db8::7",
-                "visitorData": "Q2dzU2FuZGJveA%3D%3D",
-            }
-        },
-    }
+    config = _part("settings", {"key": PAGE_KEY})
     player = player_answer(video, key)
     for track in (
         player.get("captions", {})
@@ -65,120 +51,34 @@ def _script(value: Any) -> str:
     return json.dumps(value).replace("<", "\\u003c").replace("&", "\\u0026")
 
 
-def _page_data(video: Video | None, key: str) -> dict[str, Any]:
-    if video is None or not video.in_api or video.player == "gone":
-        return {
-            "responseContext": {},
-            "contents": {"twoColumnWatchNextResults": {"results": {"results": {"contents": []}}}},
-            "currentVideoEndpoint": {"watchEndpoint": {"videoId": key}},
-        }
-    owner = {
-        "browseEndpoint": {
-            "browseId": video.channel.id,
-            "canonicalBaseUrl": f"/channel/{video.channel.id}",
-        }
-    }
-    secondary: dict[str, Any] = {
-        "owner": {
-            "videoOwnerRenderer": {
-                "title": {"runs": [{"text": video.channel.title, "navigationEndpoint": owner}]},
-                "navigationEndpoint": owner,
-            }
-        },
-        "attributedDescription": {"content": video.description},
-    }
-    data: dict[str, Any] = {
-        "responseContext": {"mainAppWebResponseContext": {"loggedOut": True}},
-        "contents": {
-            "twoColumnWatchNextResults": {
-                "results": {
-                    "results": {
-                        "contents": [
-                            {
-                                "videoPrimaryInfoRenderer": {
-                                    "title": {"runs": [{"text": video.title}]}
-                                }
-                            },
-                            {"videoSecondaryInfoRenderer": secondary},
-                        ]
-                    }
-                },
-                "secondaryResults": {
-                    "secondaryResults": {
-                        "results": [
-                            {"compactVideoRenderer": _related(other)}
-                            for other in video.channel.videos[:8]
-                        ]
-                    }
-                },
-            }
-        },
-        "currentVideoEndpoint": {"watchEndpoint": {"videoId": video.id}},
-        "engagementPanels": [],
-    }
+def _page_data(video: Video | None, key: str) -> Any:
+    if video is None or is_gone(video):
+        return _part("gone", {"id": key})
+    row, panels = None, []
     if video.label:
         # The label has stood in two places over the years; videos of odd number have the older one.
         browse, name = video.label
-        endpoint = {
-            "browseEndpoint": {"browseId": browse, "canonicalBaseUrl": f"/channel/{browse}"}
-        }
+        values = {"name": name, "endpoint": _part("channel", {"id": browse})}
         if video.number % 2:
-            secondary["metadataRowContainer"] = {
-                "metadataRowContainerRenderer": {
-                    "rows": [
-                        {
-                            "richMetadataRowRenderer": {
-                                "contents": [
-                                    {
-                                        "richMetadataRenderer": {
-                                            "style": "RICH_METADATA_RENDERER_STYLE_BOX_ART",
-                                            "title": {"simpleText": name},
-                                            "subtitle": {"simpleText": "2011"},
-                                            "callToAction": {"simpleText": "Browse game"},
-                                            "endpoint": endpoint,
-                                        }
-                                    }
-                                ]
-                            }
-                        }
-                    ]
-                }
-            }
+            row = _part("label_row", values)
         else:
-            data["engagementPanels"].append(
-                {
-                    "engagementPanelSectionListRenderer": {
-                        "content": {
-                            "structuredDescriptionContentRenderer": {
-                                "items": [
-                                    {
-                                        "videoDescriptionGamingSectionRenderer": {
-                                            "headerText": {"simpleText": "Gaming"},
-                                            "mediaLockups": [
-                                                {
-                                                    "mediaLockupRenderer": {
-                                                        "title": {"simpleText": name},
-                                                        "subtitle": {"simpleText": "2011"},
-                                                        "endpoint": endpoint,
-                                                    }
-                                                }
-                                            ],
-                                        }
-                                    }
-                                ]
-                            }
-                        }
-                    }
-                }
-            )
-    return data
+            panels = [_part("label_panel", values)]
+    values = {
+        **_of(video),
+        "description": video.description,
+        "owner": _part("channel", {"id": video.channel.id}),
+        "row": row,
+        "panels": panels,
+        "related": [_part("related", _of(other)) for other in video.channel.videos[:8]],
+    }
+    return _part("there", values)
 
 
-def _related(video: Video) -> dict[str, Any]:
-    owner = {"browseEndpoint": {"browseId": video.channel.id}}
+def _of(video: Video) -> dict[str, Any]:
     return {
-        "videoId": video.id,
-        "title": {"simpleText": video.title},
-        "lengthText": {"simpleText": f"{video.seconds // 60}:{video.seconds % 60:02d}"},
-        "longBylineText": {"runs": [{"text": video.channel.title, "navigationEndpoint": owner}]},
+        "id": video.id,
+        "title": video.title,
+        "length": f"{video.seconds // 60}:{video.seconds % 60:02d}",
+        "channel_id": video.channel.id,
+        "channel_title": video.channel.title,
     }

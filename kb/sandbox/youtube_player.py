@@ -1,12 +1,17 @@
-"""The player's answer of the sandbox's YouTube: is it playable, its streams, its caption tracks."""
+"""The player's answer of the sandbox's YouTube: is it playable, its streams, its caption tracks.
+
+It is written down in data/youtube/player.json.
+"""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 from urllib.parse import urlencode
 
 from kb.sandbox.cases import Track
 from kb.sandbox.videos import Video
+from kb.sandbox.written import written
 
 SITE = "https://www.youtube.com"
 NAMES = {
@@ -32,66 +37,35 @@ LADDER = (
 )
 
 
+_part = partial(written, "youtube/player.json")
+
+
+def is_gone(video: Video) -> bool:
+    """Whether nobody is shown the video any more."""
+    return not video.in_api or video.player == "gone"
+
+
 def player_answer(video: Video | None, key: str) -> dict[str, Any]:
     """The player's answer for a video; None or a vanished one is unavailable."""
-    if video is None or not video.in_api or video.player == "gone":
-        reason = "This video is unavailable"
-        return {
-            **_around(),
-            "playabilityStatus": {
-                "status": "ERROR",
-                "reason": reason,
-                "contextParams": "Q0FBU0FnZ0E=",
-                "errorScreen": {
-                    "playerErrorMessageRenderer": {
-                        "reason": {"runs": [{"text": reason}]},
-                        "icon": {"iconType": "ERROR_OUTLINE"},
-                    }
-                },
-            },
-        }
+    around = _part("around", {})
+    if video is None or is_gone(video):
+        return {**around, **_part("gone", {})}
     details = {
-        "videoId": video.id,
+        "id": video.id,
         "title": video.title,
-        "lengthSeconds": str(video.seconds),
-        "keywords": video.tags,
-        "channelId": video.channel.id,
-        "isOwnerViewing": False,
-        "shortDescription": video.description,
-        "isCrawlable": True,
-        "thumbnail": {"thumbnails": []},
-        "allowRatings": True,
-        "viewCount": video.view_count or "0",
-        "author": video.channel.title,
-        "isPrivate": False,
-        "isUnpluggedCorpus": False,
-        "isLiveContent": video.live != "none",
+        "seconds": str(video.seconds),
+        "tags": video.tags,
+        "channel_id": video.channel.id,
+        "description": video.description,
+        "views": video.view_count or "0",
+        "channel_title": video.channel.title,
+        "live": video.live != "none",
     }
+    values = {"details": _part("details", details)}
     if video.player == "age":
-        return {
-            **_around(),
-            "videoDetails": details,
-            "playabilityStatus": {
-                "status": "LOGIN_REQUIRED",
-                "reason": "This video may be inappropriate for some users.",
-                "desktopLegacyAgeGateReason": 1,
-                "reasonTitle": "You must sign in to view this video",
-                "contextParams": "Q0FFU0FnZ0I=",
-            },
-        }
-    answer = {
-        **_around(),
-        "playabilityStatus": {
-            "status": "OK",
-            "playableInEmbed": True,
-            "contextParams": "Q0FFU0FnZ0M=",
-        },
-        "streamingData": _streams(video),
-        "videoDetails": details,
-    }
-    if video.tracks:
-        answer["captions"] = {"playerCaptionsTracklistRenderer": _captions(video)}
-    return answer
+        return {**around, **_part("age", values)}
+    captions = _captions(video) if video.tracks else None
+    return {**around, **_part("plays", {**values, **_streams(video), "captions": captions})}
 
 
 def signature(key: str) -> str:
@@ -99,118 +73,61 @@ def signature(key: str) -> str:
     return f"SANDBOX.{key}"
 
 
-def _around() -> dict[str, Any]:
-    return {
-        "responseContext": {
-            "visitorData": "Q2dzU2FuZGJveA%3D%3D",
-            "serviceTrackingParams": [
-                {
-                    "service": "GFEEDBACK",
-                    "params": [
-                        {"key": "is_viewed_live", "value": "False"},
-                        {"key": "logged_in", "value": "0"},
-                    ],
-                }
-            ],
-        },
-        "trackingParams": "CAAQu2kiEwi=",
-        "frameworkUpdates": {"entityBatchUpdate": {"timestamp": {"seconds": "0", "nanos": 0}}},
-    }
-
-
 def _streams(video: Video) -> dict[str, Any]:
-    short, whole = (
-        min(video.width, video.height),
-        {"approxDurationMs": str(video.seconds * 1000 + 24), "projectionType": "RECTANGULAR"},
-    )
-    address = f"https://rr4---sn-sandbox.googlevideo.com/videoplayback?ip=2001:db8::7&id={video.id}&signature=SANDBOX"
-    adaptive = []
-    for itag, edge in reversed(LADDER):
-        if edge <= short:
-            width, height = round(video.width * edge / short), round(video.height * edge / short)
-            adaptive.append(
-                {
-                    "itag": itag,
-                    "url": address,
-                    "mimeType": 'video/mp4; codecs="avc1.64001f"',
-                    "bitrate": edge * 2500,
-                    "width": width,
-                    "height": height,
-                    "quality": f"hd{edge}",
-                    "fps": video.fps if edge >= 720 else min(video.fps, 30),
-                    "qualityLabel": f"{edge}p",
-                    **whole,
-                }
-            )
-    adaptive.append(
-        {
-            "itag": 140,
-            "url": address,
-            "mimeType": 'audio/mp4; codecs="mp4a.40.2"',
-            "bitrate": 130_000,
-            "quality": "tiny",
-            "audioQuality": "AUDIO_QUALITY_MEDIUM",
-            "audioSampleRate": "44100",
-            "audioChannels": 2,
-            **whole,
-        }
-    )
-    small = {
-        "itag": 18,
-        "url": address,
-        "mimeType": 'video/mp4; codecs="avc1.42001E, mp4a.40.2"',
-        "bitrate": 219_300,
-        "width": round(video.width * 360 / short),
-        "height": round(video.height * 360 / short),
-        "quality": "medium",
-        "fps": min(video.fps, 30),
-        "qualityLabel": "360p",
-        **whole,
-    }
-    return {"expiresInSeconds": "21540", "formats": [small], "adaptiveFormats": adaptive}
+    """`whole` streams with sound, and `adaptive` ones of frames or sound alone."""
+    short = min(video.width, video.height)
+    values = {"id": video.id, "milliseconds": str(video.seconds * 1000 + 24)}
 
+    def frames(edge: int) -> dict[str, Any]:
+        width, height = round(video.width * edge / short), round(video.height * edge / short)
+        fps = video.fps if edge >= 720 else min(video.fps, 30)
+        return {**values, "width": width, "height": height, "fps": fps}
 
-def _captions(video: Video) -> dict[str, Any]:
-    tracks = []
-    for track in video.tracks:
-        query = {
-            "v": video.id,
-            "ei": "sandbox",
-            "caps": "asr",
-            "opi": "112496729",
-            "hl": "en",
-            "ip": "2001:db8::7",
-            "ipbits": "0",
-            "expire": "1893456000",
-            "sparams": "ip,ipbits,expire,v,ei,caps,opi",
-            "signature": signature(video.id),
-            "key": "yt8",
-        }
-        if track.kind:
-            query["kind"] = track.kind
-        tracks.append(
-            {
-                "baseUrl": (
-                    f"{SITE}/api/timedtext?{urlencode(query)}&lang={track.language}&fmt=srv3"
-                ),
-                "name": {"runs": [{"text": _name(track)}]},
-                "vssId": ("a." if track.kind else ".") + track.language,
-                "languageCode": track.language,
-                **({"kind": track.kind} if track.kind else {}),
-                "isTranslatable": track.translatable,
-                "trackName": "",
-            }
-        )
+    adaptive = [
+        _part("frames", {**frames(edge), "itag": itag, "edge": edge, "bitrate": edge * 2500})
+        for itag, edge in reversed(LADDER)
+        if edge <= short
+    ]
     return {
-        "captionTracks": tracks,
-        "audioTracks": [{"captionTrackIndices": list(range(len(tracks))), "hasDefaultTrack": True}],
-        "translationLanguages": [
-            {"languageCode": code, "languageName": {"runs": [{"text": NAMES.get(code, code)}]}}
-            for code in dict.fromkeys(("ar", "en", "fr", "de", "ja", "es", video.language))
-        ],
-        "defaultAudioTrackIndex": 0,
+        "whole": [_part("both", frames(360))],
+        "adaptive": [*adaptive, _part("sound", values)],
     }
 
 
-def _name(track: Track) -> str:
-    return NAMES.get(track.language, track.language) + (" (auto-generated)" if track.kind else "")
+def _captions(video: Video) -> Any:
+    languages = dict.fromkeys(("ar", "en", "fr", "de", "ja", "es", video.language))
+    values = {
+        "tracks": [_track(video, track) for track in video.tracks],
+        "indices": list(range(len(video.tracks))),
+        "languages": [
+            _part("language", {"code": code, "name": NAMES.get(code, code)}) for code in languages
+        ],
+    }
+    return _part("captions", values)
+
+
+def _track(video: Video, track: Track) -> Any:
+    query = {
+        "v": video.id,
+        "ei": "sandbox",
+        "caps": "asr",
+        "opi": "112496729",
+        "hl": "en",
+        "ip": "2001:db8::7",
+        "ipbits": "0",
+        "expire": "1893456000",
+        "sparams": "ip,ipbits,expire,v,ei,caps,opi",
+        "signature": signature(video.id),
+        "key": "yt8",
+        **({"kind": track.kind} if track.kind else {}),
+    }
+    automatic = " (auto-generated)" if track.kind else ""
+    values = {
+        "address": f"{SITE}/api/timedtext?{urlencode(query)}&lang={track.language}&fmt=srv3",
+        "name": NAMES.get(track.language, track.language) + automatic,
+        "mark": "a" if track.kind else "",
+        "language": track.language,
+        "kind": track.kind or None,
+        "translatable": track.translatable,
+    }
+    return _part("track", values)

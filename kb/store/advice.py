@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-SOURCES = ("youtube", "wiki", "reddit")
+from kb.core.sources import SOURCES
+
 _LAYOUTS = {
     "youtube_full.json": "kb youtube export --format minedojo",
     "youtube_tutorial.json": "kb youtube export --format minedojo",

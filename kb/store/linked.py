@@ -75,11 +75,7 @@ def older_than(root: Path) -> list[str]:
 
 
 def _digests(root: Path, source: str, tables: Iterable[str]) -> dict[str, str]:
-    return {
-        f"{table}/{path.name}": digest(path)
-        for table in tables
-        for path in complete.rows(root, f"{source}/{table}")
-    }
+    return {name: digest(path) for name, path in complete.files(root, source, tables).items()}
 
 
 def _tables(files: Iterable[str]) -> list[str]:

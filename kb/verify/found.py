@@ -7,6 +7,8 @@ from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from kb.core import sizes
+
 STATES = ("whole", "damaged", "missing", "foreign")
 KINDS = (
     "raw answers",
@@ -147,12 +149,5 @@ def _size(path: Path) -> int:
     return path.lstat().st_size if path.is_symlink() or path.exists() else 0
 
 
-def _cell(files: int, size: int) -> str:
-    if not files:
-        return "-"
-    value = float(size)
-    for unit in ("B", "kB", "MB", "GB"):
-        if value < 1000:
-            return f"{files:,} ({value:.0f} {unit})"
-        value /= 1000
-    return f"{files:,} ({value:.1f} TB)"
+def _cell(files: int, held: int) -> str:
+    return f"{files:,} ({sizes.shown(held, 1 if held >= 10**12 else 0)})" if files else "-"
