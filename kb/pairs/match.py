@@ -30,6 +30,11 @@ class Found(NamedTuple):
     end: np.ndarray
 
 
+# With other first bytes than the space the automaton just goes on, and does not look for the next
+# space, of which texts have one every five bytes. No text has these (RFC 3629, section 3).
+_NEVER = [bytes([byte]) for byte in (0xFA, 0xFB, 0xFC, 0xFD)]
+
+
 class Matcher:
     """Matches folded phrases."""
 
@@ -37,7 +42,8 @@ class Matcher:
 
         self._automaton = (
             BytesAhoCorasick(
-                [f" {one} ".encode() for one in phrases], implementation=Implementation.DFA
+                [*(f" {one} ".encode() for one in phrases), *_NEVER],
+                implementation=Implementation.DFA,
             )
             if phrases
             else None
