@@ -105,7 +105,7 @@ def matches(text: Text, tools: Finds, counts: Counts) -> Matches:
     """Keywords in the text, without excluded phrases and without everyday
     words that stand alone.
     """
-    found = tools.matcher.find(text.raw)
+    found = tools.matcher.find(text.raw, text.wide)
     keyword = tools.keywords.owner[found.phrase]
     counts.totals["excluded"] += int((keyword == EXCLUDED).sum())
     kept = keyword != EXCLUDED

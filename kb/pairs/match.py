@@ -49,11 +49,14 @@ class Matcher:
             else None
         )
 
-    def find(self, raw: bytes) -> Found:
-        """Matches in UTF-8 text that begins and ends with a space."""
+    def find(self, raw: bytes, wide: np.ndarray | None = None) -> Found:
+        """Matches in UTF-8 text that begins and ends with a space.
+
+        `wide`: where characters beyond ASCII begin, for whom it is known.
+        """
         import numpy as np
 
-        folded = Folded(raw)
+        folded = Folded(raw, wide)
         hits = (
             self._automaton.find_matches_as_indexes(folded.bytes, overlapping=True)
             if self._automaton

@@ -31,7 +31,7 @@ _WIDE = {
     for size in (2, 3)
 }
 _FAR = 1e9  # seconds; times beyond it are no times
-_SPARSE = 1_000  # bytes a place: where places are fewer, words are counted and not listed
+_BLOCK = 64  # bytes of which it is known how many words begin before them
 
 
 class Text:
@@ -153,7 +153,7 @@ class Text:
         if np.count_nonzero(codes <= 0x20) > np.count_nonzero(codes == 0x20):
             codes = np.frombuffer(self.raw.translate(_SPACES), np.uint8)
         # Only characters beyond ASCII are looked at, each once, by its first three bytes.
-        leads, ends = self._leads, len(codes) - 1
+        leads, ends = self.wide, len(codes) - 1
         second, third = (codes[np.minimum(leads + step, ends)].astype(np.int32) for step in (1, 2))
         two = codes[leads].astype(np.int32) << 8 | second
         spaces = [np.isin(two, _WIDE[2]), np.isin(two << 8 | third, _WIDE[3])]
@@ -172,7 +172,7 @@ class Text:
         return np.flatnonzero(np.frombuffer(self.raw, np.uint8) >= 0x80)
 
     @cached_property
-    def _leads(self) -> np.ndarray:
+    def wide(self) -> np.ndarray:
         """Where characters beyond ASCII begin."""
         import numpy as np
 
@@ -201,15 +201,30 @@ class Text:
         characters: np.ndarray = bytes_ - inner
         return characters
 
-    @cached_property
+    @property
     def begins(self) -> np.ndarray:
         """A mask of the bytes that words begin with (walls between transcripts are among them)."""
+        return self._flags[: len(self.raw)]
+
+    @cached_property
+    def _flags(self) -> np.ndarray:
+        """The mask, up to the end of a block."""
         import numpy as np
 
         space = self.spaced == 0x20
-        begins = np.zeros(len(space), bool)
-        np.greater(space[:-1], space[1:], out=begins[1:])
-        return begins
+        flags = np.zeros(-(-len(space) // _BLOCK) * _BLOCK, bool)
+        np.greater(space[:-1], space[1:], out=flags[1 : len(space)])
+        return flags
+
+    @cached_property
+    def _counted(self) -> np.ndarray:
+        """How many words begin before each block, and before the end."""
+        import numpy as np
+
+        # Eight flags are added at a time, as bytes of a number; then its bytes.
+        eights = np.add.reduce(self._flags.view(np.uint64).reshape(-1, _BLOCK // 8), axis=1)
+        counts = (eights * np.uint64(0x0101010101010101)) >> np.uint64(56)
+        return np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
 
     @cached_property
     def words(self) -> np.ndarray:
@@ -222,14 +237,15 @@ class Text:
         """How many words begin before each byte."""
         import numpy as np
 
-        if len(places) * _SPARSE > len(self.raw):
+        if len(places) * _BLOCK > len(self.raw):
             numbers: np.ndarray = np.searchsorted(self.words, places)
             return numbers
-        # What lies between few places is counted much faster than all words are listed.
-        edges, which = np.unique(places, return_inverse=True)
-        begins, count = self.begins, np.count_nonzero
-        counts = [count(begins[low:high]) for low, high in pairwise([0, *edges.tolist()])]
-        counted: np.ndarray = np.cumsum(counts, dtype=np.int64)[which]
+        # To count words around few places is much faster than to list all words.
+        block, rest = places // _BLOCK, places % _BLOCK
+        last = len(self._flags) // _BLOCK - 1
+        held = self._flags.reshape(-1, _BLOCK)[np.minimum(block, last)]
+        within = np.count_nonzero(held & (np.arange(_BLOCK) < rest[:, None]), axis=1)
+        counted: np.ndarray = self._counted[block] + within
         return counted
 
     def word_of(self, places: np.ndarray) -> np.ndarray:
@@ -254,9 +270,7 @@ class Text:
     @property
     def word_count(self) -> int:
         """Words of all transcripts."""
-        import numpy as np
-
-        return max(0, int(np.count_nonzero(self.begins)) - self._walls)
+        return max(0, int(self._counted[-1]) - self._walls)
 
 
 def _lists(offsets: Any, values: Any) -> pa.Array[Any]:
