@@ -46,7 +46,7 @@ def mentions(source: str, part: Part, with_: Finder) -> pa.Table:
     counts = np.diff(np.append(heads, len(ordered)))
     first: pa.Array[Any] = pa.nulls(len(heads), pa.float64())
     if part.timed and len(heads):
-        ms: np.ndarray = np.minimum.reduceat(text.time_of(found.first[order]), heads)
+        ms: np.ndarray = np.minimum.reduceat(text.time_of(found.start[order]), heads)
         first = pa.array(ms / 1000)
     keyword, video = np.divmod(ordered[heads], max(len(text), 1))
     return rows(

@@ -51,36 +51,40 @@ def phrase(text: str) -> str:
 
 
 class Folded:
-    """Folded bytes of a buffer that begins and ends with a space. `origin` maps positions back."""
+    """Folded bytes of a buffer that begins and ends with a space. `origin` maps positions back.
 
-    def __init__(self, raw: bytes) -> None:
+    `wide`: where characters beyond ASCII begin, for whom it is known.
+    """
+
+    def __init__(self, raw: bytes, wide: np.ndarray | None = None) -> None:
         import numpy as np
 
         data = raw.translate(ASCII)
         codes = np.frombuffer(data, np.uint8)
-        wide = np.flatnonzero(codes >= 0xC2)
-        wide = wide[codes[wide] != WALL]
+        if wide is None:
+            wide = np.flatnonzero(codes >= 0xC2)
+            wide = wide[codes[wide] != WALL]
+        vanished = False
         if len(wide):
-            codes = _fold_wide(codes.copy(), wide)
+            codes = codes.copy()
+            vanished = _fold_wide(codes, wide)
         space = codes == 0x20
-        drop = np.zeros(len(codes), bool)
-        if len(wide):
+        if vanished:  # what vanishes must not part a run of spaces
             gone = codes == _GONE
-            if gone.any():  # what vanishes must not part a run of spaces
-                kept = np.flatnonzero(~gone)
-                drop[kept[1:]] = space[kept[1:]] & space[kept[:-1]]
-                drop |= gone
-            else:
-                np.logical_and(space[1:], space[:-1], out=drop[1:])
+            kept = np.flatnonzero(~gone)
+            gone[kept[1:]] = space[kept[1:]] & space[kept[:-1]]
+            dropped = np.flatnonzero(gone)
         else:
-            np.logical_and(space[1:], space[:-1], out=drop[1:])
-        dropped = np.flatnonzero(drop)
-        self._before = dropped - np.arange(
-            len(dropped)
-        )  # place of each dropped byte in the folded text
-        self.bytes: bytes = (
-            codes[~drop].tobytes() if len(dropped) else (codes.tobytes() if len(wide) else data)
-        )
+            dropped = np.flatnonzero(space[1:] & space[:-1]) + 1
+        # Where each dropped byte would be in the folded text.
+        self._before = dropped - np.arange(len(dropped))
+        self.bytes: bytes = data
+        if len(dropped):
+            keep = np.ones(len(codes), bool)
+            keep[dropped] = False
+            self.bytes = codes[keep].tobytes()
+        elif len(wide):
+            self.bytes = codes.tobytes()
 
     def origin(self, positions: np.ndarray) -> np.ndarray:
         """Positions in the buffer of positions in `bytes`."""
@@ -89,12 +93,16 @@ class Folded:
         return positions + np.searchsorted(self._before, positions, "right")
 
 
-def _fold_wide(codes: np.ndarray, leads: np.ndarray) -> np.ndarray:
-    """Fold characters of two to four bytes in place, each different one once."""
+def _fold_wide(codes: np.ndarray, leads: np.ndarray) -> bool:
+    """Fold characters of two to four bytes in place, each different one once.
+
+    Tells whether any of their bytes vanish.
+    """
     import numpy as np
 
     first = codes[leads]
     size = np.where(first >= 0xF0, 4, np.where(first >= 0xE0, 3, 2))
+    vanish = False
     for length in (2, 3, 4):
         at = leads[size == length]
         if not len(at):
@@ -108,4 +116,5 @@ def _fold_wide(codes: np.ndarray, leads: np.ndarray) -> np.ndarray:
             np.uint8,
         )
         codes[places] = new.reshape(-1, length)[which]
-    return codes
+        vanish = vanish or bool((new == _GONE).any())
+    return vanish

@@ -16,10 +16,12 @@ from kb.pairs.tokens import ENDS, Tokens
 if TYPE_CHECKING:
     import numpy as np
 
+_WORD = 10  # bytes of a word and its space; few texts have longer ones on average
+
 
 class Grown(NamedTuple):
     """Texts: first byte, byte after the last (white space may be before it),
-    tokens with both ends, first and last word.
+    tokens with both ends, first bytes of the first and the last word.
     """
 
     start: np.ndarray
@@ -33,7 +35,6 @@ def grow(
     text: Text,
     counter: Tokens,
     places: tuple[np.ndarray, np.ndarray],
-    words: tuple[np.ndarray, np.ndarray],
     video: np.ndarray,
     *,
     goal: np.ndarray,
@@ -41,14 +42,16 @@ def grow(
     low: int,
     high: int,
 ) -> Grown:
-    """`places`: first byte of the phrase and the one after it; `words`: its first and last word;
-    `goal`: tokens drawn; `side`: tokens out of `goal` for the left, at most."""
+    """`places`: first byte of the phrase and the one after it; `goal`: tokens drawn; `side`: tokens
+    out of `goal` for the left, at most."""
     import numpy as np
 
-    (start, end), first, after = places, words[0], words[1] + 1
-    begin, stop = text.first_word(video), text.last_word(video)
+    start, end = places
+    words, begin, stop = near(text, start, end, video, high)
+    first = np.searchsorted(words, start, "right") - 1
+    after = np.searchsorted(words, end - 1, "right")
     least, most = np.maximum(begin, first - high), np.minimum(stop, after + high)
-    counts = counter.of_words(text.spaced, text.words, _within(least, most, len(text.words)))
+    counts = counter.of_words(text.spaced, words, _within(least, most, len(words)))
     total = np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
     goal = goal - ENDS
     own = total[after] - total[first]
@@ -64,7 +67,7 @@ def grow(
     further += (total[b] - total[further] > high - ENDS) & (further < a)
     a = np.where(short, further, a)
     tokens = total[b] - total[a] + ENDS
-    grown = Grown(text.words[a], np.append(text.words, len(text.raw))[b], tokens, a, b - 1)
+    grown = Grown(words[a], words[b], tokens, words[a], words[b - 1])
     hard = (tokens > high) | ((tokens < low) & ((a > begin) | (b < stop)))
     for one in np.flatnonzero(hard).tolist():
         begins = (
@@ -76,11 +79,42 @@ def grow(
         grown.start[one], grown.end[one], grown.tokens[one] = _cut(
             text, counter, begins, bounds, goal=max(low, int(goal[one]) + ENDS), high=high
         )
-        grown.first[one], grown.last[one] = (
-            text.word_of(grown.start[one]),
-            np.searchsorted(text.words, grown.end[one]) - 1,
-        )
+        grown.first[one] = text.words[np.searchsorted(text.words, grown.start[one], "right") - 1]
+        grown.last[one] = text.words[np.searchsorted(text.words, grown.end[one]) - 1]
     return grown
+
+
+def near(
+    text: Text, start: np.ndarray, end: np.ndarray, video: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Words around phrases, as most of a text has none near.
+
+    First bytes of words, in order: of each phrase's video all, or more than `most` before and
+    behind it. Behind each stretch of words stands where it ends, as if a word began there. And for
+    each phrase the number of its stretch's first word, and of what stands behind the last.
+    """
+    import numpy as np
+
+    at, stop = text.video_at[video], text.video_end[video]
+    reach = np.full(len(start), _WORD * (most + 2))
+    while True:
+        low, high = np.maximum(start - reach, at), np.minimum(end + reach, stop)
+        bounds = np.concatenate((low, start, end, high))
+        before, own, own_end, behind = np.split(text.before(bounds), 4)
+        few = (own - before < most + 2) & (low > at)
+        few |= (behind - own_end < most + 2) & (high < stop)
+        if not few.any():
+            break
+        reach[few] *= 2
+    order = np.argsort(low, kind="stable")
+    reached = np.maximum.accumulate(high[order])
+    heads = np.flatnonzero(np.append(True, low[order][1:] > reached[:-1])[: len(order)])
+    lows, highs = low[order][heads], reached[np.append(heads[1:], len(order))[: len(heads)] - 1]
+    pieces = [np.empty(0, np.int64)]
+    for begin, finish in zip(lows.tolist(), highs.tolist(), strict=True):
+        pieces += [np.flatnonzero(text.begins[begin:finish]) + begin, np.array([finish + 1])]
+    words = np.concatenate(pieces)
+    return words, np.searchsorted(words, low), np.searchsorted(words, high)
 
 
 def _within(low: np.ndarray, high: np.ndarray, size: int) -> np.ndarray:

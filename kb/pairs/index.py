@@ -105,7 +105,7 @@ def matches(text: Text, tools: Finds, counts: Counts) -> Matches:
     """Keywords in the text, without excluded phrases and without everyday
     words that stand alone.
     """
-    found = tools.matcher.find(text.raw)
+    found = tools.matcher.find(text.raw, text.wide)
     keyword = tools.keywords.owner[found.phrase]
     counts.totals["excluded"] += int((keyword == EXCLUDED).sum())
     kept = keyword != EXCLUDED
@@ -158,7 +158,7 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, Counts]:
     grown = Grown(*(column[taken] for column in grown)) if grown else _grow(text, tools, found, rng)
     times = {
         "segment": (segment[0][taken], segment[1][taken]),
-        "match": _times(text, found.first, found.last),
+        "match": _times(text, found.start, found.end - 1),
         "text": _times(text, grown.first, grown.last),
         "clip": (clip_start[taken], clip_end[taken]),
     }
@@ -197,7 +197,6 @@ def _grow(text: Text, tools: Tools, found: Matches, rng: _Draws) -> Grown:
         text,
         tools.tokens,
         (found.start, found.end),
-        (found.first, found.last),
         found.video,
         goal=goal,
         side=rng.whole("side", 0, goal - ENDS),
@@ -218,7 +217,7 @@ def _segment(text: Text, found: Matches) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _times(text: Text, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """When the words from `first` to `last` are said."""
+    """When the words are said that hold the bytes `first` to `last`."""
     import numpy as np
 
     begin = text.time_of(first)

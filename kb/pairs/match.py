@@ -30,6 +30,11 @@ class Found(NamedTuple):
     end: np.ndarray
 
 
+# With other first bytes than the space the automaton just goes on, and does not look for the next
+# space, of which texts have one every five bytes. No text has these (RFC 3629, section 3).
+_NEVER = [bytes([byte]) for byte in (0xFA, 0xFB, 0xFC, 0xFD)]
+
+
 class Matcher:
     """Matches folded phrases."""
 
@@ -37,17 +42,21 @@ class Matcher:
 
         self._automaton = (
             BytesAhoCorasick(
-                [f" {one} ".encode() for one in phrases], implementation=Implementation.DFA
+                [*(f" {one} ".encode() for one in phrases), *_NEVER],
+                implementation=Implementation.DFA,
             )
             if phrases
             else None
         )
 
-    def find(self, raw: bytes) -> Found:
-        """Matches in UTF-8 text that begins and ends with a space."""
+    def find(self, raw: bytes, wide: np.ndarray | None = None) -> Found:
+        """Matches in UTF-8 text that begins and ends with a space.
+
+        `wide`: where characters beyond ASCII begin, for whom it is known.
+        """
         import numpy as np
 
-        folded = Folded(raw)
+        folded = Folded(raw, wide)
         hits = (
             self._automaton.find_matches_as_indexes(folded.bytes, overlapping=True)
             if self._automaton

@@ -17,7 +17,7 @@ from kb.store import complete, parquet, rawlog
 from kb.store.layout import parquet_files
 from kb.store.reading import reading
 
-_ROWS = 512  # transcripts in memory at once: about two million words
+_ROWS = 128  # transcripts in memory at once: some 2 MB of text, which the cache half holds
 _COLUMNS = ["video_id", "kind", "cues"]
 _CUES = 2_000_000  # cues in memory at once, whatever the number of transcripts
 

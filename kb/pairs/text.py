@@ -7,6 +7,7 @@ it are characters; inside a batch they are bytes. Times are whole milliseconds.
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
 
 import pyarrow as pa
@@ -30,6 +31,7 @@ _WIDE = {
     for size in (2, 3)
 }
 _FAR = 1e9  # seconds; times beyond it are no times
+_BLOCK = 64  # bytes of which it is known how many words begin before them
 
 
 class Text:
@@ -115,11 +117,14 @@ class Text:
             _lists(starts, texts),
             pa.scalar(joint, pa.large_binary()),
         )
-        whole = pc.binary_join(
-            _lists([0, videos], together),
-            pa.scalar(_WALL, pa.large_binary()),
-        )
-        self.raw: bytes = b" " + (whole[0].as_py() if videos else b"") + b" "
+        data = memoryview(together.buffers()[2] or b"")
+        ends = np.cumsum(np.asarray(pc.binary_length(together)), dtype=np.int64).tolist()
+        pieces: list[bytes | memoryview] = [b" "]
+        for begin, end in pairwise([0, *ends]):
+            pieces += [data[begin:end], _WALL]
+        # Copied once; no wall stands behind the last one.
+        pieces[-1:] = [b" "] if videos else [b" ", b" "]
+        self.raw: bytes = b"".join(pieces)
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -143,36 +148,46 @@ class Text:
         """The bytes, with every kind of white space as plain spaces."""
         import numpy as np
 
-        codes = np.frombuffer(self.raw.translate(_SPACES), np.uint8)
-        if not self._wide:
-            return codes
+        codes = np.frombuffer(self.raw, np.uint8)
+        # One comparison tells whether there can be other spaces at all.
+        if np.count_nonzero(codes <= 0x20) > np.count_nonzero(codes == 0x20):
+            codes = np.frombuffer(self.raw.translate(_SPACES), np.uint8)
         # Only characters beyond ASCII are looked at, each once, by its first three bytes.
-        leads = np.flatnonzero(codes >= 0xC2)
-        ends = len(codes) - 1
+        leads, ends = self.wide, len(codes) - 1
         second, third = (codes[np.minimum(leads + step, ends)].astype(np.int32) for step in (1, 2))
         two = codes[leads].astype(np.int32) << 8 | second
         spaces = [np.isin(two, _WIDE[2]), np.isin(two << 8 | third, _WIDE[3])]
-        codes = codes.copy()
-        for length, found in zip(_WIDE, spaces, strict=True):
-            for step in range(length):
-                codes[leads[found] + step] = 0x20
+        if any(found.any() for found in spaces):
+            codes = codes.copy()
+            for length, found in zip(_WIDE, spaces, strict=True):
+                for step in range(length):
+                    codes[leads[found] + step] = 0x20
         return codes
 
     @cached_property
-    def _wide(self) -> bool:
-        """Whether there is a character beyond ASCII."""
+    def _high(self) -> np.ndarray:
+        """Where bytes beyond ASCII are, walls among them."""
         import numpy as np
 
-        return bool(
-            len(self._inner) or (np.frombuffer(self.raw, np.uint8) >= 0x80).sum() > self._walls
-        )
+        return np.flatnonzero(np.frombuffer(self.raw, np.uint8) >= 0x80)
+
+    @cached_property
+    def wide(self) -> np.ndarray:
+        """Where characters beyond ASCII begin."""
+        import numpy as np
+
+        codes = np.frombuffer(self.raw, np.uint8)[self._high]
+        leads: np.ndarray = self._high[(codes >= 0xC2) & (codes != WALL)]
+        return leads
 
     @cached_property
     def _inner(self) -> np.ndarray:
         """Where bytes are that continue a character."""
         import numpy as np
 
-        return np.flatnonzero((np.frombuffer(self.raw, np.uint8) & 0xC0) == 0x80)
+        codes = np.frombuffer(self.raw, np.uint8)[self._high]
+        inner: np.ndarray = self._high[(codes & 0xC0) == 0x80]
+        return inner
 
     def characters(self, places: np.ndarray, videos: np.ndarray) -> np.ndarray:
         """Bytes of the batch as characters of their transcript's text."""
@@ -186,63 +201,76 @@ class Text:
         characters: np.ndarray = bytes_ - inner
         return characters
 
+    @property
+    def begins(self) -> np.ndarray:
+        """A mask of the bytes that words begin with (walls between transcripts are among them)."""
+        return self._flags[: len(self.raw)]
+
     @cached_property
-    def words(self) -> np.ndarray:
-        """First byte of each word (walls between transcripts are among them)."""
+    def _flags(self) -> np.ndarray:
+        """The mask, up to the end of a block."""
         import numpy as np
 
         space = self.spaced == 0x20
-        return np.flatnonzero(space[:-1] & ~space[1:]) + 1
+        flags = np.zeros(-(-len(space) // _BLOCK) * _BLOCK, bool)
+        np.greater(space[:-1], space[1:], out=flags[1 : len(space)])
+        return flags
 
-    def word_of(self, places: np.ndarray) -> np.ndarray:
-        """The word that holds each byte."""
+    @cached_property
+    def _counted(self) -> np.ndarray:
+        """How many words begin before each block, and before the end."""
         import numpy as np
 
-        words: np.ndarray = np.searchsorted(self.words, places, "right") - 1
-        return words
+        # Eight flags are added at a time, as bytes of a number; then its bytes.
+        eights = np.add.reduce(self._flags.view(np.uint64).reshape(-1, _BLOCK // 8), axis=1)
+        counts = (eights * np.uint64(0x0101010101010101)) >> np.uint64(56)
+        return np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
 
-    def time_of(self, words: np.ndarray, *, after: bool = False) -> np.ndarray:
-        """When words begin (or end, with `after`), in ms:
+    @cached_property
+    def words(self) -> np.ndarray:
+        """First byte of each word."""
+        import numpy as np
+
+        return np.flatnonzero(self.begins)
+
+    def before(self, places: np.ndarray) -> np.ndarray:
+        """How many words begin before each byte."""
+        import numpy as np
+
+        if len(places) * _BLOCK > len(self.raw):
+            numbers: np.ndarray = np.searchsorted(self.words, places)
+            return numbers
+        # To count words around few places is much faster than to list all words.
+        block, rest = places // _BLOCK, places % _BLOCK
+        last = len(self._flags) // _BLOCK - 1
+        held = self._flags.reshape(-1, _BLOCK)[np.minimum(block, last)]
+        within = np.count_nonzero(held & (np.arange(_BLOCK) < rest[:, None]), axis=1)
+        counted: np.ndarray = self._counted[block] + within
+        return counted
+
+    def word_of(self, places: np.ndarray) -> np.ndarray:
+        """The number of the word that holds each byte."""
+        return self.before(places + 1) - 1
+
+    def time_of(self, places: np.ndarray, *, after: bool = False) -> np.ndarray:
+        """When the words that hold these bytes begin (or end, with `after`), in ms:
         a cue's time is shared out evenly among its words.
         """
         import numpy as np
 
-        first_words, counts = self._cue_words
-        cue = np.searchsorted(first_words, words, "right") - 1
-        first, count = first_words[cue], counts[cue]
-        span = self.cue_end[cue] - self.cue_start[cue]
-        spoken = np.minimum(words - first + after, count)
+        cue = self.cue_of(places)
+        begin = self.cue_at[cue]
+        bounds = np.concatenate((places + 1, begin, begin + self.cue_size[cue]))
+        number, first, behind = np.split(self.before(bounds), 3)
+        span, count = self.cue_end[cue] - self.cue_start[cue], behind - first
+        spoken = np.minimum(number - 1 - first + after, count)
         times: np.ndarray = self.cue_start[cue] + span * spoken // np.maximum(count, 1)
         return times
-
-    @cached_property
-    def _cue_words(self) -> tuple[np.ndarray, np.ndarray]:
-        """First word and number of words of each cue; of empty ones before a cue with words,
-        too.
-        """
-        import numpy as np
-
-        first = np.searchsorted(self.words, self.cue_at)
-        return first, np.searchsorted(self.words, self.cue_at + self.cue_size) - first
-
-    def first_word(self, videos: np.ndarray) -> np.ndarray:
-        """The first word of each video."""
-        import numpy as np
-
-        first: np.ndarray = np.searchsorted(self.words, self.video_at[videos])
-        return first
-
-    def last_word(self, videos: np.ndarray) -> np.ndarray:
-        """One past the last word of each video."""
-        import numpy as np
-
-        last: np.ndarray = np.searchsorted(self.words, self.video_end[videos])
-        return last
 
     @property
     def word_count(self) -> int:
         """Words of all transcripts."""
-        return max(0, len(self.words) - self._walls)
+        return max(0, int(self._counted[-1]) - self._walls)
 
 
 def _lists(offsets: Any, values: Any) -> pa.Array[Any]:

@@ -7,7 +7,8 @@ Source: Radford et al., "Learning Transferable Visual Models From Natural Langua
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, cast
 
 import pyarrow as pa
 
@@ -49,8 +50,7 @@ class Tokens:
             [None, pa.py_buffer(offsets.astype(width).data), pa.py_buffer(codes.data)],
         )
         chosen = every.filter(pa.array(wanted)).dictionary_encode()
-        distinct = cast("list[bytes]", chosen.dictionary.to_pylist())
-        different = np.asarray(self._counts(distinct), np.int32)
+        different = np.asarray(self._counts(_values(chosen.dictionary)), np.int32)
         counts = np.zeros(len(words), np.int32)
         if len(different):
             counts[wanted] = different[np.asarray(chosen.indices)]
@@ -58,12 +58,21 @@ class Tokens:
 
     def _counts(self, words: list[bytes]) -> list[int]:
         """Tokens of different words."""
-        counts: list[int] = []
-        for word in words:
-            count = self._known.get(word)
-            if count is None:
-                count = self.count(word.decode("utf-8", "replace"))
-                if len(self._known) < _MOST_KNOWN:
-                    self._known[word] = count
-            counts.append(count)
-        return counts
+        counts = list(map(self._known.get, words))
+        for place in [place for place, count in enumerate(counts) if count is None]:
+            counts[place] = count = self.count(words[place].decode("utf-8", "replace"))
+            if len(self._known) < _MOST_KNOWN:
+                self._known[words[place]] = count
+        return cast("list[int]", counts)
+
+
+def _values(words: pa.Array[Any]) -> list[bytes]:
+    """The values of a binary array, without an object for each that Arrow's own way makes."""
+    import numpy as np
+
+    _, offsets, data = words.buffers()
+    width: type[np.signedinteger[Any]] = np.int32 if words.type == pa.binary() else np.int64
+    places = np.frombuffer(memoryview(offsets or b""), width).tolist()
+    places = places[words.offset : words.offset + len(words) + 1]
+    held = data.to_pybytes() if data is not None else b""
+    return [held[begin:end] for begin, end in pairwise(places)]

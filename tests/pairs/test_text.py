@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,6 +25,20 @@ def test_spaced_is_the_text_with_plain_spaces(cues: list[str]) -> None:
     assert spaced == plain
     assert whole.word_count == sum(len(text.split()) for text in cues)
     assert whole.raw.decode().split() == " ".join(cues).split()
+
+
+@given(st.lists(texts, min_size=1, max_size=4), st.lists(st.floats(0, 1), max_size=6))
+def test_words_before_few_places_are_those_of_the_list(
+    cues: list[str], shares: list[float]
+) -> None:
+    whole = Text(
+        transcripts(("v", "asr", [(n, 1, f"{text} a") for n, text in enumerate(cues * 200)]))
+    )
+    places = np.array([round(share * len(whole.raw)) for share in shares], np.int64)
+    few = whole.before(places)
+    assert "words" not in vars(whole)  # not listed for it
+    assert few.tolist() == np.searchsorted(whole.words, places).tolist()
+    assert whole.before(np.arange(len(whole.raw) + 1))[places].tolist() == few.tolist()
 
 
 def test_transcripts_are_kept_apart() -> None:

@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import DamagedData, ReleaseRefused
+from kb.release import scan
 from kb.release.build import release
 from tests.release.conftest import SECRETS, a_run
 from tests.release.made import build
@@ -365,6 +366,23 @@ def test_shapes_of_keys_in_any_file_also_across_pieces(
         b"\xff" * 4985 + b" ghp_" + b"a1" * 18 + b" " * 9000
     )
     assert f"secret: youtube/{name}: it holds a GitHub token" in refused(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("held", "what"),
+    [
+        (b"ya29.eyJ" + b"a" * 30 + b".eyJ" + b"b" * 30 + b".", "a Google access token"),
+        (b"ya29.eyJ" + b"a" * 30 + b".eyJ" + b"b" * 30 + b".", "a JSON web token"),
+        (b"api_key=AIza" + b"Sy0" * 11 + b"ab", "a Google API key"),
+        (b"api_key=AIza" + b"Sy0" * 11 + b"ab", "a secret in an address"),
+        (b"ghp_AKIA" + b"Q" * 16, "an AWS access key"),
+        (b"ghp_hunter22", "the value of a setting"),
+        (b"key=ghp_ AKIA xoxb-", None),
+    ],
+)
+def test_a_secret_that_begins_within_another(held: bytes, what: str | None) -> None:
+    found = list(scan.Wanted(["hunter22"]).within(b"x" * 99 + held + b" "))
+    assert what in found if what else not found
 
 
 @pytest.mark.parametrize("place", ["table", "column"])
