@@ -18,6 +18,7 @@ from tests.reddit.conftest import small_world
 from tests.youtube.job import Job
 
 ANSWERS = ("crawled", "kept", "rejected", "failed", "pending", "missing")
+ONE = {("wiki", "crawl"): ("--workers", "1")}  # a browser
 MAIN = {"youtube": "videos", "wiki": "pages", "reddit": "posts"}
 
 
@@ -27,7 +28,7 @@ class Done:
     def __init__(self, sandbox: Sandbox, place: Path) -> None:
         self.job = Job(sandbox, place)
         self.steps = {
-            (source, step): Summary(self.job.done(source, step))
+            (source, step): Summary(self.job.done(source, step, *ONE.get((source, step), ())))
             for source in MAIN
             for step in ("crawl", "filter", "export")
         }

@@ -119,9 +119,11 @@ class Trial:
             ended = self.run()
             assert ended.code == 0, (self.case.words, ended.err[-2000:])
             self.shown()
-            self._whole[base] = self.outcome(), ended.operations
-            assert not self._whole[base][0].verified, self._whole[base][0].verified
-            assert not self.wrong(base), self.wrong(base)
+            whole = self.outcome()
+            self._whole[base] = whole, ended.operations
+            assert not whole.verified, whole.verified
+            wrong = self.wrong(base, now=whole)
+            assert not wrong, wrong
         return self._whole[base]
 
     def fresh(self, base: str) -> None:
@@ -175,12 +177,14 @@ class Trial:
             tuple(found(self.root)),
         )
 
-    def wrong(self, base: str, twice: bool = False) -> list[tuple[str, str]]:
-        """(kind, what) of everything that differs from an unharmed run.
+    def wrong(
+        self, base: str, twice: bool = False, now: Outcome | None = None
+    ) -> list[tuple[str, str]]:
+        """(kind, what) of everything that differs from an unharmed run; `now` is what is there.
 
         `twice`: it ran to its end two times, and a summary counts what the last one found.
         """
-        whole, now = self.whole(base)[0], self.outcome()
+        whole, now = self.whole(base)[0], now or self.outcome()
         differ = sorted(
             name
             for name in whole.bytes.keys() | now.bytes.keys()
@@ -262,7 +266,7 @@ def kills(trial: Trial, count: int, seed: int, joins: int = 0) -> Result:
     draw = random.Random(f"{seed} {case.name}")
     for base_number, base in enumerate(case.bases):
         share = len(range(base_number, count, len(case.bases)))
-        length = trial.whole(base)[1]
+        length = trial.whole(base)[1] if share else 0
         for before in _spread(length, share, draw):
             kind = draw.choice((harm.KILL, harm.TEAR))
             moment, wrong = trial.kill(base, before, kind)

@@ -145,7 +145,7 @@ def _try(step: str, kills: int, base: Path, root: Path) -> None:
     status, length = forked(lambda: STEPS[step](root))
     assert status == 0
     bad = 0
-    moments = range(1, length + 1, max(1, length // kills))
+    moments = sorted({1 + number * length // kills for number in range(kills)})
     for moment in moments:
         shutil.rmtree(root)
         shutil.copytree(base, root)

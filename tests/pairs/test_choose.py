@@ -29,7 +29,7 @@ _clips = st.lists(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(_clips, st.integers(-10, 10), st.integers(0, 3), st.booleans())
 def test_like_one_by_one(clips, gap, most, crowded):  # type: ignore[no-untyped-def]
     clips = [(start, start + length, video, rank) for start, length, video, rank in clips]

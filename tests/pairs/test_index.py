@@ -50,7 +50,7 @@ _rules = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=250, deadline=None, phases=(Phase.explicit, Phase.generate))
+@settings(max_examples=100, deadline=None, phases=(Phase.explicit, Phase.generate))
 @given(st.lists(_video, min_size=1, max_size=3), _rules)
 def test_every_pair(keywords, with_section, tools, videos, rules):
     tools_ = with_section(**rules)

@@ -66,7 +66,7 @@ _time = st.one_of(st.floats(-5, 60), st.sampled_from([0.0, float("nan"), float("
 _cues = st.lists(st.tuples(_time, _time, _text), max_size=8)
 
 
-@settings(max_examples=250, deadline=None, phases=(Phase.explicit, Phase.generate))
+@settings(max_examples=100, deadline=None, phases=(Phase.explicit, Phase.generate))
 @given(st.lists(st.tuples(st.sampled_from(["asr", "manual"]), _cues), min_size=1, max_size=4))
 def test_finds_what_a_slow_obvious_matcher_finds_and_nothing_else(keywords, tools, videos):
     rows = transcripts(*((f"v{number}", kind, cues) for number, (kind, cues) in enumerate(videos)))

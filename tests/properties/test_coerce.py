@@ -102,7 +102,7 @@ def at(path: list[str], value: Any) -> Any:
     return value
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(st.data())
 def test_any_value_in_any_place_costs_that_value_only(data: st.DataObject) -> None:
     reader = Reader(table("youtube/videos"), "videos")
@@ -183,7 +183,7 @@ def _a_list(value: Any) -> list[Any]:
     return value
 
 
-@settings(max_examples=400)
+@settings(max_examples=200)
 @given(st.lists(good_cues, max_size=4), st.lists(good_cues | odd_cues, max_size=4))
 def test_cues_as_columns_are_the_cues_cell_by_cell(good: list[Any], odd: list[Any]) -> None:
     values = [*good, *odd]
@@ -250,7 +250,7 @@ transcript = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(st.lists(transcript, min_size=1, max_size=4))
 def test_typed_and_patient_decoding_give_equal_tables(responses: list[Any]) -> None:
     reader = Reader(table("youtube/transcripts"), "transcripts", note_absent=False)

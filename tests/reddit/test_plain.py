@@ -103,7 +103,7 @@ params = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(
     st.sampled_from(parse.KINDS),
     st.lists(st.tuples(st.lists(things(), max_size=4), params), min_size=1, max_size=3),
