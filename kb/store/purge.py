@@ -9,8 +9,9 @@ removed can come back meanwhile; then raw, then what was made of it.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Collection, Iterable, Iterator
-from functools import partial
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -18,6 +19,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.context import default_workers
 from kb.store import damage, lock, mending, notes, parquet, purge_search, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
@@ -54,8 +56,13 @@ class Place(NamedTuple):
         """What the files of the table are named like in the folder."""
         return rows_pattern(self.table)
 
+    def values(self, keys: Collection[str]) -> pa.Array[Any]:
+        """What the column says of these keys."""
+        mine = (key.removeprefix(self.prefix) for key in keys if key.startswith(self.prefix))
+        return pa.array(sorted(mine), pa.string())
+
     def holds(self, rows: pa.RecordBatch, keys: pa.Array[Any]) -> pa.Array[Any]:
-        """Which rows are of these keys (without the prefix)."""
+        """Which rows are of these keys, as `values` gives them."""
         mine: pa.Array[Any] = pc.is_in(rows.column(self.column).cast(pa.string()), value_set=keys)
         if not self.source:
             return mine
@@ -198,22 +205,36 @@ def drop_rows(root: Path, source: str, places: Iterable[Place], keys: Collection
     """
     noted = Layout(root).purged_rows(source)
     gone = notes.read(noted, int, mend="delete it; it counts rows, nothing more") or 0
+    values: dict[str, pa.Array[Any]] = {}
+    named: dict[Path, list[Place]] = {}  # a file may name keys in several columns
     for place in places:
-        wanted = pa.array(
-            sorted(key.removeprefix(place.prefix) for key in keys if key.startswith(place.prefix)),
-            pa.string(),
-        )
+        if place.prefix not in values:
+            values[place.prefix] = place.values(keys)
         for path in sorted((root / place.folder).glob(place.pattern)):
-            went = _keep(path, place.table, place.reads, partial(_outside, place, wanted))
-            if went:
-                gone += went
-                write_bytes(noted, str(gone).encode())
+            named.setdefault(path, []).append(place)
+    # Reading and compressing let other threads run.
+    with ThreadPoolExecutor(default_workers()) as pool:
+        running = [pool.submit(_drop_rows, path, these, values) for path, these in named.items()]
+        try:
+            for one in as_completed(running):
+                if went := one.result():
+                    gone += went
+                    write_bytes(noted, str(gone).encode())
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
     return gone
 
 
-def _outside(place: Place, gone: pa.Array[Any], rows: pa.RecordBatch) -> pa.Array[Any]:
-    mask: pa.Array[Any] = pc.invert(place.holds(rows, gone))
-    return mask
+def _drop_rows(path: Path, places: list[Place], gone: Mapping[str, pa.Array[Any]]) -> int:
+    def good(rows: pa.RecordBatch) -> pa.Array[Any]:
+        kept: pa.Array[Any] = pc.invert(
+            reduce(pc.or_, [place.holds(rows, gone[place.prefix]) for place in places])
+        )
+        return kept
+
+    columns = [name for place in places for name in place.reads]
+    return _keep(path, places[0].table, list(dict.fromkeys(columns)), good)
 
 
 def drop_annotations(root: Path, source: str, used: pa.Array[Any] | pa.ChunkedArray[Any]) -> int:

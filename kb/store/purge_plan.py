@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
-import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.verdict import Summary
@@ -112,10 +111,7 @@ def _released(places: Iterable[Place]) -> Iterator[Place]:
 
 
 def _rows(root: Path, place: Place, keys: Collection[str]) -> int:
-    wanted = pa.array(
-        sorted(key.removeprefix(place.prefix) for key in keys if key.startswith(place.prefix)),
-        pa.string(),
-    )
+    wanted = place.values(keys)
     name = place.table.partition("/")[2]
     flat = Path(place.folder).is_relative_to(BELOW.release())
     pattern = f"{name}-*.parquet" if flat else place.pattern
