@@ -162,10 +162,9 @@ def _keep(
         return
     fresh = place.with_name(f".{number}.{uuid.uuid4().hex[:8]}")
     fresh.mkdir(parents=True)
-    options = pa.ipc.IpcWriteOptions(compression="lz4")
     for name, part in rows.items():
         path = fresh / f"{name.replace('/', '.')}.arrow"
-        with pa.ipc.new_file(str(path), part.schema, options=options) as file:
+        with pa.ipc.new_file(str(path), part.schema) as file:
             file.write_table(part)
     (fresh / "counts.json").write_text(json.dumps([list(rows), counts]))
     fresh.rename(place)
@@ -178,7 +177,9 @@ def _read_kept(place: Path) -> tuple[dict[str, pa.Table], Counter[str]]:
     names, counts = json.loads((place / "counts.json").read_text())
     rows = {}
     for name in names:
-        with pa.ipc.open_file(str(place / f"{name.replace('/', '.')}.arrow")) as file:
+        with pa.ipc.open_file(
+            pa.memory_map(str(place / f"{name.replace('/', '.')}.arrow"))
+        ) as file:
             rows[name] = file.read_all()
     return rows, Counter(counts)
 
