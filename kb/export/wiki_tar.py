@@ -192,7 +192,7 @@ def _moved(column: str, places: dict[str, str]) -> parquet.Change:
 
 def _write_tar(path: Path, samples: list[Sample], lost: set[Path]) -> Iterator[dict[str, Any]]:
     """Write one tar; the index lines of its members. What is not what it was goes to `lost`."""
-    with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT, copybufsize=_AT_ONCE) as tar:
+    with tarfile.TarFile(path, "w", format=tarfile.USTAR_FORMAT, copybufsize=_AT_ONCE) as tar:
         for sample in samples:
             for member, data in (
                 (sample.member, sample.path),
