@@ -12,63 +12,8 @@ import pyarrow.compute as pc
 _WORD = r"[^\s\x0b\x1c-\x1f\x{85}\p{Z}]+"
 _ASCII_WORD = r"[^\t-\r\x1c-\x1f ]+"
 _OTHER_SPACE = r"[\x{85}\x{a0}\x{1680}\x{2000}-\x{200a}\x{2028}\x{2029}\x{202f}\x{205f}\x{3000}]"
+_LEADS = b"\xc2\xe1\xe2\xe3"  # first bytes of each of these
 _OTHER_SPACES = b"\t\n\v\f\r\x1c\x1d\x1e\x1f"
-_SPACED = bytes.maketrans(_OTHER_SPACES, b" " * len(_OTHER_SPACES))
-
-
-def word_count(texts: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Array[Any] | pa.ChunkedArray[Any]:
-    """Whitespace-separated words of each text, int64; null stays null.
-
-    Equal to `len(text.split())` for every text.
-    """
-    texts = texts.cast(pa.string())
-    if isinstance(texts, pa.ChunkedArray):
-        return pa.chunked_array([_counted(chunk) for chunk in texts.chunks], pa.int64())
-    return _counted(texts)
-
-
-def _counted(texts: pa.Array[Any]) -> pa.Array[Any]:
-    """One more than the spaces; where spaces don't stand alone between words, by the regex."""
-    if not len(texts):
-        return pa.array([], pa.int64())
-    spaced = _spaced(texts)
-    counts, odd = _naive(spaced), _odd(spaced)
-    if not pc.any(odd).as_py():
-        return counts
-    words: pa.Array[Any] = pc.replace_with_mask(counts, odd, _by_regex(texts.filter(odd)))
-    return words
-
-
-def _by_regex(texts: pa.Array[Any]) -> pa.Array[Any]:
-    words: pa.Array[Any] = pc.count_substring_regex(texts, _WORD).cast(pa.int64())
-    return words
-
-
-def _naive(spaced: pa.Array[Any]) -> pa.Array[Any]:
-    words: pa.Array[Any] = pc.add(pc.count_substring(spaced, " "), 1).cast(pa.int64())
-    return words
-
-
-def _odd(spaced: pa.Array[Any]) -> pa.Array[Any]:
-    """Texts whose words are not one more than their spaces, or may not be."""
-    odd = pc.invert(pc.string_is_ascii(spaced))
-    data = spaced.buffers()[2]
-    if data is not None and b"  " in data.to_pybytes():
-        odd = pc.or_(odd, pc.match_substring(spaced, "  "))
-    for end in (pc.starts_with(spaced, " "), pc.ends_with(spaced, " "), pc.equal(spaced, "")):
-        odd = pc.or_(odd, end)
-    whole: pa.Array[Any] = pc.fill_null(odd, False)
-    return whole
-
-
-def _spaced(texts: pa.Array[Any]) -> pa.Array[Any]:
-    """The texts with plain spaces for other white space of ASCII: a byte is a byte."""
-    valid, offsets, data = texts.buffers()
-    raw = data.to_pybytes() if data is not None else b""
-    if offsets is None or not any(byte in raw for byte in _OTHER_SPACES):
-        return texts
-    whole = pa.py_buffer(raw.translate(_SPACED))
-    return pa.StringArray.from_buffers(len(texts), offsets, whole, valid, -1, texts.offset)
 
 
 def word_count_of_lists(lists: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Array[Any]:
@@ -89,8 +34,17 @@ def word_count_of_lists(lists: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Array
     return words
 
 
+def _by_regex(texts: pa.Array[Any]) -> pa.Array[Any]:
+    words: pa.Array[Any] = pc.count_substring_regex(texts, _WORD)
+    return words
+
+
 def _holding_other_spaces(texts: pa.Array[Any]) -> pa.Array[Any]:
     """Texts that hold white space beyond ASCII."""
+    data = texts.buffers()[2]
+    raw = memoryview(data).tobytes() if data is not None else b""
+    if not any(lead in raw for lead in _LEADS):
+        return pa.repeat(pa.scalar(False), len(texts))
     odd: pa.Array[Any] = pc.invert(pc.string_is_ascii(texts))
     if pc.any(odd).as_py():
         odd = pc.replace_with_mask(
@@ -111,12 +65,14 @@ def _of_runs(texts: pa.Array[Any], sizes: pa.Array[Any]) -> pa.Array[Any]:
     at = pa.Array.from_buffers(pa.int32(), texts.offset + len(texts) + 1, [None, offsets])
     at = at.slice(texts.offset)
     first, after = at[0].as_py(), at[-1].as_py()
-    raw = memoryview(data)[first:after].tobytes()
     # A space before all: so the byte before any byte has the byte's own place.
-    marked = pa.py_buffer(b" " + raw.translate(_SPACED))
-    every = pa.Array.from_buffers(pa.uint8(), len(raw) + 1, [None, marked])
+    raw = b" " + memoryview(data)[first:after]
+    every = pa.Array.from_buffers(pa.uint8(), len(raw), [None, pa.py_buffer(raw)])
     space = pc.equal(every, pa.scalar(ord(" "), pa.uint8()))
-    begins = pc.and_not(space.slice(0, len(raw)), space.slice(1))
+    for other in _OTHER_SPACES:
+        if other in raw:
+            space = pc.or_(space, pc.equal(every, pa.scalar(other, pa.uint8())))
+    begins = pc.and_not(space.slice(0, after - first), space.slice(1))
     at = pc.subtract(at, first)
     # Texts that begin without a space between them and the text before.
     place = at.slice(0, len(texts))

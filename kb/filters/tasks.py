@@ -78,7 +78,8 @@ def texts_of(job: Job, number: int, keep: bool) -> str:
     path = str(Path(job.work, f"texts-{number:06d}.arrow"))
     schema = pa.schema([("text", pa.string())])
     with full_disk_is_resumable(Path(job.work)), pa.ipc.new_file(path, schema) as file:
-        rows, counts = _assembled(job, spec, number, whole=keep)
+        with buckets.without_collecting():
+            rows, counts = _assembled(job, spec, number, whole=keep)
         if keep:
             _keep(job, spec, number, rows, counts)
         for chain, done in _walk(job, spec, rows, lambda chain, rows: rows, dry=True)[0]:
@@ -95,7 +96,8 @@ def sort_bucket(job: Job, number: int) -> dict[str, int]:
     def join(chain: Chain, rows: pa.Table) -> pa.Table:
         return _join(job, spec, chain, rows)
 
-    rows, counts = _assembled(job, spec, number, whole=True)
+    with buckets.without_collecting():
+        rows, counts = _assembled(job, spec, number, whole=True)
     done, follows = _walk(job, spec, rows, join)
     whole = {chain.table: result.kept for chain, result in done}
     if spec.complete is not None:
@@ -160,10 +162,9 @@ def _keep(
         return
     fresh = place.with_name(f".{number}.{uuid.uuid4().hex[:8]}")
     fresh.mkdir(parents=True)
-    options = pa.ipc.IpcWriteOptions(compression="lz4")
     for name, part in rows.items():
         path = fresh / f"{name.replace('/', '.')}.arrow"
-        with pa.ipc.new_file(str(path), part.schema, options=options) as file:
+        with pa.ipc.new_file(str(path), part.schema) as file:
             file.write_table(part)
     (fresh / "counts.json").write_text(json.dumps([list(rows), counts]))
     fresh.rename(place)
@@ -176,7 +177,9 @@ def _read_kept(place: Path) -> tuple[dict[str, pa.Table], Counter[str]]:
     names, counts = json.loads((place / "counts.json").read_text())
     rows = {}
     for name in names:
-        with pa.ipc.open_file(str(place / f"{name.replace('/', '.')}.arrow")) as file:
+        with pa.ipc.open_file(
+            pa.memory_map(str(place / f"{name.replace('/', '.')}.arrow"))
+        ) as file:
             rows[name] = file.read_all()
     return rows, Counter(counts)
 

@@ -132,7 +132,9 @@ class Topic:
         label = pc.coalesce(one(rows, "game_label"), one(rows, "game_label_id"))
         category = text(one(rows, "category_id"))
         named, categorised = self._named(rows), self._categorised(rows)
-        places = self._places(rows, off)
+        # A candidate that is off has no keyword anywhere: it was looked for.
+        candidate = pc.fill_null(pc.and_(pc.invert(named), categorised), False)
+        places = self._places(rows, pc.and_(off, pc.invert(candidate)))
         keyword = pc.coalesce(
             *(pc.if_else(hit, f"keyword in {name}", None) for name, hit in places.items())
         )

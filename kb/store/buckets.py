@@ -7,6 +7,7 @@ a bucket afterwards. The number of buckets follows from the size of the raw data
 
 from __future__ import annotations
 
+import contextlib
 import gc
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -57,6 +58,18 @@ class Kind:
     then: str = ""
 
 
+@contextlib.contextmanager
+def without_collecting() -> Iterator[None]:
+    """Millions of values and no cycle among them: looking for one costs a tenth of the time."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+
+
 def how_many(size: int) -> int:
     """Buckets for so many bytes of raw data: a power of two,
     so that a little more data changes nothing.
@@ -85,11 +98,8 @@ def spread(
     unknown: Counter[str] = Counter()
     rows = 0
     frames = Frames(segment, mending=mending)
-    collecting = gc.isenabled()
-    # millions of values and no cycle among them: looking for one costs a tenth of the time
-    gc.disable()
     try:
-        with Shuffle(folder, f"{number:06d}", buckets) as shuffle:
+        with without_collecting(), Shuffle(folder, f"{number:06d}", buckets) as shuffle:
             for piece in _pieces(kind.parse(_lines(frames, name, unknown))):
                 rows += piece.num_rows
                 shuffle.write(piece, piece.column(kind.bucket) if kind.bucket else None)
@@ -101,9 +111,6 @@ def spread(
         )
         named.path = segment  # type: ignore[attr-defined]
         raise named from None
-    finally:
-        if collecting:
-            gc.enable()
     return {
         "rows": rows,
         "unknown": dict(unknown),
