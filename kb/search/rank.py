@@ -96,13 +96,18 @@ class Found:
             return self._index.having(self._every[0][0])
         return self._index.count(self.query(1.0)) if self._every else 0
 
-    def is_at(self, words: Sequence[str], at: int) -> bool:
-        """Whether the term stands at a place among the words of a text."""
-        *before, last = self.words
-        there = words[at : at + len(self.words)]
-        if there[:-1] != before:
-            return False
-        return there[-1].startswith(last) if self._prefix else there[-1] == last
+    def places(self, words: Sequence[str]) -> list[int]:
+        """Where the term stands among the words of a text."""
+        first, *rest = self.words or [""]
+        if not rest and self._prefix:
+            return [at for at, word in enumerate(words) if word.startswith(first)]
+        places = [at for at, word in enumerate(words) if word == first]
+        return [at for at in places if self._goes_on(words[at + 1 : at + 1 + len(rest)], rest)]
+
+    def _goes_on(self, words: Sequence[str], rest: Sequence[str]) -> bool:
+        if not self._prefix or len(words) < len(rest):
+            return words == rest
+        return words[:-1] == rest[:-1] and words[-1].startswith(rest[-1])
 
     def query(self, rarity: float) -> Query:
         """Passages with the term, scored as one that is so rare. There have to be some."""
