@@ -43,7 +43,7 @@ STEMMERS = {
     "ro": "romanian", "ru": "russian", "sv": "swedish", "ta": "tamil", "tr": "turkish",
 }  # fmt: skip
 WORDS, KEY, KIND, THING, DAY, ROW = "words", "key", "kind", "thing", "day", "row"
-_META, _MANAGED, _PARTS = "meta.json", ".managed.json", "parts"
+_META, _PARTS = "meta.json", "parts"
 _WRITERS = 2
 _AT_ONCE = 4_096  # passages whose words are looked up together
 _KEPT = 200_000  # words
