@@ -43,7 +43,7 @@ STEMMERS = {
     "ro": "romanian", "ru": "russian", "sv": "swedish", "ta": "tamil", "tr": "turkish",
 }  # fmt: skip
 WORDS, KEY, KIND, THING, DAY, ROW = "words", "key", "kind", "thing", "day", "row"
-_META, _MANAGED, _PARTS = "meta.json", ".managed.json", "parts"
+_META, _PARTS = "meta.json", "parts"
 _WRITERS = 2
 _AT_ONCE = 4_096  # passages whose words are looked up together
 _KEPT = 200_000  # words
@@ -265,13 +265,10 @@ class Opened:
             return Query.term_query(self.schema, WORDS, words[0], "position")
         return Query.phrase_query(self.schema, WORDS, list(words))
 
-    def like(self, words: list[str]) -> Query:
-        """The same, where the last is only how a word begins."""
-        patterns = [_SPECIAL.sub(r"\\\g<0>", word) for word in words]
-        patterns[-1] += ".*"
-        if len(words) == 1:
-            return Query.regex_query(self.schema, WORDS, patterns[0])
-        return Query.regex_phrase_query(self.schema, WORDS, list(patterns))
+    def like(self, prefix: str) -> Query:
+        """Passages with a word that begins like this."""
+        pattern = _SPECIAL.sub(r"\\\g<0>", prefix)
+        return Query.regex_query(self.schema, WORDS, f"{pattern}.*")
 
     def days(self, since: str, until: str) -> Query:
         """Passages of these days, both included; either may be "". None without a date."""

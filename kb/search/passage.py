@@ -52,7 +52,7 @@ def plain(text: str | None) -> str:
         return ""
     if not text.isascii():
         text = unicodedata.normalize("NFC", text)
-    return _NOT_SHOWN.sub(" ", text)
+    return text if text.isprintable() else _NOT_SHOWN.sub(" ", text)
 
 
 def day(when: Any) -> str | None:

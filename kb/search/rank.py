@@ -11,7 +11,9 @@ word would count more only because its source is larger: tantivy weighs each ter
 source, and that is divided out.
 
 What begins like a prefix counts as the best of its words: each of the most frequent ones as if it
-were as rare as the prefix is, any other as found once in a passage of mean length.
+were as rare as the prefix is, any other as found once in a passage of mean length. Of a prefix
+behind other words only the 256 most frequent ones are looked for, and it is as rare as the rarest
+of these others.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from kb.search.engine import Address, Opened
 from kb.search.words import Question, Term
 
 _BEGINNINGS = 64  # words of a prefix that count as often as they are found
+_SIDE_BY_SIDE = 256  # words of a prefix that are looked for behind others
 _MARKED = 0.3  # of the rarest term's rarity
 _DIGITS = 5  # of a score; the engine reckons with seven
 _AHEAD = 64  # passages that are looked at first, as several may be of one thing
@@ -87,22 +90,32 @@ class Found:
         if not self._prefix or not self.words:
             return [self.words] if self.words else []
         *before, last = self.words
-        return [[*before, one] for one in self._index.beginning(last, _BEGINNINGS)]
+        most = _SIDE_BY_SIDE if before else _BEGINNINGS
+        return [[*before, one] for one in self._index.beginning(last, most)]
 
     @cached_property
     def having(self) -> int:
-        """How many passages have the term."""
+        """How many passages have the term; of several words with a prefix, at most how many."""
+        if not self._every:
+            return 0
         if len(self._every) == 1 and len(self.words) == 1:
             return self._index.having(self._every[0][0])
-        return self._index.count(self.query(1.0)) if self._every else 0
+        if self._prefix and len(self.words) > 1:  # to count them takes as long as to ask
+            return min(map(self._index.having, self.words[:-1]))
+        return self._index.count(self.query(1.0))
 
-    def is_at(self, words: Sequence[str], at: int) -> bool:
-        """Whether the term stands at a place among the words of a text."""
-        *before, last = self.words
-        there = words[at : at + len(self.words)]
-        if there[:-1] != before:
-            return False
-        return there[-1].startswith(last) if self._prefix else there[-1] == last
+    def places(self, words: Sequence[str]) -> list[int]:
+        """Where the term stands among the words of a text."""
+        first, *rest = self.words or [""]
+        if not rest and self._prefix:
+            return [at for at, word in enumerate(words) if word.startswith(first)]
+        places = [at for at, word in enumerate(words) if word == first]
+        return [at for at in places if self._goes_on(words[at + 1 : at + 1 + len(rest)], rest)]
+
+    def _goes_on(self, words: Sequence[str], rest: Sequence[str]) -> bool:
+        if not self._prefix or len(words) < len(rest):
+            return words == rest
+        return words[:-1] == rest[:-1] and words[-1].startswith(rest[-1])
 
     def query(self, rarity: float) -> Query:
         """Passages with the term, scored as one that is so rare. There have to be some."""
@@ -110,8 +123,8 @@ class Found:
             Query.boost_query(self._index.words(words), rarity / self._own_rarity(words))
             for words in self._every
         ]
-        if len(parts) >= _BEGINNINGS:
-            parts.append(Query.const_score_query(self._index.like(self.words), rarity))
+        if len(self.words) == 1 and len(parts) >= _BEGINNINGS:
+            parts.append(Query.const_score_query(self._index.like(self.words[0]), rarity))
         return parts[0] if len(parts) == 1 else Query.disjunction_max_query(parts)
 
     def _own_rarity(self, words: list[str]) -> float:

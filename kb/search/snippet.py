@@ -58,9 +58,7 @@ def _spans(words: Sequence[str], marked: Sequence[Found]) -> list[_Span]:
     """Where the terms stand, none inside of another: the first, and of these the longest."""
     found = []
     for number, one in enumerate(marked):
-        for at in range(len(words) - len(one.words) + 1):
-            if one.is_at(words, at):
-                found.append(_Span(at, at + len(one.words), number))
+        found += [_Span(at, at + len(one.words), number) for at in one.places(words)]
     kept: list[_Span] = []
     for span in sorted(found, key=lambda one: (one.first, -one.after)):
         if not kept or span.first >= kept[-1].after:
