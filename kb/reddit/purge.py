@@ -10,6 +10,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Collection
+from functools import lru_cache
 from pathlib import Path
 from typing import cast
 
@@ -18,6 +19,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.context import Run
+from kb.core.engine import make_executor, map_in_order
 from kb.core.verdict import Summary
 from kb.crawl.purge import Keys, searched
 from kb.crawl.session import open_session
@@ -37,6 +39,7 @@ from kb.store.purge_search import Found, Holds, finder
 from kb.store.reading import reading
 from kb.store.shards import check_columns, write_table
 
+_MUCH = 64 << 20  # bytes of segments that are written again by several processes
 REBUILT = (BELOW.reconstructed, BELOW.restored("reddit"))
 BASES = (BELOW.clean("reddit"), *REBUILT)
 ROWS = (
@@ -118,15 +121,49 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
 def _take_out(run: Run, frontier: Frontier, keys: dict[str, str], found: Found) -> None:
     """Keys leave raw answers, the state, and what crossposts show."""
     mending.drop_asides(run.root, "reddit", frontier, keys, ())
-    sift = Sift(holding(keys))
-    purge.rewrite_raw(run.root, "reddit", keys.keys(), sift, frontier, found, rawlog.undecoded)
+    crossposts = _rewrite(run, frontier, found)
     for base in BASES:
-        drop_parents(run.root / base / "posts", sift.crossposts, keys)
+        drop_parents(run.root / base / "posts", crossposts, keys)
     _forget(frontier, keys)
     # Answers of a reconstruction that was cut off; it asks again.
     for base in REBUILT:
         for work in (run.root / base).glob(".work-*"):
             shutil.rmtree(work)
+
+
+def _rewrite(run: Run, frontier: Frontier, found: Found) -> set[str]:
+    """The raw segments again, without the keys that are noted; the bare ids of crossposts of them.
+
+    Raises Interrupted.
+    """
+    tasks = [(str(run.root), str(path), places) for path, places in found.items()]
+    # Processes of their own take a second to start.
+    workers = run.workers if sum(path.stat().st_size for path in found) > _MUCH else 1
+    engine = run.engine if workers > 1 else "local"
+    crossposts: set[str] = set()
+    with (
+        purge.rewriting(frontier, found),
+        make_executor(engine, workers, run.scheduler) as executor,
+    ):
+        for shown in map_in_order(executor, rewrite, tasks, window=2 * workers):
+            crossposts.update(shown)
+    return crossposts
+
+
+def rewrite(root: str, segment: str, places: list[tuple[int, int]]) -> list[str]:
+    """One segment without the noted keys; the crossposts of them in it. Runs in a worker."""
+    noted = Layout(Path(root)).purge("reddit").stat()
+    keys, holds = _noted(root, noted.st_mtime_ns, noted.st_ino)
+    sift = Sift(holds)
+    purge.rewrite(Path(segment), places, keys, sift, rawlog.undecoded)
+    return sorted(sift.crossposts)
+
+
+@lru_cache(maxsize=1)
+def _noted(root: str, changed: int, inode: int) -> tuple[Collection[str], Holds]:
+    """The keys of the list as it is now, and what tells whether bytes may hold one."""
+    keys = purge.left_over(Path(root), "reddit")
+    return keys, holding(keys)
 
 
 def holding(keys: Collection[str]) -> Holds:

@@ -9,8 +9,10 @@ removed can come back meanwhile; then raw, then what was made of it.
 from __future__ import annotations
 
 import shutil
+import threading
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -147,15 +149,24 @@ def rewrite_raw(
     rename. `found` are the frames that may hold a key, as `purge_search.search` says it: no others
     are even read. `decode` makes the envelopes that `strip` takes.
     """
-    changed = 0
-    for path, places in found.items():
-        kind, name = path.parent.name, rawlog.base_name(path)
-        # Shorter soon: a state that knows more than there is would take it for lost. Killed
-        # before the last line, the segment is read again, which changes nothing.
-        frontier.set_offset(kind, name, 0)
-        changed += _rewrite(path, stripped(path, places, keys, strip, decode))
-        frontier.set_offset(kind, name, path.stat().st_size)
-    return changed
+    with rewriting(frontier, found):
+        return sum(rewrite(path, found[path], keys, strip, decode) for path in found)
+
+
+@contextmanager
+def rewriting(frontier: Frontier, paths: Collection[Path]) -> Iterator[None]:
+    """Segments that the block writes again.
+
+    Shorter soon: a state that knows more than there is would take it for lost. Killed before the
+    block has ended, they are read again, which changes nothing.
+    """
+    with frontier.transaction():
+        for path in paths:
+            frontier.set_offset(path.parent.name, rawlog.base_name(path), 0)
+    yield
+    with frontier.transaction():
+        for path in paths:
+            frontier.set_offset(path.parent.name, rawlog.base_name(path), path.stat().st_size)
 
 
 def stripped(
@@ -175,11 +186,19 @@ def stripped(
             yield start, end, left
 
 
-def _rewrite(path: Path, left: Iterable[tuple[int, int, Envelope | None]]) -> int:
-    """A segment with what is `left` of some envelopes; how many changed.
+def rewrite(
+    path: Path,
+    places: Iterable[tuple[int, int]],
+    keys: Collection[str],
+    strip: Strip,
+    decode: Callable[[bytes], Envelope] = rawlog.decode,
+) -> int:
+    """A segment without the keys, as `stripped` has it; how many envelopes changed.
 
-    The other frames are copied as they stand; a segment in which nothing changes stays.
+    The other frames are copied as they stand; a segment in which nothing changes stays. The caller
+    tells the state, by `rewriting`.
     """
+    left = stripped(path, places, keys, strip, decode)
     engine = rawlog.compressor()
     changes = [
         (start, end, b"" if envelope is None else engine.compress(rawlog.encode(envelope)))
@@ -212,14 +231,20 @@ def drop_rows(root: Path, source: str, places: Iterable[Place], keys: Collection
             values[place.prefix] = place.values(keys)
         for path in sorted((root / place.folder).glob(place.pattern)):
             named.setdefault(path, []).append(place)
+    one_by_one = threading.Lock()
+
+    def drop(path: Path) -> None:
+        nonlocal gone
+        if went := _drop_rows(path, named[path], values):
+            with one_by_one:  # noted at once, as the purge may be cut off
+                gone += went
+                write_bytes(noted, str(gone).encode())
+
     # Reading and compressing let other threads run.
     with ThreadPoolExecutor(default_workers()) as pool:
-        running = [pool.submit(_drop_rows, path, these, values) for path, these in named.items()]
         try:
-            for one in as_completed(running):
-                if went := one.result():
-                    gone += went
-                    write_bytes(noted, str(gone).encode())
+            for _ in pool.map(drop, named):
+                pass
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
@@ -238,9 +263,7 @@ def _drop_rows(path: Path, places: list[Place], gone: Mapping[str, pa.Array[Any]
 
 
 def drop_annotations(root: Path, source: str, used: pa.Array[Any] | pa.ChunkedArray[Any]) -> int:
-    """Forget scores of texts that no row has any more;
-    `used` are the hashes of those that rows still have.
-    """
+    """Forget scores of texts whose hash is not in `used`: no row has them any more."""
     files = parquet_files(Layout(root).annotations(source))
     return sum(
         _keep(
