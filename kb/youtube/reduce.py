@@ -37,6 +37,7 @@ RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS = (
     "transcripts",
 )
 FINAL = {"ok", "none", "disabled", "unavailable", "age_restricted"}
+UNJUDGED = "videos not judged"  # cursor: taken in by what asks for no transcript
 BEYOND = "beyond search_pages"  # why a page of a search is skipped
 
 _log = logging.getLogger("kb.youtube")
@@ -192,8 +193,11 @@ class Reducer:
         frontier.add(VIDEOS, asked)
         frontier.done(VIDEOS, *asked)
         frontier.done(REFRESH, *asked)
-        if not self.wants:
-            return
+        if self.wants:
+            self.judge(frontier, envelope)
+
+    def judge(self, frontier: Frontier, envelope: Envelope) -> None:
+        """Add the transcripts that are worth asking for of an answer about videos."""
         for rows in parse.videos_of(envelope):
             keys = [key for key in self._wanted(rows) if key not in self._gone]
             frontier.add(TRANSCRIPTS, keys)

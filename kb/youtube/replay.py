@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import islice
+from pathlib import Path
 from typing import Any, TypedDict
 
 import msgspec
@@ -21,6 +22,7 @@ from kb.youtube.reduce import (
     RAW_VIDEOS,
     REFRESH,
     TRANSCRIPTS,
+    UNJUDGED,
     VIDEOS,
     Reducer,
     outcome,
@@ -65,7 +67,22 @@ def take_in(reducer: Reducer, frontier: Frontier, kind: str, lines: Iterable[byt
         frontier.add(VIDEOS, asked)
         frontier.done(VIDEOS, *asked)
         frontier.done(REFRESH, *asked)
+        frontier.set_cursor(UNJUDGED, True)
     return True
+
+
+def judge(reducer: Reducer, root: Path, frontier: Frontier) -> None:
+    """Have videos judged that were taken in by what asks for no transcript, such as a refresh.
+
+    Else a crawl would never ask for their transcripts. Raises DamagedData.
+    """
+    if not reducer.wants or not frontier.cursor(UNJUDGED, False):
+        return
+    for path in rawlog.segments(root, "youtube", RAW_VIDEOS):
+        with frontier.transaction():
+            for _, line in rawlog.Frames(path, 0, checked=True):
+                reducer.judge(frontier, rawlog.decode(line))
+    frontier.set_cursor(UNJUDGED, None)
 
 
 def _read(decoder: msgspec.json.Decoder[Any], line: bytes) -> Envelope:

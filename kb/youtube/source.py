@@ -170,6 +170,7 @@ class YouTube(Plain):
     def discover(self, frontier: Frontier) -> None:
         """Known ids, or the profile's keywords, channels, and a new round."""
         reopen(frontier, self.profile)
+        replay.judge(self._reduce, self.run.root, frontier)
         if self._known is not None:
             gone = self.opened.gone
             frontier.add(

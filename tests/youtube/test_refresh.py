@@ -64,6 +64,19 @@ def test_everything_may_be_read_again_now_and_goes_on_where_it_stopped(job: Job)
     assert job.done(*words)["crawled"] == len(everything)
 
 
+def test_a_state_that_a_refresh_made_again_still_asks_for_transcripts(job: Job) -> None:
+    for phase in ("channels", "uploads", "metadata"):
+        job.done(*CRAWL, "--only", phase)
+    (job.root / "state/youtube.sqlite").unlink()
+    job.done("refresh", "youtube")  # takes the answers in, and has no use for transcripts
+    first = job.done(*CRAWL)
+    assert first["transcripts_asked"] > 0
+    job.done("youtube", "filter")
+    assert job.rows("SELECT count(*) AS n FROM clean.youtube_transcripts")[0]["n"] > 0
+    whole = Job(job.sandbox, job.place / "whole").done(*CRAWL)
+    assert first["transcripts_asked"] == whole["transcripts_asked"]
+
+
 def test_wait_sleeps_through_a_burst_and_ends_whole(job: Job) -> None:
     job.sandbox.faults.add(
         "/youtube/v3/videos",
