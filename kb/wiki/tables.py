@@ -123,12 +123,23 @@ def tops(elements: list[Any]) -> Iterator[Any]:
     for element in elements:
         if element.kind not in ("text", "cell") or not element.visible:
             continue
-        parent = by_id.get(element.parent)
-        # A text never takes in what stands in a table, so a table between the two parts them.
-        while parent is not None and parent.kind not in ("text", "cell", "table"):
-            parent = by_id.get(parent.parent)
-        if parent is None or parent.kind == "table":
+        holder = _holder(element, by_id)
+        if holder is None or holder.kind == "table":
             yield element
+
+
+def _holder(element: Any, by_id: Mapping[Any, Any]) -> Any:
+    """The nearest text, cell or table around an element; None where parents go round in a ring.
+
+    A text never takes in what stands in a table, so a table between the two parts them.
+    """
+    parent, seen = by_id.get(element.parent), set()
+    while parent is not None and parent.kind not in ("text", "cell", "table"):
+        if parent.id in seen:
+            return None
+        seen.add(parent.id)
+        parent = by_id.get(parent.parent)
+    return parent
 
 
 def page_text(elements: list[Any]) -> str:
