@@ -14,7 +14,13 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
 from typing import Any
 
 from kb.core import signals
@@ -69,6 +75,20 @@ def make_executor(
             yield pool
         return
     raise SettingError(f"--engine is {engine!r}", hint="allowed: local, dask")
+
+
+@contextlib.contextmanager
+def make_threads(count: int) -> Iterator[Executor]:
+    """Threads of this process, for work that lets others run, such as compressing and searching.
+
+    After an error what has not begun is dropped.
+    """
+    with ThreadPoolExecutor(max(1, count)) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
 
 
 def map_in_order(

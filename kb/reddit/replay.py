@@ -9,7 +9,7 @@ from typing import Any, TypedDict
 import msgspec
 
 from kb.reddit import reduce
-from kb.store import rawlog
+from kb.store import typed
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 
@@ -66,12 +66,4 @@ def take_in(frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
     decoder = _decoder(kind)
     for line in lines:
         if decoder is not None:
-            reduce.reduce(frontier, kind, _read(decoder, line))
-
-
-def _read(decoder: msgspec.json.Decoder[Any], line: bytes) -> Envelope:
-    try:
-        envelope: Envelope = decoder.decode(line)
-    except (msgspec.DecodeError, UnicodeDecodeError):  # of another form: looked at in full
-        return rawlog.decode(line)
-    return envelope
+            reduce.reduce(frontier, kind, typed.decode(decoder, line))

@@ -20,26 +20,17 @@ from kb.core import clock
 from kb.core.profile import Profile
 from kb.filters.topic import whole_words
 from kb.pairs.listed import NEVER, Keyword
-from kb.sandbox.speech import Words
+from kb.sandbox.speech import Sayings, Words
 
 _CERTAIN, _EVERYDAY = 45, 15  # most keywords of each kind that are spoken of
 _PHRASES = Path(__file__).with_name("data") / "phrases.toml"
 
 
-class Phrases(msgspec.Struct, frozen=True):
-    """What is said whatever the domain (data/phrases.toml); names as in `Words`."""
+class Phrases(Sayings, frozen=True):
+    """What is said whatever the domain (data/phrases.toml)."""
 
     plain: tuple[str, ...]
     tags: tuple[str, ...]
-    poll: tuple[str, ...]
-    channels: tuple[str, ...]
-    sayings: tuple[str, ...]
-    endings: tuple[str, ...]
-    titles: tuple[str, ...]
-    plain_titles: tuple[str, ...]
-    about: tuple[str, ...]
-    posts: tuple[str, ...]
-    foreign: dict[str, tuple[str, ...]]
 
 
 @cache

@@ -12,27 +12,32 @@ import re
 import msgspec
 
 
-class Words(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The lists of a domain.
+class Sayings(msgspec.Struct, frozen=True):
+    """What people say, as sentences and templates. `foreign`: sentences by language."""
 
-    Sentences are templates: {topic}, {n} and one name for each of `slots`. A slot takes a word of
-    the list in `words` with its name, a number behind it aside. `foreign`: sentences by language.
-    """
-
-    tags: tuple[str, str, str]  # the first one names the topic, the others don't
     poll: tuple[str, ...]
-    slots: tuple[str, ...]
-    link_words: str
     channels: tuple[str, ...]
-    channel_kinds: tuple[str, ...]
     sayings: tuple[str, ...]
     endings: tuple[str, ...]
     titles: tuple[str, ...]
     plain_titles: tuple[str, ...]
     about: tuple[str, ...]
     posts: tuple[str, ...]
-    words: dict[str, tuple[str, ...]]
     foreign: dict[str, tuple[str, ...]]
+
+
+class Words(Sayings, frozen=True, forbid_unknown_fields=True):
+    """The lists of a domain.
+
+    Sentences are templates: {topic}, {n} and one name for each of `slots`. A slot takes a word of
+    the list in `words` with its name, a number behind it aside.
+    """
+
+    tags: tuple[str, str, str]  # the first one names the topic, the others don't
+    slots: tuple[str, ...]
+    link_words: str
+    channel_kinds: tuple[str, ...]
+    words: dict[str, tuple[str, ...]]
     rtl_name: str = "مرحبا"
     other_label: str = "Something Else"
     recorded_wiki: bool = False

@@ -11,7 +11,6 @@ from __future__ import annotations
 import shutil
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import reduce
 from pathlib import Path
@@ -22,6 +21,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.context import default_workers
+from kb.core.engine import make_threads
 from kb.store import damage, lock, mending, notes, parquet, purge_search, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
@@ -241,13 +241,9 @@ def drop_rows(root: Path, source: str, places: Iterable[Place], keys: Collection
                 write_bytes(noted, str(gone).encode())
 
     # Reading and compressing let other threads run.
-    with ThreadPoolExecutor(default_workers()) as pool:
-        try:
-            for _ in pool.map(drop, named):
-                pass
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    with make_threads(default_workers()) as pool:
+        for _ in pool.map(drop, named):
+            pass
     return gone
 
 

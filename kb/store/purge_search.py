@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
 from ahocorasick_rs import BytesAhoCorasick, Implementation
 
 from kb.core import signals
+from kb.core.engine import make_threads
 from kb.store import rawlog
 from kb.store.frames import content
 
@@ -76,12 +76,8 @@ def search(root: Path, source: str, holds: Holds, threads: int = 1) -> Found:
         return [(frames.start, end) for end, line in frames if holds(line)]
 
     # Decompressing and searching let other threads run.
-    with ThreadPoolExecutor(max(1, threads)) as pool:
-        try:
-            found = dict(zip(paths, pool.map(look, paths), strict=True))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    with make_threads(threads) as pool:
+        found = dict(zip(paths, pool.map(look, paths), strict=True))
     return {path: places for path, places in found.items() if places}
 
 

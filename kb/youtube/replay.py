@@ -13,7 +13,7 @@ from typing import Any, TypedDict
 
 import msgspec
 
-from kb.store import rawlog
+from kb.store import rawlog, typed
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 from kb.youtube import parse
@@ -54,14 +54,14 @@ def take_in(reducer: Reducer, frontier: Frontier, kind: str, lines: Iterable[byt
     Raises DamagedData for a line that is no envelope.
     """
     if kind == RAW_TRANSCRIPTS:
-        said = (outcome(_read(_transcripts, line).response) for line in lines)
+        said = (outcome(typed.decode(_transcripts, line).response) for line in lines)
         while marks := list(islice(said, _AT_ONCE)):
             frontier.add(TRANSCRIPTS, [key for key, *_ in marks])
             frontier.mark_each(TRANSCRIPTS, marks)
         return True
     if kind != RAW_VIDEOS or reducer.wants:
         return False
-    params = (_read(_videos, line).request.params for line in lines)
+    params = (typed.decode(_videos, line).request.params for line in lines)
     while some := list(islice(params, _AT_ONCE)):
         asked = [key for each in some for key in parse.requested(each)]
         frontier.add(VIDEOS, asked)
@@ -83,11 +83,3 @@ def judge(reducer: Reducer, root: Path, frontier: Frontier) -> None:
             for _, line in rawlog.Frames(path, 0, checked=True):
                 reducer.judge(frontier, rawlog.decode(line))
     frontier.set_cursor(UNJUDGED, None)
-
-
-def _read(decoder: msgspec.json.Decoder[Any], line: bytes) -> Envelope:
-    try:
-        envelope: Envelope = decoder.decode(line)
-    except (msgspec.DecodeError, UnicodeDecodeError):  # of another form: looked at in full
-        return rawlog.decode(line)
-    return envelope
