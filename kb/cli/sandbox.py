@@ -8,7 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -97,7 +97,8 @@ def sandbox(
         # The default action of SIGTERM and SIGINT is an exception in the main thread, which waits
         # here.
         try:
-            threading.Event().wait()
+            while True:  # in steps: a signal just before a wait is heard when it is over
+                time.sleep(1)
         except KeyboardInterrupt:
             raise typer.Exit(0) from None
 

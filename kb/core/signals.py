@@ -5,9 +5,12 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
+import time
 from collections.abc import Iterator
 
 from kb.core.errors import Interrupted
+
+STEP_S = 1.0  # seconds until a signal is heard at the latest
 
 
 class Stop:
@@ -32,8 +35,16 @@ class Stop:
         return self._event.is_set()
 
     def wait(self, seconds: float) -> bool:
-        """Wait up to `seconds`; True when the run was asked to end."""
-        return self._event.wait(seconds)
+        """Wait up to `seconds`; True when the run was asked to end.
+
+        In steps: a signal that comes just before a wait begins does not end it, and Python calls
+        the handler when it is over.
+        """
+        until = time.monotonic() + seconds
+        while (left := until - time.monotonic()) > STEP_S:
+            if self._event.wait(STEP_S):
+                return True
+        return self._event.wait(max(left, 0))
 
     def check(self) -> None:
         """Raise Interrupted when the run was asked to end."""

@@ -79,6 +79,8 @@ def bounded(con: duckdb.DuckDBPyConnection, limits: Limits) -> Iterator[None]:
     finally:
         for timer in timers:
             timer.cancel()
+        for timer in timers:  # one that outlives the interpreter keeps the connection: a leak, told
+            timer.join()
 
 
 def strict(limits: Limits, parent: int) -> None:

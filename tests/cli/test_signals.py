@@ -25,6 +25,10 @@ from kb.core.verdict import Summary
 
 app = group("Test.")
 
+def block():
+    while True:  # a signal between the call and the wait in it would be seen when the wait ends
+        threading.Event().wait(0.05)
+
 @command(app, examples=["x"])
 def crawl(run):
     '''Crawl.'''
@@ -44,15 +48,16 @@ def crawl(run):
 def deaf(run):
     '''An item that takes for ever.'''
     print("ready", flush=True)
-    signals.stop.wait(60)
+    while not signals.stop.wait(0.05):
+        pass
     print("asked", flush=True)
-    threading.Event().wait()
+    block()
 
 @command(app, examples=["x"], resumable=False)
 def query(run):
     '''Blocked in something that knows no flag.'''
     print("ready", flush=True)
-    threading.Event().wait()
+    block()
 
 sys.exit(outcome.guarded(lambda: app(prog_name="x", standalone_mode=False)))
 """
@@ -111,7 +116,7 @@ def test_a_signal_while_a_command_is_still_being_loaded(
 ) -> None:
     """Whatever is imported when it comes: here the command tree, which says so and waits."""
     (tmp_path / "typer.py").write_text(
-        'import time\nprint("importing", flush=True)\ntime.sleep(60)\n'
+        'import time\nprint("importing", flush=True)\nwhile True:\n    time.sleep(0.05)\n'
     )
     program = (
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import duckdb
@@ -11,6 +12,7 @@ import pytest
 
 from kb import query
 from kb.core.errors import DamagedData, UsageError
+from kb.query.bounds import Limits, bounded
 from kb.store import tombstones
 from kb.store.layout import Layout
 from kb.store.shards import write_table
@@ -343,3 +345,12 @@ def test_many_shards_open_without_being_read(root: Path) -> None:
         (folder / f"part-{number:05d}.parquet").symlink_to(root / "nowhere")
     with query.connect(root) as con:
         assert query.select(con, "SELECT 1").read_all().num_rows == 1
+
+
+def test_nothing_of_a_query_runs_on_when_it_has_answered() -> None:
+    """A thread with the connection in its hands at the end of Python is told as leaked memory."""
+    before = set(threading.enumerate())
+    con = duckdb.connect()
+    with bounded(con, Limits(seconds=60, memory=1 << 30)):
+        con.execute("SELECT 1").fetchall()
+    assert set(threading.enumerate()) == before
