@@ -58,6 +58,7 @@ def pytest_collection() -> Iterator[None]:
     finally:
         gc.freeze()
         gc.enable()
+        forked.collected()
 
 
 @pytest.hookimpl(trylast=True)

@@ -38,6 +38,14 @@ _BY_COMMANDS = {"PYTHONWARNINGS", "RAYON_NUM_THREADS"}  # set by those that ran 
 _ENVIRONMENT = dict(os.environ)
 
 
+def collected() -> None:
+    """What imports of the tests have set in the environment (allocators, telemetry) is no wish of a
+    test: only what differs from now on asks for a whole process.
+    """
+    _ENVIRONMENT.clear()
+    _ENVIRONMENT.update(os.environ)
+
+
 def import_kb() -> None:
     """Import every module of `kb`: what is forked from here on needn't."""
     for found in pkgutil.walk_packages(kb.__path__, "kb."):

@@ -18,12 +18,16 @@ from tests.forked import import_kb
 
 # What commands import late: they load a model, draw, or drive a browser.
 LATE = (
+    "PIL.PngImagePlugin",
     "detoxify.detoxify",
+    "googleapiclient.discovery",
+    "instant_clip_tokenizer",
     "matplotlib.backends.backend_pdf",
     "matplotlib.backends.backend_svg",
     "onnxruntime",
     "openvino",
     "selenium.webdriver",
+    "structlog",
     "tokenizers",
     "torch",
     "transformers",
