@@ -76,6 +76,11 @@ def _no_time_has_passed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _nothing_is_synced() -> None:
+    forked.sync_nothing()
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _pools_are_forked() -> Iterator[None]:
     """A pool's processes come from the server of tests/forked.py, which has imported `kb`."""
     with pytest.MonkeyPatch.context() as patch:

@@ -46,6 +46,16 @@ def collected() -> None:
     _ENVIRONMENT.update(os.environ)
 
 
+def sync_nothing() -> None:
+    """From now on this process waits for no disk: no test cuts the power, and what a killed process
+    wrote is there without. tests/crash/harm.py sees each call as before.
+    """
+    from kb.store import state
+
+    os.fsync = lambda descriptor: None
+    state.SYNCHRONOUS = "OFF"
+
+
 def import_kb() -> None:
     """Import every module of `kb`: what is forked from here on needn't."""
     for found in pkgutil.walk_packages(kb.__path__, "kb."):

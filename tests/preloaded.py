@@ -14,7 +14,7 @@ import os
 from kb.cli.profile_check import examine
 from kb.core.profile import load_profile
 from kb.pairs import list_check, listed
-from tests.forked import import_kb
+from tests.forked import import_kb, sync_nothing
 
 # What commands import late: they load a model, draw, or drive a browser.
 LATE = (
@@ -36,6 +36,7 @@ LATE = (
 # As kb/annotate has it where it imports them; each command gets its own environment.
 os.environ |= {"HF_HUB_OFFLINE": "1", "TRANSFORMERS_VERBOSITY": "error"}
 import_kb()
+sync_nothing()
 for _name in LATE:
     with contextlib.suppress(ImportError):  # of an extra that is not installed
         importlib.import_module(_name)

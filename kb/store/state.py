@@ -40,6 +40,7 @@ CREATE TABLE offsets (kind TEXT NOT NULL, segment TEXT NOT NULL, offset INTEGER 
 """
 # MIGRATIONS[n] brings version n to n + 1; the file is copied aside first.
 MIGRATIONS = {1: "CREATE INDEX items_by_order ON items (kind, seq);"}
+SYNCHRONOUS = "FULL"  # a commit is on disk when it returns
 UNREADABLE = (msgspec.DecodeError, TypeError, RecursionError, UnicodeDecodeError)
 
 
@@ -57,7 +58,7 @@ class State:
         self._db = sqlite.connect(path)
         try:
             self._db.execute("PRAGMA journal_mode = WAL")
-            self._db.execute("PRAGMA synchronous = FULL")
+            self._db.execute(f"PRAGMA synchronous = {SYNCHRONOUS}")
             self._db.execute("PRAGMA secure_delete = ON")  # what is removed leaves its page
             # Millions of items in one transaction would be written again and again with the 2 MiB
             # that SQLite takes by itself.
