@@ -39,7 +39,7 @@ def posts(p: Profile) -> tuple[Predicate, ...]:
         Present("over_18", stage="nsfw"),
         NotTrue("over_18", stage="nsfw", reason="over_18"),
         AtLeast("score", p.section("reddit").min_score, stage="score"),
-        *none_above(p.toxicity.threshold("reddit"), POST, stage="toxicity"),
+        *none_above(p.toxicity.threshold("reddit"), POST),
     )
 
 
@@ -52,7 +52,7 @@ def comments(p: Profile) -> tuple[Predicate, ...]:
         NotIn("post", ("absent", "not_kept"), stage="post"),
         NotIn("gone", GONE, stage="removed"),
         Present("body", stage="removed"),
-        *none_above(p.toxicity.threshold("reddit"), COMMENT, stage="toxicity"),
+        *none_above(p.toxicity.threshold("reddit"), COMMENT),
     )
 
 

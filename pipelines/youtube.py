@@ -56,7 +56,7 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
         THERE,
         Topic(section.game_ids, section.category_ids, section.words, gate(p)),
         *gate(p),
-        *none_above(limit, SCORES, stage="toxicity"),
+        *none_above(limit, SCORES),
         *(required() if section.transcripts == "required" else ()),
     )
 

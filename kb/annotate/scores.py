@@ -170,19 +170,16 @@ class Scores:
             yield con
 
     def _files(self) -> str:
-        """SQL of all rows; files of an earlier version may lack a category."""
+        """SQL of all rows."""
         files = parquet_files(Path(self.folder))
-        parquet.check(*files)
+        if files:
+            parquet.check(*files)
+            return scan(files)
         columns = ", ".join(
             f"NULL::{'FLOAT' if column.type == 'float32' else 'VARCHAR'} AS {column.name}"
             for column in table(TABLE).columns
         )
-        none = f"SELECT {columns} WHERE false"
-        return (
-            f"(SELECT * FROM {scan(files, by_name=True)} UNION ALL BY NAME {none})"
-            if files
-            else f"({none})"
-        )
+        return f"(SELECT {columns} WHERE false)"
 
     def _next(self) -> int:
         numbers = [

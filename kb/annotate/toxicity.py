@@ -122,7 +122,7 @@ class Scorer:
             columns |= {f"{prefix}_{name}": scores[name] for name in CATEGORIES}
         return columns
 
-    def annotate(self, batches: Iterable[Any], total: int | None = None) -> Counts:
+    def annotate(self, batches: Iterable[Any]) -> Counts:
         """Score what has no score yet, of batches of texts (Arrow columns or lists; null and "" are
         passed over).
 
@@ -131,7 +131,7 @@ class Scorer:
         """
         if self.checkpoint is None or self.scores is None:
             return Counts()
-        with self.run.progress.task(f"toxicity {self.source}", total, "texts") as task:
+        with self.run.progress.task(f"toxicity {self.source}", unit="texts") as task:
             counts = self._annotate(batches, task)
         if any(Path(self.scores.folder).glob("part-*.parquet")):
             self.scores.merge()

@@ -7,7 +7,7 @@ same lock, refuses the same foreign roots and has taken in the same raw tail.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,7 +36,6 @@ class Session:
 
     run: Run
     source: Source
-    place: Path
     frontier: Frontier
     gone: set[str]
     recorder: Recorder = field(init=False)
@@ -124,21 +123,17 @@ def open_session(
     *,
     asks: bool = True,
     tells: bool = True,
-    locks: Sequence[str] = (),
 ) -> Iterator[Session]:
     """Open a source's part of a data root for writing.
 
     `place` is a work folder that holds raw answers and state instead of the data root. `asks` is
     false where nothing is asked of the service, so that no credential is needed and any host will
-    do. Without `tells` the caller says by `mending.tell` which raw data are damaged. `locks` are
-    held besides the source's own. Raises UsageError before anything is sent or written,
-    WriterLocked, DamagedData.
+    do. Without `tells` the caller says by `mending.tell` which raw data are damaged.
+    Raises UsageError before anything is sent or written, WriterLocked, DamagedData.
     """
     root = place or run.root
     facts = source.identity() if asks else {}
     with ExitStack() as stack:
-        if locks:
-            stack.enter_context(lock.taking(root, *locks))
         stack.enter_context(lock.writer(root, source.name))
         if root == run.root:
             belonging.note(run.root, run.profile)
@@ -148,7 +143,6 @@ def open_session(
         session = Session(
             run=run,
             source=source,
-            place=root,
             frontier=frontier,
             gone=tombstones.keys(run.root, source.name),
             _spent=frontier.requests(),

@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.errors import SchemaMismatch
-from kb.filters.judgement import Judgement, Predicate, one
+from kb.filters.judgement import SCORED, Judgement, Predicate, one
 from kb.schema.tables import table
 from kb.store.buckets import Kind
 
@@ -41,8 +41,8 @@ class Chain:
     """The stages of one table, in order.
 
     `prefix` comes before the key in rejected, failed and pending ("t3_"). `scores` maps a text
-    column to the column of its largest toxicity category; `scored` names the stage before which
-    scores are joined. `helpers` are columns that stages use and no table has. A tombstone names the
+    column to the column of its largest toxicity category, and they are joined before the stage
+    SCORED. `helpers` are columns that stages use and no table has. A tombstone names the
     key, or what is in one of the columns `also` (a page's title). `relate` gets the rows and the
     tables that were kept before, and adds what hangs on these (comments need to know their posts).
     `told` are columns that a rejected row keeps, so that it says whose it was.
@@ -53,7 +53,6 @@ class Chain:
     stages: tuple[Predicate, ...]
     prefix: str = ""
     scores: Mapping[str, str] = field(default_factory=dict)
-    scored: str = "toxicity"
     helpers: tuple[str, ...] = ()
     also: tuple[str, ...] = ()
     relate: Callable[[pa.Table, Mapping[str, pa.Table]], pa.Table] | None = None
@@ -119,7 +118,7 @@ class Sorted(NamedTuple):
 def sort_rows(
     rows: pa.Table, chain: Chain, join: Callable[[pa.Table], pa.Table], *, until: str = ""
 ) -> Sorted:
-    """Run the chain over rows. `join` adds the scores before the stage `chain.scored`.
+    """Run the chain over rows. `join` adds the scores before the stage SCORED.
 
     `until` names a stage to stop before: the rows that reach it are `kept`. Raises SchemaMismatch
     when a stage reads a column that is not there.
@@ -129,7 +128,7 @@ def sort_rows(
     for stage in chain.stages:
         if until and stage.stage == until:
             break
-        if stage.stage == chain.scored and not joined:
+        if stage.stage == SCORED and not joined:
             rows, joined = join(rows), True
         if hasattr(stage, "fill"):
             rows = stage.fill(rows)

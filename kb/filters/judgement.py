@@ -9,6 +9,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.types as kinds
 
+SCORED = "toxicity"  # the stage that looks at scores
+
 
 class Judgement(NamedTuple):
     """One answer a row. `reason` is null where the row passes.

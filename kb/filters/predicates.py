@@ -15,7 +15,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.filters.judgement import Judgement, Predicate, compared, nothing, one, text
+from kb.filters.judgement import SCORED, Judgement, Predicate, compared, nothing, one, text
 
 
 @dataclass(frozen=True)
@@ -95,14 +95,14 @@ class AtMost:
         return compared(rows, values, pc.greater(values, limit), self.reason, self.most, needed)
 
 
-def none_above(limit: float | None, scores: Mapping[str, str], stage: str) -> tuple[Predicate, ...]:
+def none_above(limit: float | None, scores: Mapping[str, str]) -> tuple[Predicate, ...]:
     """The scores (text → its column) at most `limit`; a text without a score passes, and without
     a limit every text.
     """
     if limit is None:
         return ()
     return tuple(
-        AtMost(column, limit, stage, null_passes=True, reason=of) for of, column in scores.items()
+        AtMost(column, limit, SCORED, null_passes=True, reason=of) for of, column in scores.items()
     )
 
 
@@ -113,7 +113,6 @@ class NotTrue:
     column: str
     stage: str
     reason: str
-    threshold: str | None = None
 
     @property
     def reads(self) -> frozenset[str]:
@@ -122,9 +121,7 @@ class NotTrue:
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason` where the column is true."""
         hit = pc.fill_null(one(rows, self.column), False)
-        return Judgement(
-            pc.if_else(hit, self.reason, None).cast(pa.string()), nothing(rows), self.threshold
-        )
+        return Judgement(pc.if_else(hit, self.reason, None).cast(pa.string()), nothing(rows))
 
 
 @dataclass(frozen=True)
@@ -146,26 +143,22 @@ class Present:
 
 @dataclass(frozen=True)
 class NotIn:
-    """The column is none of `values`; null passes. The reason is the value's own, or `reason`."""
+    """The column is none of `values`; null passes. The reason is the value's own."""
 
     column: str
     values: tuple[Any, ...]
     stage: str
-    reason: str | None = None
 
     @property
     def reads(self) -> frozenset[str]:
         return frozenset({self.column})
 
     def judge(self, rows: pa.Table) -> Judgement:
-        """`reason`, else the value itself as the reason."""
+        """The value itself as the reason."""
         values = one(rows, self.column)
         hit = pc.is_in(values, pa.array(self.values, values.type))
-        shown = text(values)
-        reason = pc.if_else(hit, shown if self.reason is None else self.reason, None).cast(
-            pa.string()
-        )
-        return Judgement(reason, pc.if_else(hit, shown, None).cast(pa.string()))
+        shown = pc.if_else(hit, text(values), None).cast(pa.string())
+        return Judgement(shown, shown)
 
 
 @dataclass(frozen=True)
@@ -198,18 +191,17 @@ class In:
     column: str
     values: tuple[Any, ...]
     stage: str
-    reason: str = "other"
 
     @property
     def reads(self) -> frozenset[str]:
         return frozenset({self.column})
 
     def judge(self, rows: pa.Table) -> Judgement:
-        """`reason`, `absent` or `malformed`."""
+        """`other`, `absent` or `malformed`."""
         values = one(rows, self.column)
         other = pc.invert(pc.is_in(values, pa.array(self.values, values.type)))
         allowed = ", ".join(str(value) for value in self.values)
-        return compared(rows, values, other, self.reason, allowed, (self.column,))
+        return compared(rows, values, other, "other", allowed, (self.column,))
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from kb.core import pipeline
 from kb.core.errors import FatalError
 from kb.core.profile import Profile
 from kb.filters.chain import VERDICTS, Chain, Clean, Sorted, declared_columns, sort_rows
+from kb.filters.judgement import SCORED
 from kb.schema.tables import table
 from kb.store import buckets, tombstones
 from kb.store.atomic import full_disk_is_resumable
@@ -196,7 +197,7 @@ def _walk(
         mine = rows[chain.table]
         if chain.relate is not None:
             mine = chain.relate(mine, kept)
-        until = chain.scored if dry and chain.scores else ""
+        until = SCORED if dry and chain.scores else ""
         result = sort_rows(mine, chain, partial(join, chain), until=until)
         kept[chain.table] = result.kept
         done.append((chain, result))

@@ -69,7 +69,6 @@ class Session(requests.Session):
         settings: Settings,
         *,
         hosts: Collection[str] | None = None,
-        pace: Pace | None = None,
         ledger: Ledger | None = None,
         stray: Stray | None = None,
         timeout: tuple[float, float] = TIMEOUT_S,
@@ -82,7 +81,7 @@ class Session(requests.Session):
         self.auth = _as_it_is
         self.headers["User-Agent"] = user_agent(settings.kb_contact)
         self.adapters.clear()  # nothing goes past ours
-        self.mount("", Door(hosts=hosts, pace=pace, ledger=ledger, stray=stray))
+        self.mount("", Door(hosts=hosts, ledger=ledger, stray=stray))
 
     def request(self, *arguments: Any, **options: Any) -> requests.Response:
         """As in requests, with our time-outs where none are given."""

@@ -44,6 +44,8 @@ def character(char: str) -> bytes:
 
 def phrase(text: str) -> str:
     """A keyword as it stands in folded text: its words, with one space between them."""
+    if text.isascii():
+        return " ".join(text.encode().translate(ASCII).decode().split())
     out = b"".join(
         bytes([ASCII[ord(char)]]) if ord(char) < 0x80 else character(char) for char in text
     )

@@ -46,8 +46,8 @@ class Box(NamedTuple):
     """An element's box in CSS pixels of the screenshot's page.
 
     `lines`: of a visible text the box of each of its lines, from the top. They leave out what
-    floats beside the text, which its own box covers as well. None where there are none: other
-    kinds, and pages of before lines were read.
+    floats beside the text, which its own box covers as well. None where there are none, as
+    of other kinds.
     """
 
     element_id: int
@@ -68,8 +68,8 @@ class Box(NamedTuple):
 
 
 def box(row: dict[str, Any]) -> Box:
-    """The box of a row of wiki_elements, with or without the column `lines`."""
-    lines = row.get("lines")
+    """The box of a row of wiki_elements."""
+    lines = row["lines"]
     given = {name: row[name] for name in Box._fields if name != "lines"}
     return Box(**given, lines=lines and tuple(Line(**line) for line in lines))
 

@@ -75,7 +75,7 @@ def load_key(root: Path) -> bytes:
     if len(key) != 64:
         raise _not_the_key(path, beside, "is damaged")
     known = hashlib.sha256(key).hexdigest()
-    if not noted:  # a data root of before it was noted is bound to the key that it has
+    if not noted:  # a new key, or one that was given anew
         write_bytes(beside, f"{known}\n".encode())
     elif noted != known:
         raise _not_the_key(path, beside, "is another key than this data root's")

@@ -53,7 +53,6 @@ class Limiter:
     def __init__(self, pace: Pace, say: Callable[[str], None] = _silent) -> None:
         self._pace, self._say = pace, say
         self._until = 0.0
-        self.remaining: float | None = None
 
     def call(
         self,
@@ -101,7 +100,6 @@ class Limiter:
             return
         if not (math.isfinite(remaining) and math.isfinite(reset)):
             return
-        self.remaining = remaining
         # Below one there is no room for a whole request (the header is a decimal). The seconds are
         # rounded down.
         self._until = (

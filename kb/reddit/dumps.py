@@ -21,6 +21,7 @@ from kb.core.errors import SettingError
 CHUNK = 512 << 10  # decompressed bytes that zstd makes room for
 _PIECE = 32 << 10  # compressed bytes of one go; they swell to 10 to 30 times as much
 _BLOCKS = 16  # of zstd in one go at most: a block swells to 128 KiB, whatever its size
+LATEST = 253402300800  # seconds of Unix time: the year 10000
 LONGEST = 64 << 20  # bytes of a line; Reddit's longest records have some hundred thousand
 
 
@@ -222,10 +223,6 @@ def retrieved(data: dict[str, Any]) -> int | None:
         value = data.get(name)
         if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 20:
             value = int(value)
-        if (
-            isinstance(value, (int, float))
-            and not isinstance(value, bool)
-            and 0 < value < 253402300800
-        ):
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < LATEST:
             return int(value)
     return None

@@ -65,9 +65,7 @@ def settle(out: Path) -> None:
 
 
 def load(out: Path) -> Done:
-    """What is done in `out`; where tables are not whole, or a version before wrote this, nothing
-    is.
-    """
+    """What is done in `out`; where tables are not whole, nothing is."""
     try:
         done = msgspec.json.decode((out / DONE).read_bytes(), type=Done)
     except (OSError, msgspec.DecodeError):
@@ -111,9 +109,7 @@ def missing(out: Path) -> dict[str, Lost]:
     with reading([path]):
         rows = parquet.read_table(path)
     keys, reasons = (cast("list[str]", rows[name].to_pylist()) for name in ("key", "reason"))
-    times: list[Any] = [None] * len(keys)
-    if "said_at" in rows.column_names:  # tables of an earlier version have no times
-        times = rows["said_at"].to_pylist()
+    times: list[Any] = rows["said_at"].to_pylist()
     return {key: Lost(*rest) for key, *rest in zip(keys, reasons, times, strict=True)}
 
 

@@ -17,9 +17,7 @@ import pyarrow.compute as pc
 from msgspec import UNSET, Raw, UnsetType
 
 from kb.core.profile.reddit import Links
-from kb.reddit import fields, parse, tree
-from kb.reddit.dumps import retrieved
-from kb.reddit.plain import LATEST
+from kb.reddit import fields, forms, parse, tree
 from kb.reddit.records import asked_for
 from kb.reddit.types import removal
 from kb.schema.coerce import times
@@ -29,15 +27,6 @@ _ABSENT = Raw(b"")
 # How a text begins that can't say that a thing is gone; what says so begins with a bracket, maybe
 # escaped.
 _PLAIN = frozenset(b'"' + bytes([one]) for one in range(256) if one not in b"[\\&")
-
-
-class _Listing(msgspec.Struct, gc=False):
-    kind: Literal["Listing"]
-    data: _Children
-
-
-class _Children(msgspec.Struct, gc=False):
-    children: list[_Thing]
 
 
 class _Thing(msgspec.Struct, gc=False):
@@ -57,50 +46,12 @@ class _Data(msgspec.Struct, gc=False):
     selftext: Raw = _ABSENT
     body: Raw = _ABSENT
     author: Raw = _ABSENT
-    replies: _Listing | str | UnsetType | None = UNSET
-
-
-class _Things(msgspec.Struct, gc=False):
-    things: list[_Thing]
-
-
-class _MoreData(msgspec.Struct, gc=False):
-    data: _Things
-
-
-class _More(msgspec.Struct, gc=False):
-    json: _MoreData
-    kind: UnsetType = UNSET
-
-
-class _Request(msgspec.Struct, gc=False):
-    endpoint: str
-    params: dict[str, Any]
-
-
-_RESPONSES: dict[str, Any] = {
-    "dumps": _Listing,
-    "listings": _Listing,
-    "info": _Listing,
-    "comments": list[_Listing] | _Listing,
-    "morechildren": _More,
-}
+    replies: forms.Listing[_Thing] | str | UnsetType | None = UNSET
 
 
 @cache
 def _decoder(kind: str) -> msgspec.json.Decoder[Any]:
-    return msgspec.json.Decoder(
-        msgspec.defstruct(
-            "Answer",
-            [
-                ("fetched_at", str | None),
-                ("request", _Request),
-                ("status", Literal[200]),
-                ("response", _RESPONSES[kind]),
-            ],
-            gc=False,
-        )
-    )
+    return forms.decoder(kind, _Thing)
 
 
 def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
@@ -154,10 +105,11 @@ class _Batch:
             answer = self._decode(line)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             return False
-        params = answer.request.params
-        if "since" in params or "until" in params:
+        things, params = forms.things_of(answer), answer.request.params
+        if things is None:
             return False
-        shown, stubs = _things(answer.response)
+        shown = [one for one in things if one.kind != "more"]
+        stubs = [one for one in things if one.kind == "more"]
         records = [one.data for one in shown]
         if not all(type(one.id) is str and one.id for one in records):
             return False
@@ -172,7 +124,7 @@ class _Batch:
         if self._live:
             found += self._missing(asked_for(self._kind, params, 200), found, stubs)
         else:
-            self._read += map(_retrieved, records)
+            self._read += map(forms.read_at, records)
             place = f"{answer.request.endpoint}/{params.get('offset', 0):020d}"
         self._of += [len(self._answers)] * found
         self._answers.append((answer.fetched_at, place))
@@ -216,27 +168,6 @@ class _Batch:
         yield pa.table(made, schema=self._schema)
 
 
-def _things(response: Any) -> tuple[list[Any], list[Any]]:
-    """Posts and comments of an answer, parents before replies, and its stubs."""
-    if isinstance(response, _More):
-        stack: list[Any] = response.json.data.things[::-1]
-    else:
-        listings = response if isinstance(response, list) else [response]
-        stack = [one for listing in listings for one in listing.data.children][::-1]
-    shown: list[Any] = []
-    stubs: list[Any] = []
-    while stack:
-        thing = stack.pop()
-        if thing.kind == "more":
-            stubs.append(thing)
-            continue
-        shown.append(thing)
-        replies = thing.data.replies
-        if type(replies) is _Listing and thing.kind == tree.COMMENT:
-            stack += replies.data.children[::-1]
-    return shown, stubs
-
-
 def _gone(data: Any, *, escaped: bool) -> str | None:
     """Why a thing is gone, as kb.reddit.types says; None: it is not."""
     names = ("title", "selftext", "body", "author")
@@ -256,10 +187,3 @@ def _is_plain(data: Any) -> bool:
         and memoryview(data.selftext or data.body)[:2].tobytes() in _PLAIN
         and (not data.title or memoryview(data.title)[:2].tobytes() in _PLAIN)
     )
-
-
-def _retrieved(data: Any) -> int | None:
-    utc, on = data.retrieved_utc, data.retrieved_on
-    if utc is UNSET and type(on) is int and on > 0:
-        return on if on < LATEST else None
-    return retrieved({"retrieved_utc": utc, "retrieved_on": on})

@@ -11,20 +11,19 @@ import html
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from operator import attrgetter
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
-from msgspec import UNSET, UnsetType
+from msgspec import UNSET
 
-from kb.reddit import tree
-from kb.reddit.dumps import retrieved
+from kb.reddit import forms, tree
+from kb.reddit.dumps import LATEST
 from kb.schema.coerce import times
 from kb.schema.decode import problems
 from kb.schema.tables import table
 
-LATEST = 253402300800  # seconds of Unix time: the year 10000
 _FAR = 1 << 62
 NOBODY = frozenset({"", "[deleted]", "[removed]"})
 # What the rules of the tables read besides the columns' own fields (kb.reddit.types, …tree).
@@ -53,17 +52,6 @@ _OF_POSTS = (
 _GONE = frozenset({"[deleted]", "[removed]", "[ Removed by Reddit ]"})
 
 
-class Listing(msgspec.Struct, gc=False):
-    """A page of things; the replies to a comment are one too."""
-
-    kind: Literal["Listing"]
-    data: Children
-
-
-class Children(msgspec.Struct, gc=False):
-    children: list[Thing]
-
-
 def _record(name: str, *fields: str, **more: Any) -> type[msgspec.Struct]:
     """The fields of a thing that are read; UNSET where it has none."""
     read = [(field, Any, UNSET) for field in sorted({"id", *fields})]
@@ -81,7 +69,7 @@ CommentFields = _record(
     "CommentFields",
     *_columns("comments"),
     *_OF_ALL,
-    replies="Listing | str | None | UnsetType",
+    replies="forms.Listing[Thing] | str | None | msgspec.UnsetType",
 )
 StubFields = _record("StubFields", "children", "parent_id")
 
@@ -110,28 +98,6 @@ class Stub(msgspec.Struct, gc=False, tag_field="kind", tag="more"):
 Thing = Post | Comment | Stub
 
 
-class _Things(msgspec.Struct, gc=False):
-    things: list[Thing]
-
-
-class _Data(msgspec.Struct, gc=False):
-    data: _Things
-
-
-class _More(msgspec.Struct, gc=False):
-    json: _Data
-    kind: UnsetType = UNSET
-
-
-_RESPONSES: dict[str, Any] = {
-    "dumps": Listing,
-    "listings": Listing,
-    "info": Listing,
-    "comments": list[Listing] | Listing,
-    "morechildren": _More,
-}
-
-
 class Page(NamedTuple):
     """A decoded answer of status 200 and its things, parents before replies."""
 
@@ -141,24 +107,9 @@ class Page(NamedTuple):
     things: list[Any]
 
 
-class _Request(msgspec.Struct, gc=False):
-    endpoint: str
-    params: dict[str, Any]
-
-
 @cache
 def _decoder(kind: str) -> msgspec.json.Decoder[Any]:
-    return msgspec.json.Decoder(
-        msgspec.defstruct(
-            "Envelope",
-            [
-                ("fetched_at", str | None),
-                ("request", _Request),
-                ("status", Literal[200]),
-                ("response", _RESPONSES[kind]),
-            ],
-        )
-    )
+    return forms.decoder(kind, Thing)
 
 
 def page(line: bytes, kind: str) -> Page | None:
@@ -169,29 +120,14 @@ def page(line: bytes, kind: str) -> Page | None:
         envelope = _decoder(kind).decode(line)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
-    params, things = envelope.request.params, _walked(envelope.response)
-    if "since" in params or "until" in params:
-        return None  # what is outside of the span is left out, row by row
+    things = forms.things_of(envelope)
+    if things is None:
+        return None
     for one in things:
         key = one.data.id
         if (type(key) is not str or not key) and one.kind != "more":
             return None  # such a thing is known by all of its fields
-    return Page(envelope.fetched_at, envelope.request.endpoint, params, things)
-
-
-def _walked(response: Any) -> list[Any]:
-    if isinstance(response, _More):
-        stack: list[Any] = response.json.data.things[::-1]
-    else:
-        listings = response if isinstance(response, list) else [response]
-        stack = [one for listing in listings for one in listing.data.children][::-1]
-    things = []
-    while stack:
-        thing = stack.pop()
-        things.append(thing)
-        if thing.kind == tree.COMMENT and type(thing.data.replies) is Listing:
-            stack.extend(reversed(thing.data.replies.data.children))
-    return things
+    return Page(envelope.fetched_at, envelope.request.endpoint, envelope.request.params, things)
 
 
 def fields_of(record: Any) -> dict[str, Any]:
@@ -247,7 +183,7 @@ class Comments:
     def _when(self, records: list[Any], live: bool) -> pa.Array[Any]:
         if live:
             return times(self._fetched_at)[0]
-        return _micros(pa.array(list(map(_retrieved, records)), pa.int64()))
+        return _micros(pa.array(list(map(forms.read_at, records)), pa.int64()))
 
 
 def _texts(values: Iterable[str | None]) -> pa.Array[Any]:
@@ -315,14 +251,6 @@ _COLUMNS: dict[str, Callable[[Comments, list[Any], bool], pa.Array[Any]]] = {
     "parent_id": lambda _, records, live: _texts(list(map(attrgetter("parent_id"), records))),
     "problems": lambda _, records, live: problems({}, len(records)),
 }
-
-
-def _retrieved(record: Any) -> int | None:
-    """When the archive read a record; a dump's envelope holds records of different times."""
-    utc, on = record.retrieved_utc, record.retrieved_on
-    if utc is UNSET and type(on) is int and 0 < on < LATEST:
-        return on
-    return retrieved({"retrieved_utc": utc, "retrieved_on": on})
 
 
 def in_order(tables: Sequence[pa.Table], places: Sequence[list[int]]) -> pa.Table:

@@ -30,14 +30,13 @@ from kb.reddit.sift import Sift
 from kb.reddit.source import INFO, Reddit
 from kb.reddit.strip import strip
 from kb.reddit.wanted import read_wanted
-from kb.schema import table
 from kb.store import mending, parquet, purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import Place, links_of, verdicts_of
 from kb.store.purge_search import Found, Holds, finder
 from kb.store.reading import reading
-from kb.store.shards import check_columns, write_table
+from kb.store.shards import write_table
 
 _MUCH = 64 << 20  # bytes of segments that are written again by several processes
 REBUILT = (BELOW.reconstructed, BELOW.restored("reddit"))
@@ -108,7 +107,6 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
     """
     if ids:
         read_wanted(ids)
-    _check(run.root)
     # What a killed import had not noted holds texts too. Damage is set aside and told later.
     with open_session(run, Reddit(run), asks=False, tells=False) as session:
         keys, found = searched(session, lambda: Keys(collect(run, ids)), holding)
@@ -169,16 +167,6 @@ def _noted(root: str, changed: int, inode: int) -> tuple[Collection[str], Holds]
 def holding(keys: Collection[str]) -> Holds:
     """A thing's own record has its id without the kind."""
     return finder(map(tree.bare, keys), alone=True)
-
-
-def _check(root: Path) -> None:
-    """Raise FatalError where tables are of an earlier version: rows can't be taken out of those."""
-    hints = ("kb reddit filter", "kb reddit reconstruct --again", "kb restore --again")
-    for base, command in zip(BASES, hints, strict=True):
-        hint = f"run `{command}`"
-        for name in ("posts", "comments"):
-            parts = sorted((root / base / name).glob("*.parquet"))
-            check_columns(parts, table(f"reddit/{name}"), hint)
 
 
 def mend(root: Path, keys: Collection[str]) -> None:

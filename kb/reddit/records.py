@@ -13,7 +13,7 @@ import msgspec
 from kb.core.errors import DamagedData
 from kb.core.profile.reddit import Links
 from kb.reddit import fields, plain, tree
-from kb.reddit.dumps import retrieved
+from kb.reddit.dumps import LATEST, retrieved
 from kb.reddit.types import is_crosspost, link_classifier, poll_options, post_type, removal
 from kb.schema.decode import holdable
 
@@ -216,7 +216,7 @@ def _common(row: Row, data: dict[str, Any]) -> Row:
         "gone": gone[0] if gone else None,
         "gone_value": gone[1] if gone else None,
     }
-    if row["created_utc"] is not None and not 0 <= row["created_utc"] < plain.LATEST:
+    if row["created_utc"] is not None and not 0 <= row["created_utc"] < LATEST:
         row["found"].append(("created_utc", "malformed", str(data.get("created_utc"))))
         row["created_utc"] = None
     return row

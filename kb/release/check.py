@@ -19,12 +19,12 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
 from kb.core.profile import PROFILE_FILE
 from kb.release import archives, checksums, columns, personal, scan, scored
-from kb.release.folders import DEPOSIT, Folder, Part, released_tables
+from kb.release.folders import DEPOSIT, TOMBSTONES, Folder, Part
 from kb.release.licences import KNOWN, licence
 from kb.release.measure import folder_licence, page_licences
 from kb.release.metadata import Document
 from kb.release.problem import Problem, damaged
-from kb.schema import Table
+from kb.schema import Table, released_tables, table
 from kb.store import complete, database, linked, parquet
 from kb.store.digests import SUMS
 from kb.store.layout import Layout
@@ -151,8 +151,9 @@ def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
         if not any(problem.check in ("damaged", "undescribed") for problem in problems):
             whole.append(part)
         found += problems
-    for declared, path in folder.described():
-        found += columns.check(path, declared, folder.source)
+    tombstones = folder.path / TOMBSTONES
+    if tombstones in folder.files():
+        found += columns.check(tombstones, table("shared/tombstones"), folder.source)
     for declared, path in folder.samples():
         found += columns.check_sample(path, declared, folder.source)
     return found, whole

@@ -13,7 +13,7 @@ from pathlib import Path
 from kb.core.profile import PROFILE_FILE
 from kb.core.sources import PUBLISHED
 from kb.release.licences import KNOWN
-from kb.schema import Table, table, tables
+from kb.schema import Table, released_tables
 from kb.store.digests import SUMS
 from kb.store.layout import Layout
 
@@ -67,26 +67,10 @@ class Folder:
         """Every file of the folder but the checksums, by name; links are no files of it."""
         return [path for path in _files(self.path) if path.name != SUMS and not path.is_symlink()]
 
-    def described(self) -> list[tuple[Table, Path]]:
-        """Parquet files beside the shards and what they are of: tombstones, old samples."""
-        named = {old_sample_name(one): one for one in released_tables(self.source)} | {
-            TOMBSTONES: table("shared/tombstones")
-        }
-        return [(named[path.name], path) for path in self.files() if path.name in named]
-
     def samples(self) -> list[tuple[Table, Path]]:
         """Samples with the tables that they are of: JSON files."""
         named = {sample_name(one): one for one in released_tables(self.source)}
         return [(named[path.name], path) for path in self.files() if path.name in named]
-
-
-def released_tables(source: str) -> list[Table]:
-    """The declared tables that a source's folder holds."""
-    return [
-        declared
-        for declared in tables().values()
-        if declared.source == source and declared.released
-    ]
 
 
 def find(root: Path) -> list[Folder]:
@@ -127,7 +111,6 @@ def is_made(name: str, source: str) -> bool:
         name in MADE
         or name in texts
         or name in {sample_name(declared) for declared in released_tables(source)}
-        or name in {old_sample_name(declared) for declared in released_tables(source)}
     )
 
 
@@ -143,8 +126,3 @@ def _files(path: Path) -> list[Path]:
 def sample_name(declared: Table) -> str:
     """The file with some rows of a table."""
     return f"{declared.short}.sample.json"
-
-
-def old_sample_name(declared: Table) -> str:
-    """What it was before: checked as long as it is there; the next `kb release` removes it."""
-    return f"sample-{declared.short}.parquet"

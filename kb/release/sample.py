@@ -17,7 +17,7 @@ import orjson
 import pyarrow as pa
 from duckdb import DuckDBPyConnection
 
-from kb.release.folders import Folder, Part, old_sample_name, sample_name
+from kb.release.folders import Folder, Part, sample_name
 from kb.store import database
 from kb.store.atomic import writing
 from kb.store.shards import order
@@ -67,7 +67,6 @@ def _part(con: DuckDBPyConnection, folder: Folder, part: Part, shared: str, take
             line = dict(zip(rows.column_names, row, strict=True))
             file.write(orjson.dumps(line, option=orjson.OPT_UTC_Z))
         file.write(b"\n]\n")
-    (folder.path / old_sample_name(part.table)).unlink(missing_ok=True)
     return path
 
 

@@ -9,9 +9,9 @@ import duckdb
 
 from kb.core.context import Run
 from kb.core.sources import SOURCES, made_by
-from kb.release.folders import Folder, Part, released_tables
+from kb.release.folders import Folder, Part
 from kb.release.problem import Problem, damaged
-from kb.schema import Table
+from kb.schema import Table, released_tables
 from kb.store import database
 from kb.store.layout import Layout
 

@@ -88,7 +88,7 @@ def page(data: Data, profile: Profile) -> tuple[Figure, ...]:
         (kind, Box(x, y, wide, high, tuple(Box(**line) for line in lines or ())))
         for kind, x, y, wide, high, lines in data.rows(
             "wiki/elements",
-            f"SELECT kind, x, y, width, height, {_lines(data)} FROM {{t}} WHERE page_id = ?"
+            "SELECT kind, x, y, width, height, lines FROM {t} WHERE page_id = ?"
             " AND visible AND width > 0 AND height > 0 AND y < ? ORDER BY reading_order",
             number,
             shown,
@@ -139,12 +139,6 @@ def _chosen(data: Data) -> int | None:
         " least(count(*), 120) DESC, 1 LIMIT 1",
     )
     return rows[0][0] if rows else None
-
-
-def _lines(data: Data) -> str:
-    """The column of lines; elements that an earlier version filtered have none."""
-    columns = (name for name, *_ in data.rows("wiki/elements", "DESCRIBE SELECT * FROM {t}"))
-    return "lines" if "lines" in columns else "NULL"
 
 
 def _shown(data: Data, number: int | None, width: float, height: float) -> float:

@@ -139,10 +139,6 @@ class Catalogue:
         clock.rng(self.seed, "search", query.lower()).shuffle(hits)
         return hits
 
-    def of_case(self, name: str) -> list[Video]:
-        """The videos of a case."""
-        return [video for video in self.videos.values() if video.case.name == name]
-
     def cues(
         self, video: Video, track: Track, translated_to: str | None = None
     ) -> list[tuple[float, float, str]]:

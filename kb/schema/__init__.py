@@ -6,6 +6,6 @@ derived from them; `raw` holds the JSON Schemas of raw answers.
 """
 
 from kb.schema.conform import conform
-from kb.schema.tables import Column, Origin, Table, check_table, load_table, table, tables
+from kb.schema.tables import Column, Table, released_tables, table, tables
 
-__all__ = ["Column", "Origin", "Table", "check_table", "conform", "load_table", "table", "tables"]
+__all__ = ["Column", "Table", "conform", "released_tables", "table", "tables"]

@@ -1,27 +1,7 @@
-"""Tables as declared in `schemas/tables/<source>/<table>.toml`.
-
-A file has the keys `name`, `doc`, `key`, `sort_by` (lists of columns), and optionally `raw` (the
-raw kind that rows come from), `partition_by` (a column) and `released`; then one `[[column]]`
-block a column (an `[[input]]` block has the same keys and stands for a value that parsing reads
-and a later rule uses up: it is in no table):
-
-    name        lower case with underscores
-    type        see kb.schema.types
-    unit        what a number counts ("s", "px", "views"); absent for text and ids
-    null        why the value may be absent; without it the column is never null
-    doc         one line
-    from        "<raw kind>: <path>", "envelope: <field>", "annotation: <what>" or "rule: <how>"
-    released    true where the column goes into release/ (default false)
-    content     true for what people wrote (titles, texts, addresses, names)
-    dictionary  true for low-cardinality columns that Parquet stores with a dictionary
-    values      the words that a text column may hold; the release gate refuses others
-    pattern     a regular expression that each whole text of the column has; checked there as well
-    each        a list of words; the block then stands for one column a word, put in place of {}
-"""
+"""Tables as declared in `schemas/tables/<source>/<table>.toml`: in types, and in Arrow's."""
 
 from __future__ import annotations
 
-import re
 import tomllib
 from dataclasses import dataclass, field
 from functools import cache, cached_property
@@ -32,34 +12,8 @@ import pyarrow as pa
 
 from kb.core.errors import SchemaMismatch, UsageError
 from kb.core.resources import folder
+from kb.schema.declaration import blocks, check_table
 from kb.schema.types import Type, parse_type
-
-_NAME = re.compile(r"[a-z][a-z0-9_]*")
-_TABLE_KEYS = {
-    "name",
-    "doc",
-    "raw",
-    "key",
-    "sort_by",
-    "partition_by",
-    "released",
-    "column",
-    "input",
-}
-_COLUMN_KEYS = {
-    "name",
-    "type",
-    "unit",
-    "null",
-    "doc",
-    "from",
-    "released",
-    "content",
-    "dictionary",
-    "values",
-    "pattern",
-    "each",
-}
 
 
 @dataclass(frozen=True)
@@ -102,8 +56,6 @@ class Table:
     columns: tuple[Column, ...]
     key: tuple[str, ...]
     sort_by: tuple[str, ...]
-    raw: str = ""
-    partition_by: str = ""
     released: bool = False
     inputs: tuple[Column, ...] = ()
 
@@ -179,6 +131,11 @@ def table(name: str) -> Table:
         ) from None
 
 
+def released_tables(source: str) -> list[Table]:
+    """The declared tables of a source that go into release/, in the order of their names."""
+    return [one for one in tables().values() if one.source == source and one.released]
+
+
 def load_table(path: Path) -> Table:
     """Reads one TOML file. Raises SchemaMismatch that lists every problem of the file at once."""
     try:
@@ -188,11 +145,9 @@ def load_table(path: Path) -> Table:
     problems = check_table(data)
     if problems:
         raise SchemaMismatch(f"{path}: " + "; ".join(problems))
-    columns = tuple(_column(block) for block in _expanded(data, "column"))
-    inputs = tuple(_column(block) for block in _expanded(data, "input"))
-    plain = {
-        key: data[key] for key in ("name", "doc", "raw", "partition_by", "released") if key in data
-    }
+    columns = tuple(_column(block) for block in blocks(data, "column"))
+    inputs = tuple(_column(block) for block in blocks(data, "input"))
+    plain = {key: data[key] for key in ("name", "doc", "released") if key in data}
     return Table(
         columns=columns,
         inputs=inputs,
@@ -200,19 +155,6 @@ def load_table(path: Path) -> Table:
         sort_by=tuple(data["sort_by"]),
         **plain,
     )
-
-
-def _expanded(data: dict[str, Any], what: str) -> list[dict[str, Any]]:
-    blocks: list[dict[str, Any]] = []
-    for block in data.get(what, []):
-        for word in block.get("each", [None]):
-            fill = {
-                k: v.replace("{}", word) if word and isinstance(v, str) else v
-                for k, v in block.items()
-            }
-            fill.pop("each", None)
-            blocks.append(fill)
-    return blocks
 
 
 def _column(block: dict[str, Any]) -> Column:
@@ -231,77 +173,3 @@ def _column(block: dict[str, Any]) -> Column:
         pattern=block.get("pattern", ""),
         parsed=parse_type(block["type"]),
     )
-
-
-def check_table(data: dict[str, Any]) -> list[str]:
-    """Problems of one parsed TOML file, in its order; an empty list when it is right."""
-    problems = [f"unknown key {key!r}" for key in data if key not in _TABLE_KEYS]
-    for key in ("name", "doc"):
-        if not isinstance(data.get(key), str) or not data[key].strip():
-            problems.append(f"`{key}` is missing or empty")
-    if not data.get("column"):
-        return [*problems, "no [[column]]"]
-    names: list[str] = []
-    for number, block in enumerate(_expanded(data, "column"), start=1):
-        name = block.get("name", "")
-        problems += [f"column {name or number}: {text}" for text in _column_problems(block)]
-        if name in names:
-            problems.append(f"column {name}: declared twice")
-        names.append(name)
-    for number, block in enumerate(_expanded(data, "input"), start=1):
-        name = block.get("name", "")
-        problems += [f"input {name or number}: {text}" for text in _column_problems(block)]
-        if name in names:
-            problems.append(f"input {name}: there is a column of this name")
-    for key in ("key", "sort_by"):
-        if not isinstance(data.get(key), list) or not data[key]:
-            problems.append(f"`{key}` must list columns")
-        else:
-            problems += [
-                f"`{key}` names {name!r}, which is no column"
-                for name in data[key]
-                if name not in names
-            ]
-    partition = data.get("partition_by", "")
-    if partition and partition not in names:
-        problems.append(f"`partition_by` names {partition!r}, which is no column")
-    return problems
-
-
-def _column_problems(block: dict[str, Any]) -> list[str]:
-    problems = [f"unknown key {key!r}" for key in block if key not in _COLUMN_KEYS]
-    if not _NAME.fullmatch(str(block.get("name", ""))):
-        problems.append("`name` must be lower case with underscores")
-    doc = block.get("doc", "")
-    if not isinstance(doc, str) or not doc.strip():
-        problems.append("has no description (`doc`)")
-    elif "\n" in doc:
-        problems.append("`doc` must be one line")
-    kind, colon, path = str(block.get("from", "")).partition(":")
-    if not block.get("from"):
-        problems.append("has no origin (`from`)")
-    elif not colon or not kind.strip() or not path.strip():
-        problems.append(
-            f"`from` is {block['from']!r}; it must read `<raw kind>: <path>` or `rule: <how>`"
-        )
-    if "null" in block and not str(block["null"]).strip():
-        problems.append("`null` must say why the value may be absent")
-    values = block.get("values", [""])
-    if (
-        not isinstance(values, list)
-        or not values
-        or not all(isinstance(word, str) for word in values)
-    ):
-        problems.append("`values` must list words")
-    for key in ("values", "pattern"):
-        if key in block and block.get("type") != "string":
-            problems.append(f"`{key}` is for columns of type string")
-    try:
-        re.compile(str(block.get("pattern", "")))
-    except re.error as error:
-        problems.append(f"`pattern` is no regular expression: {error}")
-    try:
-        parse_type(str(block.get("type", "")))
-    except ValueError as error:
-        problems.append(str(error))
-    return problems

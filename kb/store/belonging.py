@@ -76,7 +76,7 @@ def load(root: Path, bound: Remembered) -> tuple[Profile, str]:
 def note(root: Path, profile: Profile) -> None:
     """Remember the profile of what is about to be written; the file may be another one than before.
 
-    A data root of before there was such a memory is bound too, where the rest it remembers agrees.
+    Where that memory was deleted the root is bound again, if the rest that it remembers agrees.
     What another command of this moment has noted binds before anything is stored. Raises
     OtherService.
     """

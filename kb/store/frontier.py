@@ -22,7 +22,6 @@ class Item:
 
     kind: str
     key: str
-    tries: int
     payload: Any
 
 
@@ -65,7 +64,7 @@ class Frontier(State):
         """Up to `n` items to do, oldest first; they are in progress until answered."""
         with self.transaction():
             rows = self._db.execute(
-                "SELECT key, tries, payload FROM items WHERE kind = ? AND status = 'todo'"
+                "SELECT key, payload FROM items WHERE kind = ? AND status = 'todo'"
                 " ORDER BY seq LIMIT ?",
                 (kind, n),
             ).fetchall()
@@ -73,22 +72,18 @@ class Frontier(State):
                 "UPDATE items SET status = 'in_progress' WHERE kind = ? AND key = ?",
                 [(kind, row[0]) for row in rows],
             )
-        return [Item(kind, key, tries, self._decode(kind, payload)) for key, tries, payload in rows]
+        return [Item(kind, key, self._decode(kind, payload)) for key, payload in rows]
 
     def mark(self, kind: str, keys: Iterable[str], status: str, reason: str | None = None) -> None:
-        """Set the status of known keys; an "error" counts one try."""
+        """Set the status of known keys."""
         self.mark_each(kind, ((key, status, reason) for key in keys))
 
     def mark_each(self, kind: str, marks: Iterable[tuple[str, str, str | None]]) -> None:
-        """Set (key, status, reason) of known keys, one after the other; an "error" counts a try."""
+        """Set (key, status, reason) of known keys, one after the other."""
         with self.transaction():
             self._db.executemany(
-                "UPDATE items SET status = ?, reason = ?, tries = tries + ?"
-                " WHERE kind = ? AND key = ?",
-                (
-                    (status, reason, int(status == "error"), kind, key)
-                    for key, status, reason in marks
-                ),
+                "UPDATE items SET status = ?, reason = ? WHERE kind = ? AND key = ?",
+                ((status, reason, kind, key) for key, status, reason in marks),
             )
 
     def done(self, kind: str, *keys: str) -> None:

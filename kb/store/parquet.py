@@ -97,16 +97,15 @@ def footer(path: Path | str) -> pq.FileMetaData:
     """
     with Path(path).open("rb") as file:
         held = _footer(file)[1]
-        at = _place(held, FOOTER)
-        if at is not None:
-            said = held[at : at + len(_ZEROS)]
-            for place in (at, _place(held, KEY)):
-                if place is not None:
-                    held = held[:place] + _ZEROS + held[place + len(_ZEROS) :]
-            if said != b"%08x" % zlib.crc32(held):
-                raise _changed(Path(path))
-    if at is None:
-        check(path)  # of before there was one: by that of the whole file
+    own, whole = _place(held, FOOTER), _place(held, KEY)
+    if (own is None) != (whole is None):
+        raise _changed(Path(path))
+    if own is not None and whole is not None:
+        said = held[own : own + len(_ZEROS)]
+        for place in (own, whole):
+            held = held[:place] + _ZEROS + held[place + len(_ZEROS) :]
+        if said != b"%08x" % zlib.crc32(held):
+            raise _changed(Path(path))
     return pq.read_metadata(path)
 
 

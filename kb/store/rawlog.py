@@ -253,7 +253,7 @@ class Segment:
         self.path: Path | None = None
         self.size = 0
 
-    def append(self, line: bytes, *, sync: bool = True) -> tuple[str, int]:
+    def append(self, line: bytes) -> tuple[str, int]:
         """Write one frame and return (segment, offset behind it). Raises DiskFull.
 
         A frame that could only be written in part is cut away again.
@@ -264,8 +264,7 @@ class Segment:
             try:
                 self._file.write(self._compressor.compress(line))
                 self._file.flush()
-                if sync:
-                    os.fsync(self._file.fileno())
+                os.fsync(self._file.fileno())
             except OSError:
                 os.ftruncate(self._file.fileno(), self.size)
                 raise

@@ -123,10 +123,10 @@ def filtered(root: Path, source: str) -> dict[str, Any]:
     return said
 
 
-def scan(files: Iterable[Path | str], *, by_name: bool = False) -> str:
-    """SQL that reads these files and no others; `by_name`: they may differ in their columns."""
+def scan(files: Iterable[Path | str]) -> str:
+    """SQL that reads these files and no others."""
     listed = ", ".join(literal(file) for file in files)
-    return f"read_parquet([{listed}]{', union_by_name = true' if by_name else ''})"
+    return f"read_parquet([{listed}])"
 
 
 def literal(path: Path | str) -> str:

@@ -10,7 +10,7 @@ and the raw data have lost is (kb.store.mending).
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 from typing import Any, Self
 
@@ -64,8 +64,8 @@ class Recorder:
 
     def _mend(self, *, every: bool) -> None:
         mending.take_out(self._root, self._source, self._frontier, every=every)
-        self.cut = recover(self._root, self._source)
-        self.replayed = self._replay()
+        recover(self._root, self._source)
+        self._replay()
         mending.look_up(self._root, self._source, self._frontier, self._take_in, self._asked)
 
     def record(
@@ -75,7 +75,6 @@ class Recorder:
         params: dict[str, Any],
         status: int,
         response: Any,
-        fetched_at: str | None = None,
     ) -> Envelope:
         """Keep one answer and its effect on the frontier.
 
@@ -83,7 +82,7 @@ class Recorder:
         """
         # The frontier sees what is on disk, as it would from a replay.
         envelope, line = rawlog.storable(
-            Envelope(fetched_at or clock.stamp(), Request(endpoint, params), status, response)
+            Envelope(clock.stamp(), Request(endpoint, params), status, response)
         )
         with self._lock:
             if kind not in self._segments:
@@ -113,38 +112,28 @@ class Recorder:
             mending.note(self._root, self._source, self._frontier, error, _AGAIN)
         self.close()
 
-    def _replay(self) -> int:
+    def _replay(self) -> None:
         """Take in what the frontier has not seen: a tail after a crash, or copied segments."""
-        count = 0
         for kind in rawlog.kinds(self._root, self._source):
             for path in rawlog.segments(self._root, self._source, kind):
                 try:
-                    count += self._replay_one(kind, path)
+                    self._replay_one(kind, path)
                 except DamagedData as error:
                     if getattr(error, "path", None) != path:
                         raise
                     mending.take_out_of(path, kind, self._frontier)
-                    count += self._replay_one(kind, path)
-        return count
+                    self._replay_one(kind, path)
 
-    def _replay_one(self, kind: str, path: Path) -> int:
+    def _replay_one(self, kind: str, path: Path) -> None:
         """Raises DamagedData, with nothing taken in, where something can't be read."""
-        name, count = rawlog.base_name(path), 0
+        name = rawlog.base_name(path)
         start = self._frontier.offset(kind, name)
         if start >= path.stat().st_size:
-            return 0
+            return
         frames = rawlog.Frames(path, start, checked=True)
-
-        def lines() -> Iterator[bytes]:
-            nonlocal count
-            for _, line in frames:
-                count += 1
-                yield line
-
         with self._frontier.transaction():
-            self._take_in(self._frontier, kind, lines())
+            self._take_in(self._frontier, kind, (line for _, line in frames))
             self._frontier.set_offset(kind, name, frames.good)
-        return count
 
 
 def _one_by_one(apply: Apply) -> Replay:

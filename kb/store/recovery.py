@@ -6,16 +6,15 @@ import os
 from pathlib import Path
 
 from kb.store.atomic import sync_folder
-from kb.store.rawlog import Frames, base_name, kinds, segments
+from kb.store.rawlog import Frames, kinds, segments
 
 
-def recover(root: Path, source: str) -> list[str]:
-    """Cut torn frames off the ends of open segments and close them; names of what was cut.
+def recover(root: Path, source: str) -> None:
+    """Cut torn frames off the ends of open segments and close them.
 
     Called under the writer's lock, before anything is written, and after `kb.store.mending` took
     out what had been committed and can't be read: only what no state knows is cut.
     """
-    cut = []
     for kind in kinds(root, source):
         for path in segments(root, source, kind):
             if not path.name.endswith(".open"):
@@ -27,10 +26,8 @@ def recover(root: Path, source: str) -> list[str]:
                 with path.open("r+b") as file:
                     file.truncate(frames.good)
                     os.fsync(file.fileno())
-                cut.append(f"{kind}/{base_name(path)}")
             if frames.good == 0:
                 path.unlink()
             else:
                 os.rename(path, path.with_name(path.name.removesuffix(".open")))
             sync_folder(path.parent)
-    return cut

@@ -20,7 +20,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from kb.core.errors import FatalError
 from kb.schema.conform import conform
 from kb.schema.tables import Table, table
 from kb.store import parquet
@@ -51,7 +50,6 @@ def write_table(
     declared: Table | str,
     *,
     released: bool = False,
-    sort: bool = True,
     sync: bool = True,
 ) -> Shard:
     """Write `rows` as one sorted file; `sync` as in kb.store.atomic.
@@ -60,9 +58,9 @@ def write_table(
     """
     declared = table(declared) if isinstance(declared, str) else declared
     rows = conform(declared, rows, released=released)
-    if sort and not _sorted(rows, order(declared)):
+    if not _sorted(rows, order(declared)):
         rows = rows.sort_by([(name, "ascending") for name in order(declared)])
-    with ShardWriter(path, declared, released=released, in_order=sort, sync=sync) as writer:
+    with ShardWriter(path, declared, released=released, in_order=True, sync=sync) as writer:
         writer.write(rows)
     return Shard(path, rows.num_rows)
 
@@ -168,21 +166,6 @@ def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any
         write_page_index=True,
         sorting_columns=marks if in_order else None,
     )
-
-
-def check_columns(parts: Sequence[Path], declared: Table, hint: str) -> None:
-    """Raise FatalError with `hint` where a table's parts lack a column:
-    an earlier version wrote them.
-    """
-    for path in parts[:1]:  # all parts of a table are written together
-        with reading([path]):
-            there = pq.read_schema(path).names
-        lacking = [name for name in declared.names() if name not in there]
-        if lacking:
-            raise FatalError(
-                f"{path.parent} was made by an earlier version: it has no column {lacking[0]}",
-                hint=hint,
-            )
 
 
 def sorted_shards(

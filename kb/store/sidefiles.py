@@ -44,13 +44,11 @@ def expected(path: Path) -> str | None:
     return named[1] if named else sums(path.parent).get(path.name)
 
 
-def is_whole(
-    path: Path, wanted: str | None = None, advance: Callable[[int], None] | None = None
-) -> bool:
-    """Whether a file is there and what it was, by `wanted` or what is `expected` of it."""
+def is_whole(path: Path, advance: Callable[[int], None] | None = None) -> bool:
+    """Whether a file is there and what it was, by what is `expected` of it."""
     if not path.is_file() or not path.stat().st_size:
         return False
-    wanted = wanted or expected(path)
+    wanted = expected(path)
     return wanted is None or digest(path, advance=advance) == wanted
 
 

@@ -26,7 +26,7 @@ _TABLES = """
 CREATE TABLE items (
   kind TEXT NOT NULL, key TEXT NOT NULL, seq INTEGER NOT NULL,
   status TEXT NOT NULL CHECK (status IN ('todo', 'in_progress', 'done', 'error', 'skipped')),
-  tries INTEGER NOT NULL DEFAULT 0, reason TEXT, payload TEXT,
+  reason TEXT, payload TEXT,
   PRIMARY KEY (kind, key)) WITHOUT ROWID;
 CREATE INDEX items_by_status ON items (kind, status, seq);
 CREATE INDEX items_by_order ON items (kind, seq);

@@ -20,11 +20,10 @@ INSTALL = (
 
 @dataclass(frozen=True)
 class Programs:
-    """Paths of the two programs and the browser's version."""
+    """Paths of the two programs."""
 
     browser: str
     driver: str
-    version: str
 
 
 def find() -> Programs:
@@ -61,7 +60,7 @@ def _find(path: str, cache_path: str) -> Programs:
             f"{driver} is version {versions[1]} and can't drive {browser} version {versions[0]}",
             hint=f"the two must have the same major version: {INSTALL}",
         )
-    return Programs(browser, driver, versions[0])
+    return Programs(browser, driver)
 
 
 def _fetched(cache_path: str, name: str) -> str | None:

@@ -20,7 +20,6 @@ class HttpStatus(ItemFinal):
 
     def __init__(self, status: int) -> None:
         super().__init__(f"http_{status}")
-        self.status = status
 
 
 class NotNow(HttpStatus):

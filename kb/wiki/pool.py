@@ -27,7 +27,6 @@ class Pool:
         self._lock = threading.Lock()
         self._used: dict[int, int] = {}
         self._all: set[Browser] = set()
-        self.started = 0
         self._guard = Guard()
         try:
             self._idle = [self._new()]
@@ -40,7 +39,6 @@ class Pool:
         with self._lock:
             self._all.add(browser)
             self._used[id(browser)] = 0
-            self.started += 1
         return browser
 
     def use(

@@ -52,7 +52,7 @@ def nothing(rows: Any) -> Sequence[str]:
 
 
 class Search(msgspec.Struct):
-    """A page of a search. `channels` is how many it found, None while nobody knows."""
+    """A page of a search. `channels` is how many it found, None before it was answered."""
 
     q: str
     token: str | None = None
@@ -220,12 +220,9 @@ def outcome(response: Any) -> tuple[str, str, str | None]:
 def without_channels(frontier: Frontier, keywords: Iterable[str]) -> list[str]:
     """The keywords whose search was answered and found no channel."""
     barren = []
-    # A state of before the count was kept tells only where no search found any.
-    uncounted = None if frontier.counts(CHANNELS) else 0
     for word in dict.fromkeys(keywords):
         status, page, _ = frontier.get(SEARCHES, search_key(word, None)) or ("", None, None)
-        channels = uncounted if page is None or page.channels is None else page.channels
-        if status == "done" and channels == 0:
+        if status == "done" and page is not None and page.channels == 0:
             barren.append(word)
     return barren
 

@@ -232,7 +232,7 @@ def test_a_log_in_page_is_no_file_of_a_model(host, run, name):
         fetch(run, published=UNPINNED)
     assert error.value.exit_code == 1
     host.files[folder + name] = good
-    # One that an earlier version kept is fetched again.
+    # One that was kept all the same is fetched again.
     kept = Path(fetch(run, published=UNPINNED)["folder"])
     (kept / name).write_bytes(PAGE)
     again = fetch(run, published=UNPINNED)

@@ -53,7 +53,7 @@ def put(root: Path, kind: str, *envelopes: tuple[str, dict[str, Any], Any]) -> N
     segment = rawlog.Segment(rawlog.folder(root, "youtube", kind))
     for fetched_at, params, response in envelopes:
         envelope = rawlog.Envelope(fetched_at, rawlog.Request(kind, params), 200, response)
-        segment.append(rawlog.encode(envelope), sync=False)
+        segment.append(rawlog.encode(envelope))
     segment.close()
 
 

@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from kb.core.errors import ProfileError
 from kb.core.profile import load_profile
@@ -116,3 +118,8 @@ def test_nothing_to_match_is_an_error() -> None:
         make([Keyword("Rook", "piece")], ["rook"])
     with pytest.raises(ProfileError, match="has no word"):
         make([Keyword("!!", "piece")])
+
+
+@given(st.text(st.characters(max_codepoint=127)))
+def test_plain_text_is_folded_as_any_other(text: str) -> None:
+    assert phrase(text) == phrase(f"{text} \N{BLACK STAR}")

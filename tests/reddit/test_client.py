@@ -129,7 +129,10 @@ def test_headers_that_say_nothing_change_nothing(headers: dict[str, str]) -> Non
     limiter = Limiter(Pace(0))
     limiter.heed(headers)
     limiter.wait()
-    assert limiter.remaining is None
+    limiter.heed(rate(0, 3600))
+    limiter.heed(headers)
+    with pytest.raises(Blocked):
+        limiter.wait()
 
 
 def test_a_wait_beyond_the_calendar_is_a_day_at_most() -> None:

@@ -12,7 +12,6 @@ import duckdb
 import pyarrow.parquet as pq
 import pytest
 
-from kb.core.errors import FatalError
 from kb.release.build import describe
 from kb.sandbox.server import Sandbox
 from kb.sandbox.subreddit import CASES
@@ -185,18 +184,6 @@ def test_a_purged_post_leaves_no_part_that_failed(broken: Work) -> None:
     broken.purge(ids)
     named = [path for path, text in broken.text().items() if tree(broken) in text]
     assert all("tombstones" in path for path in named)
-
-
-def test_tables_of_an_earlier_version_are_told_in_one_line(cut: Work) -> None:
-    for name, column in (("posts", "comments_unread"), ("comments", "parent_in_release")):
-        for path in (cut.root / "clean" / "reddit" / name).glob("*.parquet"):
-            pq.write_table(pq.read_table(path).drop_columns([column]), path)
-    for command in (cut.export, lambda: cut.purge()):
-        with pytest.raises(FatalError, match="earlier version") as told:
-            command()
-        assert told.value.hint == "run `kb reddit filter`"
-    cut.filter()
-    cut.export()
 
 
 def test_threads_of_a_real_size_can_be_walked_knowingly(whole: Work) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -284,6 +283,7 @@ def test_some_pages_without_licence(tmp_path: Path) -> None:
         ("youtube", "LICENSE-mine.txt"),
         ("youtube", "images-00000-of-00001.tar"),
         ("youtube", "settings.env"),
+        ("reddit", "sample-posts.parquet"),
     ],
 )
 def test_undeclared_files(tmp_path: Path, source: str, name: str) -> None:
@@ -332,26 +332,6 @@ def test_sample_in_json_with_content(tmp_path: Path) -> None:
         assert any(said.startswith(wanted) for said in refused(tmp_path)), line
     path.write_text(json.dumps(rows))
     release(a_run(tmp_path))
-
-
-def test_an_old_sample_is_checked_and_then_replaced(tmp_path: Path) -> None:
-    build(tmp_path, sources=("reddit",))
-    folder = tmp_path / "release" / "reddit"
-    shutil.copy(folder / "posts-00000-of-00001.parquet", folder / "sample-posts.parquet")
-    release(a_run(tmp_path))
-    assert not list(folder.glob("sample-*"))
-    assert (folder / "posts.sample.json").is_file()
-
-
-def test_sample_with_content(tmp_path: Path) -> None:
-    build(tmp_path, sources=("reddit",))
-    shutil.copy(
-        tmp_path / "clean" / "reddit" / "posts" / "part-00000.parquet",
-        tmp_path / "release" / "reddit" / "sample-posts.parquet",
-    )
-    lines = refused(tmp_path)
-    assert "content: reddit/sample-posts.parquet: column title may not be released" in lines
-    assert all(line.split(": ")[1] == "reddit/sample-posts.parquet" for line in lines)
 
 
 @pytest.mark.parametrize(

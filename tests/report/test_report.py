@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import duckdb
-import pyarrow.parquet as pq
 import pytest
 
 from kb.core.context import Run
@@ -360,14 +359,6 @@ def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(tmp_path: Path) 
     for box in inside:
         place = tuple(round(2 * edge) for edge in box)
         assert shown.crop(place).tobytes() == part.crop(place).tobytes()
-
-
-def test_pages_filtered_by_an_earlier_version_are_drawn_by_their_blocks(tmp_path: Path) -> None:
-    build(tmp_path, sources=("wiki",), export=False, n=10)
-    for path in (tmp_path / "clean" / "wiki" / "elements").iterdir():
-        pq.write_table(pq.read_table(path).drop_columns("lines"), path)
-    whole, _ = wikipage.page(Data(a_run(tmp_path)), load_profile("minecraft"))
-    assert ("text", 3) in whole.rows
 
 
 def test_a_table_of_one_row_with_nothing_in_it(tmp_path: Path) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from kb.sandbox.videos import Catalogue, Video
+
 BREAD = """\
 name = "bread"
 title = "Bread Baking"
@@ -93,3 +95,8 @@ def written(name: str, place: Path) -> Path:
     (folder / "keywords.tsv").write_text("keyword\tkind\trule\tforms\n" + "".join(lines))
     (folder / "profile.toml").write_text(PROFILES[name])
     return folder / "profile.toml"
+
+
+def of_case(tube: Catalogue, name: str) -> list[Video]:
+    """The videos of a case."""
+    return [video for video in tube.videos.values() if video.case.name == name]

@@ -11,6 +11,7 @@ from googleapiclient.errors import HttpError
 
 from kb.sandbox.server import Sandbox
 from tests.sandbox.conftest import make_client
+from tests.sandbox.domains import of_case
 
 PARTS = {
     "channels": "snippet,contentDetails,statistics,brandingSettings",
@@ -71,7 +72,7 @@ def test_search_finds_channels_up_to_five_hundred() -> None:
 def test_videos_leave_out_what_is_gone_and_hidden(services: Sandbox, data_api: Any) -> None:
     world = services.world.youtube
     gone, hidden, plain = (
-        world.of_case(name)[0]
+        of_case(world, name)[0]
         for name in ("gone between listing and reading", "likes hidden", "manual")
     )
     answer = (
@@ -97,7 +98,7 @@ def test_videos_leave_out_what_is_gone_and_hidden(services: Sandbox, data_api: A
 def test_the_embed_has_the_shape_of_the_video(
     services: Sandbox, data_api: Any, name: str, frame: dict[str, int], size: tuple[str, str]
 ) -> None:
-    video = services.world.youtube.of_case(name)[0]
+    video = of_case(services.world.youtube, name)[0]
     player = (
         data_api.videos().list(part="player", id=video.id, **frame).execute()["items"][0]["player"]
     )
@@ -111,7 +112,7 @@ def test_text_that_json_can_only_escape_travels(services: Sandbox, data_api: Any
         "right-to-left title",
         "emoji in the title",
     ):
-        video = services.world.youtube.of_case(name)[0]
+        video = of_case(services.world.youtube, name)[0]
         assert (
             data_api.videos()
             .list(part="snippet", id=video.id)
@@ -276,9 +277,8 @@ def test_answers_have_the_recorded_form(
         "playlists": {"channelId": channel.id},
         "playlistItems": {"playlistId": channel.uploads},
     }
-    query |= more.get(
-        method, {"id": services.world.youtube.of_case("manual")[0].id} if method == "videos" else {}
-    )
+    one = of_case(services.world.youtube, "manual")[0]
+    query |= more.get(method, {"id": one.id} if method == "videos" else {})
     made = getattr(data_api, method)().list(**query).execute()
     made["items"] = [item for item in made["items"] if item["snippet"]["title"] != "Private video"]
     real = json.loads((recorded / "youtube" / file).read_text(encoding="utf-8"))

@@ -14,7 +14,7 @@ from kb.sandbox.cases import CASES
 from kb.sandbox.domain import domain_of
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from tests.sandbox.domains import GAMES, MINECRAFT, PROFILES, written
+from tests.sandbox.domains import GAMES, MINECRAFT, PROFILES, of_case, written
 
 
 @pytest.fixture(scope="module", params=list(PROFILES))
@@ -77,16 +77,16 @@ def test_every_case_is_there_and_every_stage(world: World) -> None:
 def test_videos_speak_of_the_keywords_and_pass_the_thresholds(world: World) -> None:
     rules, speech = world.domain.rules, world.domain.speech
     said = " ".join(
-        cue[2] for video in world.youtube.of_case("manual") for cue in
+        cue[2] for video in of_case(world.youtube, "manual") for cue in
         world.youtube.cues(video, video.tracks[0])
     )  # fmt: skip
     assert sum(word in said for word in speech.words.words["thing"]) >= 10
-    for video in world.youtube.of_case("manual"):
+    for video in of_case(world.youtube, "manual"):
         assert int(video.view_count or 0) >= rules.min_views
         assert video.seconds >= rules.min_seconds
         assert speech.topic.lower() in video.title.lower()
         assert video.tracks[0].language == rules.language
-    (least,) = world.youtube.of_case("100 views")
+    (least,) = of_case(world.youtube, "100 views")
     assert int(least.view_count or 0) == rules.min_views
 
 
@@ -98,7 +98,7 @@ def test_every_search_finds_channels(world: World, tmp_path: Path) -> None:
 
 def test_what_is_off_topic_names_no_topic(world: World) -> None:
     topic = world.domain.speech.topic.lower()
-    for video in world.youtube.of_case("no label, topic nowhere"):
+    for video in of_case(world.youtube, "no label, topic nowhere"):
         assert topic not in f"{video.title} {video.description} {video.tags}".lower()
 
 

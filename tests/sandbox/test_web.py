@@ -17,6 +17,7 @@ from youtube_transcript_api import YouTubeTranscriptApi
 
 from kb.sandbox import youtube_player, youtube_web
 from kb.sandbox.server import Sandbox
+from tests.sandbox.domains import of_case
 from tests.sandbox.test_data_api import form, lacking
 from tests.youtube import walls
 
@@ -30,7 +31,7 @@ def test_captions_come_as_the_world_says_them(
     services: Sandbox, client: YouTubeTranscriptApi
 ) -> None:
     world = services.world.youtube
-    video = world.of_case("manual before automatic")[0]
+    video = of_case(world, "manual before automatic")[0]
     tracks = {track.is_generated: track for track in client.list(video.id)}
     for generated, track in tracks.items():
         said = world.cues(
@@ -46,7 +47,7 @@ def test_captions_come_as_the_world_says_them(
 def test_automatic_cues_overlap_and_manual_ones_do_not(services: Sandbox) -> None:
     world = services.world.youtube
     for name, overlap in (("asr", True), ("manual", False)):
-        video = world.of_case(name)[0]
+        video = of_case(world, name)[0]
         cues = world.cues(video, video.tracks[0])
         assert (
             any(
@@ -59,16 +60,16 @@ def test_automatic_cues_overlap_and_manual_ones_do_not(services: Sandbox) -> Non
 def test_languages_and_translation(services: Sandbox, client: YouTubeTranscriptApi) -> None:
     world = services.world.youtube
     assert [
-        track.language_code for track in client.list(world.of_case("British English")[0].id)
+        track.language_code for track in client.list(of_case(world, "British English")[0].id)
     ] == ["en-GB"]
-    german = world.of_case("translated from German")[0]
+    german = of_case(world, "translated from German")[0]
     original = client.list(german.id).find_transcript(["de"])
     translated = original.translate("en").fetch()
     assert translated.is_generated
     assert [cue.text for cue in translated] == [
         text for _, _, text in world.cues(german, german.tracks[0], "en")
     ]
-    stubborn = world.of_case("German that can't be translated")[0]
+    stubborn = of_case(world, "German that can't be translated")[0]
     with pytest.raises(api.NotTranslatable):
         client.list(stubborn.id).find_transcript(["de"]).translate("en")
 
@@ -86,11 +87,11 @@ def test_what_can_not_be_had(
     services: Sandbox, client: YouTubeTranscriptApi, case: str, error: type[Exception]
 ) -> None:
     with pytest.raises(error):
-        client.list(services.world.youtube.of_case(case)[0].id)
+        client.list(of_case(services.world.youtube, case)[0].id)
 
 
 def test_blocks_are_seen_as_blocks(services: Sandbox, client: YouTubeTranscriptApi) -> None:
-    video = services.world.youtube.of_case("manual")[0].id
+    video = of_case(services.world.youtube, "manual")[0].id
     services.faults.add("/watch", status=200, body=walls.captcha_page())
     with pytest.raises(api.IpBlocked):
         client.list(video)
@@ -115,12 +116,12 @@ def test_a_consent_wall_opens_to_its_cookie(
         times=None,
         when=lambda environ: "CONSENT=" not in environ.get("HTTP_COOKIE", ""),
     )
-    assert list(client.list(services.world.youtube.of_case("manual")[0].id))
+    assert list(client.list(of_case(services.world.youtube, "manual")[0].id))
     assert len(services.ledger.requests("/watch")) == 2
 
 
 def test_an_altered_address_gets_an_empty_body(services: Sandbox, web: requests.Session) -> None:
-    video = services.world.youtube.of_case("manual")[0]
+    video = of_case(services.world.youtube, "manual")[0]
     answer = web.get(f"https://www.youtube.com/api/timedtext?v={video.id}&lang=en&signature=mine")
     assert (answer.status_code, answer.content) == (200, b"")
 
@@ -137,7 +138,7 @@ def test_the_game_stands_in_the_pages_data(services: Sandbox, web: requests.Sess
         ("another game", "other"),
         ("no label, topic in the title", None),
     ):
-        for video in services.world.youtube.of_case(name):
+        for video in of_case(services.world.youtube, name):
             page = web.get(f"https://www.youtube.com/watch?v={video.id}").text
             text = json.dumps(page_data(page, "ytInitialData"))
             assert {
@@ -166,7 +167,7 @@ def test_the_player_answer_has_the_recorded_form(recorded: Path, services: Sandb
         ),
     ):
         real = json.loads((folder / file).read_text(encoding="utf-8"))
-        video = world.of_case(case)[0]
+        video = of_case(world, case)[0]
         made = youtube_player.player_answer(video, video.id)
         assert made["playabilityStatus"]["status"] == real["playabilityStatus"]["status"]
         assert made["playabilityStatus"].get("reason") == real["playabilityStatus"].get("reason")

@@ -98,7 +98,7 @@ def test_a_footer_is_told_by_itself(tmp_path: Path) -> None:
     assert whole[silent[0] - 2 - len(parquet.KEY) :].startswith(parquet.KEY)
 
 
-def test_files_of_before_and_of_others_have_no_checksum_of_the_footer(tmp_path: Path) -> None:
+def test_a_file_has_both_checksums_or_none(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     with pq.ParquetWriter(path, pa.schema([("a", pa.int64())])) as file:
         file.write_table(pa.table({"a": [1]}))

@@ -42,7 +42,7 @@ def segment(tmp_path: Path) -> Path:
     writer = rawlog.Segment(rawlog.folder(tmp_path, "youtube", "videos"))
     for number in range(60):
         ids = [f"v{number:03d}", f"w{number:03d}"]
-        writer.append(rawlog.encode(envelope(",".join(ids), ids)), sync=False)
+        writer.append(rawlog.encode(envelope(",".join(ids), ids)))
     writer.close()
     (path,) = rawlog.segments(tmp_path, "youtube", "videos")
     return path

@@ -102,7 +102,7 @@ def test_a_torn_frame_is_cut_and_the_whole_ones_stay(tmp_path, bytes_left):
     offsets = written(tmp_path, 4, close=False)
     [path] = rawlog.segments(tmp_path, "youtube", "videos")
     path.write_bytes(path.read_bytes()[: offsets[2] + bytes_left])
-    assert recover(tmp_path, "youtube") == [f"videos/{rawlog.base_name(path)}"]
+    recover(tmp_path, "youtube")
     assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == [
         "v0",
         "v1",
@@ -115,7 +115,7 @@ def test_an_empty_open_segment_goes(tmp_path):
     folder = rawlog.folder(tmp_path, "youtube", "videos")
     folder.mkdir(parents=True)
     (folder / "000001-aaaaaaaa.ndjson.zst.open").write_bytes(b"")
-    assert recover(tmp_path, "youtube") == []
+    recover(tmp_path, "youtube")
     assert not list(folder.iterdir())
 
 

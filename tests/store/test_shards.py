@@ -145,7 +145,8 @@ def test_a_group_larger_than_what_is_read_ahead(
         shards.write_table(path, cells(rows[index::3]), CELLS)
     with_unsorted = tmp_path / "unsorted.parquet"
     more = [(2, 2, 5, 5), (1, 2, 5, 5)]
-    shards.write_table(with_unsorted, cells(more), CELLS, sort=False)
+    with shards.ShardWriter(with_unsorted, CELLS) as writer:
+        writer.write(cells(more))
     (tmp_path / "out").mkdir()
     made = shards.sorted_shards(
         [*parts, with_unsorted], tmp_path / "out", CELLS, rows_per_shard=1_000

@@ -15,6 +15,7 @@ import pytest
 from kb.core.errors import UsageError
 from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
+from kb.store import parquet
 from kb.verify.found import Found, Look
 from kb.verify.root import verify as look_at
 from tests.filters.made import run_at
@@ -69,7 +70,7 @@ def test_keys_restored_tables_and_notes_of_releases_are_known(root: Path) -> Non
     noted = pa.table({"table": ["pairs"], "key": [b"1"]})
     for path in (root / "state/releases/pairs/1.0.0.parquet", root / "restored/missing.parquet"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        pq.write_table(noted, path)  # of an earlier version: without a checksum
+        parquet.write(path, noted)
     assert found(root) == []
 
 

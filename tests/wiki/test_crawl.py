@@ -247,7 +247,7 @@ def test_services_on_other_ports_are_the_same_wiki(whole, run_on, programs, tmp_
     with Sandbox(World(), services=["wiki"]) as first, pytest.raises(LimitReached):
         crawl(at(first, limit=3))
     frontier = Frontier(tmp_path / "data" / "state" / "wiki.sqlite")
-    # As an earlier version left it, and as a kill before the pictures does.
+    # As a redirect to another port and a kill before the pictures leave it.
     refused = [key for key, *_ in frontier.items("pages", "todo")][:4]
     frontier.mark("pages", refused, "skipped", "other_host")
     pictures = [key for key, *_ in frontier.items("files", "done")]

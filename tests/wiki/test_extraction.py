@@ -63,7 +63,8 @@ def extractions(draw: st.DrawFn) -> dict[str, Any]:
         ],
         "cells": cells,
     }
-    return found | draw(st.sampled_from([{}, {"sprites": {"0": "ab"}, "facts": []}]))
+    told = {"sprites": {}, "facts": [], "recipes": []}
+    return found | told | draw(st.sampled_from([{}, {"sprites": {"0": "ab"}, "facts": [{}]}]))
 
 
 def made(found: Any) -> list[Any]:

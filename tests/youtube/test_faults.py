@@ -14,6 +14,7 @@ import pytest
 from kb.sandbox import youtube_errors
 from kb.sandbox.server import Sandbox
 from kb.sandbox.youtube import KEY
+from tests.sandbox.domains import of_case
 from tests.youtube import walls
 from tests.youtube.job import Job, plain_units
 
@@ -138,7 +139,7 @@ def test_what_passes_is_tried_again(job: Job) -> None:
 
 def test_an_item_that_fails_to_the_end_is_counted_and_tried_by_the_next_run(job: Job) -> None:
     no_patience(job)
-    video = job.sandbox.world.youtube.of_case("manual")[0]
+    video = of_case(job.sandbox.world.youtube, "manual")[0]
     fault = job.sandbox.faults.add(f"/timedtext.*{video.id}", status=500, times=None)
     assert job.done(*CRAWL)["failed"] == 1
     summary = job.done("youtube", "filter")

@@ -11,6 +11,7 @@ from typing import Any
 
 from kb.sandbox.cases import CASES
 from kb.sandbox.youtube import KEY
+from tests.sandbox.domains import of_case
 from tests.youtube.job import Job, plain_units
 
 VERDICTS = """
@@ -47,7 +48,7 @@ def test_what_is_kept_says_why_and_how(whole: Job) -> None:
     world = whole.sandbox.world.youtube
     for case in CASES:
         if case.stage is None:
-            for video in world.of_case(case.name):
+            for video in of_case(world, case.name):
                 row = rows[video.id]
                 assert (row["topic_evidence"], row["transcript_kind"]) == (
                     case.evidence,
@@ -94,7 +95,7 @@ def test_word_counts_and_cues_are_those_that_were_said(whole: Job) -> None:
         ("translated from German", 0, "en"),
         ("manual before automatic", 1, None),
     ):
-        for video in world.of_case(name):
+        for video in of_case(world, name):
             said = world.cues(video, video.tracks[track], language)
             cues = rows[video.id]["cues"]
             assert [cue["text"] for cue in cues] == [text for _, _, text in said]
@@ -161,7 +162,7 @@ def test_raw_data_hold_answers_and_nothing_of_the_visitor(whole: Job) -> None:
         for envelope in found["videos"]
         for item in envelope["response"]["items"]
     }
-    video = world.of_case("markup in the title")[0]
+    video = of_case(world, "markup in the title")[0]
     assert titles[video.id] == video.title
     for envelope in (one for kind in found.values() for one in kind):
         assert set(envelope) == {"fetched_at", "request", "status", "response"}

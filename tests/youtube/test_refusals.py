@@ -12,6 +12,7 @@ import pytest
 from kb.sandbox import youtube_errors
 from kb.store.frontier import Frontier
 from kb.youtube.reduce import SEARCHES, UPLOADS, VIDEOS
+from tests.sandbox.domains import of_case
 from tests.youtube import walls
 from tests.youtube.job import Job
 from tests.youtube.test_faults import CRAWL, finish, no_patience
@@ -158,7 +159,7 @@ def test_after_a_block_one_video_finds_out_whether_it_stands(
 )
 def test_one_odd_watch_page_is_one_failed_video(job: Job, what: dict[str, Any]) -> None:
     no_patience(job)
-    video = job.sandbox.world.youtube.of_case("manual")[0]
+    video = of_case(job.sandbox.world.youtube, "manual")[0]
     job.sandbox.faults.add(f"/watch.v=({video.id}|again)", times=None, **what)
     summary = job.done(*CRAWL)
     assert (summary["failed"], summary["left"]) == (1, 0)
@@ -169,7 +170,7 @@ def test_one_odd_watch_page_is_one_failed_video(job: Job, what: dict[str, Any]) 
 def test_an_empty_track_is_no_transcript(job: Job) -> None:
     video = next(
         video
-        for video in job.sandbox.world.youtube.of_case("manual")
+        for video in of_case(job.sandbox.world.youtube, "manual")
         if [track.kind for track in video.tracks] == [""]
     )
     job.sandbox.faults.add(
