@@ -7,6 +7,7 @@ differences up to them, are made of the few places only that are compared or cro
 
 from __future__ import annotations
 
+import functools
 import io
 import struct
 import zlib
@@ -18,6 +19,7 @@ from kb.core.errors import Retryable
 _LEVEL = 4  # screenshots are flat: more effort gains little
 _UP = b"\x02"
 _BAND = 256  # rows; where pixels are asked for, at most so many are summed in vain
+_RUN = 32  # rows that are like the one above are packed by so many
 _CHUNK = 1 << 16  # bytes; always cut alike, so that the same pixels give the same bytes
 
 Box = tuple[int, int, int, int]
@@ -145,7 +147,10 @@ class PngWriter:
 
     def __init__(self, path: Path, width: int, height: int) -> None:
         self._path, self._width, self._height, self._rows = path, width, height, 0
-        self._pack, self._packed = zlib.compressobj(_LEVEL), bytearray()
+        self._pack, self._sum = _packer(), 1
+        self._packed = bytearray(b"\x78\x5e")  # zlib's head: a window of 32 KiB, quick
+        self._same = _UP + bytes(3 * width)  # a row that is like the one above
+        self._run = 0  # of such rows, which were not packed yet
         self._last: Any = None
 
     def __enter__(self) -> Self:
@@ -159,29 +164,58 @@ class PngWriter:
         """Append the first `count` rows."""
         from PIL import ImageChops
 
-        width, stride = rows.width, 1 + 3 * rows.width
+        width = rows.width
         if width != self._width:
             raise Retryable(f"screenshot_size: a tile of {width} in an image of {self._width} px")
-        packed = memoryview(rows.packed)[: count * stride]
-        if self._last is not None:
+        end = count * len(self._same)
+        if self._last is None:
+            self._take(rows.packed, 0, end)
+        else:
             first = ImageChops.subtract_modulo(rows.part((0, 0, width, 1)), self._last)
-            self._packed += self._pack.compress(_UP + first.tobytes())
-            packed = packed[stride:]
-        self._packed += self._pack.compress(packed)
-        self._write(_CHUNK)
+            self._take(_UP + first.tobytes(), 0, len(self._same))
+            self._take(rows.packed, len(self._same), end)
         self._last = rows.part((0, count - 1, width, count))
         self._rows += count
+        self._write(_CHUNK)
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         try:
             if kind is None:
                 if self._rows != self._height:
                     raise Retryable(f"screenshot_size: {self._rows} rows of {self._height}")
-                self._packed += self._pack.flush()
+                self._end_run()
+                self._packed += self._pack.flush() + struct.pack(">I", self._sum)
                 self._write(1)
                 self._chunk(b"IEND", b"")
         finally:
             self._file.close()
+
+    def _take(self, rows: bytes, at: int, end: int) -> None:
+        """Pack bytes of whole rows. Those that are like the one above wait for the run's end."""
+        self._sum = zlib.adler32(memoryview(rows)[at:end], self._sum)
+        stride, same = len(self._same), self._same
+        while at < end:
+            begin = at
+            while at < end and rows.startswith(same, at):
+                at += stride
+            self._run += (at - begin) // stride
+            if at == end:
+                return
+            self._end_run()
+            begin = at
+            while at < end and not rows.startswith(same, at):
+                at += stride
+            self._packed += self._pack.compress(memoryview(rows)[begin:at])
+
+    def _end_run(self) -> None:
+        blocks, rest = divmod(self._run, _RUN)
+        if blocks:
+            # To search such rows for repeats takes longest, and a page has many. They are packed
+            # once; a full flush on both sides keeps other rows from pointing across.
+            self._packed += self._pack.flush(zlib.Z_FULL_FLUSH)
+            self._packed += _run(self._width) * blocks
+        self._packed += self._pack.compress(self._same * rest)
+        self._run = 0
 
     def _write(self, least: int) -> None:
         """Write what is packed while it is at least so many bytes."""
@@ -192,3 +226,15 @@ class PngWriter:
     def _chunk(self, name: bytes, data: bytes) -> None:
         self._file.write(struct.pack(">I", len(data)) + name + data)
         self._file.write(struct.pack(">I", zlib.crc32(data, zlib.crc32(name))))
+
+
+def _packer() -> Any:
+    """A packer without zlib's head and sum, whose parts can be put behind each other."""
+    return zlib.compressobj(_LEVEL, zlib.DEFLATED, -zlib.MAX_WBITS)
+
+
+@functools.lru_cache(maxsize=64)
+def _run(width: int) -> bytes:
+    """That many rows like the one above, packed by themselves."""
+    pack = _packer()
+    return pack.compress((_UP + bytes(3 * width)) * _RUN) + pack.flush(zlib.Z_FULL_FLUSH)

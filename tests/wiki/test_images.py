@@ -85,8 +85,11 @@ def test_the_type_is_in_the_bytes_not_in_the_name():
 
 @pytest.fixture(scope="module")
 def whole():
-    """An image of many rows, each of them another one."""
-    return Image.effect_noise((40, 3_000), 60).convert("RGB")
+    """An image of many rows, with stretches of one colour."""
+    image = Image.effect_noise((40, 3_000), 60).convert("RGB")
+    for top, bottom in ((0, 40), (290, 331), (650, 1_500), (2_100, 2_110), (2_900, 3_000)):
+        image.paste((top % 256, 200, 9), (0, top, 40, bottom))
+    return image
 
 
 def up(image) -> bytes:
