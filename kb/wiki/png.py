@@ -237,4 +237,4 @@ def _packer() -> Any:
 def _run(width: int) -> bytes:
     """That many rows like the one above, packed by themselves."""
     pack = _packer()
-    return pack.compress((_UP + bytes(3 * width)) * _RUN) + pack.flush(zlib.Z_FULL_FLUSH)
+    return b"".join([pack.compress((_UP + bytes(3 * width)) * _RUN), pack.flush(zlib.Z_FULL_FLUSH)])
