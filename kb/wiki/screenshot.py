@@ -2,8 +2,7 @@
 
 A graphics path with a limit repeats or blanks what lies beyond it without a word. So every tile
 of a tall page shows the first rows of the next one too, which are compared, and the last one is
-compared with a thin strip of the same place, taken by itself: that one lies beyond any limit. A
-strip costs the browser as much as a tile, so there is no more than one.
+compared with a thin strip of the same place, taken by itself: that one lies beyond any limit.
 """
 
 from __future__ import annotations
@@ -11,19 +10,20 @@ from __future__ import annotations
 import base64
 import io
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 from kb.core.errors import Retryable
 from kb.wiki.browser import Browser
-from kb.wiki.png import PngWriter
+from kb.wiki.png import Box, PngWriter, Rows
 
-TILE = 4096  # CSS px, half of the lowest limit that was seen
+# CSS px. A browser paints the whole page anew for each picture, so that few tall ones cost least;
+# a tile with its strip keeps within the lowest limit that was seen, 8,192.
 STRIP = 16
+TILE = 8192 - STRIP
 MAX_CROP = 2048
-
-Box = tuple[int, int, int, int]
 
 
 def snapped(box: Iterable[float]) -> Box:
@@ -47,42 +47,23 @@ def take(
     `width` and `height` are the page's (CSS px, one image px each). Raises Retryable when the
     image is not the page.
     """
-    from PIL import Image
-
-    pieces: dict[int, Any] = {
-        key: Image.new("RGB", (right - left, bottom - top))
-        for key, (left, top, right, bottom) in (crops or {}).items()
-        if 0 < right - left <= MAX_CROP and 0 < bottom - top <= MAX_CROP
-    }
-    below = None
-    with PngWriter(path, width, height) as png:
-        for top in range(0, height, TILE):
-            rows = min(TILE, height - top)
-            more = min(STRIP, height - top - rows)
-            tile = _capture(browser, top, width, rows + more)
-            if below is not None:
-                _compare(below, tile.crop((0, 0, width, below.height)))
-            if more:
-                below = tile.crop((0, rows, width, rows + more))
-                tile = tile.crop((0, 0, width, rows))
-            elif height > TILE:
-                strip = min(STRIP, rows)
-                alone = _capture(browser, height - strip, width, strip)
-                _compare(alone, tile.crop((0, rows - strip, width, rows)))
-            png.add(tile)
-            for key, piece in pieces.items():
-                left, upper, right, lower = (crops or {})[key]
-                if upper < top + rows and lower > top:
-                    part = tile.crop(
-                        (left, max(upper, top) - top, right, min(lower, top + rows) - top)
-                    )
-                    piece.paste(part, (0, max(upper, top) - upper))
-    return {key: encode(piece) for key, piece in pieces.items()}
+    # While the browser takes a picture, a thread joins the one before.
+    with PngWriter(path, width, height) as whole, ThreadPoolExecutor(1) as thread:
+        joint = _Joint(whole, width, crops or {})
+        behind: Future[None] | None = None
+        for top, rows, more in _pictures(height):
+            data = _capture(browser, top, width, rows + more)
+            if behind is not None:
+                behind.result()
+            behind = thread.submit(joint.add, data, top, rows, more)
+        if behind is not None:
+            behind.result()
+    return {key: encode(piece) for key, piece in joint.pieces.items()}
 
 
 def tiles(height: int) -> int:
     """How many pictures a page of so many CSS px takes, the strip included."""
-    return -(-height // TILE) + (height > TILE)
+    return len(list(_pictures(height)))
 
 
 def encode(image: Any) -> bytes:
@@ -92,9 +73,48 @@ def encode(image: Any) -> bytes:
     return held.getvalue()
 
 
-def _capture(browser: Browser, top: int, width: int, rows: int) -> Any:
-    from PIL import Image
+def _pictures(height: int) -> Iterator[tuple[int, int, int]]:
+    """(top, rows, rows of the next tile that it shows too) of each picture."""
+    for top in range(0, height, TILE):
+        rows = min(TILE, height - top)
+        yield top, rows, min(STRIP, height - top - rows)
+    if height > TILE:
+        strip = min(STRIP, rows)
+        yield height - strip, 0, strip
 
+
+class _Joint:
+    """Where pictures are compared, joined and cropped, from top to bottom."""
+
+    def __init__(self, whole: PngWriter, width: int, crops: dict[int, Box]) -> None:
+        from PIL import Image
+
+        self._whole, self._width, self._crops = whole, width, crops
+        self.pieces: dict[int, Any] = {
+            key: Image.new("RGB", (right - left, bottom - top))
+            for key, (left, top, right, bottom) in crops.items()
+            if 0 < right - left <= MAX_CROP and 0 < bottom - top <= MAX_CROP
+        }
+        self._below: Any = None
+
+    def add(self, data: bytes, top: int, rows: int, more: int) -> None:
+        """Append the first `rows` of a picture (PNG bytes). Raises Retryable."""
+        tile = Rows.read(data, self._width, rows + more)
+        if self._below is not None:
+            _compare(self._below, tile.part((0, 0, self._width, self._below.height)))
+        if not rows:
+            return
+        end = rows + more
+        self._below = tile.part((0, end - (more or min(STRIP, rows)), self._width, end))
+        self._whole.add(tile, rows)
+        for key, piece in self.pieces.items():
+            left, upper, right, lower = self._crops[key]
+            if upper < top + rows and lower > top:
+                box = left, max(upper, top) - top, right, min(lower, top + rows) - top
+                piece.paste(tile.part(box), (0, max(upper, top) - upper))
+
+
+def _capture(browser: Browser, top: int, width: int, rows: int) -> bytes:
     answer = browser.devtools(
         "Page.captureScreenshot",
         {
@@ -104,13 +124,7 @@ def _capture(browser: Browser, top: int, width: int, rows: int) -> Any:
             "clip": {"x": 0, "y": top, "width": width, "height": rows, "scale": 1},
         },
     )
-    # The size is checked in the header before anything is decoded.
-    image = Image.open(io.BytesIO(base64.b64decode(answer["data"])))
-    if image.size != (width, rows):
-        raise Retryable(
-            f"screenshot_size: {image.size[0]} × {image.size[1]} instead of {width} × {rows} px"
-        )
-    return image.convert("RGB")
+    return base64.b64decode(answer["data"])
 
 
 def _compare(one: Any, other: Any) -> None:

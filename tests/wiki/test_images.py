@@ -12,7 +12,7 @@ from PIL import Image
 from kb.core.errors import Retryable
 from kb.wiki import screenshot
 from kb.wiki.images import inspect, media_type
-from kb.wiki.png import PngWriter
+from kb.wiki.png import PngWriter, Rows
 
 
 def picture(kind: str, size=(8, 6), frames: int = 1, **options) -> bytes:
@@ -83,14 +83,80 @@ def test_the_type_is_in_the_bytes_not_in_the_name():
     assert media_type(b"<!DOCTYPE html><svg-like>") is None
 
 
-def test_png_writer_joins_tiles(tmp_path):
-    whole = Image.effect_noise((40, 30), 60).convert("RGB")
-    path = tmp_path / "x.png"
-    with PngWriter(path, 40, 30) as png:
-        for top in (0, 7, 14, 21, 28):
-            png.add(whole.crop((0, top, 40, min(30, top + 7))))
-    with Image.open(path) as back:
+@pytest.fixture(scope="module")
+def whole():
+    """An image of many rows, with stretches of one colour."""
+    image = Image.effect_noise((40, 3_000), 60).convert("RGB")
+    for top, bottom in ((0, 40), (290, 331), (650, 1_500), (2_100, 2_110), (2_900, 3_000)):
+        image.paste((top % 256, 200, 9), (0, top, 40, bottom))
+    return image
+
+
+def up(image) -> bytes:
+    """As a browser packs for speed: RGB, every row as its difference to the one above."""
+    held = io.BytesIO()
+    image.save(held, "PNG")
+    rows = b"".join(b"\x02" + row for row in differences(image))
+    data = zlib.compress(rows, 1)
+    parts = [held.getvalue()[:33]]
+    for name, part in ((b"IDAT", data[:9]), (b"IDAT", data[9:]), (b"IEND", b"")):
+        end = zlib.crc32(name + part).to_bytes(4, "big")
+        parts.append(len(part).to_bytes(4, "big") + name + part + end)
+    return b"".join(parts)
+
+
+def differences(image) -> list[bytes]:
+    stride, data = image.width * 3, bytes(image.width * 3) + image.tobytes()
+    return [
+        bytes(
+            (one - two) % 256
+            for one, two in zip(data[at + stride :][:stride], data[at:], strict=False)
+        )
+        for at in range(0, image.height * stride, stride)
+    ]
+
+
+def plain(image) -> bytes:
+    """As Pillow packs: each row with a filter of its own."""
+    return screenshot.encode(image)
+
+
+def clear(image) -> bytes:
+    """With an opaque fourth channel, as other browsers send it."""
+    return screenshot.encode(image.convert("RGBA"))
+
+
+@pytest.mark.parametrize("pack", [up, plain, clear])
+def test_any_part_of_a_png_can_be_had(whole, pack):
+    tall = whole.crop((0, 0, 40, 700))
+    rows = Rows.read(pack(tall), 40, 700)
+    for box in [
+        (0, 0, 40, 700),
+        (0, 0, 40, 1),
+        (0, 699, 40, 700),
+        (7, 255, 9, 257),
+        (0, 256, 40, 512),
+        (39, 511, 40, 513),
+        (-5, 3, 50, 9),
+        (-9, 3, -2, 9),
+        (41, 3, 44, 9),
+    ]:
+        assert rows.part(box).tobytes() == tall.crop(box).tobytes(), box
+
+
+@pytest.mark.parametrize("pack", [up, plain, clear])
+def test_png_writer_joins_tiles(whole, tmp_path, pack):
+    """The same pixels are the same bytes, however they were cut and packed."""
+    for path, cut in (("a", 700), ("b", 1), ("c", 3_000)):
+        with PngWriter(tmp_path / path, 40, 3_000) as png:
+            for top in range(0, 3_000, cut) if cut > 1 else (0, 1, 2, 300):
+                end = min(3_000, top + cut) if cut > 1 else {0: 1, 1: 2, 2: 300, 300: 3_000}[top]
+                more = min(5, 3_000 - end)
+                tile = whole.crop((0, top, 40, end + more))
+                png.add(Rows.read(pack(tile), 40, tile.height), end - top)
+    with Image.open(tmp_path / "a") as back:
         assert back.tobytes() == whole.tobytes()
+    assert len({(tmp_path / path).read_bytes() for path in "abc"}) == 1
 
 
 def test_png_writer_counts_rows(tmp_path):
@@ -98,12 +164,21 @@ def test_png_writer_counts_rows(tmp_path):
         pytest.raises(Retryable, match="screenshot_size"),
         PngWriter(tmp_path / "x.png", 4, 9) as png,
     ):
-        png.add(Image.new("RGB", (4, 8)))
+        png.add(Rows.of(Image.new("RGB", (4, 8))), 8)
     with (
         pytest.raises(Retryable, match="screenshot_size"),
         PngWriter(tmp_path / "x.png", 4, 9) as png,
     ):
-        png.add(Image.new("RGB", (5, 9)))
+        png.add(Rows.of(Image.new("RGB", (5, 9))), 9)
+
+
+def test_a_damaged_answer_is_asked_for_again(whole):
+    good = up(whole.crop((0, 0, 40, 30)))
+    cut = [good[:20], good[:60], good[:33], good.replace(b"IDAT", b"IDAX"), b"<html>", b""]
+    short = up(whole.crop((0, 0, 40, 29)))
+    for data in (*cut, good[:33] + short[33:], short[:33] + good[33:], short):
+        with pytest.raises(Retryable, match="screenshot_"):
+            Rows.read(data, 40, 29 if data[:33] == short[:33] and data != short else 30)
 
 
 class Repeating:
@@ -130,8 +205,11 @@ class Repeating:
 
 def test_repeated_tiles_are_found(tmp_path):
     good, bad = Repeating(10**9), Repeating(2 * screenshot.TILE)
-    screenshot.take(good, tmp_path / "a.png", 20, 3 * screenshot.TILE)
+    seam = {7: (3, screenshot.TILE - 900, 12, screenshot.TILE + 90), 8: (0, 0, 0, 5)}
+    pieces = screenshot.take(good, tmp_path / "a.png", 20, 3 * screenshot.TILE, seam)
     assert Image.open(tmp_path / "a.png").tobytes() == good.page.tobytes()
+    assert list(pieces) == [7]
+    assert Image.open(io.BytesIO(pieces[7])).tobytes() == good.page.crop(seam[7]).tobytes()
     assert good.pictures == screenshot.tiles(3 * screenshot.TILE) == 4
     with pytest.raises(Retryable, match="screenshot_repeats"):
         screenshot.take(bad, tmp_path / "b.png", 20, 3 * screenshot.TILE)
