@@ -97,16 +97,19 @@ def canvas(
     return sheet, axes
 
 
+# And what each would say of its making.
+FORMATS: dict[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+
+
 def saved(sheet: Any, pixels: int = PIXELS) -> dict[str, bytes]:
     """The figure as PNG (`pixels` per inch), SVG and PDF, without dates or version names."""
-    without: dict[str, dict[str, None]] = {
-        "png": {"Software": None},
-        "svg": {"Date": None, "Creator": None},
-        "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-    }
     files = {}
     with applied():
-        for kind, metadata in without.items():
+        for kind, metadata in FORMATS.items():
             file = io.BytesIO()
             sheet.savefig(file, format=kind, dpi=pixels, metadata=metadata)
             files[kind] = file.getvalue()

@@ -26,7 +26,7 @@ from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.core.sources import PUBLISHED
 from kb.core.verdict import Summary
-from kb.report import links, pairs, services, wikipage, youtube
+from kb.report import links, pairs, services, style, wikipage, youtube
 from kb.report.build import report
 from kb.report.data import Data
 from kb.report.funnel import funnel
@@ -79,6 +79,12 @@ class OfOne(NamedTuple):
     page: str
     summary: Summary
     warned: list[str]
+
+
+@pytest.fixture
+def no_pdf(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For a question about the page, which shows the others: half of a report is its PDF."""
+    monkeypatch.delitem(style.FORMATS, "pdf")
 
 
 MODEL = {"model": "toxic_original"}
@@ -235,6 +241,7 @@ def test_page_needs_nothing_outside_itself(root: Path) -> None:
     assert len(re.findall(r"<figure ", page)) == len(FIGURES)
 
 
+@pytest.mark.usefixtures("no_pdf")
 def test_scores_of_the_tiny_model_are_marked(
     of_one: Callable[[str], OfOne], tmp_path: Path
 ) -> None:
@@ -247,6 +254,7 @@ def test_scores_of_the_tiny_model_are_marked(
     assert "tiny model" in (tmp_path / "report" / "index.html").read_text()
 
 
+@pytest.mark.usefixtures("no_pdf")
 def test_any_name_of_the_data_root(tmp_path: Path) -> None:
     odd = tmp_path / "a#b?c%41[d]*'e{f,g}"
     pages = []
@@ -266,6 +274,7 @@ def cut(path: Path) -> str:
     return path.name
 
 
+@pytest.mark.usefixtures("no_pdf")
 def test_a_damaged_picture_is_named(tmp_path: Path) -> None:
     from PIL import Image
 
@@ -284,6 +293,7 @@ def test_a_damaged_picture_is_named(tmp_path: Path) -> None:
     assert not (tmp_path / "report").exists()
 
 
+@pytest.mark.usefixtures("no_pdf")
 def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     build(tmp_path, sources=("pairs",), export=False, n=10)
     path = tmp_path / "state" / "reddit.sqlite"
@@ -299,6 +309,7 @@ def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     assert not (tmp_path / "report").exists()
 
 
+@pytest.mark.usefixtures("no_pdf")
 def test_command_prints_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from kb.cli import main
 
@@ -361,6 +372,7 @@ def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(tmp_path: Path) 
         assert shown.crop(place).tobytes() == part.crop(place).tobytes()
 
 
+@pytest.mark.usefixtures("no_pdf")
 def test_a_table_of_one_row_with_nothing_in_it(tmp_path: Path) -> None:
     """All that may be null is null, texts are empty, counts are 0."""
 
@@ -379,7 +391,7 @@ def test_a_table_of_one_row_with_nothing_in_it(tmp_path: Path) -> None:
         path.unlink()
     summary = report(a_run(tmp_path))
     assert summary["without"] == "Services"
-    made = {path.stem for path in (tmp_path / "report").glob("*.pdf")}
+    made = {path.stem for path in (tmp_path / "report").glob("*.svg")}
     assert {"youtube-durations", "wiki-page", "reddit-types", "pairs-lengths"} <= made
     assert not {"youtube-dates", "youtube-channels", "youtube-videos-toxicity"} & made
 
