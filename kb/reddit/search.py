@@ -182,7 +182,6 @@ def _folded(data: bytes) -> memoryview:
 
 @cache
 def _cases() -> Any:
-
     return pa.scalar(int.from_bytes([_CASE] * 8), pa.uint64())
 
 

@@ -14,11 +14,11 @@ from duckdb import DuckDBPyConnection
 from kb.core.context import Run
 from kb.core.sources import made_of
 from kb.release.facts import ColumnFacts, Facts, File, TableFacts
-from kb.release.folders import Folder, Part, released_tables
+from kb.release.folders import Folder, Part
 from kb.release.gaps import gaps
 from kb.release.licences import KNOWN
 from kb.release.personal import personal_counts
-from kb.schema import Column
+from kb.schema import Column, released_tables
 from kb.store import complete, database, parquet, tombstones
 from kb.store.digests import digest
 from kb.store.layout import Layout, parquet_files
@@ -135,7 +135,7 @@ def _choose(con: DuckDBPyConnection, run: Run, folder: Folder) -> str:
         if named:
             return named[0]
     given = run.profile.release.licenses
-    # Profiles from before there were links name none for them; they are an index as the pairs are.
+    # Links are an index as the pairs are, and may be under the licence of these.
     return given.get(folder.source) or (given.get("pairs", "") if folder.source == "links" else "")
 
 

@@ -166,7 +166,7 @@ def _sprites(folder: Path) -> list[str]:
 
 
 def _unpacks(path: Path) -> bool:
-    """Whether a packed file can be unpacked; a capture of before had no other checksum."""
+    """Whether a packed file can be unpacked: all that tells, where the list of digests is lost."""
     if path.suffix != ".zst":
         return True
     try:

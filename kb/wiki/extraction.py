@@ -24,7 +24,7 @@ _BY_RULES = ("alt", "caption", "crop", "frames", "lines", "src")  # an element m
 class Extraction(msgspec.Struct, gc=False):
     """Sizes of the page, its elements in the order of the document, and what is told of them.
 
-    Extractions of earlier versions have neither facts nor recipes, and no lines in elements.
+    Pages that were captured before these were read have neither facts nor recipes, nor lines.
     """
 
     page: dict[str, Any]

@@ -60,7 +60,8 @@ def captured(
 ) -> dict[str, Any]:
     """Writes a capture's extraction: a heading, a picture, a table of one cell; its answer.
 
-    Without `lines` of the heading and without `more` it is as earlier versions wrote it.
+    Without `lines` of the heading and without `more` it is as of a page
+    that was captured before these were read.
     """
     box = [0, 0.5, 100, 20]
     held = {"region": "content", "box": box, "visible": True, "level": None, "parent": None}
