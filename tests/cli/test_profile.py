@@ -388,11 +388,11 @@ def test_online_a_key_that_is_missing_and_a_service_that_is_gone(
     found = {one["file"]: one for one in summary_of(capsys)["findings"]}
     assert "YOUTUBE_API_KEY is not set" in found["online: youtube"]["what"]
     monkeypatch.setenv("YOUTUBE_API_KEY", "some-other-key")
-    sandbox.gone("wiki")
+    sandbox.servers["wiki"].stop()
     try:
         code = typed("profile", "check", "minecraft", "--online", "--json")
     finally:
-        sandbox.back("wiki")
+        sandbox.servers["wiki"].start()
     found = {one["file"]: one for one in summary_of(capsys)["findings"]}
     assert "no connection" in found["online: wiki"]["what"]
     assert found["online: youtube"]["level"] == "error"  # the key is refused
