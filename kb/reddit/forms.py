@@ -42,7 +42,7 @@ class Data(msgspec.Struct, Generic[Thing], gc=False):
 
 
 class More(msgspec.Struct, Generic[Thing], gc=False):
-    """An answer about stubs; a thing, with its kind, is none."""
+    """An answer about stubs. What has a kind is a thing, and no such answer."""
 
     json: Data[Thing]
     kind: UnsetType = UNSET

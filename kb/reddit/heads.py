@@ -50,7 +50,7 @@ class _Data(msgspec.Struct, gc=False):
 
 def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
     """Envelopes of one raw kind → tables of about 8,192 rows with `COLUMNS`, in their order:
-    things that are there or missing and have an id. Raises DamagedData for a line that is none.
+    things that are there or missing and have an id. Raises DamagedData for any other line.
     """
     batch, odd = _Batch(kind), list[bytes]()
     for line in lines:

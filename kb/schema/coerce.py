@@ -190,14 +190,14 @@ def _each(
 
 
 def a_text(value: Any) -> str:
-    """A string as Arrow can hold it. Raises TypeError for what is none."""
+    """A string as Arrow can hold it. Raises TypeError for anything else."""
     if not isinstance(value, str):
         raise TypeError
     return _UNHOLDABLE.sub("\ufffd", value)
 
 
 def a_number(value: Any) -> float:
-    """A number as a float. Raises TypeError for what is none, OverflowError for a huge one."""
+    """A number as a float. Raises TypeError for anything else, OverflowError for a huge one."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise TypeError
     return float(value)

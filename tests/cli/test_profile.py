@@ -80,7 +80,7 @@ ERRORS = [
     toml('"rockgarden"', '"r/rockgarden"', 9, '"r/rockgarden"', 'without r/: "rockgarden"'),
     toml('"rockgarden"', '"https://reddit.com/r/alpines/"', 9, "/alpines", 'r/: "alpines"'),
     toml('"https://gardens.wiki"', '"gardens.wiki"', 7, "'wiki.url' is", "an address like"),
-    toml('"https://gardens.wiki"', '"https://gardens"', 7, "whose host is none", "an address"),
+    toml('"https://gardens.wiki"', '"https://gardens"', 7, "host is not a full name", "an address"),
     toml("//gardens.wiki", "//gardens.wiki/api.php", 7, "which is no root", '//gardens.wiki"'),
     toml("[reddit]", 'hosts = ["https://a.b/c"]\n[reddit]', 8, "no host", 'write "a.b"'),
     toml("[26]", "[26]\nmin_duration_s = 1e6", 6, "nothing passes", "12 hours"),
