@@ -99,8 +99,8 @@ def _read(checkpoint: Checkpoint, device: str) -> Any:
     """What the file holds: tensors and plain values, nothing that runs.
 
     Verified once more on the open file: it may have been replaced since it was found, or be another
-    machine's. Raises MissingModel for that, and what torch raises for a file that is none of its
-    own.
+    machine's. Raises MissingModel for that, and what torch raises for a file that it has
+    not written.
     """
     import torch
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from datetime import datetime
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,14 +18,6 @@ if TYPE_CHECKING:
     from kb.core.verdict import Summary
 
 app = group("Posts and comments of a subreddit.")
-
-
-class Format(StrEnum):
-    """Layouts of an export."""
-
-    parquet = "parquet"
-    minedojo = "minedojo"
-    convokit = "convokit"
 
 
 Since = Annotated[
@@ -108,7 +99,7 @@ def import_(
 
 
 filter_ = add_filter(app, "reddit")
-export = add_export(app, "reddit", Format)
+export = add_export(app, "reddit", "minedojo", "convokit")
 
 
 @command(

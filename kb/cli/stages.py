@@ -39,12 +39,12 @@ def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Call
 def add_export(
     app: typer.Typer,
     source: str,
-    formats: type[StrEnum],
-    *,
+    *others: str,
     goes: str = "Parquet goes",
     tables: str = "the released tables",
 ) -> Callable[..., Summary]:
-    """`kb <source> export`, in each of `formats`; the last one is the example."""
+    """`kb <source> export`, as Parquet and in `others`; the last of these is the example."""
+    formats = StrEnum("Format", ["parquet", *others])  # type: ignore[misc]
     parquet = formats("parquet")
 
     def export(run: Run, format: Any = parquet) -> Summary:
@@ -57,9 +57,8 @@ def add_export(
     option = typer.Option("--format", help=f"{goes} to release/, others to export/FORMAT/.")
     export.__annotations__["format"] = Annotated[formats, option]
     export.__doc__ = f"Write clean/{source} as {tables}, or in another layout."
-    *_, last = formats
     return command(
         app,
         uses=("engine", "scheduler", "pipeline"),
-        examples=[f"kb {source} export", f"kb {source} export --format {last.value}"],
+        examples=[f"kb {source} export", f"kb {source} export --format {others[-1]}"],
     )(export)

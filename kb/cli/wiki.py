@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,13 +16,6 @@ if TYPE_CHECKING:
     from kb.core.verdict import Summary
 
 app = group("Pages of the wiki: screenshots, elements with boxes, tables and images.")
-
-
-class Format(StrEnum):
-    """Layouts of an export."""
-
-    parquet = "parquet"
-    minedojo = "minedojo"
 
 
 @command(
@@ -71,7 +63,7 @@ filter_ = add_filter(app, "wiki", "captured pages")
 export = add_export(
     app,
     "wiki",
-    Format,
+    "minedojo",
     goes="Parquet and tar shards go",
     tables="the released tables with their images",
 )

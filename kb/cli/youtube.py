@@ -30,13 +30,6 @@ class Phase(StrEnum):
     transcripts = "transcripts"
 
 
-class Format(StrEnum):
-    """Layouts of an export."""
-
-    parquet = "parquet"
-    minedojo = "minedojo"
-
-
 @command(
     app,
     uses=("workers", "limit", "wait", "again", "pipeline"),
@@ -131,4 +124,4 @@ def check(
 
 
 filter_ = add_filter(app, "youtube")
-export = add_export(app, "youtube", Format)
+export = add_export(app, "youtube", "minedojo")

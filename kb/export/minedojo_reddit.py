@@ -44,10 +44,8 @@ def export(run: Run) -> Summary:
     with writing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write("[")
         for number, (key, kind) in enumerate(sorted(posts)):
-            file.write((",\n" if number else "\n") + _line(key, kind))
+            file.write(
+                (",\n" if number else "\n") + json.dumps({"id": key, "type": TYPES.get(kind, kind)})
+            )
         file.write("\n]\n")
     return Summary(command="reddit export", source="reddit", posts=len(posts), path=str(path))
-
-
-def _line(key: str, kind: str) -> str:
-    return json.dumps({"id": key, "type": TYPES.get(kind, kind)})

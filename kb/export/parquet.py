@@ -74,7 +74,6 @@ def export(
                     rows_per_shard=size,
                     reads=change.reads,
                     change=change.make,
-                    sync=False,
                 )
                 summary[declared.short] = sum(shard.rows for shard in made)
                 task.advance(1, rows=summary[declared.short])
@@ -115,6 +114,5 @@ def write_shards(name: str, parts: Sequence[str], folder: str, rows_per_shard: i
         Path(folder),
         name,
         rows_per_shard=rows_per_shard,
-        sync=False,
     )
     return sum(shard.rows for shard in made)

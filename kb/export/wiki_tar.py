@@ -181,7 +181,6 @@ def _moved(column: str, places: dict[str, str]) -> parquet.Change:
     """The released path of each file instead of the one in the data root."""
 
     def make(rows: pa.Table) -> pa.Table:
-
         moved = [None if path is None else places[path] for path in rows[column].to_pylist()]
         return rows.set_column(
             rows.column_names.index(column), column, pa.array(moved, pa.string())

@@ -158,7 +158,6 @@ def sort_rows(
 def _verdicts(
     rows: pa.Table, judged: Judgement, out_of: Any, chain: Chain, stage: str
 ) -> Iterator[tuple[str, pa.Table]]:
-
     key = pc.binary_join_element_wise(
         chain.prefix, rows.column(chain.key).cast(pa.string()).combine_chunks(), ""
     )

@@ -186,7 +186,6 @@ def _suspect(run: Run, source: str, error: DamagedData) -> None:
 
 
 def _texts(run: Run, job: Job, executor: Any, *, keep: bool) -> Iterator[pa.Array[Any]]:
-
     tasks = ((job, number, keep) for number in range(job.buckets))
     for path in map_in_order(executor, texts_of, tasks, window=2 * run.workers):
         with pa.ipc.open_file(path) as file:

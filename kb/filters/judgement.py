@@ -36,7 +36,6 @@ class Predicate(Protocol):
 
     @property
     def reads(self) -> frozenset[str]: ...
-
     def judge(self, rows: pa.Table) -> Judgement: ...
 
 

@@ -19,16 +19,22 @@ from kb.filters.judgement import SCORED, Judgement, Predicate, compared, nothing
 
 
 @dataclass(frozen=True)
-class AtLeast:
-    """The column is `least` or more."""
+class _OfOne:
+    """What looks at one column."""
 
     column: str
-    least: float
-    stage: str
 
     @property
     def reads(self) -> frozenset[str]:
         return frozenset({self.column})
+
+
+@dataclass(frozen=True)
+class AtLeast(_OfOne):
+    """The column is `least` or more."""
+
+    least: float
+    stage: str
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`below`, `absent` or `malformed`."""
@@ -74,18 +80,13 @@ class RatioAtLeast:
 
 
 @dataclass(frozen=True)
-class AtMost:
+class AtMost(_OfOne):
     """The column is `most` or less. With `null_passes` a row without a value is kept."""
 
-    column: str
     most: float
     stage: str
     null_passes: bool = False
     reason: str = "above"
-
-    @property
-    def reads(self) -> frozenset[str]:
-        return frozenset({self.column})
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason`, and without `null_passes` also `absent` or `malformed`."""
@@ -107,16 +108,11 @@ def none_above(limit: float | None, scores: Mapping[str, str]) -> tuple[Predicat
 
 
 @dataclass(frozen=True)
-class NotTrue:
+class NotTrue(_OfOne):
     """The column is not true; null passes."""
 
-    column: str
     stage: str
     reason: str
-
-    @property
-    def reads(self) -> frozenset[str]:
-        return frozenset({self.column})
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason` where the column is true."""
@@ -125,15 +121,10 @@ class NotTrue:
 
 
 @dataclass(frozen=True)
-class Present:
+class Present(_OfOne):
     """The column is not null."""
 
-    column: str
     stage: str
-
-    @property
-    def reads(self) -> frozenset[str]:
-        return frozenset({self.column})
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`absent` or `malformed`."""
@@ -142,16 +133,11 @@ class Present:
 
 
 @dataclass(frozen=True)
-class NotIn:
+class NotIn(_OfOne):
     """The column is none of `values`; null passes. The reason is the value's own."""
 
-    column: str
     values: tuple[Any, ...]
     stage: str
-
-    @property
-    def reads(self) -> frozenset[str]:
-        return frozenset({self.column})
 
     def judge(self, rows: pa.Table) -> Judgement:
         """The value itself as the reason."""
@@ -185,16 +171,11 @@ class Told:
 
 
 @dataclass(frozen=True)
-class In:
+class In(_OfOne):
     """The column is one of `values`."""
 
-    column: str
     values: tuple[Any, ...]
     stage: str
-
-    @property
-    def reads(self) -> frozenset[str]:
-        return frozenset({self.column})
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`other`, `absent` or `malformed`."""
@@ -205,20 +186,15 @@ class In:
 
 
 @dataclass(frozen=True)
-class Waits:
+class Waits(_OfOne):
     """Rows whose column is one of `values` are not rejected: they are pending, or failed,
     with `reason`.
     """
 
-    column: str
     values: tuple[Any, ...]
     stage: str
     reason: str
     verdict: str = "pending"
-
-    @property
-    def reads(self) -> frozenset[str]:
-        return frozenset({self.column})
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason`."""

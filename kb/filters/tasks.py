@@ -235,7 +235,6 @@ def _newest(job: Job, spec: Clean, number: int) -> tuple[dict[str, pa.Table], Co
 
 
 def _without(rows: pa.Table, chain: Chain, gone: frozenset[str]) -> pa.Table:
-
     if not gone:
         return rows
     bare = pa.array(

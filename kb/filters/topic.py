@@ -151,18 +151,15 @@ class Topic:
         return _listed(matched), _listed(unmatched)
 
     def _named(self, rows: pa.Table) -> pa.Array[Any]:
-
         named: pa.Array[Any] = pc.and_(pc.is_valid(one(rows, "game_label_id")), bool(self.game_ids))
         return named
 
     def _ours(self, rows: pa.Table) -> pa.Array[Any]:
-
         games = pa.array(self.game_ids, pa.string())
         ours: pa.Array[Any] = pc.is_in(one(rows, "game_label_id"), games)
         return ours
 
     def _categorised(self, rows: pa.Table) -> pa.Array[Any]:
-
         categories = pa.array(self.category_ids, pa.int64())
         categorised: pa.Array[Any] = pc.is_in(one(rows, "category_id"), categories)
         return categorised

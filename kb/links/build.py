@@ -70,7 +70,7 @@ def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:
             return _summary(run.root, known)
         work = _work(run, reads)
         write_text(work / _PLAN, json.dumps(lists.plain(keywords), sort_keys=True))
-        own = _own(files.get("wiki", {}), keywords, called)
+        own = named.own_pages(keywords, _titles(files.get("wiki", {})), called)
         taken = [one for one in reads if known is not None and _same(known, reads, one)]
         if taken:
             _take_over(run.root, work, taken)
@@ -187,12 +187,6 @@ def _titles(files: Mapping[str, Path]) -> Iterator[tuple[int, str]]:
                 held = parquet.read_table(path, columns=["page_id", "title"])
             ids, titles = held["page_id"].to_pylist(), held["title"].to_pylist()
             yield from cast("Iterator[tuple[int, str]]", zip(ids, titles, strict=True))
-
-
-def _own(
-    files: Mapping[str, Path], keywords: Keywords, called: Mapping[str, Names]
-) -> dict[int, Own]:
-    return named.own_pages(keywords, _titles(files), called)
 
 
 def _title_rows(work: Path, keywords: Keywords, own: Mapping[int, Own]) -> None:

@@ -16,11 +16,6 @@ class Pace:
         self._next = 0.0
         self._lock = threading.Lock()
 
-    @property
-    def seconds(self) -> float:
-        """The space between two requests."""
-        return self._seconds
-
     def at_least(self, seconds: float) -> None:
         """Never faster than this (a crawl-delay that is read later)."""
         with self._lock:

@@ -18,7 +18,6 @@ class Robots:
     """
 
     def __init__(self, text: str, agent: str) -> None:
-
         self._agent = re.split(r"[/\s]", agent, maxsplit=1)[0].lower()
         self._rules = Protego.parse(_GROUP.sub(r"\1\2", text))
         # Whether a group is written for us by name.

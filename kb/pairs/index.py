@@ -234,7 +234,6 @@ def _table(
     times: dict[str, tuple[np.ndarray, np.ndarray]],
     center: np.ndarray,
 ) -> pa.Table:
-
     names = pa.array([keyword.name for keyword in keywords.every])
     kinds = pa.array([keyword.kind for keyword in keywords.every])
     keyword, video = pa.array(found.keyword), pa.array(found.video)

@@ -39,7 +39,6 @@ class Matcher:
     """Matches folded phrases."""
 
     def __init__(self, phrases: Sequence[str]) -> None:
-
         self._automaton = (
             BytesAhoCorasick(
                 [*(f" {one} ".encode() for one in phrases), *_NEVER],

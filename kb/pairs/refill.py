@@ -119,7 +119,6 @@ def fill(run: Run, rows: pa.Table, files: Sequence[Path], out: Path) -> Summary:
 
 
 def _read(index: Path) -> pa.Table:
-
     files = sorted(index.glob("pairs-*.parquet")) if index.is_dir() else [index]
     if not files or not all(file.is_file() for file in files):
         raise SettingError(
@@ -152,7 +151,6 @@ def _wanted(batch: Text, places: dict[str, list[int]]) -> list[tuple[str, str]]:
 
 
 def _write(run: Run, rows: pa.Table, texts: list[str | None], out: Path) -> None:
-
     with replacing_folder(out) as fresh:
         part = fresh / ".filled.parquet"
         write_table(part, rows.append_column("text", pa.array(texts, pa.string())), "pairs/pairs")

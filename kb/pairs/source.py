@@ -116,7 +116,6 @@ class _Lengths:
 
 
 def _read(files: list[Path]) -> pa.Table:
-
     with reading(files):
         tables = [parquet.read_table(file, columns=["video_id", "duration_s"]) for file in files]
     return (

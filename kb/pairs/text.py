@@ -278,7 +278,6 @@ def _lists(offsets: Any, values: Any) -> pa.Array[Any]:
 
 
 def _column(rows: pa.Table, name: str) -> pa.Array[Any]:
-
     column = rows.column(name)
     if not column.num_chunks:
         return cast("pa.Array[Any]", pa.array([], column.type))

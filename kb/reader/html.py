@@ -21,7 +21,7 @@ def text(value: Any, most: int = _CELL) -> str:
 
 
 def link(url: str | None, words: Any) -> str:
-    """Words that lead to a web address; the words alone where it is none."""
+    """Words that lead to a web address; the words alone for any other."""
     if not url or urlsplit(url).scheme not in ("http", "https"):
         return text(words)
     return f'<a href="{escape(url)}" rel="noreferrer">{text(words)}</a>'

@@ -17,7 +17,7 @@ from kb.reader.rows import needs
 from kb.store.inside import inside
 
 if TYPE_CHECKING:
-    from PIL.Image import Image
+    from PIL.Image import Image as Picture
 
 INDEX = "index.ndjson"
 COLOURS = {
@@ -74,13 +74,15 @@ def box(row: dict[str, Any]) -> Box:
     return Box(**given, lines=lines and tuple(Line(**line) for line in lines))
 
 
-def screenshot(home: Path, row: dict[str, Any]) -> Image:
+def screenshot(home: Path, row: dict[str, Any]) -> Picture:
     """The screenshot of a page's row. Raises MissingExtra and DamagedData.
 
     However large: Pillow's limit for strange images is lifted for one that is as large as the
     page's row says, and no other.
     """
-    image = needs("PIL.Image", install="pillow")
+    needs("PIL", install="pillow")
+    from PIL import Image
+
     path = row["screenshot_path"]
     data, where = _bytes(home, path)
     scale = row["device_pixel_ratio"]
@@ -90,24 +92,26 @@ def screenshot(home: Path, row: dict[str, Any]) -> Image:
         abs(one - other) > 2 * scale for one, other in zip(size, wanted, strict=True)
     ):
         raise DamagedData(f"{where} is no image of {wanted[0]} × {wanted[1]} px", hint=_AGAIN)
-    limit, image.MAX_IMAGE_PIXELS = image.MAX_IMAGE_PIXELS, None
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
-        opened = image.open(io.BytesIO(data), formats=["PNG"])
+        opened = Image.open(io.BytesIO(data), formats=["PNG"])
         opened.load()
     except (OSError, SyntaxError, ValueError) as error:
         raise DamagedData(f"{where} can't be read: {error}", hint=_AGAIN) from None
     finally:
-        image.MAX_IMAGE_PIXELS = limit
-    return opened  # type: ignore[no-any-return]
+        Image.MAX_IMAGE_PIXELS = limit
+    return opened
 
 
-def outlined(whole: Image, boxes: Iterable[Box], scale: float) -> Image:
+def outlined(whole: Picture, boxes: Iterable[Box], scale: float) -> Picture:
     """A copy with an outline for each box, of a text one for each of its lines; what is outside of
     the image is cut off.
     """
-    draw = needs("PIL.ImageDraw", install="pillow")
+    needs("PIL", install="pillow")
+    from PIL import ImageDraw
+
     copy = whole.convert("RGB")
-    pen = draw.Draw(copy)
+    pen = ImageDraw.Draw(copy)
     width = max(1, round(_LINE * scale))
     for kind, one in ((each.kind, part) for each in boxes for part in each.parts):
         left, top = round(one.x * scale), round(one.y * scale)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import difflib
-import importlib
 from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import pyarrow as pa
 import pyarrow.dataset as ds
@@ -64,7 +64,10 @@ class Rows:
 
         data.sql("FROM pairs").to_polars().group_by("keyword").len()
         """
-        return needs("polars").from_arrow(self.to_table(columns))  # type: ignore[no-any-return]
+        needs("polars")
+        import polars
+
+        return cast("polars.DataFrame", polars.from_arrow(self.to_table(columns)))
 
     @hinted
     def to_pylist(self, columns: Sequence[str] | None = None) -> list[dict[str, Any]]:
@@ -214,13 +217,8 @@ class Answer(Rows):
         return f"<kb answer: {self._caption()}>"
 
 
-def needs(package: str, *, install: str = "") -> Any:
-    """The module of an optional package. Raises MissingExtra that says what to type."""
-    try:
-        return importlib.import_module(package)
-    except ModuleNotFoundError as error:
-        if error.name not in (package, package.partition(".")[0]):
-            raise  # it is there, and lacks something itself
-        raise MissingExtra(
-            f"{install or package} is not installed", hint=f"pip install {install or package}"
-        ) from None
+def needs(package: str, *, install: str = "") -> None:
+    """Raises MissingExtra, which says what to type, where an optional package is not there."""
+    if find_spec(package) is None:
+        install = install or package
+        raise MissingExtra(f"{install} is not installed", hint=f"pip install {install}")

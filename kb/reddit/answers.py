@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from kb.reddit.tree import is_deeper
+from kb.schema.coerce import inner
 
 # Lists and objects within each other: Python reads a thousand, its own calls included; a page of
 # Reddit's has 60.
@@ -48,7 +49,7 @@ def _expected(parts: list[str], answer: Any) -> bool:
             and "t3" in _kinds(answer[0])
         )
     if parts == ["api", "morechildren"]:
-        return _are_things(_inner(answer, "json", "data", "things"))
+        return _are_things(inner(answer, "json", "data", "things"))
     if parts == ["api", "info"] or (parts[0] == "r" and len(parts) == 3 and parts[2] in _LISTINGS):
         return _is_listing(answer)
     return True
@@ -58,7 +59,7 @@ def _is_listing(value: Any) -> bool:
     return (
         isinstance(value, dict)
         and value.get("kind") == "Listing"
-        and _are_things(_inner(value, "data", "children"))
+        and _are_things(inner(value, "data", "children"))
     )
 
 
@@ -69,9 +70,9 @@ def _are_things(value: Any) -> bool:
 def _is_thing(value: Any) -> bool:
     """A post or comment with its id, or a stub with what it stands for."""
     kind, key, children = (
-        _inner(value, "kind"),
-        _inner(value, "data", "id"),
-        _inner(value, "data", "children"),
+        inner(value, "kind"),
+        inner(value, "data", "id"),
+        inner(value, "data", "children"),
     )
     return (
         isinstance(children, list)
@@ -82,9 +83,3 @@ def _is_thing(value: Any) -> bool:
 
 def _kinds(listing: Any) -> set[str]:
     return {child["kind"] for child in listing["data"]["children"]}
-
-
-def _inner(value: Any, *names: str) -> Any:
-    for name in names:
-        value = value.get(name) if isinstance(value, dict) else None
-    return value

@@ -98,7 +98,6 @@ def _named(rows: pa.Table) -> pa.Table:
 
 
 def _comments(rows: pa.Table, posts: pa.Table) -> pa.Table:
-
     rows = rows.append_column("comment_id", pc.utf8_slice_codeunits(rows["fullname"], 3))
     keys = cast("list[str]", rows["comment_id"].to_pylist())
     known = depths(zip(keys, rows["parent_id"].to_pylist(), strict=True))
@@ -108,5 +107,4 @@ def _comments(rows: pa.Table, posts: pa.Table) -> pa.Table:
 
 
 def _ids(posts: pa.Table | None) -> pa.Array[Any]:
-
     return pa.array([], pa.string()) if posts is None else posts["post_id"].combine_chunks()

@@ -180,7 +180,6 @@ class Client:
 
 
 def _praw(client_id: str, secret: str | None, session: Session, root: str, limiter: Limiter) -> Any:
-
     class Ours(Requestor):
         """Sends by our session."""
 

@@ -100,7 +100,6 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
 
 
 def _bare(rows: pa.Table, hit: pa.BooleanArray) -> pa.Table:
-
     for name, value in (
         ("type", "text"),
         ("source_url", None),

@@ -118,12 +118,11 @@ def spread(out: Path, folder: Path, buckets: int) -> None:
     DiskFull.
     """
     for name in NAMES:
-        schema = table(f"reddit/{name}").arrow()
         parts = parquet_files(out / name)
         with Shuffle(folder, f"old-{name}", buckets) as shuffle, reading(parts):
             for path in parts:
                 for batch in parquet.open_file(path).iter_batches(_ROWS):
-                    rows = _declared(pa.Table.from_batches([batch]), schema)
+                    rows = pa.Table.from_batches([batch])
                     shuffle.write(rows, rows["post_id"])
 
 
@@ -156,13 +155,12 @@ def merged(name: str, number: int, folder: Path, fresh: pa.Table, said: Verdicts
     """
     path, key = folder / str(number) / f"old-{name}.arrow", table(f"reddit/{name}").key[0]
     prefix = "t3_" if name == "posts" else "t1_"
-    fresh = _declared(fresh, fresh.schema)
     if not said.newer:
         fresh = _without(fresh, key, prefix, said.old, whenever=False)
     parts = [fresh]
     if path.exists():
         with pa.ipc.open_file(str(path)) as file:
-            old = _declared(file.read_all(), fresh.schema)
+            old = file.read_all().select(fresh.column_names).cast(fresh.schema)
         parts.insert(0, _without(old, key, prefix, said.new, whenever=said.newer))
     return newest(pa.concat_tables(parts), [key], ["fetched_at"])
 
@@ -200,17 +198,6 @@ def reasons(old: Mapping[str, Lost], new: Mapping[str, Lost], *, newer: bool) ->
 
 def _is_later(one: Lost, other: Lost) -> bool:
     return one.at is not None and (other.at is None or one.at > other.at)
-
-
-def _declared(rows: pa.Table, schema: pa.Schema) -> pa.Table:
-    """With the columns of this version: what the tables lack is null."""
-    columns = [
-        rows[field.name].cast(field.type)
-        if field.name in rows.column_names
-        else pa.nulls(rows.num_rows, field.type)
-        for field in schema
-    ]
-    return pa.table(columns, names=schema.names)
 
 
 def _are_whole(out: Path, counts: Mapping[str, int]) -> bool:

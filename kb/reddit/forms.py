@@ -4,6 +4,7 @@ kb.reddit.heads decode. Whatever has another form is read field by field by kb.r
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, Generic, Literal, TypeVar
 
 import msgspec
@@ -41,7 +42,7 @@ class Data(msgspec.Struct, Generic[Thing], gc=False):
 
 
 class More(msgspec.Struct, Generic[Thing], gc=False):
-    """An answer about stubs; a thing, with its kind, is none."""
+    """An answer about stubs. What has a kind is a thing, and no such answer."""
 
     json: Data[Thing]
     kind: UnsetType = UNSET
@@ -63,6 +64,7 @@ class Envelope(msgspec.Struct, Generic[Thing], gc=False):
     response: Thing
 
 
+@cache
 def decoder(kind: str, thing: Any) -> msgspec.json.Decoder[Any]:
     """Reads lines of a raw kind whose things are of the type `thing`."""
     answers: dict[str, Any] = {

@@ -8,7 +8,6 @@ decoded into types that hold the few fields which that takes; any other is read 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from functools import cache
 from typing import Any, Literal
 
 import msgspec
@@ -49,14 +48,9 @@ class _Data(msgspec.Struct, gc=False):
     replies: forms.Listing[_Thing] | str | UnsetType | None = UNSET
 
 
-@cache
-def _decoder(kind: str) -> msgspec.json.Decoder[Any]:
-    return forms.decoder(kind, _Thing)
-
-
 def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
     """Envelopes of one raw kind → tables of about 8,192 rows with `COLUMNS`, in their order:
-    things that are there or missing and have an id. Raises DamagedData for a line that is none.
+    things that are there or missing and have an id. Raises DamagedData for any other line.
     """
     batch, odd = _Batch(kind), list[bytes]()
     for line in lines:
@@ -85,7 +79,7 @@ class _Batch:
 
     def __init__(self, kind: str) -> None:
         self._kind, self._live = kind, kind != "dumps"
-        self._decode = _decoder(kind).decode
+        self._decode = forms.decoder(kind, _Thing).decode
         self._schema = pa.schema([field for field in parse.schema() if field.name in COLUMNS])
         self._clear()
 

@@ -41,7 +41,6 @@ class Known:
         self.folder = folder
 
     def __iter__(self) -> Iterator[pa.Table]:
-
         for path in sorted(self.folder.glob("*.arrow")):
             with pa.ipc.open_file(str(path)) as file:
                 yield file.read_all()

@@ -70,7 +70,7 @@ class Batch:
         return self._size
 
     def add(self, line: bytes) -> None:
-        """Read one envelope. Raises DamagedData when it is none."""
+        """Read one envelope. Raises DamagedData for any other line."""
         page = plain.page(line, self._kind)
         if page is None:
             self._careful(self._read.envelope(line, marks=True))

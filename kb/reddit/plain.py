@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache
 from operator import attrgetter
 from typing import Any, ClassVar, NamedTuple
 
@@ -107,17 +106,12 @@ class Page(NamedTuple):
     things: list[Any]
 
 
-@cache
-def _decoder(kind: str) -> msgspec.json.Decoder[Any]:
-    return forms.decoder(kind, Thing)
-
-
 def page(line: bytes, kind: str) -> Page | None:
     """An answer of the usual form; None for any other, which is for the careful reader."""
     if b"\\u0000" in line:
         return None
     try:
-        envelope = _decoder(kind).decode(line)
+        envelope = forms.decoder(kind, Thing).decode(line)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
     things = forms.things_of(envelope)

@@ -257,7 +257,6 @@ def _counts(out: Path, done: earlier.Done) -> dict[str, int]:
 
 
 def _run(profile: str | None, settings: dict[str, Any]) -> Run:
-
     loaded = load_settings(**{**settings, "kb_profile": profile or settings.get("kb_profile")})
     redact.know(loaded.secret_values())
     return Run(

@@ -182,7 +182,6 @@ def _folded(data: bytes) -> memoryview:
 
 @cache
 def _cases() -> Any:
-
     return pa.scalar(int.from_bytes([_CASE] * 8), pa.uint64())
 
 
@@ -217,8 +216,8 @@ def _looks_whole(line: bytes) -> bool:
 
 
 def _read(line: bytes) -> dict[str, Any] | None:
-    """The object of a line, None when it is none, or nested so deeply that reading it could end the
-    run.
+    """The object of a line; None when it is no object, or nested so deeply that reading it could
+    end the process.
     """
     try:
         value = orjson.loads(line)

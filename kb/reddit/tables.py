@@ -209,7 +209,6 @@ def _lost(scratch: Path, made: dict[str, Path], answers: Answers, why: dict[str,
 
 
 def _spread(work: Path, spread: Path, buckets: int, links: Links) -> None:
-
     for kind in rawlog.kinds(work, "reddit"):
         lines = (
             line
@@ -224,7 +223,6 @@ def _spread(work: Path, spread: Path, buckets: int, links: Links) -> None:
 
 
 def _read(path: Path) -> pa.Table:
-
     with pa.ipc.open_file(str(path)) as file:
         rows = file.read_all()
     if path.stem == KIND:

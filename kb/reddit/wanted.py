@@ -67,7 +67,6 @@ class Files:
     """
 
     def __init__(self, files: list[Path]) -> None:
-
         self._columns = [(path, *_column(path)) for path in files]
         self._rows = sum(parquet.footer(path).num_rows for path in files)
 
@@ -75,7 +74,6 @@ class Files:
         return self._rows
 
     def __iter__(self) -> Iterator[str]:
-
         for path, column, prefix in self._columns:
             with _unreadable(path), parquet.open_file(path) as file:
                 for batch in file.iter_batches(columns=[column]):
@@ -202,7 +200,6 @@ def released(sources: Sequence[Path]) -> Released:
 
 
 def _column_of(sources: Sequence[Path], short: str, key: str, name: str) -> pa.Table | None:
-
     files = [
         file
         for path in sources

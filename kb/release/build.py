@@ -128,7 +128,6 @@ def write(run: Run, folder: Folder) -> Facts:
 
 
 def _describe(run: Run, folder: Folder, task: Task) -> Facts:
-
     try:
         facts = measure.measure(run, folder)
     except duckdb.Error as error:

@@ -92,7 +92,6 @@ def check_made(run: Run, folders: list[Folder]) -> list[Problem]:
 
 
 def _deposit(path: Path, where: str) -> list[Problem]:
-
     try:
         body = json.loads(path.read_text(encoding="utf-8"))
         if not body["metadata"].get("license"):
@@ -178,7 +177,6 @@ def _clean(root: Path, declared: Table) -> list[Problem]:
 
 
 def _rows(paths: list[Path] | tuple[Path, ...]) -> int:
-
     return sum(parquet.footer(path).num_rows for path in paths)
 
 

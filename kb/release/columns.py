@@ -128,7 +128,6 @@ def _values(path: Path, declared: Table, where: str, *, ids_only: bool) -> list[
 
 
 def _odd(values: pa.Array[Any], column: Column, where: str, *, ids_only: bool) -> Problem | None:
-
     if values.null_count and not column.nullable:
         return Problem(
             "null",

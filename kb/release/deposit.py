@@ -102,7 +102,7 @@ class Zenodo:
         )
         taken = answer.get("metadata", {}).get("license")
         if not isinstance(taken, str) or taken.lower() != metadata["license"]:
-            said = repr(taken[:100]) if isinstance(taken, str) else "that is none"
+            said = repr(taken[:100]) if isinstance(taken, str) else "of another form"
             raise FatalError(
                 f"the deposit service took the licence {said} instead of {metadata['license']!r}",
                 hint="look at the draft; it was not published",

@@ -134,7 +134,9 @@ def _choose(con: DuckDBPyConnection, run: Run, folder: Folder) -> str:
         named = [name for name, _ in _licences(con, folder, "pages") if name in KNOWN]
         if named:
             return named[0]
-    return run.profile.release.licenses.get(folder.source, "")
+    given = run.profile.release.licenses
+    # Links are an index as the pairs are, and may be under the licence of these.
+    return given.get(folder.source) or (given.get("pairs", "") if folder.source == "links" else "")
 
 
 def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tuple[str, int], ...]:

@@ -103,7 +103,6 @@ def personal_counts(folder: Folder) -> dict[tuple[str, str], tuple[int, int, int
 
 
 def _count(shards: Sequence[Path], name: str) -> tuple[int, int, int]:
-
     rows = emails = phones = 0
     for shard in shards:
         try:
@@ -122,5 +121,4 @@ def _count(shards: Sequence[Path], name: str) -> tuple[int, int, int]:
 
 
 def _matching(values: pa.Array[Any], shape: str) -> pa.Array[Any]:
-
     return values.filter(pc.match_substring_regex(values, shape))

@@ -31,7 +31,6 @@ from kb.store.lock import RELEASES, taking, writer
 from kb.store.reading import SANDBOX_MODEL
 
 HOSTS = {"zenodo-sandbox": "https://sandbox.zenodo.org", "zenodo": "https://zenodo.org"}
-_LONGEST = 2_000  # characters of an identifier or address
 MOST_FILES, MOST_BYTES = 100, 50 * 10**9  # a record at Zenodo
 
 

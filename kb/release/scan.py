@@ -112,7 +112,6 @@ def _in_file(path: Path, wanted: Wanted) -> Iterator[tuple[str, str]]:
 
 
 def _in_parquet(path: Path, wanted: Wanted) -> Iterator[tuple[str, str]]:
-
     try:
         file = parquet.open_file(path)
     except (pa.ArrowException, OSError, DamagedData):

@@ -141,7 +141,9 @@ class Service:
             body = json.loads(content) if content else {}
             msgspec.convert(body, shape)
         except (ValueError, RecursionError):
-            raise Retryable("an answer that is none of the deposit API", unreachable=True) from None
+            raise Retryable(
+                "an answer that the deposit API does not give", unreachable=True
+            ) from None
         return body
 
     def _is_ours(self, url: str) -> bool:

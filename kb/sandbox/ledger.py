@@ -76,11 +76,6 @@ class Ledger:
     def __len__(self) -> int:
         return len(self._seen)
 
-    def clear(self) -> None:
-        """Forget everything."""
-        with self._lock:
-            self._seen.clear()
-
     def as_json(self) -> list[dict[str, Any]]:
         """The ledger for a reader in another process."""
         return [asdict(seen) for seen in self.requests()]

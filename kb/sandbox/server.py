@@ -111,14 +111,6 @@ class Sandbox:
             values |= toxicity.settings()
         return values
 
-    def gone(self, service: str) -> None:
-        """The service's host no longer answers: connections are refused."""
-        self.servers[service].stop()
-
-    def back(self, service: str) -> None:
-        """The service listens again."""
-        self.servers[service].start()
-
     def start(self) -> Self:
         """Listen."""
         for server in self.servers.values():

@@ -108,16 +108,6 @@ class Speech:
             clock = round(clock + rng.uniform(0.0, 0.8), 2)
         return made
 
-    def examples(self, rng: random.Random, count: int) -> list[str]:
-        """Things that are said and written in the world, in lower case."""
-        kinds = (
-            lambda: self.about(rng, rng.randint(1, 2)).replace("\n", " "),
-            lambda: self.title(rng),
-            lambda: self.plain_title(rng),
-            lambda: self.sentence(rng, "en"),
-        )
-        return [rng.choice(kinds)().lower() for _ in range(count)]
-
 
 def _cased(text: str) -> str:
     return " ".join(word[:1].upper() + word[1:] for word in text.split())

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import mimetypes
 from typing import Any
-from urllib.parse import quote
 
 from werkzeug.utils import redirect
 from werkzeug.wrappers import Request, Response
@@ -188,11 +187,3 @@ def _details(query: dict[str, str], site: Recorded, later: bool, answer: dict[st
 def _json(answer: dict[str, Any], root: str, headers: dict[str, str] | None = None) -> Response:
     text = json.dumps(answer, ensure_ascii=False).replace(HOST, root)
     return Response(text, mimetype="application/json", headers=headers)
-
-
-def address(root: str, title: str) -> str:
-    """Where a page of that title is."""
-    return f"{root}/wiki/{quote(title.replace(' ', '_'), safe=chr(39) + '()!*,;:@/')}"
-
-
-__all__ = ["DATA", "address", "app", "settings"]

@@ -160,6 +160,13 @@ def _holds_nul(texts: pa.Array[Any]) -> bool:
     return bool(pc.any(pc.match_substring(texts, "\0")).as_py())
 
 
+def inner(value: Any, *names: str) -> Any:
+    """What stands under these names in objects within objects, None where nothing does."""
+    for name in names:
+        value = value.get(name) if isinstance(value, dict) else None
+    return value
+
+
 def shown(value: Any) -> str:
     """A bad value as text for `rejected.value`; long ones are cut."""
     value = value.value if isinstance(value, Wrong) else value
@@ -171,7 +178,6 @@ def shown(value: Any) -> str:
 def _each(
     values: Sequence[Any], kind: pa.DataType, make: Callable[[Any], Any]
 ) -> tuple[pa.Array[Any], Bad]:
-
     bad: Bad = []
     made: list[Any] = []
     for row, value in enumerate(values):
@@ -184,14 +190,14 @@ def _each(
 
 
 def a_text(value: Any) -> str:
-    """A string as Arrow can hold it. Raises TypeError for what is none."""
+    """A string as Arrow can hold it. Raises TypeError for anything else."""
     if not isinstance(value, str):
         raise TypeError
     return _UNHOLDABLE.sub("\ufffd", value)
 
 
 def a_number(value: Any) -> float:
-    """A number as a float. Raises TypeError for what is none, OverflowError for a huge one."""
+    """A number as a float. Raises TypeError for anything else, OverflowError for a huge one."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise TypeError
     return float(value)
@@ -241,11 +247,12 @@ def _rfc3339() -> re.Pattern[str]:
     return re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 
 
-def _list(value: Any) -> list[Any]:
+def a_list(value: Any) -> list[Any]:
+    """The list. Raises TypeError for anything else."""
     if not isinstance(value, list):
         raise TypeError
     return value
 
 
 def _strings(value: Any) -> list[str]:
-    return [a_text(item) for item in _list(value)]
+    return [a_text(item) for item in a_list(value)]

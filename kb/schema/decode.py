@@ -193,7 +193,6 @@ def problems(entries: dict[int, list[tuple[str, str, str | None]]], size: int) -
 def _note_absent(
     array: pa.Array[Any], name: str, found: dict[int, list[tuple[str, str, str | None]]]
 ) -> None:
-
     rows: list[int] = pc.indices_nonzero(pc.is_null(array)).to_pylist()
     for row in rows:
         if not any(column == name for column, _, _ in found.get(row, ())):

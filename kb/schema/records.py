@@ -21,7 +21,7 @@ import msgspec
 import pyarrow as pa
 
 from kb.core.errors import DamagedData
-from kb.schema.coerce import Bad, Wrong, a_number, a_text, shown
+from kb.schema.coerce import Bad, Wrong, a_list, a_number, a_text, shown
 from kb.schema.types import Type
 
 _NUL = b"\\u0000"
@@ -131,8 +131,8 @@ def _careful(text: bytes, kind: Type) -> tuple[list[Any] | None, list[str]]:
     row = _row(kind)
     try:
         return [
-            row(*(make(cell) for make, cell in zip(makers, _list(record), strict=True)))
-            for record in _list(value)
+            row(*(make(cell) for make, cell in zip(makers, a_list(record), strict=True)))
+            for record in a_list(value)
         ], []
     except (ValueError, TypeError, OverflowError):
         return None, [shown(value)]
@@ -143,12 +143,6 @@ def _loaded(text: bytes) -> Any:
         return json.loads(text)
     except ValueError as error:
         raise DamagedData(f"a raw line is no envelope: {error!r}") from None
-
-
-def _list(value: Any) -> list[Any]:
-    if not isinstance(value, list):
-        raise TypeError
-    return value
 
 
 def _each(column: pa.Array[Any]) -> Iterator[bytes]:

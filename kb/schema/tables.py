@@ -92,7 +92,6 @@ class Table:
 
 @cache
 def _arrow(declared: Table, released: bool) -> pa.Schema:
-
     fields = []
     for column in declared.columns:
         if released and not column.released:

@@ -33,7 +33,6 @@ class Type:
     fields: tuple[tuple[str, Type], ...] = ()
 
     def arrow(self) -> pa.DataType:
-
         if self.item is not None:
             return pa.list_(self.item.arrow())
         if self.fields:

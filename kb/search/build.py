@@ -16,7 +16,8 @@ from kb.core.errors import FatalError
 from kb.core.profile import Profile
 from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
-from kb.search import engine, sections, threads, transcripts
+from kb.search import sections, threads, transcripts, writer
+from kb.search.analysis import STEMMERS
 from kb.search.passage import MOST_WORDS, Passage
 from kb.store import indexed
 from kb.store.atomic import replacing_folder
@@ -75,7 +76,7 @@ def follow(run: Run, source: str) -> Made | None:
             replacing_folder(Layout(run.root).index(source)) as fresh,
         ):
             passages = _READ[source](run.profile)(run.root)
-            count = engine.write(fresh, rules["stemmer"], passages, task.advance)
+            count = writer.write(fresh, rules["stemmer"], passages, task.advance)
             indexed.write_into(fresh, Note(rules, now, indexed.own(fresh), count))
     return Made(count, fresh=True)
 
@@ -84,7 +85,7 @@ def _rules(profile: Profile, source: str) -> dict[str, Any]:
     """All that decides what an index holds, besides clean/."""
     language = "en" if profile.youtube is None else profile.youtube.language
     return {
-        "stemmer": engine.STEMMERS.get(language, ""),
+        "stemmer": STEMMERS.get(language, ""),
         "words": [MOST_WORDS, transcripts.MOST, transcripts.LEAST],
         "subreddit": profile.section("reddit").subreddit if source == "reddit" else "",
     }

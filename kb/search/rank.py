@@ -36,7 +36,7 @@ from kb.search.words import Question, Term
 _BEGINNINGS = 64  # words of a prefix that count as often as they are found
 _SIDE_BY_SIDE = 256  # words of a prefix that are looked for behind others
 _MARKED = 0.3  # of the rarest term's rarity
-_DIGITS = 5  # of a score; the engine reckons with seven
+_DIGITS = 5  # of a score; the engine computes with seven
 _AHEAD = 64  # passages that are looked at first, as several may be of one thing
 
 

@@ -136,7 +136,6 @@ def _look(line: bytes, name: str, unknown: Counter[str]) -> None:
 
 
 def _pieces(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
-
     waiting: list[pa.Table] = []
     for rows in tables:
         waiting.append(rows)
@@ -165,7 +164,6 @@ def newest_of(
 
 
 def _read(path: Path, kind: Kind, wanted: pa.Array[Any] | None) -> pa.Table:
-
     with pa.ipc.open_file(pa.memory_map(str(path))) as file:
         if wanted is None:
             return file.read_all()

@@ -16,13 +16,13 @@ def digest(
     path: Path, algorithm: str = "sha256", advance: Callable[[int], None] | None = None
 ) -> str:
     """Hexadecimal digest of a file, read in pieces; `advance` hears how many bytes were read."""
-    reckoned = hashlib.new(algorithm)
+    computed = hashlib.new(algorithm)
     with path.open("rb") as file:
         while chunk := file.read(_CHUNK):
-            reckoned.update(chunk)
+            computed.update(chunk)
             if advance is not None:
                 advance(len(chunk))
-    return reckoned.hexdigest()
+    return computed.hexdigest()
 
 
 def listed(files: Iterable[Path]) -> str:

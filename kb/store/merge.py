@@ -80,7 +80,6 @@ class Merge:
             shutil.rmtree(self._scratch, ignore_errors=True)
 
     def _sorted(self, path: Path) -> Path:
-
         if _is_sorted(path, [name for name, _ in self._by]):
             return path
         if self._scratch is None:
@@ -113,7 +112,6 @@ class _Cursor:
     """One file: the rows read ahead and not yet handed out."""
 
     def __init__(self, path: Path, columns: list[str], batch: int) -> None:
-
         self._file = parquet.open_file(path, pre_buffer=False, buffer_size=1 << 16)
         self._batches = self._file.iter_batches(
             batch_size=batch, columns=columns, use_threads=False

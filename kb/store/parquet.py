@@ -2,7 +2,7 @@
 
 Every page that is written has a checksum, which other readers can check too. It says nothing of
 what lies between the pages, and DuckDB doesn't look at it; so the footer of a file also holds the
-CRC-32 of the whole file, reckoned with zeros in the place of its own eight digits, and that of the
+CRC-32 of the whole file, computed with zeros in the place of its own eight digits, and that of the
 footer alone, with zeros in the place of both:
 
     key-value metadata   lorebase.crc32 = 1f2e3d4c, lorebase.footer = 5a6b7c8d
@@ -155,7 +155,7 @@ def holds(path: Path, advance: Callable[[int], None] | None = None) -> bool:
             return True
         file.seek(at)
         said = file.read(len(_ZEROS))
-        return said == _reckoned(file, at, advance)
+        return said == _crc_of(file, at, advance)
 
 
 def has_checksum(path: Path) -> bool:
@@ -173,7 +173,7 @@ def _seal(path: Path) -> None:
         assert whole is not None
         file.seek(begin + own)
         file.write(b"%08x" % zlib.crc32(held))
-        digits = _reckoned(file, begin + whole)
+        digits = _crc_of(file, begin + whole)
         file.seek(begin + whole)
         file.write(digits)
 
@@ -224,7 +224,7 @@ def _nearly(footer: bytes, field: bytes) -> int:
     return -1
 
 
-def _reckoned(file: BinaryIO, at: int, advance: Callable[[int], None] | None = None) -> bytes:
+def _crc_of(file: BinaryIO, at: int, advance: Callable[[int], None] | None = None) -> bytes:
     """The checksum of a file with zeros at `at`, as eight hexadecimal digits."""
     file.seek(0)
     value, place = 0, 0

@@ -167,7 +167,7 @@ def _holds_envelope(file: BinaryIO, start: int, line: bytes) -> bool:
     """Whether the frame at `start` holds an envelope.
 
     Its content was right if the frame has a checksum (RFC 8878, 3.1.1.1.1). Then the line's ends
-    tell ours from what others put there, and decoding, many times dearer, would say no more.
+    tell ours from what others put there; decoding takes many times as long and says no more.
     """
     (descriptor,) = os.pread(file.fileno(), 1, start + len(MAGIC)) or (0,)
     if descriptor & _SUMMED and line.startswith(_FIRST) and line.endswith(b"}\n"):

@@ -138,7 +138,6 @@ class ShardWriter:
         self._stack.__exit__(kind, failure, trace)
 
     def _flush(self) -> None:
-
         if self._held:
             group = pa.concat_tables(self._waiting).combine_chunks()
             self._waiting, self._held = [], 0
@@ -177,9 +176,9 @@ def sorted_shards(
     released: bool = True,
     reads: Sequence[str] = (),
     change: Callable[[pa.Table], pa.Table] | None = None,
-    sync: bool = True,
 ) -> list[Shard]:
-    """Merge many part files into globally sorted `<table>-00000-of-0000N.parquet` in `folder`.
+    """Merge many part files into globally sorted `<table>-00000-of-0000N.parquet` in `folder`,
+    a fresh one that `replacing_folder` syncs.
 
     `change` derives columns of a piece of rows, from the declared ones and the clean columns in
     `reads`. The same rows give the same bytes, whatever the parts. Memory is bounded by two row
@@ -201,7 +200,9 @@ def sorted_shards(
         )
         for index in range(number):
             path = folder / f"{declared.short}-{index:05d}-of-{number:05d}.parquet"
-            with ShardWriter(path, declared, released=released, in_order=True, sync=sync) as writer:
+            with ShardWriter(
+                path, declared, released=released, in_order=True, sync=False
+            ) as writer:
                 for rows in pieces.take(rows_per_shard):
                     writer.write(rows)
             shards.append(Shard(path, writer.rows))

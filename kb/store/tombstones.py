@@ -156,7 +156,6 @@ def _read(file: Path) -> tuple[pa.Table | None, str]:
 
 
 def _union(files: list[Path]) -> list[dict[str, Any]]:
-
     rows = [row for file in files for row in _load(file).to_pylist()]
     if len(files) > 1:
         rows.sort(key=lambda row: (row["removed_at"], row["reason"]), reverse=True)
@@ -165,7 +164,6 @@ def _union(files: list[Path]) -> list[dict[str, Any]]:
 
 
 def _write(root: Path, source: str, rows: list[dict[str, Any]]) -> None:
-
     whole = pa.Table.from_pylist(rows, table(_TABLE).arrow())
     for place in reversed(Layout(root).tombstones(source)):
         write_table(place, whole, _TABLE)

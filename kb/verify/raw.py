@@ -103,7 +103,7 @@ def side_file(look: Look, path: Path) -> None:
     """A captured page's file or an image, by what it should be."""
     kind = "images" if path.parent.name == "images" else "captures"
     if path.name == digests.SUMS or path.name in _CAPTURE or sidefiles.expected(path):
-        if sidefiles.is_whole(path, advance=look.advance):
+        if sidefiles.is_whole(path, advance=look.advance) and _unpacks(path):
             look.whole(kind, path)
         else:
             what = "is not what was stored" if path.stat().st_size else "is empty"
@@ -163,3 +163,17 @@ def _sprites(folder: Path) -> list[str]:
         return sorted(msgspec.json.decode(text, type=_Extraction).sprites.values())
     except (OSError, zstandard.ZstdError, msgspec.DecodeError):
         return []  # told with the captures
+
+
+def _unpacks(path: Path) -> bool:
+    """Whether a packed file can be unpacked: all that tells, where the list of digests is lost."""
+    if path.suffix != ".zst":
+        return True
+    try:
+        engine = zstandard.ZstdDecompressor().decompressobj()
+        with path.open("rb") as file:
+            while chunk := file.read(1 << 20):
+                engine.decompress(chunk)
+    except zstandard.ZstdError:
+        return False
+    return bool(engine.eof)

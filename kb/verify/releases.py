@@ -84,12 +84,12 @@ def _tar(path: Path) -> str:
 
 
 def _holds(tar: Any, offset: int, size: int, wanted: str) -> bool:
-    reckoned = hashlib.sha256()
+    computed = hashlib.sha256()
     tar.seek(offset)
     while size and (chunk := tar.read(min(size, 1 << 20))):
-        reckoned.update(chunk)
+        computed.update(chunk)
         size -= len(chunk)
-    return not size and reckoned.hexdigest() == wanted
+    return not size and computed.hexdigest() == wanted
 
 
 def _metadata(look: Look, path: Path, known: dict[str, str], advice: Callable[[Path], str]) -> None:

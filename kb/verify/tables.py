@@ -25,12 +25,8 @@ def problem(path: Path, advance: Callable[[int], None]) -> str:
         try:
             pq.read_metadata(path)
         except (pa.ArrowException, OSError) as error:
-            return _first(error)
+            return f"can't be read: {(str(error).splitlines() or [type(error).__name__])[0]}"
         return ""
     damage = broken([path])
     advance(path.stat().st_size)
     return "" if damage is None else str(damage).removeprefix(f"{path} ")
-
-
-def _first(error: BaseException) -> str:
-    return f"can't be read: {(str(error).splitlines() or [type(error).__name__])[0]}"

@@ -91,7 +91,6 @@ def _shown(rows: pa.Table, renders: pa.Table) -> tuple[pa.Table, pa.Table]:
 
 
 def _joined(rows: pa.Table, other: pa.Table, on: tuple[str, ...]) -> pa.Table:
-
     def keys(table: pa.Table) -> pa.Array[Any]:
         column = pc.binary_join_element_wise(*(table[name].cast(pa.string()) for name in on), "\n")
         return pa.concat_arrays([pa.array([], pa.string()), *column.chunks])

@@ -22,14 +22,17 @@ _BY_RULES = ("alt", "caption", "crop", "frames", "lines", "src")  # an element m
 
 
 class Extraction(msgspec.Struct, gc=False):
-    """Sizes of the page, its elements in the order of the document, and what is told of them."""
+    """Sizes of the page, its elements in the order of the document, and what is told of them.
+
+    Pages that were captured before these were read have neither facts nor recipes, nor lines.
+    """
 
     page: dict[str, Any]
     elements: list[Any]
     cells: list[Any]
-    sprites: dict[str, Any]
-    facts: list[Any]
-    recipes: list[Any]
+    sprites: dict[str, Any] = {}
+    facts: list[Any] = []
+    recipes: list[Any] = []
 
 
 def read(root: Path, folder: Path) -> Extraction:
@@ -46,7 +49,7 @@ def read(root: Path, folder: Path) -> Extraction:
 
 def sprites(root: Path, folder: Path) -> dict[str, Any]:
     """The hashes of a page's icons by element; raises as `read`."""
-    found: dict[str, Any] = _decoded(root, folder, _content(root, folder))["sprites"]
+    found: dict[str, Any] = _decoded(root, folder, _content(root, folder)).get("sprites", {})
     return found
 
 
@@ -90,10 +93,14 @@ def _type(column: Column) -> Any:
 def _decoder() -> msgspec.json.Decoder[Any]:
     entries = {"elements": list[element()], "cells": list[cell()]}  # type: ignore[misc]
     fields = [
-        (each.name, entries.get(each.name, each.type))
+        (each.name, entries.get(each.name, each.type), msgspec.field(**_default(each)))
         for each in msgspec.structs.fields(Extraction)
     ]
     return msgspec.json.Decoder(msgspec.defstruct("Typed", fields, gc=False))
+
+
+def _default(each: msgspec.structs.FieldInfo) -> dict[str, Any]:
+    return {} if each.required else {"default_factory": each.default_factory}
 
 
 def _content(root: Path, folder: Path) -> bytes:
@@ -119,12 +126,10 @@ def _lost(root: Path, path: Path, error: Exception) -> Exception:
 
 
 def _careful(found: dict[str, Any]) -> Extraction:
-    entries = {
-        "elements": [_record(element(), entry) for entry in found["elements"]],
-        "cells": [_record(cell(), entry) for entry in found["cells"]],
-    }
-    names = (each.name for each in msgspec.structs.fields(Extraction))
-    return Extraction(**{name: entries.get(name, found[name]) for name in names})
+    more = {name: found[name] for name in ("sprites", "facts", "recipes") if name in found}
+    elements = [_record(element(), entry) for entry in found["elements"]]
+    cells = [_record(cell(), entry) for entry in found["cells"]]
+    return Extraction(found["page"], elements, cells, **more)
 
 
 def _record(kind: Any, entry: dict[str, Any]) -> Any:

@@ -2,7 +2,7 @@
 wiki/recipes.
 
 The extraction has texts as shown. Names and units are told from them here, by the profile's rules,
-so that other rules need no other crawl.
+so that other rules need no other crawl; of a page captured before they were read there is nothing.
 """
 
 from __future__ import annotations

@@ -168,7 +168,9 @@ def elements(pages: list[tuple[int, list[Any]]], rules: shown.Rules) -> pa.Table
 
 
 def _lines(found: list[Any]) -> pa.Array[Any]:
-    """The boxes of each text's lines; null for what has none: pictures and hidden text."""
+    """The boxes of each text's lines; null for what has none: pictures, hidden text, and pages
+    that were captured before lines were read.
+    """
     each = [element.lines for element in found]
     ends = list(accumulate((len(lines or ()) for lines in each), initial=0))
     # Arrow takes the end of a list as null where the list is.

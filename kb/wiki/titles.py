@@ -84,7 +84,6 @@ def _file(path: Path, columns: tuple[str, ...]) -> Iterable[object]:
 
 
 def _parquet(path: Path, columns: tuple[str, ...]) -> list[object]:
-
     there = pq.read_schema(path).names
     column = next((name for name in columns if name in there), None)
     if column is None:

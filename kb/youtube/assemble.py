@@ -58,7 +58,6 @@ def unanswered(root: Path) -> Iterator[tuple[str, str]]:
 
 
 def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
-
     at = pc.index_in(
         videos["video_id"].combine_chunks(), value_set=transcripts["video_id"].combine_chunks()
     )
@@ -128,7 +127,6 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
 
 
 def _tracks(transcripts: pa.Table) -> pa.Table:
-
     transcripts = transcripts.filter(pc.equal(transcripts["outcome"], "ok"))
     automatic = pc.fill_null(pc.equal(_column(transcripts, "original_kind"), "asr"), False)
     cues = _without_overlap(_column(transcripts, "cues"), automatic)
@@ -192,7 +190,6 @@ def _renamed(problems: pa.Array[Any]) -> pa.Array[Any]:
 
 
 def _nothing(like: pa.Table, rows: int) -> pa.Table:
-
     return pa.table({field.name: pa.nulls(rows, field.type) for field in like.schema})
 
 

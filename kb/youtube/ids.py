@@ -71,7 +71,6 @@ def released_shards(folder: Path) -> list[Path]:
 
 
 def _parquet(path: Path) -> list[str]:
-
     names = pq.read_schema(path).names
     column = next((name for name in ("video_id", "id", "key") if name in names), None)
     if column is None:

@@ -15,7 +15,7 @@ from typing import Any, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.schema.coerce import times
+from kb.schema.coerce import inner, times
 from kb.schema.decode import Answer, Reader, problems
 from kb.schema.records import records
 from kb.schema.tables import table
@@ -117,7 +117,7 @@ def listed(response: Any) -> list[str]:
     """Video ids of a playlistItems.list answer, in its order; entries without one are left out."""
     ids = []
     for item in _items(response):
-        key = _at(item, "contentDetails", "videoId") or _at(
+        key = inner(item, "contentDetails", "videoId") or inner(
             item, "snippet", "resourceId", "videoId"
         )
         if isinstance(key, str) and key:
@@ -128,7 +128,7 @@ def listed(response: Any) -> list[str]:
 def channel_hits(response: Any) -> list[str]:
     """Channel ids of a search.list answer (type channel), in its order."""
     hits = (
-        _at(item, "id", "channelId") or _at(item, "snippet", "channelId")
+        inner(item, "id", "channelId") or inner(item, "snippet", "channelId")
         for item in _items(response)
     )
     return [key for key in hits if isinstance(key, str) and key]
@@ -154,7 +154,6 @@ def _not_returned(reader: Reader, answer: Answer) -> list[str]:
 
 
 def _missing(gone: list[tuple[str, Answer]], schema: pa.Schema) -> pa.Table:
-
     own = {
         "video_id": pa.array([key for key, _ in gone], pa.string()),
         "fetched_at": times([answer.fetched_at for _, answer in gone])[0],
@@ -171,9 +170,3 @@ def _missing(gone: list[tuple[str, Answer]], schema: pa.Schema) -> pa.Table:
 def _items(response: Any) -> list[dict[str, Any]]:
     items = response.get("items") if isinstance(response, dict) else None
     return [item for item in items if isinstance(item, dict)] if isinstance(items, list) else []
-
-
-def _at(item: Any, *path: str) -> Any:
-    for step in path:
-        item = item.get(step) if isinstance(item, dict) else None
-    return item

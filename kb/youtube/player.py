@@ -12,6 +12,8 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from kb.schema.coerce import inner
+
 _DATA = re.compile(r"(?:var\s+ytInitialData|window\[\"ytInitialData\"\])\s*=\s*")
 # Where watch pages show the game of a video, newest first.
 _LABELS = ("videoDescriptionGamingSectionRenderer", "richMetadataRenderer")
@@ -28,9 +30,9 @@ def facts(answer: Any, page: str, game_ids: tuple[str, ...] = ()) -> dict[str, A
     """
     answer = answer if isinstance(answer, dict) else {}
     width, height, fps = _largest(answer.get("streamingData"))
-    length = _at(answer, "videoDetails", "lengthSeconds")
+    length = inner(answer, "videoDetails", "lengthSeconds")
     playability = answer.get("playabilityStatus")
-    tracks = _at(answer, "captions", "playerCaptionsTracklistRenderer", "captionTracks")
+    tracks = inner(answer, "captions", "playerCaptionsTracklistRenderer", "captionTracks")
     label_id, label = game(page, game_ids)
     return {
         "width": width,
@@ -39,8 +41,8 @@ def facts(answer: Any, page: str, game_ids: tuple[str, ...] = ()) -> dict[str, A
         "length_s": int(length) if isinstance(length, str) and length.isdecimal() else None,
         "game_label_id": label_id,
         "game_label": label,
-        "playability": _text(_at(playability, "status")),
-        "reason": _text(_at(playability, "reason")),
+        "playability": _text(inner(playability, "status")),
+        "reason": _text(inner(playability, "reason")),
         "tracks": [
             {
                 "language": track["languageCode"],
@@ -127,18 +129,12 @@ def _browse_ids(node: Any) -> Iterator[str]:
 
 def _title(node: Any) -> str | None:
     for title in _named(node, "title"):
-        text = _at(title, "simpleText") or "".join(
-            run.get("text", "") for run in (_at(title, "runs") or []) if isinstance(run, dict)
+        text = inner(title, "simpleText") or "".join(
+            run.get("text", "") for run in (inner(title, "runs") or []) if isinstance(run, dict)
         )
         if text:
             return str(text)
     return None
-
-
-def _at(node: Any, *path: str) -> Any:
-    for step in path:
-        node = node.get(step) if isinstance(node, dict) else None
-    return node
 
 
 def _text(value: Any) -> str | None:

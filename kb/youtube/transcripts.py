@@ -89,7 +89,6 @@ class Fetcher:
         )
 
     def _once(self, video_id: str) -> dict[str, Any]:
-
         self._page, self._answer = "", None
         answer: dict[str, Any] = {
             "video_id": video_id,

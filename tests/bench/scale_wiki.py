@@ -130,8 +130,7 @@ def _shown(root: Path, number: int, title: str, chance: random.Random, words: Wo
         "width": 1280,
     }
     pack = zstandard.ZstdCompressor(level=3, write_checksum=True)
-    told: dict[str, Any] = {"sprites": {}, "facts": [], "recipes": []}
-    extraction = {"cells": cells, "elements": elements, "page": page, **told}
+    extraction = {"cells": cells, "elements": elements, "page": page, "sprites": {}}
     html = "".join(f"<p>{element['text'] or ''}</p>" for element in elements).encode()
     (folder / "extraction.json.zst").write_bytes(pack.compress(orjson.dumps(extraction)))
     (folder / "page.html.zst").write_bytes(pack.compress(html))

@@ -80,7 +80,7 @@ ERRORS = [
     toml('"rockgarden"', '"r/rockgarden"', 9, '"r/rockgarden"', 'without r/: "rockgarden"'),
     toml('"rockgarden"', '"https://reddit.com/r/alpines/"', 9, "/alpines", 'r/: "alpines"'),
     toml('"https://gardens.wiki"', '"gardens.wiki"', 7, "'wiki.url' is", "an address like"),
-    toml('"https://gardens.wiki"', '"https://gardens"', 7, "whose host is none", "an address"),
+    toml('"https://gardens.wiki"', '"https://gardens"', 7, "host is not a full name", "an address"),
     toml("//gardens.wiki", "//gardens.wiki/api.php", 7, "which is no root", '//gardens.wiki"'),
     toml("[reddit]", 'hosts = ["https://a.b/c"]\n[reddit]', 8, "no host", 'write "a.b"'),
     toml("[26]", "[26]\nmin_duration_s = 1e6", 6, "nothing passes", "12 hours"),
@@ -388,11 +388,11 @@ def test_online_a_key_that_is_missing_and_a_service_that_is_gone(
     found = {one["file"]: one for one in summary_of(capsys)["findings"]}
     assert "YOUTUBE_API_KEY is not set" in found["online: youtube"]["what"]
     monkeypatch.setenv("YOUTUBE_API_KEY", "some-other-key")
-    sandbox.gone("wiki")
+    sandbox.servers["wiki"].stop()
     try:
         code = typed("profile", "check", "minecraft", "--online", "--json")
     finally:
-        sandbox.back("wiki")
+        sandbox.servers["wiki"].start()
     found = {one["file"]: one for one in summary_of(capsys)["findings"]}
     assert "no connection" in found["online: wiki"]["what"]
     assert found["online: youtube"]["level"] == "error"  # the key is refused

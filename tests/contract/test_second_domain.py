@@ -50,7 +50,6 @@ youtube = "CC-BY-4.0"
 wiki = "CC0-1.0"
 reddit = "CC-BY-4.0"
 pairs = "CC-BY-4.0"
-links = "CC-BY-4.0"
 """
 WORDS = "keyword\tkind\trule\tforms\n" + "".join(
     f"{word}\tplace\t\t\n" for word in ("River", "Harbour", "Bridge", "Village", "Torch", "Wolf")

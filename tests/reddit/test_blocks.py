@@ -20,7 +20,9 @@ from tests.reddit.dumped import imported, post, run_in, write
 
 
 def lines(count: int) -> list[Any]:
-    """Records of several subreddits; ours comes late, then in another spelling and without an id."""
+    """Records of several subreddits; ours comes late, then in another spelling and
+    without an id.
+    """
     chance = random.Random(3)
     made: list[Any] = []
     for number in range(count):

@@ -268,8 +268,10 @@ def _authors(value: Any) -> set[str]:
 
 def test_a_raw_line_of_another_writer_may_hold_what_arrow_cannot(tmp_path: Path) -> None:
     line = (
-        b'{"fetched_at":"2026-11-20T00:00:00Z","request":{"endpoint":"info","params":{"id":"t3_a"}},"status":200,"response":'
-        b'{"kind":"Listing","data":{"children":[{"kind":"t3","data":{"id":"a","title":"half \\\\ud83d a face","selftext":"nul \\\\u0000"}}]}}}'
+        b'{"fetched_at":"2026-11-20T00:00:00Z","request":{"endpoint":"info",'
+        b'"params":{"id":"t3_a"}},"status":200,"response":'
+        b'{"kind":"Listing","data":{"children":[{"kind":"t3","data":{"id":"a",'
+        b'"title":"half \\\\ud83d a face","selftext":"nul \\\\u0000"}}]}}}'
     ).replace(b"\\\\u", b"\\u")
     (found,) = parse.Reader("info", LINKS).envelope(line)
     assert (found["title"], found["text"]) == ("half \ufffd a face", "nul \ufffd")

@@ -50,10 +50,10 @@ def test_connections_break_and_bodies_are_cut(services: Sandbox) -> None:
 
 
 def test_a_host_that_is_gone_comes_back_on_its_port(services: Sandbox) -> None:
-    services.gone("youtube")
+    services.servers["youtube"].stop()
     with pytest.raises(requests.ConnectionError):
         statuses(services, 1)
-    services.back("youtube")
+    services.servers["youtube"].start()
     assert statuses(services, 1) == [200]
 
 

@@ -31,19 +31,30 @@ PACKAGES = (
 )
 
 SETTINGS = """<?php
-$wgServer = "@url"; $wgScriptPath = "/w"; $wgArticlePath = "/wiki/$1"; $wgSitename = "Kiln Valley Wiki";
-$wgDBtype = "sqlite"; $wgDBserver = ""; $wgDBname = "kiln"; $wgDBuser = ""; $wgDBpassword = ""; $wgSQLiteDataDir = "@data";
-$wgObjectCaches[CACHE_DB] = [ 'class' => SqlBagOStuff::class, 'loggroup' => 'SQLBagOStuff', 'server' => [ 'type' => 'sqlite',
-  'dbname' => 'wikicache', 'tablePrefix' => '', 'variables' => [ 'synchronous' => 'NORMAL' ], 'dbDirectory' => $wgSQLiteDataDir,
+$wgServer = "@url"; $wgScriptPath = "/w"; $wgArticlePath = "/wiki/$1";
+$wgSitename = "Kiln Valley Wiki";
+$wgDBtype = "sqlite"; $wgDBserver = ""; $wgDBname = "kiln"; $wgDBuser = ""; $wgDBpassword = "";
+$wgSQLiteDataDir = "@data";
+$wgObjectCaches[CACHE_DB] = [ 'class' => SqlBagOStuff::class, 'loggroup' => 'SQLBagOStuff',
+  'server' => [ 'type' => 'sqlite', 'dbname' => 'wikicache', 'tablePrefix' => '',
+  'variables' => [ 'synchronous' => 'NORMAL' ], 'dbDirectory' => $wgSQLiteDataDir,
   'trxMode' => 'IMMEDIATE', 'flags' => 0 ] ];
-$wgMainCacheType = CACHE_NONE; $wgParserCacheType = CACHE_NONE; $wgMessageCacheType = CACHE_NONE; $wgSessionCacheType = CACHE_DB;
-$wgLocalisationCacheConf['storeDirectory'] = "@data"; $wgCacheDirectory = "@data"; $wgTmpDirectory = "@data";
-$wgSecretKey = "not-a-secret"; $wgUpgradeKey = "0"; $wgEnableUploads = true; $wgUploadDirectory = "@images"; $wgUploadPath = "/images";
-$wgHashedUploadDirectory = true; $wgUseImageMagick = true; $wgImageMagickConvertCommand = "/usr/bin/convert"; $wgMaxImageArea = 2e8;
-$wgFileExtensions = [ 'png', 'gif', 'jpg', 'svg', 'apng' ]; $wgStrictFileExtensions = false; $wgVerifyMimeType = false; $wgSVGConverter = false;
-$wgParserEnableLegacyMediaDOM = false; $wgRightsUrl = "https://creativecommons.org/licenses/by-sa/4.0/"; $wgRightsText = "CC BY-SA 4.0";
-$wgJobRunRate = 0; $wgUseInstantCommons = false; $wgEnableEmail = false; $wgShowExceptionDetails = true; $wgDiff3 = "";
-$wgGenerateThumbnailOnParse = true; $wgNativeImageLazyLoading = true; $wgAllowDisplayTitle = true; $wgExternalLinkTarget = false;
+$wgMainCacheType = CACHE_NONE; $wgParserCacheType = CACHE_NONE; $wgMessageCacheType = CACHE_NONE;
+$wgSessionCacheType = CACHE_DB;
+$wgLocalisationCacheConf['storeDirectory'] = "@data"; $wgCacheDirectory = "@data";
+$wgTmpDirectory = "@data";
+$wgSecretKey = "not-a-secret"; $wgUpgradeKey = "0"; $wgEnableUploads = true;
+$wgUploadDirectory = "@images"; $wgUploadPath = "/images";
+$wgHashedUploadDirectory = true; $wgUseImageMagick = true;
+$wgImageMagickConvertCommand = "/usr/bin/convert"; $wgMaxImageArea = 2e8;
+$wgFileExtensions = [ 'png', 'gif', 'jpg', 'svg', 'apng' ]; $wgStrictFileExtensions = false;
+$wgVerifyMimeType = false; $wgSVGConverter = false;
+$wgParserEnableLegacyMediaDOM = false;
+$wgRightsUrl = "https://creativecommons.org/licenses/by-sa/4.0/"; $wgRightsText = "CC BY-SA 4.0";
+$wgJobRunRate = 0; $wgUseInstantCommons = false; $wgEnableEmail = false;
+$wgShowExceptionDetails = true; $wgDiff3 = "";
+$wgGenerateThumbnailOnParse = true; $wgNativeImageLazyLoading = true; $wgAllowDisplayTitle = true;
+$wgExternalLinkTarget = false;
 $wgRawHtml = true;
 $wgMemoryLimit = "512M"; $wgPhpCli = "/usr/bin/php"; $wgUseFileCache = false; $wgRateLimits = [];
 $wgDefaultSkin = "fallback"; wfLoadSkin( 'Vector' ); $wgDefaultSkin = "vector";
@@ -55,17 +66,28 @@ $code = "@code"; $serve = null;
 $seen = [ 'address' => $_SERVER['REQUEST_URI'], 'agent' => $_SERVER['HTTP_USER_AGENT'] ?? '',
   'dest' => $_SERVER['HTTP_SEC_FETCH_DEST'] ?? null ];
 file_put_contents( "@data/requests.ndjson", json_encode( $seen ) . "\n", FILE_APPEND | LOCK_EX );
-if ( $path === '/robots.txt' ) { header( 'Content-Type: text/plain' ); echo file_get_contents( "@data/robots.txt" ); return true; }
+if ( $path === '/robots.txt' ) {
+  header( 'Content-Type: text/plain' ); echo file_get_contents( "@data/robots.txt" ); return true;
+}
 if ( $path === '/' ) { header( 'Location: /wiki/Main_Page', true, 301 ); return true; }
 if ( preg_match( '#^/w/(index|api|load|thumb)\\.php#', $path, $m ) ) { $serve = "$m[1].php"; }
-elseif ( strpos( $path, '/wiki/' ) === 0 ) { $serve = 'index.php'; $_SERVER['PATH_INFO'] = substr( $path, 5 ); }
-if ( $serve ) {
-  $_SERVER['SCRIPT_NAME'] = $_SERVER['PHP_SELF'] = "/w/$serve"; $_SERVER['SCRIPT_FILENAME'] = "$code/$serve"; chdir( $code ); require "$code/$serve"; return true;
+elseif ( strpos( $path, '/wiki/' ) === 0 ) {
+  $serve = 'index.php'; $_SERVER['PATH_INFO'] = substr( $path, 5 );
 }
-$file = strpos( $path, '/images/' ) === 0 ? "@images" . substr( $path, 7 ) : "$code" . preg_replace( '#^/w#', '', $path );
-if ( strpos( $path, '..' ) !== false || !is_file( $file ) ) { http_response_code( 404 ); return true; }
-$types = [ 'png' => 'image/png', 'gif' => 'image/gif', 'jpg' => 'image/jpeg', 'svg' => 'image/svg+xml', 'css' => 'text/css', 'js' => 'text/javascript' ];
-header( 'Content-Type: ' . ( $types[ pathinfo( $file, PATHINFO_EXTENSION ) ] ?? 'application/octet-stream' ) ); readfile( $file ); return true;
+if ( $serve ) {
+  $_SERVER['SCRIPT_NAME'] = $_SERVER['PHP_SELF'] = "/w/$serve";
+  $_SERVER['SCRIPT_FILENAME'] = "$code/$serve"; chdir( $code );
+  require "$code/$serve"; return true;
+}
+$file = strpos( $path, '/images/' ) === 0 ? "@images" . substr( $path, 7 )
+  : "$code" . preg_replace( '#^/w#', '', $path );
+if ( strpos( $path, '..' ) !== false || !is_file( $file ) ) {
+  http_response_code( 404 ); return true;
+}
+$types = [ 'png' => 'image/png', 'gif' => 'image/gif', 'jpg' => 'image/jpeg',
+  'svg' => 'image/svg+xml', 'css' => 'text/css', 'js' => 'text/javascript' ];
+$type = $types[ pathinfo( $file, PATHINFO_EXTENSION ) ] ?? 'application/octet-stream';
+header( 'Content-Type: ' . $type ); readfile( $file ); return true;
 """
 
 

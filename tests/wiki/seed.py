@@ -13,17 +13,22 @@ from tests.wiki import workshop
 COLOURS = [(200, 40, 40), (40, 200, 40), (40, 40, 200), (200, 200, 40)]
 
 CSS = """
-.sprite { display: inline-block; width: 16px; height: 16px; background-image: url(/images/sheet.png); background-repeat: no-repeat; }
+.sprite { display: inline-block; width: 16px; height: 16px;
+  background-image: url(/images/sheet.png); background-repeat: no-repeat; }
 .animated > * { display: none; } .animated > .animated-active { display: block; }
 .invslot { display: inline-block; width: 36px; height: 36px; background: #8b8b8b; }
-.mcui { display: inline-block; } .mcui-row { display: block; } .portable-infobox { width: 240px; }
-.infobox { float: right; width: 240px; border: 1px solid #999; } .navbox { width: 100%; clear: both; }
-.wikitable { border-collapse: collapse; } .wikitable td, .wikitable th { border: 1px solid #aaa; padding: 3px; }
+.mcui { display: inline-block; } .mcui-row { display: block; }
+.portable-infobox { width: 240px; }
+.infobox { float: right; width: 240px; border: 1px solid #999; }
+.navbox { width: 100%; clear: both; }
+.wikitable { border-collapse: collapse; }
+.wikitable td, .wikitable th { border: 1px solid #aaa; padding: 3px; }
 """
 SCRIPT = """
 setInterval( function () {
   document.querySelectorAll( '.animated' ).forEach( function ( slot ) {
-    var now = slot.querySelector( ':scope > .animated-active' ), next = now.nextElementSibling || slot.firstElementChild;
+    var now = slot.querySelector( ':scope > .animated-active' ),
+      next = now.nextElementSibling || slot.firstElementChild;
     now.classList.remove( 'animated-active' ); next.classList.add( 'animated-active' );
   } );
 }, 1500 );
@@ -68,18 +73,23 @@ after
 Tall.png|In the gallery
 Flat.png|alt=Dish seen from above|The dish again
 </gallery>
-<table class="infobox"><tr><td colspan="2">[[File:Flat.png|100px|alt=Boxed]]<div class="infobox-caption">Dish in the box</div></td></tr>
+<table class="infobox"><tr><td colspan="2">[[File:Flat.png|100px|alt=Boxed]]\
+<div class="infobox-caption">Dish in the box</div></td></tr>
 <tr><th>Weight</th><td>2 kg</td></tr></table>
 """,
     "Frames": FILLER
     + """
 [[File:Blink.gif|none|frame|Three colours.]]
 [[File:Spin.png|none|frame|Two turns.]]
-<div class="mcui"><span class="invslot animated"><span class="animated-active">[[File:Flat.png|16px|link=]]</span><span>[[File:Tall.png|16px|link=]]</span><span>[[File:Flat.png|16px|link=|alt=again]]</span></span></div>
+<div class="mcui"><span class="invslot animated">\
+<span class="animated-active">[[File:Flat.png|16px|link=]]</span>\
+<span>[[File:Tall.png|16px|link=]]</span>\
+<span>[[File:Flat.png|16px|link=|alt=again]]</span></span></div>
 """,
     "Icons": FILLER
     + """
-Take <span class="sprite-file">[[File:Dot.png|16px|link=|alt=Clay]]</span> clay, and <span class="sprite" title="Ash" style="background-position:-16px 0"></span> ash,
+Take <span class="sprite-file">[[File:Dot.png|16px|link=|alt=Clay]]</span> clay, and \
+<span class="sprite" title="Ash" style="background-position:-16px 0"></span> ash,
 and <span class="sprite" title="Salt" style="background-position:0 -16px"></span> salt.
 """,
     "Hidden": FILLER
@@ -115,7 +125,9 @@ text
     "Colours": FILLER
     + "\n"
     + "".join(
-        f'<p style="margin:0;height:600px;background:rgb({40 + 5 * n},{250 - 5 * n},{(n * 53) % 256})">Stripe {n}</p>\n'
+        f'<p style="margin:0;height:600px;background:rgb('
+        f'{40 + 5 * n},{250 - 5 * n},{(n * 53) % 256})">'
+        f"Stripe {n}</p>\n"
         for n in range(40)
     ),
     "Stub": "Too short.",

@@ -107,7 +107,8 @@ def test_css_sprites_are_cropped_pixel_for_pixel(pages, look, tmp_path):
     far = '<div style="height:5000px">x</div>'
     icon = (
         '<span class="sprite" title="Ore"'
-        ' style="display:inline-block;width:16px;height:16px;background:url(/sheet.png) -16px 0"></span>'
+        ' style="display:inline-block;width:16px;height:16px;'
+        'background:url(/sheet.png) -16px 0"></span>'
     )
     found = look(
         pages.put(
@@ -153,8 +154,8 @@ def test_lines_of_a_paragraph_leave_out_what_floats_beside_it(pages, look):
         ' class="infobox">box</div>'
     )
     words = (
-        "The kiln burns from the <b>first</b> frost<sup style='line-height:0'>1</sup> to <i>the</i> thaw. "
-        * 20
+        "The kiln burns from the <b>first</b> frost<sup style='line-height:0'>1</sup>"
+        " to <i>the</i> thaw. " * 20
     )
     found, texts = show(pages, look, "float", f'{box}<p style="margin:0">{words}</p>')
     (paragraph,) = (e for e in texts if e["tag"] == "p")

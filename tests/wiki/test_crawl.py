@@ -498,12 +498,12 @@ def test_maxlag_is_waited_for(make_run, faults, sandbox, tmp_path):
 def test_unreachable_wiki_is_resumable(make_run, sandbox, tmp_path, monkeypatch):
     monkeypatch.setattr("kb.wiki.web.TRIES", 2)
     run = make_run(tmp_path)
-    sandbox.gone("wiki")
+    sandbox.servers["wiki"].stop()
     try:
         with pytest.raises(Unreachable):
             crawl(run)
     finally:
-        sandbox.back("wiki")
+        sandbox.servers["wiki"].start()
     assert not list(rawlog.read(tmp_path, "wiki", "renders"))
 
 

@@ -63,8 +63,7 @@ def extractions(draw: st.DrawFn) -> dict[str, Any]:
         ],
         "cells": cells,
     }
-    told = {"sprites": {}, "facts": [], "recipes": []}
-    return found | told | draw(st.sampled_from([{}, {"sprites": {"0": "ab"}, "facts": [{}]}]))
+    return found | draw(st.sampled_from([{}, {"sprites": {"0": "ab"}, "facts": []}]))
 
 
 def made(found: Any) -> list[Any]:

@@ -122,7 +122,8 @@ def test_every_page_has_one_answer(root: Path) -> None:
         "5": ("words", "below", "3", "20"),
     }
     assert titles(root) == {1: "Kept"}
-    assert {name: summary[name] for name in ("crawled", "kept", "rejected", "failed", "pending", "missing")} == {
+    names = ("crawled", "kept", "rejected", "failed", "pending", "missing")
+    assert {name: summary[name] for name in names} == {
         "crawled": 8, "kept": 1, "rejected": 6, "failed": 0, "pending": 1, "missing": 3,
     }  # fmt: skip
     assert summary["stages"] == {"missing": 3, "render": 1, "robots": 1, "words": 1}

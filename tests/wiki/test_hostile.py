@@ -59,7 +59,8 @@ def test_three_thousand_cells(pages, look):
 def test_infinite_animation_and_timers(pages, look):
     body = (
         TEXT
-        + """<style>@keyframes spin { to { transform: rotate(1turn) } } p { animation: spin .1s infinite }</style>
+        + """<style>@keyframes spin { to { transform: rotate(1turn) } }
+    p { animation: spin .1s infinite }</style>
     <p id=n>0</p><script>setInterval(() => { n.textContent = +n.textContent + 1 }, 1);
     (function again() { document.title += "x"; requestAnimationFrame(again) })();</script>"""
     )
@@ -70,8 +71,8 @@ def test_infinite_animation_and_timers(pages, look):
 
 def test_page_that_grows_for_ever(pages, look):
     body = (
-        TEXT
-        + "<script>setInterval(() => document.body.append(Object.assign(document.createElement('p'), {textContent: 'more'})), 20)</script>"
+        TEXT + "<script>setInterval(() => document.body.append(Object.assign("
+        "document.createElement('p'), {textContent: 'more'})), 20)</script>"
     )
     found = look(pages.put("/growing", body))
     assert not found.settled
@@ -160,8 +161,8 @@ def test_dropped_pictures_and_styles_are_asked_again(pages, look, tmp_path):
     found = look(
         pages.put(
             "/flaky",
-            TEXT
-            + "<img src=/flaky.png loading=lazy><div style='height:9000px'></div><img src=/flaky.png?far loading=lazy>",
+            TEXT + "<img src=/flaky.png loading=lazy><div style='height:9000px'></div>"
+            "<img src=/flaky.png?far loading=lazy>",
         )
     )
     images = [e for e in found.extraction["elements"] if e["kind"] == "image"]
@@ -189,7 +190,8 @@ def test_no_other_host_is_asked(pages, serve, look):
             f"{TEXT}<img src={elsewhere}/x.png><link rel=stylesheet"
             f" href={elsewhere}/x.css><script>fetch('{elsewhere}/f')</script>"
             f"<iframe src={elsewhere}/frame></iframe><iframe"
-            f" src=http://localhost:{elsewhere.rsplit(':', 1)[1]}/frame2></iframe><script>navigator.sendBeacon('{elsewhere}/b')</script>",
+            f" src=http://localhost:{elsewhere.rsplit(':', 1)[1]}/frame2></iframe>"
+            f"<script>navigator.sendBeacon('{elsewhere}/b')</script>",
         ),
         strict=False,
     )

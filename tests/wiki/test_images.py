@@ -32,7 +32,10 @@ def picture(kind: str, size=(8, 6), frames: int = 1, **options) -> bytes:
         (picture("GIF", frames=3, duration=[100, 200, 300]), ("image/gif", 8, 6, (100, 200, 300))),
         (picture("PNG", frames=2, duration=[500, 250]), ("image/png", 8, 6, (500, 250))),
         (
-            b'<?xml version="1.0"?><svg width="30" height="20px" xmlns="x"><script>alert(1)</script></svg>',
+            (
+                b'<?xml version="1.0"?><svg width="30" height="20px" xmlns="x">'
+                b"<script>alert(1)</script></svg>"
+            ),
             ("image/svg+xml", 30, 20, ()),
         ),
         (b'<svg xmlns="x" viewBox="0 0 9 9"/>', ("image/svg+xml", None, None, ())),

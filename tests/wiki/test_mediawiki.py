@@ -214,7 +214,8 @@ def test_captions_and_originals(data, mediawiki):
     run, *_ = data
     rows = query(
         run,
-        """SELECT i.*, region FROM images i JOIN pages p USING (page_id) JOIN elements e USING (page_id, element_id)
+        """SELECT i.*, region FROM images i JOIN pages p USING (page_id)
+                         JOIN elements e USING (page_id, element_id)
                          WHERE title = 'Pictures' ORDER BY element_id""",
     )
     assert [(r["alt_text"], r["caption"], r["region"], r["width"], r["height"]) for r in rows] == [
@@ -236,7 +237,8 @@ def test_frames_of_gif_apng_and_scripts(data):
     run, *_ = data
     rows = query(
         run,
-        """SELECT i.*, kind FROM images i JOIN pages p USING (page_id) JOIN elements e USING (page_id, element_id)
+        """SELECT i.*, kind FROM images i JOIN pages p USING (page_id)
+                         JOIN elements e USING (page_id, element_id)
                          WHERE title = 'Frames' ORDER BY element_id, frame_index""",
     )
     assert [
@@ -258,7 +260,8 @@ def test_sprites_have_names_boxes_and_pixels(data):
     run, *_ = data
     rows = query(
         run,
-        """SELECT e.text, e.width AS w, e.height AS h, i.* FROM elements e JOIN pages p USING (page_id) JOIN images i USING (page_id, element_id)
+        """SELECT e.text, e.width AS w, e.height AS h, i.* FROM elements e
+                         JOIN pages p USING (page_id) JOIN images i USING (page_id, element_id)
                          WHERE title = 'Icons' AND kind = 'sprite' ORDER BY reading_order""",
     )
     assert [(r["text"], r["w"], r["h"]) for r in rows] == [

@@ -73,7 +73,8 @@ def test_every_line_of_a_file_of_titles_is_counted(wiki, run, tmp_path):
 
     wiki.hook = without_lost
     summary = crawl(run, names)
-    assert {name: summary[name] for name in ("crawled", "failed", "missing", "bad_lines", "pending")} == {
+    counted = ("crawled", "failed", "missing", "bad_lines", "pending")
+    assert {name: summary[name] for name in counted} == {
         "crawled": 6, "failed": 1, "missing": 3, "bad_lines": 1, "pending": 0,
     }  # fmt: skip
     found, kept, odd = filtered(run)
@@ -134,7 +135,8 @@ def test_a_page_that_will_not_be_shown_is_final(wiki, run):
     broken = "/wiki/Gone_from_the_shelf"
     wiki.hook = lambda request: wiki._page("No such") if request.path == broken else None
     summary = crawl(run)
-    assert {name: summary[name] for name in ("crawled", "rejected", "failed", "robots", "gone")} == {
+    counted = ("crawled", "rejected", "failed", "robots", "gone")
+    assert {name: summary[name] for name in counted} == {
         "crawled": 4, "rejected": 2, "failed": 0, "robots": 1, "gone": 0,
     }  # fmt: skip
     verdicts = {

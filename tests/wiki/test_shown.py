@@ -107,7 +107,8 @@ def test_recipes_of_minecraft_wiki(pages, look):
           data-minetip-title="&amp;6Golden &amp;oApple" title="x"><img alt=""></span></span></span>
         <span class="mcui-output"><span class="invslot invslot-large"><span class="s" title="Glass">
           </span>{size(64)}</span></span></div>
-      <div style="display:none"><div class="mcui"><span class="invslot">{item("Bow")}</span></div></div>
+      <div style="display:none"><div class="mcui">
+        <span class="invslot">{item("Bow")}</span></div></div>
       <p><span class="invslot">{item("Alone")}</span></p>"""
     facts, recipes = seen(pages, look, "grids", body)
     assert facts == []

@@ -153,10 +153,10 @@ def test_an_item_that_fails_to_the_end_is_counted_and_tried_by_the_next_run(job:
 
 def test_the_network_is_gone_and_comes_back(job: Job) -> None:
     no_patience(job)
-    job.sandbox.gone("youtube")
+    job.sandbox.servers["youtube"].stop()
     line = job.stopped(*CRAWL, code=3)
     assert "connection" in line
-    job.sandbox.back("youtube")
+    job.sandbox.servers["youtube"].start()
     gone = job.sandbox.faults.add("/v3/videos", reset=True, times=None)
     assert "connection" in job.stopped(*CRAWL, code=3)
     job.sandbox.faults.remove(gone)

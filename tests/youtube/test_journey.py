@@ -15,7 +15,8 @@ from tests.sandbox.domains import of_case
 from tests.youtube.job import Job, plain_units
 
 VERDICTS = """
-    SELECT video_id AS key, 'kept' AS stage, NULL AS reason, NULL AS value, NULL AS threshold FROM clean.youtube_videos
+    SELECT video_id AS key, 'kept' AS stage, NULL AS reason, NULL AS value, NULL AS threshold
+    FROM clean.youtube_videos
     UNION ALL SELECT key, stage, reason, value, threshold FROM clean.youtube_rejected
 """
 

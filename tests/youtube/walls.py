@@ -1,4 +1,4 @@
-"""What YouTube's site shows to a client that it turns away, with the marks of the recorded pages."""
+"""What YouTube's site shows to a client that it turns away: the marks of the recorded pages."""
 
 from __future__ import annotations
 

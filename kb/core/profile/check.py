@@ -47,13 +47,11 @@ _STAND_INS: dict[str, Any] = {
 class Checked(NamedTuple):
     """`profile` is what could be understood, wrong keys left out; None where nothing could.
 
-    `lists` are the names of its keyword files, `whole` says whether nothing was left out.
+    `lists` are the names of its keyword files.
     """
 
-    path: Path
     profile: Profile | None
     lists: tuple[str, ...]
-    whole: bool
     findings: list[Finding]
 
 
@@ -69,7 +67,7 @@ def check_file(path: Path) -> Checked:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         named = tuple(re.findall(r'"([^"\n/]+\.tsv)"', text))
-        return Checked(path, None, named, False, [_syntax(path, text, str(error))])
+        return Checked(None, named, [_syntax(path, text, str(error))])
     except RecursionError:
         return _unread(path, "is nested too deep to be read", "write its tables in their own lines")
     lines = key_lines(text)
@@ -82,7 +80,7 @@ def check_file(path: Path) -> Checked:
     if profile is not None:
         already = {one.key for one in wrong}
         findings += [at(*one) for one in sense.look(profile, data) if one[1] not in already]
-    return Checked(path, profile, _lists(data), not wrong, findings)
+    return Checked(profile, _lists(data), findings)
 
 
 def _understand(data: dict[str, Any], path: Path) -> tuple[Profile | None, list[Problem]]:
@@ -152,7 +150,7 @@ def _lists(data: dict[str, Any]) -> tuple[str, ...]:
 
 def _unread(path: Path, what: str, mend: str) -> Checked:
     finding = Finding(ERROR, path.name, 0, "", f"the profile {path} {what}", mend)
-    return Checked(path, None, (), False, [finding])
+    return Checked(None, (), [finding])
 
 
 def _syntax(path: Path, text: str, said: str) -> Finding:

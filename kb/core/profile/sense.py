@@ -142,7 +142,7 @@ def _addresses(profile: Profile) -> Iterator[Said]:
         parts = urlsplit(wiki.url)
         host = parts.hostname or ""
         if not _is_host(host):
-            said = f"'wiki.url' is \"{wiki.url}\", whose host is none"
+            said = f"'wiki.url' is \"{wiki.url}\", whose host is not a full name"
             yield ERROR, "wiki.url", said, "write an address like https://minecraft.wiki"
         elif host.endswith(_EXAMPLES):
             yield WARNING, "wiki.url", f"'wiki.url' is the example {wiki.url}", "write your wiki's"
