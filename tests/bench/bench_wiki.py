@@ -37,6 +37,7 @@ PAGES = (
     "Long_pier",
 )
 ROUNDS = 2
+CALLS = 20
 
 
 @pytest.fixture(scope="module")
@@ -70,8 +71,19 @@ def make_pool(wiki, section):
     return lambda: Pool(start, 600)
 
 
+def _cpu(browser) -> float:
+    """CPU seconds of a browser with all its processes, and of this one."""
+    root = psutil.Process(browser.process.pid)
+    spent = time.process_time()
+    for process in (root, *root.children(recursive=True)):
+        with contextlib.suppress(psutil.Error):
+            times = process.cpu_times()
+            spent += times.user + times.system
+    return spent
+
+
 def test_one_call_against_webdriver(make_pool, wiki, section):
-    """The same facts of the same page: text, box and visibility of every element."""
+    """The same facts of the same page: text, box and visibility of every element. CPU time."""
     rows = "".join(
         f"<tr><th>Row {n}</th><td>{n}</td><td>some text {n}</td></tr>" for n in range(90)
     )
@@ -82,18 +94,17 @@ def test_one_call_against_webdriver(make_pool, wiki, section):
     def work(browser):
         browser.go(f"{wiki}/wiki/Main_Page")
         browser.script("document.querySelector('.mw-parser-output').innerHTML = arguments[0]", body)
-        found, ours = None, []
-        for _ in range(5):
-            start = time.perf_counter()
+        start = _cpu(browser)
+        for _ in range(CALLS):
             found = browser.script(capture.page_script("extract.js"), section.rules)
-            ours.append(time.perf_counter() - start)
-        start = time.perf_counter()
+        ours = (_cpu(browser) - start) / CALLS
+        start = _cpu(browser)
         by_driver = []
         for element in browser._driver.find_elements(
             "css selector", "#content :is(h1, h2, p, table, th, td)"
         ):
             by_driver.append((element.tag_name, element.text, element.rect, element.is_displayed()))
-        return found["elements"], sorted(ours)[2], by_driver, time.perf_counter() - start
+        return found["elements"], ours, by_driver, _cpu(browser) - start
 
     with make_pool() as pool:
         elements, ours, by_driver, theirs = pool.use(work)
@@ -101,8 +112,8 @@ def test_one_call_against_webdriver(make_pool, wiki, section):
         (tag, round(rect["width"])) for tag, _, rect, _ in by_driver
     ]
     print(
-        f"\n{len(elements)} elements: one call {ours * 1000:.1f} ms,"
-        f" WebDriver {theirs:.2f} s: {theirs / ours:.0f} times"
+        f"\n{len(elements)} elements: one call {ours * 1000:.1f} CPU ms,"
+        f" WebDriver {theirs:.2f} CPU s: {theirs / ours:.0f} times"
     )
     assert theirs / ours >= 100
 
@@ -155,18 +166,7 @@ def test_pages_a_second(make_pool, wiki, section, tmp_path):
             for name, value in parts.most_common()
         )
     )
-    assert rates[2] > rates[1]
-
-
-def _cpu(browser) -> float:
-    """CPU seconds of a browser with all its processes, and of this one."""
-    root = psutil.Process(browser.process.pid)
-    spent = time.process_time()
-    for process in (root, *root.children(recursive=True)):
-        with contextlib.suppress(psutil.Error):
-            times = process.cpu_times()
-            spent += times.user + times.system
-    return spent
+    assert rates[2] > rates[1], "wall time: try again on a machine that does nothing else"
 
 
 def _coloured() -> str:
