@@ -52,6 +52,7 @@ PREFERENCES = {
 }
 FLAGS = (
     "--headless=new",
+    "--remote-debugging-pipe",  # it ends with its driver, and nobody else can talk to it
     "--hide-scrollbars",
     "--force-device-scale-factor=1",
     "--force-color-profile=srgb",

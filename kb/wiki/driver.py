@@ -69,15 +69,7 @@ class DriverProcess:
             "TZ": "UTC",
         }
         try:
-            return subprocess.Popen(
-                [program, "--port=0"],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,
-                env={**kept, **home},
-                cwd=self.folder,
-            )
+            return guard.start([program, "--port=0"], {**kept, **home}, self.folder)
         except OSError as error:
             raise MissingExtra(f"{program} does not start: {error}", hint=INSTALL) from None
 

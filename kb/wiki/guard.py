@@ -3,19 +3,26 @@
 A browser is many processes; killing its driver alone leaves the others running. Each driver is
 started as the leader of a session of its own, and what is ended is the whole session and all
 descendants. The guard is a small process that waits for the end of a pipe from us: however we
-end, the pipe closes, and the guard ends the sessions that are still noted.
+end, the pipe closes, and the guard ends the sessions that are still noted. Where the guard is
+killed together with us, Linux kills the driver, and the browser ends as its driver's pipe closes.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import functools
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+
+_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
 def family(leader: int, folder: str = "") -> list[int]:
@@ -77,6 +84,43 @@ def _kill(pid: int) -> bool:
         return False
 
 
+def start(command: Sequence[str], env: Mapping[str, str], folder: str) -> subprocess.Popen[bytes]:
+    """Start a program in a session of its own, to be killed with us. Its output is piped.
+
+    Raises OSError. `command[0]` is a path.
+    """
+    run = [sys.executable, "-I", "-S", str(Path(__file__).resolve()), str(os.getpid()), *command]
+
+    def make() -> subprocess.Popen[bytes]:
+        return subprocess.Popen(
+            run,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            env=env,
+            cwd=folder,
+        )
+
+    return _starter(os.getpid()).submit(make).result()
+
+
+@functools.cache
+def _starter(pid: int) -> ThreadPoolExecutor:
+    """A thread that lasts as long as the process `pid`: a program is killed with the thread that
+    started it, and those that use browsers end before.
+    """
+    return ThreadPoolExecutor(1, thread_name_prefix=f"starter-{pid}")
+
+
+def _become(parent: int, command: list[str]) -> None:
+    """Be a program that is killed with `parent`, where the system can do that."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_DEATH_SIGNAL, int(signal.SIGKILL), 0, 0, 0)
+    if os.getppid() == parent:  # else it has ended already
+        os.execv(command[0], command)
+
+
 class Guard:
     """Our side of the pipe. `watch` and `forget` are lines to the guard process."""
 
@@ -129,4 +173,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    if len(sys.argv) > 1:
+        _become(int(sys.argv[1]), sys.argv[2:])
+    else:
+        main()

@@ -1,8 +1,8 @@
 """Raw to release at a share of the paper's size, as a table with floors and what it makes at 100 %.
 
-SHARE=0.05 make bench ARGS="-k scale"                            a share of your own
-SHARE=0.05 AGAINST=before.json make bench ARGS="-k scale"        beside figures kept before
-SHARE=0.05 KEEP=before.json CODE=../older make bench ARGS="…"    an older checkout's code
+SHARE=0.05 make bench ARGS="-k raw_to_release"                       a share of your own
+SHARE=0.05 AGAINST=before.json make bench ARGS="-k raw_to_release"   beside figures kept before
+SHARE=0.05 KEEP=before.json CODE=../older make bench ARGS="…"        an older checkout's code
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from kb.annotate.detoxify_model import load_detoxify  # noqa: E402
 from kb.annotate.hashes import text_hashes  # noqa: E402
 from kb.core import clock  # noqa: E402
 from kb.core.settings import load_settings  # noqa: E402
-from kb.sandbox import toxicity as tiny  # noqa: E402
+from kb.sandbox import toxicity_weights as tiny  # noqa: E402
 from kb.sandbox import toxicity_words as words  # noqa: E402
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]
@@ -148,7 +148,7 @@ def test_same_scores_at_three_times_the_rate(checkpoint, texts):
     assert all(
         differences[name] < backends.REACH[name] for name in ("bf16", "int8") if name in best
     )
-    assert best["chosen"] >= 3 * one
+    assert best["chosen"] >= 3 * one, "wall time: try again on a machine that does nothing else"
 
 
 def rate_of(texts, work):
