@@ -58,7 +58,11 @@ def pytest_collection() -> Iterator[None]:
     finally:
         gc.freeze()
         gc.enable()
-        forked.collected()
+        forked.between_tests()
+
+
+def pytest_runtest_logfinish() -> None:
+    forked.between_tests()
 
 
 @pytest.hookimpl(trylast=True)

@@ -38,9 +38,9 @@ _BY_COMMANDS = {"PYTHONWARNINGS", "RAYON_NUM_THREADS"}  # set by those that ran 
 _ENVIRONMENT = dict(os.environ)
 
 
-def collected() -> None:
-    """What imports of the tests have set in the environment (allocators, telemetry) is no wish of a
-    test: only what differs from now on asks for a whole process.
+def between_tests() -> None:
+    """What libraries have set in the environment of this process (allocators, thread counts, cache
+    folders) is no wish of a test: only what differs from now on asks for a whole process.
     """
     _ENVIRONMENT.clear()
     _ENVIRONMENT.update(os.environ)
