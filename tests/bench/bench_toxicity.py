@@ -49,7 +49,6 @@ def checkpoint(tmp_path_factory):
     """
     from transformers import BertConfig, BertForSequenceClassification
 
-    os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
     folder = tmp_path_factory.mktemp("base")
     torch.manual_seed(0)
     names = tiny.vocabulary()
@@ -79,9 +78,13 @@ def checkpoint(tmp_path_factory):
         },
         path,
     )
-    return find_checkpoint(
-        load_settings(dotenv=False, kb_toxicity_model=str(path), kb_toxicity_sha256=sha256_of(path))
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield find_checkpoint(
+            load_settings(
+                dotenv=False, kb_toxicity_model=str(path), kb_toxicity_sha256=sha256_of(path)
+            )
+        )
 
 
 @pytest.fixture(scope="module")
