@@ -10,6 +10,7 @@ frontier   their items
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import TypeVar
 
 import msgspec
 
@@ -22,6 +23,8 @@ from kb.store import mending, purge
 from kb.store.purge import Strip
 from kb.store.purge_search import Found, Holds, everything, finder, search
 from kb.store.rawlog import Envelope, Request
+
+T = TypeVar("T")
 
 
 class Keys(dict[str, str]):
@@ -56,23 +59,37 @@ def strip_of(source: str, others: Mapping[str, Collection[str]] | None = None) -
     return without
 
 
+def collected(session: Session, collect: Callable[[], Keys]) -> Keys:
+    """What is to go, together with what an unfinished purge left.
+
+    Nothing but damage is written: what can't be read is set aside, to be told later.
+    """
+    return _mended(session, lambda: _all(session, collect))
+
+
 def searched(
     session: Session,
     collect: Callable[[], Keys],
     holding: Callable[[Collection[str]], Holds],
 ) -> tuple[Keys, Found]:
-    """What is to go, together with what an unfinished purge left, and which answers may hold it.
-
-    Nothing but damage is written: what can't be read is set aside, to be told later. `holding`
-    makes of keys what tells whether an answer may hold one.
-    """
+    """The same, and which answers may hold it; `holding` makes of keys what tells that."""
     run, name = session.run, session.source.name
 
     def read() -> tuple[Keys, Found]:
-        keys = collect()
-        keys.update({**purge.left_over(run.root, name), **keys})
+        keys = _all(session, collect)
         return keys, search(run.root, name, holding(keys), run.workers)
 
+    return _mended(session, read)
+
+
+def _all(session: Session, collect: Callable[[], Keys]) -> Keys:
+    keys = collect()
+    keys.update({**purge.left_over(session.run.root, session.source.name), **keys})
+    return keys
+
+
+def _mended(session: Session, read: Callable[[], T]) -> T:
+    """What `read` reads of the raw answers, damaged ones set aside."""
     try:
         return read()
     except DamagedData as error:
@@ -112,7 +129,9 @@ def purge_raw(
             remove(session, keys, found)
         else:
             strip = strip_of(source.name)
-            purge.rewrite_raw(run.root, source.name, keys.keys(), strip, frontier, found)
+            purge.rewrite_raw(
+                run.root, source.name, keys.keys(), strip, frontier, found, run.workers
+            )
         for kind in kinds:
             frontier.remove(kind, keys)
         return keys
