@@ -19,9 +19,9 @@ from kb.core.errors import DamagedData
 from kb.crawl.session import Session, open_session
 from kb.crawl.source import Source
 from kb.schema import keys as schema
-from kb.store import mending, purge
+from kb.store import mending, purge, rawlog
 from kb.store.purge import Strip
-from kb.store.purge_search import Found, Holds, everything, finder, search
+from kb.store.purge_search import Found, Holds, everything, finder, search, standing
 from kb.store.rawlog import Envelope, Request
 
 T = TypeVar("T")
@@ -70,14 +70,20 @@ def collected(session: Session, collect: Callable[[], Keys]) -> Keys:
 def searched(
     session: Session,
     collect: Callable[[], Keys],
-    holding: Callable[[Collection[str]], Holds],
+    holding: Callable[[Collection[str]], Holds] | None = None,
 ) -> tuple[Keys, Found]:
-    """The same, and which answers may hold it; `holding` makes of keys what tells that."""
+    """The same, and which answers may hold it; `holding` makes of keys what tells that, instead of
+    the schemas.
+    """
     run, name = session.run, session.source.name
 
     def read() -> tuple[Keys, Found]:
         keys = _all(session, collect)
-        return keys, search(run.root, name, holding(keys), run.workers)
+        if holding is not None:
+            return keys, search(run.root, name, holding(keys), run.workers)
+        named = {kind: schema.fields(f"{name}/{kind}") for kind in rawlog.kinds(run.root, name)}
+        own = {kind: standing(keys, fields) for kind, fields in named.items() if fields}
+        return keys, search(run.root, name, finder(keys), run.workers, own)
 
     return _mended(session, read)
 
@@ -118,7 +124,7 @@ def purge_raw(
     with open_session(run, source, asks=False, tells=False) as session:
         # Opening it has taken in what was not read yet.
         session.recorder.close()
-        holding = finder if remove is None else everything
+        holding = None if remove is None else everything
         keys, found = searched(session, lambda: collect(session), holding)
         purge.begin(run.root, source.name, keys)
         if not keys:
