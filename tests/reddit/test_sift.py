@@ -87,6 +87,16 @@ def test_what_holds_no_key_stays_as_it_was_written() -> None:
     assert b"[%b]" % odd in rawlog.encode(left)
 
 
+def test_a_crosspost_is_noted_where_the_next_page_stands_behind_a_key() -> None:
+    answer = listing(post("c2", name="t3_c2", crosspost_parent="t3_p1"), after="t3_p1")
+    line = rawlog.encode(Envelope(None, Request("e", {}), 200, answer))
+    sift, raw = Sift(), rawlog.undecoded(line)
+    left = sift("listings", raw, {"t3_p1"})
+    assert left is not None
+    assert left.response["data"]["after"] == "t3_c2"
+    assert sift.crossposts == {"c2"}
+
+
 @pytest.mark.parametrize("name", ["t1_ab", "t3_ab"])
 def test_a_short_id_within_another_word_is_no_key(name: str) -> None:
     holds = holding({name, "t1_abc"})

@@ -91,3 +91,26 @@ def test_only_answers_that_may_hold_a_key_are_decoded(segment: Path, tmp_path: P
     assert search(tmp_path, "youtube", finder(gone)) == {}
     assert purge.rewrite_raw(tmp_path, "youtube", gone, strip, frontier, found={segment: []}) == 0
     assert segment.stat().st_mtime_ns == again  # nothing to take out: not written again
+
+
+def test_only_the_segment_in_hand_is_read_again_after_a_kill(tmp_path: Path) -> None:
+    for number in range(3):
+        writer = rawlog.Segment(rawlog.folder(tmp_path, "youtube", "videos"))
+        writer.append(rawlog.encode(envelope(f"v{number},w", [f"v{number}", "w"])), sync=False)
+        writer.close()
+    paths = rawlog.segments(tmp_path, "youtube", "videos")
+    frontier = Frontier(tmp_path / "state" / "youtube.sqlite")
+    for path in paths:
+        frontier.set_offset("videos", rawlog.base_name(path), path.stat().st_size)
+
+    def strip(kind: str, one: Envelope, gone: Any) -> Envelope | None:
+        if one.request.params["id"].startswith("v1"):
+            raise KeyboardInterrupt
+        return strip_of("youtube")(kind, one, gone)
+
+    found = search(tmp_path, "youtube", finder({"w"}))
+    assert list(found) == paths
+    with pytest.raises(KeyboardInterrupt):
+        purge.rewrite_raw(tmp_path, "youtube", {"w"}, strip, frontier, found)
+    known = [frontier.offset("videos", rawlog.base_name(path)) for path in paths]
+    assert known == [paths[0].stat().st_size, 0, paths[2].stat().st_size]
