@@ -10,6 +10,7 @@ frontier   their items
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import TypeVar
 
 import msgspec
 
@@ -18,10 +19,12 @@ from kb.core.errors import DamagedData
 from kb.crawl.session import Session, open_session
 from kb.crawl.source import Source
 from kb.schema import keys as schema
-from kb.store import mending, purge
+from kb.store import mending, purge, rawlog
 from kb.store.purge import Strip
-from kb.store.purge_search import Found, Holds, everything, finder, search
+from kb.store.purge_search import Found, Holds, everything, finder, search, standing
 from kb.store.rawlog import Envelope, Request
+
+T = TypeVar("T")
 
 
 class Keys(dict[str, str]):
@@ -56,23 +59,43 @@ def strip_of(source: str, others: Mapping[str, Collection[str]] | None = None) -
     return without
 
 
+def collected(session: Session, collect: Callable[[], Keys]) -> Keys:
+    """What is to go, together with what an unfinished purge left.
+
+    Nothing but damage is written: what can't be read is set aside, to be told later.
+    """
+    return _mended(session, lambda: _all(session, collect))
+
+
 def searched(
     session: Session,
     collect: Callable[[], Keys],
-    holding: Callable[[Collection[str]], Holds],
+    holding: Callable[[Collection[str]], Holds] | None = None,
 ) -> tuple[Keys, Found]:
-    """What is to go, together with what an unfinished purge left, and which answers may hold it.
-
-    Nothing but damage is written: what can't be read is set aside, to be told later. `holding`
-    makes of keys what tells whether an answer may hold one.
+    """The same, and which answers may hold it; `holding` makes of keys what tells that, instead of
+    the schemas.
     """
     run, name = session.run, session.source.name
 
     def read() -> tuple[Keys, Found]:
-        keys = collect()
-        keys.update({**purge.left_over(run.root, name), **keys})
-        return keys, search(run.root, name, holding(keys), run.workers)
+        keys = _all(session, collect)
+        if holding is not None:
+            return keys, search(run.root, name, holding(keys), run.workers)
+        named = {kind: schema.fields(f"{name}/{kind}") for kind in rawlog.kinds(run.root, name)}
+        own = {kind: standing(keys, fields) for kind, fields in named.items() if fields}
+        return keys, search(run.root, name, finder(keys), run.workers, own)
 
+    return _mended(session, read)
+
+
+def _all(session: Session, collect: Callable[[], Keys]) -> Keys:
+    keys = collect()
+    keys.update({**purge.left_over(session.run.root, session.source.name), **keys})
+    return keys
+
+
+def _mended(session: Session, read: Callable[[], T]) -> T:
+    """What `read` reads of the raw answers, damaged ones set aside."""
     try:
         return read()
     except DamagedData as error:
@@ -101,7 +124,7 @@ def purge_raw(
     with open_session(run, source, asks=False, tells=False) as session:
         # Opening it has taken in what was not read yet.
         session.recorder.close()
-        holding = finder if remove is None else everything
+        holding = None if remove is None else everything
         keys, found = searched(session, lambda: collect(session), holding)
         purge.begin(run.root, source.name, keys)
         if not keys:
@@ -112,7 +135,9 @@ def purge_raw(
             remove(session, keys, found)
         else:
             strip = strip_of(source.name)
-            purge.rewrite_raw(run.root, source.name, keys.keys(), strip, frontier, found)
+            purge.rewrite_raw(
+                run.root, source.name, keys.keys(), strip, frontier, found, run.workers
+            )
         for kind in kinds:
             frontier.remove(kind, keys)
         return keys

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import cast
@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.verdict import Summary
-from kb.crawl.purge import Keys, searched
+from kb.crawl.purge import Keys, collected
 from kb.crawl.session import open_session
 from kb.reddit import threads, tree
 from kb.reddit.crossposts import drop_parents
@@ -30,15 +30,17 @@ from kb.reddit.sift import Sift
 from kb.reddit.source import INFO, Reddit
 from kb.reddit.strip import strip
 from kb.reddit.wanted import read_wanted
-from kb.store import mending, parquet, purge, purge_plan, rawlog, tombstones
+from kb.store import buckets, mending, parquet, purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import Place, links_of, verdicts_of
-from kb.store.purge_search import Found, Holds, finder
+from kb.store.purge_search import Holds, everything, finder
+from kb.store.rawlog import Envelope
 from kb.store.reading import reading
 from kb.store.shards import write_table
 
 _MUCH = 64 << 20  # bytes of segments that are written again by several processes
+_MANY = 2_000  # keys: then each answer is read by types, not searched
 REBUILT = (BELOW.reconstructed, BELOW.restored("reddit"))
 BASES = (BELOW.clean("reddit"), *REBUILT)
 ROWS = (
@@ -109,17 +111,17 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
         read_wanted(ids)
     # What a killed import had not noted holds texts too. Damage is set aside and told later.
     with open_session(run, Reddit(run), asks=False, tells=False) as session:
-        keys, found = searched(session, lambda: Keys(collect(run, ids)), holding)
+        keys = collected(session, lambda: Keys(collect(run, ids)))
         purge.begin(run.root, "reddit", keys)
         if keys:
-            _take_out(run, session.frontier, keys, found)
+            _take_out(run, session.frontier, keys)
     return keys
 
 
-def _take_out(run: Run, frontier: Frontier, keys: dict[str, str], found: Found) -> None:
+def _take_out(run: Run, frontier: Frontier, keys: dict[str, str]) -> None:
     """Keys leave raw answers, the state, and what crossposts show."""
     mending.drop_asides(run.root, "reddit", frontier, keys, ())
-    crossposts = _rewrite(run, frontier, found)
+    crossposts = _rewrite(run, frontier)
     for base in BASES:
         drop_parents(run.root / base / "posts", crossposts, keys)
     _forget(frontier, keys)
@@ -129,39 +131,62 @@ def _take_out(run: Run, frontier: Frontier, keys: dict[str, str], found: Found) 
             shutil.rmtree(work)
 
 
-def _rewrite(run: Run, frontier: Frontier, found: Found) -> set[str]:
+def _rewrite(run: Run, frontier: Frontier) -> set[str]:
     """The raw segments again, without the keys that are noted; the bare ids of crossposts of them.
 
     Raises Interrupted.
     """
-    tasks = [(str(run.root), str(path), places) for path, places in found.items()]
+    paths = [
+        path
+        for kind in rawlog.kinds(run.root, "reddit")
+        for path in rawlog.segments(run.root, "reddit", kind)
+    ]
     # Processes of their own take a second to start.
-    workers = run.workers if sum(path.stat().st_size for path in found) > _MUCH else 1
+    workers = run.workers if sum(path.stat().st_size for path in paths) > _MUCH else 1
     engine = run.engine if workers > 1 else "local"
     crossposts: set[str] = set()
-    with (
-        purge.rewriting(frontier, found),
-        make_executor(engine, workers, run.scheduler) as executor,
-    ):
-        for shown in map_in_order(executor, rewrite, tasks, window=2 * workers):
+    with make_executor(engine, workers, run.scheduler) as executor:
+        tasks = ((str(run.root), str(path)) for path in purge.in_hand(frontier, paths))
+        made = map_in_order(executor, rewrite, tasks, window=2 * workers)
+        for path, shown in zip(paths, made, strict=True):
+            purge.done(frontier, path)
             crossposts.update(shown)
     return crossposts
 
 
-def rewrite(root: str, segment: str, places: list[tuple[int, int]]) -> list[str]:
+def rewrite(root: str, segment: str) -> list[str]:
     """One segment without the noted keys; the crossposts of them in it. Runs in a worker."""
     noted = Layout(Path(root)).purge("reddit").stat()
     keys, holds = _noted(root, noted.st_mtime_ns, noted.st_ino)
-    sift = Sift(holds)
-    purge.rewrite(Path(segment), places, keys, sift, rawlog.undecoded)
+    sift = Sift()
+    with buckets.without_collecting():
+        purge.replace(Path(segment), _stripped(Path(segment), keys, holds, sift))
     return sorted(sift.crossposts)
+
+
+def _stripped(
+    path: Path, keys: Collection[str], holds: Holds, sift: Sift
+) -> Iterator[tuple[int, int, Envelope | None]]:
+    """The frames of a segment that hold keys, and what is left of each envelope.
+
+    One pass looks at every frame, as a purge of what was deleted since finds some in most.
+    """
+    frames = rawlog.Frames(path, checked=True)
+    for end, line in frames:
+        if holds(line):
+            envelope = rawlog.undecoded(line)
+            left = sift(path.parent.name, envelope, keys)
+            if left is not envelope:
+                yield frames.start, end, left
 
 
 @lru_cache(maxsize=1)
 def _noted(root: str, changed: int, inode: int) -> tuple[Collection[str], Holds]:
-    """The keys of the list as it is now, and what tells whether bytes may hold one."""
-    keys = purge.left_over(Path(root), "reddit")
-    return keys, holding(keys)
+    """The keys of the list as it is now, and what tells whether bytes may hold one: where there are
+    many, most answers do, and the types that a sift reads tell sooner.
+    """
+    keys = frozenset(purge.left_over(Path(root), "reddit"))
+    return keys, holding(keys) if len(keys) < _MANY else everything(keys)
 
 
 def holding(keys: Collection[str]) -> Holds:

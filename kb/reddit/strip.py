@@ -52,7 +52,7 @@ def without_asked(kind: str, request: Request, keys: Collection[str]) -> Request
     endpoint = request.endpoint
     if kind == "comments" and f"t1_{params.get('comment')}" in keys:
         # What is left reads as a page of the post: another address, which no place can say.
-        endpoint = f"comments/{params['article']}"
+        endpoint = f"comments/{params.get('article', '')}"
         params = {name: value for name, value in params.items() if name != "comment"}
     return request if params is request.params else Request(endpoint, params)
 

@@ -13,6 +13,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.context import default_workers
+from kb.core.engine import make_threads
 from kb.reddit.records import OPEN, READ
 from kb.store import parquet
 from kb.store.layout import parquet_files
@@ -20,6 +22,10 @@ from kb.store.reading import reading
 from kb.store.shards import write_table
 
 _NAMES = ("posts", "comments")
+_COUNTED = {  # the columns that a count is made of, and the count
+    "reddit/posts": ("post_id", "comments_released"),
+    "reddit/comments": ("comment_id", "post_id", "parent_id", "parent_in_release"),
+}
 
 
 def with_unread(posts: pa.Table, comments: pa.Table, marks: pa.Table) -> pa.Table:
@@ -72,14 +78,23 @@ def count_again(folder: Path) -> None:
     Parts of both tables with one number are of the same posts. A part that says the right thing
     stays as it is.
     """
-    for name in sorted({path.name for kind in _NAMES for path in parquet_files(folder / kind)}):
-        paths = {f"reddit/{kind}": folder / kind / name for kind in _NAMES}
-        paths = {kind: path for kind, path in paths.items() if path.exists()}
-        with reading(paths.values()):
-            old = {kind: parquet.read_table(path) for kind, path in paths.items()}
+    names = sorted({path.name for kind in _NAMES for path in parquet_files(folder / kind)})
+    # Reading and compressing let other threads run.
+    with make_threads(default_workers()) as pool:
+        for _ in pool.map(lambda name: _count_again(folder, name), names):
+            pass
+
+
+def _count_again(folder: Path, name: str) -> None:
+    paths = {f"reddit/{kind}": folder / kind / name for kind in _NAMES}
+    paths = {kind: path for kind, path in paths.items() if path.exists()}
+    with reading(paths.values()):
+        old = {kind: parquet.read_table(path, _COUNTED[kind]) for kind, path in paths.items()}
         for kind, rows in counted(old).items():
             if not rows.equals(old[kind]):
-                write_table(paths[kind], rows, kind)
+                column = _COUNTED[kind][-1]
+                whole = _with(parquet.read_table(paths[kind]), column, rows[column])
+                write_table(paths[kind], whole, kind)
 
 
 def _count(posts: pa.Table, below: pa.Table) -> pa.Array[Any]:

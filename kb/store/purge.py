@@ -11,7 +11,6 @@ from __future__ import annotations
 import shutil
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -21,7 +20,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.context import default_workers
-from kb.core.engine import make_threads
+from kb.core.engine import make_threads, map_in_order
 from kb.store import damage, lock, mending, notes, parquet, purge_search, rawlog, tombstones
 from kb.store.atomic import write_bytes, writing
 from kb.store.frontier import Frontier
@@ -140,33 +139,40 @@ def rewrite_raw(
     strip: Strip,
     frontier: Frontier,
     found: Found,
-    decode: Callable[[bytes], Envelope] = rawlog.decode,
+    threads: int = 1,
 ) -> int:
     """Write raw segments again without the keys; how many envelopes changed.
 
     Call it under the writer's lock, with every segment closed and taken into the frontier. A
     segment keeps its name and place in the order; the new one takes the old one's place by a
     rename. `found` are the frames that may hold a key, as `purge_search.search` says it: no others
-    are even read. `decode` makes the envelopes that `strip` takes.
+    are even read. With one of the `threads` a segment is done before the next one is begun: where
+    it says what others lose, a purge that was killed has to find it as it was.
     """
-    with rewriting(frontier, found):
-        return sum(rewrite(path, found[path], keys, strip, decode) for path in found)
+    count = 0
+    # Copying lets other threads run.
+    with make_threads(threads) as pool:
+        tasks = ((path, found[path], keys, strip) for path in in_hand(frontier, found))
+        for path, changed in zip(found, map_in_order(pool, rewrite, tasks, threads), strict=True):
+            count += changed
+            done(frontier, path)
+    return count
 
 
-@contextmanager
-def rewriting(frontier: Frontier, paths: Collection[Path]) -> Iterator[None]:
-    """Segments that the block writes again.
+def in_hand(frontier: Frontier, paths: Iterable[Path]) -> Iterator[Path]:
+    """The segments, each of which is written again when it was handed out, until it is `done`.
 
-    Shorter soon: a state that knows more than there is would take it for lost. Killed before the
-    block has ended, they are read again, which changes nothing.
+    Shorter soon: a state that knows more than there is would take it for lost. Killed before it is
+    done, it is read again, which changes nothing.
     """
-    with frontier.transaction():
-        for path in paths:
-            frontier.set_offset(path.parent.name, rawlog.base_name(path), 0)
-    yield
-    with frontier.transaction():
-        for path in paths:
-            frontier.set_offset(path.parent.name, rawlog.base_name(path), path.stat().st_size)
+    for path in paths:
+        frontier.set_offset(path.parent.name, rawlog.base_name(path), 0)
+        yield path
+
+
+def done(frontier: Frontier, path: Path) -> None:
+    """A segment was written again: the state knows all of it."""
+    frontier.set_offset(path.parent.name, rawlog.base_name(path), path.stat().st_size)
 
 
 def stripped(
@@ -174,31 +180,33 @@ def stripped(
     places: Iterable[tuple[int, int]],
     keys: Collection[str],
     strip: Strip,
-    decode: Callable[[bytes], Envelope] = rawlog.decode,
 ) -> Iterator[tuple[int, int, Envelope | None]]:
     """The frames (start, end) of a segment that hold keys, and what is left of each envelope;
     `places` are those that may.
     """
     for start, end, line in purge_search.lines(path, places):
-        envelope = decode(line)
+        envelope = rawlog.decode(line)
         left = strip(path.parent.name, envelope, keys)
         if left is not envelope:
             yield start, end, left
 
 
 def rewrite(
-    path: Path,
-    places: Iterable[tuple[int, int]],
-    keys: Collection[str],
-    strip: Strip,
-    decode: Callable[[bytes], Envelope] = rawlog.decode,
+    path: Path, places: Iterable[tuple[int, int]], keys: Collection[str], strip: Strip
 ) -> int:
     """A segment without the keys, as `stripped` has it; how many envelopes changed.
 
-    The other frames are copied as they stand; a segment in which nothing changes stays. The caller
-    tells the state, by `rewriting`.
+    The caller tells the state, by `in_hand` and `done`.
     """
-    left = stripped(path, places, keys, strip, decode)
+    return replace(path, stripped(path, places, keys, strip))
+
+
+def replace(path: Path, left: Iterable[tuple[int, int, Envelope | None]]) -> int:
+    """A segment with other envelopes in some of its frames (start, end), in their order, or with
+    none there; how many they are.
+
+    The other frames are copied as they stand; a segment in which nothing changes stays.
+    """
     engine = rawlog.compressor()
     changes = [
         (start, end, b"" if envelope is None else engine.compress(rawlog.encode(envelope)))

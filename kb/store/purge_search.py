@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import msgspec
@@ -18,6 +19,8 @@ Found = dict[Path, list[tuple[int, int]]]
 """Of each segment the frames (start, end) that may hold a key, in order."""
 
 _ESCAPED = b"\\u"
+# What may follow a field's name: a text up to its end or its first escape, a number, a list.
+_VALUE = re.compile(rb'[ \t\n\r]*:[ \t\n\r]*(?:"([^"\\]*)(\\?)|(-?[0-9][0-9.eE+-]*)|(\[)|)')
 _LARGE = 1 << 16  # bytes of all keys: a table of so many states takes some dozens of MiB
 
 
@@ -48,6 +51,40 @@ def finder(texts: Iterable[str], *, alone: bool = False) -> Holds:
     return holds
 
 
+def standing(texts: Iterable[str], fields: Iterable[str]) -> Holds:
+    """As `finder`, of texts that go only where they are the value of one of these fields, or stand
+    there between commas.
+
+    The few names are found four times as fast as many texts.
+    """
+    wanted = frozenset(msgspec.json.encode(text)[1:-1] for text in texts)
+    if not wanted or b"" in wanted:
+        return lambda line: bool(wanted)
+    marks = sorted({*map(msgspec.json.encode, fields), _ESCAPED})
+    find = BytesAhoCorasick(marks).find_matches_as_indexes
+
+    def holds(line: bytes | msgspec.Raw) -> bool:
+        data = bytes(line)
+        return any(
+            marks[number] == _ESCAPED or _may_be(data, end, wanted) for number, _, end in find(data)
+        )
+
+    return holds
+
+
+def _may_be(line: bytes, at: int, wanted: Collection[bytes]) -> bool:
+    """Whether the value behind a field's name may be one of the texts; False where the name is
+    itself a value.
+    """
+    value = _VALUE.match(line, at)
+    if value is None:
+        return False
+    text, escape, number, several = value.groups()
+    if text is None:
+        return bool(several) or (number is not None and (number in wanted or number[:2] == b"-0"))
+    return bool(escape) or text in wanted or any(one in wanted for one in text.split(b","))
+
+
 def _is_alone(line: bytes, start: int, end: int) -> bool:
     if line[start:end] == _ESCAPED:
         return True
@@ -60,8 +97,16 @@ def everything(keys: Collection[str]) -> Holds:
     return lambda line: True
 
 
-def search(root: Path, source: str, holds: Holds, threads: int = 1) -> Found:
+def search(
+    root: Path,
+    source: str,
+    holds: Holds,
+    threads: int = 1,
+    own: Mapping[str, Holds] | None = None,
+) -> Found:
     """The frames that may hold a key, of the segments that have any. Changes nothing.
+
+    `own` are raw kinds of which something else tells it than `holds`.
 
     Nothing that could not be read is passed over: raises DamagedData for the first segment with
     bytes that are no answer, the torn end of an open one apart, and Interrupted.
@@ -72,8 +117,9 @@ def search(root: Path, source: str, holds: Holds, threads: int = 1) -> Found:
 
     def look(path: Path) -> list[tuple[int, int]]:
         signals.stop.check()
+        tells = (own or {}).get(path.parent.name, holds)
         frames = rawlog.Frames(path, checked=True)
-        return [(frames.start, end) for end, line in frames if holds(line)]
+        return [(frames.start, end) for end, line in frames if tells(line)]
 
     # Decompressing and searching let other threads run.
     with make_threads(threads) as pool:

@@ -11,9 +11,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from kb.crawl.purge import strip_of
+from kb.schema.keys import fields
 from kb.store import purge, rawlog
 from kb.store.frontier import Frontier
-from kb.store.purge_search import finder, search
+from kb.store.purge_search import finder, search, standing
 from kb.store.rawlog import Envelope, Request
 
 keys = st.text(min_size=1, max_size=4) | st.sampled_from(["a", "é", 'q"', "b\\c", "7", "x/y", "\n"])
@@ -31,10 +32,24 @@ def test_no_answer_with_a_key_is_skipped(asked: list[str], ids: list[Any], gone:
     made = envelope(",".join(asked), ids)
     _, line = rawlog.storable(made)
     kept = rawlog.decode(line)
-    holds = finder(gone)
     if strip_of("youtube")("videos", kept, set(gone)) is not kept:
+        for holds in (finder(gone), standing(gone, fields("youtube/videos"))):
+            assert holds(line)
+            assert holds(json.dumps(json.loads(line)).encode())  # whatever else wrote it
+
+
+def test_a_key_in_another_field_is_not_looked_at() -> None:
+    assert fields("youtube/videos") == {"id"}
+    assert fields("youtube/transcripts") == {"video_id"}
+    assert fields("youtube/playlist_items") == {"videoId"}
+    assert not fields("wiki/pages")  # titles go with a page's key
+    assert not fields("reddit/comments")  # bare ids
+    assert not fields("youtube/nothing")
+    holds = standing(["v1", "7"], {"id"})
+    for line in (b'{"id":"v12","title":"v1"}', b'{"text":"id","v":"v1"}'):
+        assert not holds(line)
+    for line in (b'{"id": "v1"}', b'{"id":"v0,v1"}', b'{"id":7}', b'{"id":["v1"]}', b'"id":"v\\/'):
         assert holds(line)
-        assert holds(json.dumps(json.loads(line)).encode())  # whatever else wrote it
 
 
 @pytest.fixture
@@ -76,3 +91,26 @@ def test_only_answers_that_may_hold_a_key_are_decoded(segment: Path, tmp_path: P
     assert search(tmp_path, "youtube", finder(gone)) == {}
     assert purge.rewrite_raw(tmp_path, "youtube", gone, strip, frontier, found={segment: []}) == 0
     assert segment.stat().st_mtime_ns == again  # nothing to take out: not written again
+
+
+def test_only_the_segment_in_hand_is_read_again_after_a_kill(tmp_path: Path) -> None:
+    for number in range(3):
+        writer = rawlog.Segment(rawlog.folder(tmp_path, "youtube", "videos"))
+        writer.append(rawlog.encode(envelope(f"v{number},w", [f"v{number}", "w"])), sync=False)
+        writer.close()
+    paths = rawlog.segments(tmp_path, "youtube", "videos")
+    frontier = Frontier(tmp_path / "state" / "youtube.sqlite")
+    for path in paths:
+        frontier.set_offset("videos", rawlog.base_name(path), path.stat().st_size)
+
+    def strip(kind: str, one: Envelope, gone: Any) -> Envelope | None:
+        if one.request.params["id"].startswith("v1"):
+            raise KeyboardInterrupt
+        return strip_of("youtube")(kind, one, gone)
+
+    found = search(tmp_path, "youtube", finder({"w"}))
+    assert list(found) == paths
+    with pytest.raises(KeyboardInterrupt):
+        purge.rewrite_raw(tmp_path, "youtube", {"w"}, strip, frontier, found)
+    known = [frontier.offset("videos", rawlog.base_name(path)) for path in paths]
+    assert known == [paths[0].stat().st_size, 0, paths[2].stat().st_size]
