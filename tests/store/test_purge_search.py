@@ -96,7 +96,7 @@ def test_only_answers_that_may_hold_a_key_are_decoded(segment: Path, tmp_path: P
 def test_only_the_segment_in_hand_is_read_again_after_a_kill(tmp_path: Path) -> None:
     for number in range(3):
         writer = rawlog.Segment(rawlog.folder(tmp_path, "youtube", "videos"))
-        writer.append(rawlog.encode(envelope(f"v{number},w", [f"v{number}", "w"])), sync=False)
+        writer.append(rawlog.encode(envelope(f"v{number},w", [f"v{number}", "w"])))
         writer.close()
     paths = rawlog.segments(tmp_path, "youtube", "videos")
     frontier = Frontier(tmp_path / "state" / "youtube.sqlite")
