@@ -17,8 +17,7 @@ from PIL import Image
 
 import kb
 from kb.core.errors import KbError, UsageError
-from kb.reader import image
-from kb.reader.image import COLOURS, Box
+from kb.reader.image import COLOURS
 from kb.store import tombstones
 
 RELEASED = {
@@ -188,13 +187,6 @@ def test_texts_are_drawn_line_by_line(release: Path) -> None:
             assert drawn.getpixel((round(line.x + line.width / 2), round(line.y))) == colour
         assert drawn.getpixel((round(infobox.x + 2), round(box.y))) != colour
     assert {box.lines for box in page.boxes("cell")} == {None}
-
-
-def test_pages_of_an_older_release_have_no_lines() -> None:
-    row = {name: 1 for name in Box._fields if name != "lines"} | {"kind": "text"}
-    for made in (image.box(row), image.box(row | {"lines": []})):
-        assert not made.lines
-        assert made.parts == (made,)
 
 
 def test_facts_and_recipes_of_a_page(release: Path) -> None:

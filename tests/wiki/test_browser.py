@@ -35,7 +35,7 @@ def start(programs: Programs, tmp_path: Path) -> Callable[[int], Callable[..., B
         )
         driver.chmod(0o755)
         return lambda watcher: Browser(
-            Programs(programs.browser, str(driver), programs.version),
+            Programs(programs.browser, str(driver)),
             watcher,
             hosts=["127.0.0.1"],
             origins=["http://127.0.0.1"],

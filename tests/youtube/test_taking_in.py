@@ -52,7 +52,7 @@ def effect(frontier: Frontier, way: Callable[[], Any]) -> Any:
         found = {
             row[:2]: row[2:]
             for row in frontier._db.execute(
-                "SELECT kind, key, status, reason, tries,"
+                "SELECT kind, key, status, reason,"
                 " row_number() OVER (PARTITION BY kind ORDER BY seq) FROM items"
             ).fetchall()
         }
