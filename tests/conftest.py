@@ -61,6 +61,11 @@ def pytest_collection() -> Iterator[None]:
         forked.between_tests()
 
 
+def pytest_unconfigure() -> None:
+    """Else what DuckDB and tantivy have made counts as leaked, in lines below the summary."""
+    gc.unfreeze()
+
+
 def pytest_runtest_logfinish() -> None:
     forked.between_tests()
 

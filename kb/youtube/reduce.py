@@ -195,6 +195,8 @@ class Reducer:
         frontier.done(REFRESH, *asked)
         if self.wants:
             self.judge(frontier, envelope)
+        else:
+            frontier.set_cursor(UNJUDGED, True)
 
     def judge(self, frontier: Frontier, envelope: Envelope) -> None:
         """Add the transcripts that are worth asking for of an answer about videos."""

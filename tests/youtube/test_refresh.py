@@ -77,6 +77,18 @@ def test_a_state_that_a_refresh_made_again_still_asks_for_transcripts(job: Job) 
     assert first["transcripts_asked"] == whole["transcripts_asked"]
 
 
+def test_the_next_crawl_asks_for_what_a_refresh_found_worth_it(job: Job) -> None:
+    """A video without views gets them later: its transcript is had, and no other again."""
+    job.done(*CRAWL)
+    job.done("youtube", "filter")
+    low = job.rows("SELECT key FROM clean.youtube_rejected WHERE stage = 'views'")[0]["key"]
+    job.sandbox.world.youtube.videos[low].view_count = "424242"
+    job.done("refresh", "youtube", KB_NOW=LATER)
+    before = len(job.raw("transcripts"))
+    assert job.done(*CRAWL, KB_NOW=LATER)["left"] == 0
+    assert [one["response"]["video_id"] for one in job.raw("transcripts")[before:]] == [low]
+
+
 def test_wait_sleeps_through_a_burst_and_ends_whole(job: Job) -> None:
     job.sandbox.faults.add(
         "/youtube/v3/videos",
