@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from kb.core.errors import Interrupted
 
-STEP_S = 1.0  # seconds until a signal is heard at the latest
+_STEP_S = 1.0  # seconds until a signal is heard at the latest
 
 
 class Stop:
@@ -41,8 +41,8 @@ class Stop:
         the handler when it is over.
         """
         until = time.monotonic() + seconds
-        while (left := until - time.monotonic()) > STEP_S:
-            if self._event.wait(STEP_S):
+        while (left := until - time.monotonic()) > _STEP_S:
+            if self._event.wait(_STEP_S):
                 return True
         return self._event.wait(max(left, 0))
 

@@ -136,11 +136,7 @@ def _rewrite(run: Run, frontier: Frontier) -> set[str]:
 
     Raises Interrupted.
     """
-    paths = [
-        path
-        for kind in rawlog.kinds(run.root, "reddit")
-        for path in rawlog.segments(run.root, "reddit", kind)
-    ]
+    paths = rawlog.all_segments(run.root, "reddit")
     # Processes of their own take a second to start.
     workers = run.workers if sum(path.stat().st_size for path in paths) > _MUCH else 1
     engine = run.engine if workers > 1 else "local"

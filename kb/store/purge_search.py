@@ -111,9 +111,7 @@ def search(
     Nothing that could not be read is passed over: raises DamagedData for the first segment with
     bytes that are no answer, the torn end of an open one apart, and Interrupted.
     """
-    paths = [
-        path for kind in rawlog.kinds(root, source) for path in rawlog.segments(root, source, kind)
-    ]
+    paths = rawlog.all_segments(root, source)
 
     def look(path: Path) -> list[tuple[int, int]]:
         signals.stop.check()

@@ -202,12 +202,15 @@ def kinds(root: Path, source: str) -> list[str]:
 def segments(root: Path, source: str, kind: str) -> list[Path]:
     """All segments of a kind, oldest first, the open ones too."""
     base = folder(root, source, kind)
-    paths = (
-        [path for path in base.iterdir() if path.name.endswith((SUFFIX, OPEN))]
-        if base.is_dir()
-        else []
-    )
-    return sorted(paths, key=base_name)
+    if not base.is_dir():
+        return []
+    found = (path for path in base.iterdir() if path.name.endswith((SUFFIX, OPEN)))
+    return sorted(found, key=base_name)
+
+
+def all_segments(root: Path, source: str) -> list[Path]:
+    """The segments of every raw kind of a source, kind after kind."""
+    return [path for kind in kinds(root, source) for path in segments(root, source, kind)]
 
 
 def base_name(path: Path) -> str:
