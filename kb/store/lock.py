@@ -10,7 +10,7 @@
 
 A command takes all that it writes, and what it reads whole (`pairs`, `links` and exports read
 clean/, so a filter and a purge take their locks as well), always in this order, so that no two
-wait for each other; nobody waits, a second command ends with one line. Single readers (`kb query`,
+wait for each other; a second command ends with one line at once. Single readers (`kb query`,
 `kb status`) take none. Whoever gets a lock sweeps what killed commands left there
 (kb.store.leftovers).
 """
@@ -20,6 +20,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -32,6 +33,9 @@ from kb.store.layout import Layout
 RELEASES = tuple(f"release-{name}" for name in PUBLISHED)
 INDEXES = tuple(f"index-{name}" for name in SOURCES)
 ORDER = (*PUBLISHED, *RELEASES, *INDEXES, "report", "deposits")
+
+_ATTEMPTS = 10
+_LOOK = 0.01  # seconds between two attempts: longer than anybody looks
 
 _taken: set[Path] = set()  # by `taking` of this process: its own steps may take them again
 
@@ -59,15 +63,13 @@ def writer(root: Path, name: str) -> Iterator[None]:
     path.parent.mkdir(parents=True, exist_ok=True)
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not _take(descriptor):
             holder = os.read(descriptor, 32).decode(errors="replace").strip() or "unknown"
             what = name.replace("release-", "release/").replace("index-", "index/")
             raise WriterLocked(
                 f"another process (pid {holder}) writes to {what} in {root}",
                 hint="wait for it, or stop it; a second machine takes its own --data folder",
-            ) from None
+            )
         with full_disk_is_resumable(path):
             os.ftruncate(descriptor, 0)
             os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
@@ -76,6 +78,17 @@ def writer(root: Path, name: str) -> Iterator[None]:
         os.ftruncate(descriptor, 0)
     finally:
         os.close(descriptor)
+
+
+def _take(descriptor: int) -> bool:
+    """Whether the lock is ours now. Who only looks (`_holder`) has it for microseconds."""
+    for attempt in range(_ATTEMPTS):
+        if attempt:
+            time.sleep(_LOOK)
+        with contextlib.suppress(BlockingIOError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+    return False
 
 
 @contextlib.contextmanager

@@ -28,6 +28,7 @@ def verify(folder: Path, progress: Progress) -> Look:
         raise UsageError(f"there is no folder {folder}", hint="check --data or the folder's name")
     several = [one for one in sorted(folder.iterdir()) if one.is_dir() and releases.is_release(one)]
     of_root = is_root(folder)
+    busy = Busy(folder)  # before the list: what was on its way in it may be finished at once
     files = list(_files(folder))
     size = sum(map(_size, files))
     with progress.task(f"verify {folder.name}", total=size, unit="bytes") as task:
@@ -45,7 +46,6 @@ def verify(folder: Path, progress: Progress) -> Look:
             for one in several:
                 releases.folder(look, one, lambda path: _DOWNLOAD, described=True)
         elif of_root:
-            busy = Busy(folder)
             _root(look, folder, files)
             _look_again(look, folder, busy, progress)
         else:

@@ -4,20 +4,25 @@ the other says who holds it, and both are right.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from kb.core.progress import Silent
+from kb.core.progress import Silent, Task
 from kb.core.resources import folder
 from kb.filters.clean import run_clean
 from kb.pairs.build import build
+from kb.store.layout import Layout
+from kb.store.lock import holders, writer
 from kb.verify.root import verify
 from tests import forked
 from tests.cli.conftest import clean_environment
@@ -157,12 +162,50 @@ def test_verify_while_everything_is_made_again_finds_nothing(root: Path) -> None
             os.write(write, b"x")
             os._exit(code)
     looks = 0
-    while os.waitpid(child, os.WNOHANG) == (0, 0):
+    while (ended := os.waitpid(child, os.WNOHANG)) == (0, 0):
         found = [(one.state, str(one.path)) for one in verify(root, Silent()).found]
         assert found == []
         looks += 1
+    assert ended == (child, 0)
     os.close(read), os.close(write)
     assert looks > 1
+
+
+def test_what_was_on_its_way_when_files_were_listed_is_not_told(root: Path) -> None:
+    class Finishing(Silent):
+        """The writer ends as soon as `verify` has listed the files."""
+
+        def task(self, *args: Any, **options: Any) -> Task:
+            shutil.rmtree(root / ".pairs.new", ignore_errors=True)
+            held.close()
+            return super().task(*args, **options)
+
+    with contextlib.ExitStack() as held:
+        held.enter_context(writer(root, "pairs"))
+        (root / ".pairs.new").mkdir()
+        (root / ".pairs.new/pairs-00000-of-00001.parquet").write_bytes(b"on its way")
+        assert verify(root, Finishing()).found == []
+
+
+def test_a_writer_is_not_refused_for_somebody_who_looks_at_its_lock(root: Path) -> None:
+    path = Layout(root).lock("pairs")
+    path.write_text("1\n")  # of a process that was killed: whoever looks has to ask the kernel
+    asked = threading.Event()
+
+    def look() -> None:
+        while not asked.is_set():
+            holders(root)
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    try:
+        for _ in range(300):
+            with writer(root, "pairs"):
+                pass
+            path.write_text("1\n")
+    finally:
+        asked.set()
+        thread.join()
 
 
 def test_two_repairs_at_once_are_one_and_a_line_with_its_pid(root: Path) -> None:
