@@ -10,6 +10,7 @@ import os
 import random
 import signal
 import sqlite3
+import stat
 import sys
 import tempfile
 import threading
@@ -190,8 +191,8 @@ class _Operations:
             return
         self.count += 1
         if self.count != self._before:
-            if descriptor >= 0:
-                self._synced[_path(descriptor)] = os.fstat(descriptor).st_size
+            if descriptor >= 0 and stat.S_ISREG((found := os.fstat(descriptor)).st_mode):
+                self._synced[_path(descriptor)] = found.st_size
             return
         self._moment.write_text(f"{self.count}: {what.replace(self._place + os.sep, '')}")
         if self._harm == PAUSE:
