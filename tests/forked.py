@@ -2,8 +2,9 @@
 
 The first `run` of a test process starts a server (multiprocessing's forkserver) that has imported
 what commands import; each command is then a fork of it, with its own environment, folder, streams,
-signals and exit code, as a user's process has them. Only the modules are there already: tests of
-what is imported, of signals and of kills start Python themselves (`Job.start`, subprocess).
+signals and exit code, as a user's process has them. `start` is the same for one that is to be
+killed or signalled on its way, `program` for a few lines of Python. Only the modules are there
+already: tests of what is imported or how Python starts run it themselves (subprocess).
 
 Worker processes of a pool (`--workers 2`) come from the same server, those of commands and those of
 a test that calls a room in its own process.
@@ -17,12 +18,13 @@ import multiprocessing
 import os
 import pkgutil
 import runpy
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -80,22 +82,106 @@ def run(
             stdin=subprocess.DEVNULL,
             check=False,
         )
-    with tempfile.TemporaryDirectory(prefix="kb-") as folder:
-        streams = [Path(folder, name) for name in ("out", "err")]
-        child = _CONTEXT.Process(target=_command, args=(words, dict(env), cwd, *streams))
-        child.start()
-        child.join(timeout)
-        late = child.exitcode is None
-        if late:
-            child.kill()
-            child.join()
+    child = Started(_command, words, env, cwd)
+    try:
+        out, err = child.communicate(timeout)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        raise subprocess.TimeoutExpired(words, timeout, *child.communicate()) from None
+    assert child.returncode is not None
+    return subprocess.CompletedProcess(words, child.returncode, out, err)
+
+
+def start(words: Sequence[str], *, env: Mapping[str, str], cwd: Path) -> Started:
+    """`kb WORDS` on its way. Its pools start processes of their own, as a user's do: a kill while
+    the server is asked for one would end the server.
+    """
+    return Started(_alone, [str(word) for word in words], env, cwd)
+
+
+def program(
+    code: str, *words: object, env: Mapping[str, str] | None = None, cwd: Path | None = None
+) -> Started:
+    """`python -c CODE WORDS` on its way."""
+    given = [code, *map(str, words)]
+    return Started(_program, given, os.environ if env is None else env, cwd or Path.cwd())
+
+
+class Started:
+    """A fork of the server, used like subprocess.Popen; what it prints is text in files."""
+
+    def __init__(
+        self,
+        target: Callable[..., None],
+        words: Sequence[str],
+        env: Mapping[str, str],
+        cwd: Path,
+    ) -> None:
+        self._words = list(words)
+        self._folder = tempfile.TemporaryDirectory(prefix="kb-")
+        streams = [Path(self._folder.name, name) for name in ("out", "err")]
+        self._out, self._err = streams
+        self._process = _CONTEXT.Process(
+            target=target, args=(self._words, dict(env), cwd, *streams)
+        )
+        self._process.start()
+        assert self._process.pid is not None
+        self.pid: int = self._process.pid
+
+    @property
+    def returncode(self) -> int | None:
+        """Its exit code, negative for the signal that ended it; None while it runs."""
+        return self._process.exitcode
+
+    def poll(self) -> int | None:
+        """As `returncode`."""
+        return self.returncode
+
+    def said(self) -> tuple[str, str]:
+        """What it has printed until now, and to stderr."""
+        streams = (self._out, self._err)
         out, err = (path.read_text("utf-8") if path.exists() else "" for path in streams)
-        code = child.exitcode
-        child.close()
-    if late:
-        raise subprocess.TimeoutExpired(words, timeout, out, err)
-    assert code is not None
-    return subprocess.CompletedProcess(words, code, out, err)
+        return out, err
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Its exit code. Raises subprocess.TimeoutExpired."""
+        self._process.join(timeout)
+        if self.returncode is None:
+            assert timeout is not None
+            raise subprocess.TimeoutExpired(self._words, timeout)
+        return self.returncode
+
+    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        """What it has printed, at its end. Raises subprocess.TimeoutExpired."""
+        self.wait(timeout)
+        return self.said()
+
+    def stopped(self, timeout: float = 120) -> bool:
+        """Whether it has stopped itself (SIGSTOP), and not ended before."""
+        end = time.monotonic() + timeout
+        while self.returncode is None and time.monotonic() < end:
+            if is_stopped(self.pid):
+                return True
+            time.sleep(0.005)
+        return False
+
+    def send_signal(self, number: int) -> None:
+        """Unless it has ended."""
+        if self.returncode is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """SIGKILL."""
+        self.send_signal(signal.SIGKILL)
+
+
+def is_stopped(pid: int) -> bool:
+    """Whether a process stands still."""
+    try:
+        state = Path("/proc", str(pid), "stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state == "T"
 
 
 def _foreign(env: Mapping[str, str]) -> dict[str, str]:
@@ -155,6 +241,26 @@ def _pools_from_the_server() -> None:
 
 def _command(words: list[str], env: dict[str, str], cwd: Path, out: Path, err: Path) -> None:
     """The forked side: become `python -m kb WORDS`."""
+    _become(env, cwd, out, err)
+    _pools_from_the_server()
+    sys.argv = ["kb", *words]
+    runpy.run_module("kb", run_name="__main__", alter_sys=True)
+
+
+def _alone(words: list[str], env: dict[str, str], cwd: Path, out: Path, err: Path) -> None:
+    _become(env, cwd, out, err)
+    sys.argv = ["kb", *words]
+    runpy.run_module("kb", run_name="__main__", alter_sys=True)
+
+
+def _program(words: list[str], env: dict[str, str], cwd: Path, out: Path, err: Path) -> None:
+    _become(env, cwd, out, err)
+    sys.argv = ["-c", *words[1:]]
+    exec(compile(words[0], "<program>", "exec"), {"__name__": "__main__"})
+
+
+def _become(env: dict[str, str], cwd: Path, out: Path, err: Path) -> None:
+    """Streams, environment, folder and what a new process has."""
     for number, path, flags in (
         (0, Path(os.devnull), os.O_RDONLY),
         (1, out, os.O_WRONLY | os.O_CREAT),
@@ -170,8 +276,5 @@ def _command(words: list[str], env: dict[str, str], cwd: Path, out: Path, err: P
     from kb.core import telemetry
 
     telemetry.switch_off()  # as `import kb` does
-    _pools_from_the_server()
     # A process of its own has no frames of a server below it: as much room as it has.
     sys.setrecursionlimit(sys.getrecursionlimit() + len(traceback.extract_stack()))
-    sys.argv = ["kb", *words]
-    runpy.run_module("kb", run_name="__main__", alter_sys=True)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 
 import pytest
 
+from tests import forked
 from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT
 
@@ -17,16 +16,10 @@ def script() -> Callable[..., str]:
     """script("swapped", place): what `python -m tests.crash.swapped PLACE` prints; ends with 0."""
 
     def run(name: str, *words: object) -> str:
-        done = subprocess.run(
-            [sys.executable, "-m", f"tests.crash.{name}", *map(str, words)],
-            cwd=ROOT,
-            env=clean_environment() | {"PYTHONPATH": str(ROOT)},
-            capture_output=True,
-            text=True,
-            timeout=600,
-            check=False,
-        )
-        assert done.returncode == 0, done.stdout + done.stderr[-3000:]
-        return done.stdout
+        code = f"import runpy; runpy.run_module('tests.crash.{name}', run_name='__main__')"
+        done = forked.program(code, *words, env=clean_environment(), cwd=ROOT)
+        out, err = done.communicate(timeout=600)
+        assert done.returncode == 0, out + err[-3000:]
+        return out
 
     return run

@@ -67,7 +67,7 @@ class Child:
         """Whether it has stopped itself, and not ended before."""
         end = time.monotonic() + timeout
         while self._code() is None and time.monotonic() < end:
-            if _state(self.pid) == "T":
+            if forked.is_stopped(self.pid):
                 return True
             time.sleep(0.005)
         return False
@@ -102,13 +102,6 @@ class Child:
 def run(words: Sequence[str], env: Mapping[str, str], cwd: Path, **harm: Any) -> Ended:
     """`kb WORDS`, ended one way or another."""
     return Child(words, env, cwd, **harm).wait()
-
-
-def _state(pid: int) -> str:
-    try:
-        return Path("/proc", str(pid), "stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
-        return ""
 
 
 def _text(path: Path) -> str:

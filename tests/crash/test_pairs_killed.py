@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -49,13 +47,7 @@ def test_goes_on_after_a_kill(
 ) -> None:  # type: ignore[no-untyped-def]
     root = tmp_path / "data"
     fill(root, *made, make_rows, files=15)
-    process = subprocess.Popen(
-        [sys.executable, "-m", "kb", *words(root)],
-        cwd=tmp_path,
-        env=clean_environment(),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    process = forked.start(words(root), env=clean_environment(), cwd=tmp_path)
     while process.poll() is None and not any((root / "state").glob("pairs/*/*.parquet")):
         time.sleep(0.005)
     process.send_signal(number)

@@ -9,7 +9,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +25,6 @@ from kb.store.lock import holders, writer
 from kb.verify.root import verify
 from tests import forked
 from tests.cli.conftest import clean_environment
-from tests.conftest import ROOT
 from tests.crash.killed import GONE, make, traces
 from tests.filters.made import digests, run_at
 
@@ -67,16 +65,10 @@ def environment(root: Path) -> dict[str, str]:
     return clean_environment() | {"KB_PROFILE": str(root.parent / "profile" / "profile.toml")}
 
 
-def start(root: Path, *words: str, pause: str) -> subprocess.Popen[str]:
+def start(root: Path, *words: str, pause: str) -> forked.Started:
     """A command that stops itself when it makes what is named."""
-    return subprocess.Popen(
-        [sys.executable, "-c", PAUSED, pause, *words, "--data", str(root)],
-        cwd=root.parent,
-        env=environment(root) | {"PYTHONPATH": str(ROOT)},
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
+    words = (pause, *words, "--data", str(root))
+    return forked.program(PAUSED, *words, env=environment(root), cwd=root.parent)
 
 
 def kb(root: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -104,8 +96,7 @@ def test_the_second_names_the_first_and_nothing_comes_back(
     named = {"purge": ("--ids", str(ids))}
     child = start(root, *first, *named.get(first[0], ()), pause=pause)
     try:
-        _, status = os.waitpid(child.pid, os.WUNTRACED)
-        assert os.WIFSTOPPED(status), child.communicate()
+        assert child.stopped(), child.communicate()
         other = kb(root, *second, *named.get(second[0], ()))
         assert other.returncode == 1, other.stderr
         assert f"another process (pid {child.pid}) writes to" in other.stderr
@@ -124,8 +115,7 @@ def test_the_second_names_the_first_and_nothing_comes_back(
 def test_verify_beside_a_writer_tells_damage_and_not_what_is_on_its_way(root: Path) -> None:
     child = start(root, "youtube", "filter", pause=".youtube.new")
     try:
-        _, status = os.waitpid(child.pid, os.WUNTRACED)
-        assert os.WIFSTOPPED(status), child.communicate()
+        assert child.stopped(), child.communicate()
         (root / "clean/.youtube.new/videos").mkdir(parents=True)
         (root / "clean/.youtube.new/videos/part-00000.parquet").write_bytes(b"on its way")
         whole = kb(root, "verify")
@@ -213,8 +203,7 @@ def test_two_repairs_at_once_are_one_and_a_line_with_its_pid(root: Path) -> None
     path.unlink()
     child = start(root, "verify", "--repair", pause=".youtube.new")
     try:
-        _, status = os.waitpid(child.pid, os.WUNTRACED)
-        assert os.WIFSTOPPED(status), child.communicate()
+        assert child.stopped(), child.communicate()
         other = kb(root, "verify", "--repair")
         assert other.returncode == 1
         assert f"another process (pid {child.pid}) writes to" in other.stderr

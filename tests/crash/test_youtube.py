@@ -5,7 +5,7 @@ and hardly a request more.
 from __future__ import annotations
 
 import shutil
-import subprocess
+import signal
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +15,8 @@ import pytest
 from kb.core import clock
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests import forked
+from tests.crash import harm
 from tests.youtube.job import Job, plain_units
 
 pytestmark = pytest.mark.crash
@@ -37,7 +39,7 @@ def killed(job: Job, request: int, *words: str) -> bool:
     """Run `kb WORDS` and kill it when the request of that number comes;
     False when it ended before.
     """
-    children: list[subprocess.Popen[str]] = []
+    children: list[forked.Started] = []
     fault = job.sandbox.faults.add("", after=request, then=lambda seen: children[0].kill())
     children.append(job.start(*words, "--workers", str(WORKERS)))
     children[0].communicate(timeout=200)
@@ -80,14 +82,14 @@ def test_a_killed_filter_or_export_leaves_the_last_tables_or_none(
     shutil.copytree(plain.root, job.root)
     folder = ("clean", "youtube") if step == "filter" else ("release", "youtube")
     before = job.digests(*folder)
-    for after in (0.6, 1.2, 1.8):
-        child = job.start("youtube", step, *(("--workers", "1") if step == "filter" else ()))
-        try:
-            child.communicate(timeout=after)
-        except subprocess.TimeoutExpired:
-            child.kill()
-            child.communicate()
-        assert job.digests(*folder) == before
+    words = ("youtube", step, *(("--workers", "1") if step == "filter" else ()))
+    length = harm.run(words, job.env, job.place).operations
+    assert job.digests(*folder) == before
+    for quarter in (1, 2, 3):
+        moment = length * quarter // 4
+        ended = harm.run(words, job.env, job.place, harm=harm.KILL, before=moment)
+        assert ended.code == -signal.SIGKILL
+        assert job.digests(*folder) in (before, {})
     job.done("youtube", step)
     assert job.digests(*folder) == before
 

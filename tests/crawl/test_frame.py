@@ -5,8 +5,6 @@ failures, blocks.
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -27,6 +25,7 @@ from kb.crawl.session import Session, open_session
 from kb.crawl.source import Phase
 from kb.store import rawlog
 from kb.store.frontier import Item
+from tests import forked
 from tests.crawl.feed import NOTES, PAGES, Feed
 from tests.crawl.service import Service, serving
 
@@ -202,15 +201,14 @@ work(run, Feed(run.settings, sys.argv[2]), summary)
 def test_killed_at_any_request_it_loses_and_repeats_nothing(
     run: Run, service: Service, number: int
 ) -> None:
-    children: list[subprocess.Popen[bytes]] = []
+    children: list[forked.Started] = []
 
     def kill(path: str) -> None:
         if service.asked.total() == number:
             children[0].send_signal(signal.SIGKILL)
 
     service.fault = kill
-    words = [sys.executable, "-c", SCRIPT, str(run.root), service.root]
-    children.append(subprocess.Popen(words, cwd=ROOT))
+    children.append(forked.program(SCRIPT, run.root, service.root, cwd=ROOT))
     assert children[0].wait(timeout=60) == -signal.SIGKILL
     service.fault = lambda path: None
     crawl(run, service)

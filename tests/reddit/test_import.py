@@ -7,8 +7,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -28,6 +26,7 @@ from kb.reddit.importing import import_dumps
 from kb.reddit.onedump import Job, import_file
 from kb.reddit.search import CHECKED, DEEPEST, Search
 from kb.store import rawlog, tombstones
+from tests import forked
 from tests.reddit.dumped import imported, post, run_in, write
 from tests.reddit.work import rows as read_rows
 
@@ -373,9 +372,7 @@ def test_sigkill_then_the_same_command_takes_each_once(tmp_path):
     )
     folder = rawlog.folder(tmp_path, "reddit", "dumps")
     for segments in (1, 3, 6):
-        child = subprocess.Popen(
-            [sys.executable, "-c", program, str(dump), str(tmp_path)], stdout=subprocess.PIPE
-        )
+        child = forked.program(program, dump, tmp_path)
         while (
             child.poll() is None
             and len(list(folder.glob("*.zst")) if folder.is_dir() else []) < segments

@@ -22,6 +22,7 @@ from kb.reddit.wanted import read_wanted
 from kb.sandbox.server import Sandbox
 from kb.sandbox.subreddit import _PEOPLE
 from kb.schema import table
+from tests import forked
 from tests.reddit.conftest import small_world
 from tests.reddit.work import Work, rows, texts
 
@@ -465,10 +466,8 @@ def test_killed_between_the_renames_nothing_is_lost(whole: Work, far: Work, at: 
     words = ["reddit", "reconstruct", "--ids", str(shards(whole, "comments"))]
     words += ["--out", str(far.place / "out")]
     job = far.job()
-    killed = subprocess.run(
-        [sys.executable, "-c", code % at, *words], cwd=job.place, env=job.env, capture_output=True
-    )
-    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    killed = forked.program(code % at, *words, env=job.env, cwd=job.place)
+    assert killed.wait(120) == -signal.SIGKILL, killed.said()
     since = len(far.sandbox.ledger)
     far.rebuild(shards(whole, "comments"))
     assert len(far.sandbox.ledger.requests("api/info", since=since)) == 0

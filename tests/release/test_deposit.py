@@ -6,8 +6,6 @@ import hashlib
 import json
 import os
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from email.utils import format_datetime
@@ -34,6 +32,7 @@ from kb.release.build import release
 from kb.release.publish import publish
 from kb.sandbox.server import Sandbox
 from kb.sandbox.zenodo import TOKEN, Deposits
+from tests import forked
 from tests.conftest import ROOT
 from tests.inprocess import Here
 from tests.release.conftest import a_run
@@ -124,32 +123,15 @@ def test_an_upload_that_broke_off_goes_on(root: Path, service: Sandbox) -> None:
 
 def test_a_killed_upload_goes_on_with_the_same_draft(root: Path, service: Sandbox) -> None:
     held = service.faults.add("/api/files/.*croissant", hold=True)
-    command = [
-        sys.executable,
-        "-m",
-        "kb",
-        "release",
-        "publish",
-        "--to",
-        "zenodo-sandbox",
-        "--only",
-        "pairs",
-        "--data",
-        str(root),
-        "--profile",
-        str(signed()),
-    ]
+    to = ("release", "publish", "--to", "zenodo-sandbox", "--only", "pairs")
+    command = (*to, "--data", str(root), "--profile", str(signed()))
     environment = {**os.environ, **service.settings(), "KB_NOW": "2026-11-10T00:00:00Z"}
-    process = subprocess.Popen(
-        command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
+    process = forked.start(command, env=environment, cwd=ROOT)
     assert held.arrived.wait(60)
     process.kill()
     process.communicate()
     held.release()
-    done = subprocess.run(
-        [*command, "--json"], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120
-    )
+    done = forked.run([*command, "--json"], env=environment, cwd=ROOT, timeout=120)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1])["drafts"] == 1
     assert len(store(service).by_id) == 1

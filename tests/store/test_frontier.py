@@ -8,8 +8,6 @@ import random
 import shutil
 import signal
 import sqlite3
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from kb.store import frontier as module
 from kb.store import identity, lock, rawlog
 from kb.store.frontier import Frontier
 from kb.store.recorder import Recorder
+from tests import forked
 
 
 def apply(frontier, kind, envelope):
@@ -134,6 +133,7 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from test_frontier import apply, open_frontier
 from kb.store.recorder import Recorder
+from tests import forked
 root = Path(sys.argv[1])
 frontier = open_frontier(root)
 frontier.add("video", [f"v{n}" for n in range(400)])
@@ -148,15 +148,13 @@ with Recorder(root, "youtube", frontier, apply) as recorder:
 def test_sigkill_at_random_moments_loses_and_doubles_nothing(tmp_path):
     rng = random.Random(7)
     for turn in range(12):
-        child = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, str(tmp_path), str(Path(__file__).parent)],
-            stdout=subprocess.PIPE,
-        )
-        child.stdout.readline()
+        child = forked.program(PROGRAM, tmp_path, Path(__file__).parent)
+        while child.poll() is None and not child.said()[0]:
+            time.sleep(0.002)
         if turn < 11:
             time.sleep(rng.uniform(0, 0.15))
             child.send_signal(signal.SIGKILL)
-        child.wait()
+        assert child.wait() in (0, -signal.SIGKILL), child.said()
     frontier = open_frontier(tmp_path)
     assert frontier.counts("video") == {"done": 400}
     asked = [

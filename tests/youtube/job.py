@@ -7,7 +7,6 @@ from __future__ import annotations
 import hashlib
 import json
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -58,17 +57,9 @@ class Job:
         self.env["KB_PROFILE"] = str(path)
         return path
 
-    def start(self, *words: str, **env: str) -> subprocess.Popen[str]:
-        """`kb WORDS` in the background, a whole process: for signals and kills."""
-        return subprocess.Popen(
-            [sys.executable, "-m", "kb", *words],
-            cwd=self.place,
-            env=self.env | env,
-            text=True,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
+    def start(self, *words: str, **env: str) -> forked.Started:
+        """`kb WORDS` in the background: for signals and kills."""
+        return forked.start(words, env=self.env | env, cwd=self.place)
 
     def kb(self, *words: str, timeout: float = 200, **env: str) -> subprocess.CompletedProcess[str]:
         """`kb WORDS`, finished. Raises subprocess.TimeoutExpired."""

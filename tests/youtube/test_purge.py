@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import signal
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from kb.core.profile import load_profile
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store import belonging
+from tests.crash import harm
 from tests.youtube.job import Job
 
 
@@ -121,16 +121,16 @@ def test_a_purge_that_was_killed_goes_on(finished: Job) -> None:
     job = finished
     named = kept(job)[:3]
     words = ("purge", "youtube", "--ids", ids_file(job, *named))
-    for tenths in range(6, 70, 8):
-        child = job.start(*words)
-        try:
-            child.communicate(timeout=tenths / 10)
-            assert child.returncode == 0
+    shutil.copytree(job.root, job.place / "whole")
+    length = harm.run([*words, "--data", "whole"], job.env, job.place).operations
+    for tenth in range(1, 10):
+        moment = max(1, length * tenth // 10)
+        ended = harm.run(words, job.env, job.place, harm=harm.KILL, before=moment)
+        assert ended.code in (-signal.SIGKILL, 0), ended.err
+        if ended.code == 0:
             break
-        except subprocess.TimeoutExpired:
-            child.send_signal(signal.SIGKILL)
-            child.communicate()
         words = ("purge", "youtube")  # the list of names is remembered
+    assert tenth > 2, "it was not killed"
     job.done("purge", "youtube")
     # Killed before it wrote its list down, a purge has promised nothing; named again it must be
     # complete.
