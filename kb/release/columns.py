@@ -147,7 +147,7 @@ def _odd(values: pa.Array[Any], column: Column, where: str, *, ids_only: bool) -
         )
         if pc.any(odd).as_py():
             return Problem("content", where, f"column {column.name} holds text that is no id")
-    if column.values and not pc.all(pc.is_in(values, pa.array(column.values))).as_py():
+    if column.values and not pc.all(pc.is_in(values, pa.array(column.values)), min_count=0).as_py():
         return Problem(
             "content",
             where,
@@ -155,7 +155,9 @@ def _odd(values: pa.Array[Any], column: Column, where: str, *, ids_only: bool) -
         )
     if (
         column.pattern
-        and not pc.all(pc.match_substring_regex(values, rf"\A(?:{column.pattern})\z")).as_py()
+        and not pc.all(
+            pc.match_substring_regex(values, rf"\A(?:{column.pattern})\z"), min_count=0
+        ).as_py()
     ):
         return Problem(
             "content", where, f"column {column.name} holds something else than {column.pattern}"

@@ -42,7 +42,8 @@ def _application(world: Any) -> Any:
         if path == "/":
             return redirect(f"{root}/wiki/Main_Page", 301)
         if path in ("/w/api.php", "/api.php"):
-            return _api({**request.args.to_dict(), **request.form.to_dict()}, site, later, root)
+            query = {**request.args.to_dict(), **request.form.to_dict()}
+            return _api(query, site, later, root, getattr(world, "n_pages", None))
         if path.startswith("/wiki/"):
             title = path.removeprefix("/wiki/").replace("_", " ")
             return _page(site, title, later, root, request.args.get("oldid", ""))
@@ -78,7 +79,9 @@ def _file(site: Recorded, path: str) -> Response:
     return Response(data, mimetype=mimetypes.guess_type(path)[0] or "application/octet-stream")
 
 
-def _api(query: dict[str, str], site: Recorded, later: bool, root: str) -> Response:
+def _api(
+    query: dict[str, str], site: Recorded, later: bool, root: str, listed: int | None
+) -> Response:
     if query.get("action") == "rsd":
         return Response(
             (DATA / "api" / "rsd.xml").read_text().replace(HOST, root),
@@ -112,13 +115,15 @@ def _api(query: dict[str, str], site: Recorded, later: bool, root: str) -> Respo
     if query.get("meta") == "siteinfo":
         answer["query"] |= site.load("siteinfo.json")["query"]
     if query.get("list") == "allpages":
-        _allpages(query, site, later, answer)
+        _allpages(query, site, later, answer, listed)
     if query.get("titles") or query.get("pageids") or query.get("revids"):
         _details(query, site, later, answer)
     return _json(answer, root)
 
 
-def _allpages(query: dict[str, str], site: Recorded, later: bool, answer: dict[str, Any]) -> None:
+def _allpages(
+    query: dict[str, str], site: Recorded, later: bool, answer: dict[str, Any], listed: int | None
+) -> None:
     filter_ = query.get("apfilterredir", "all")
     pages = [
         page
@@ -127,9 +132,8 @@ def _allpages(query: dict[str, str], site: Recorded, later: bool, answer: dict[s
         and (filter_ == "all" or bool(page.get("redirect")) == (filter_ == "redirects"))
     ]
     pages.sort(key=lambda page: page["title"])
-    pages = [
-        page for page in pages if page["title"].replace(" ", "_") >= query.get("apcontinue", "")
-    ]
+    after = query.get("apcontinue", "")
+    pages = [page for page in pages[:listed] if page["title"].replace(" ", "_") >= after]
     limit = min(500, int(query.get("aplimit", 10)))
     answer["query"]["allpages"] = [
         {key: page[key] for key in ("pageid", "ns", "title")} for page in pages[:limit]

@@ -21,6 +21,7 @@ class World:
 
     `n_channels`, `n_videos`: size of the YouTube part (the first videos cover every case once, see
     kb/sandbox/cases.py). `n_posts`, `width`, `depth`: of Reddit's (kb/sandbox/subreddit.py).
+    `n_pages`: how many of the wiki's pages are listed, by title; None for all.
     `wiki_state`: "first" or "later". `quota`: YouTube's units a Pacific day
     by bucket.
     """
@@ -34,6 +35,7 @@ class World:
         n_posts: int = 240,
         width: int = 1_200,
         depth: int = 40,
+        n_pages: int | None = None,
         wiki_state: str = "first",
         domain: Domain | None = None,
     ) -> None:
@@ -42,7 +44,7 @@ class World:
         self.n_channels = n_channels
         self.n_videos = n_videos
         self.n_posts, self.width, self.depth = n_posts, width, depth
-        self.wiki_state = wiki_state
+        self.n_pages, self.wiki_state = n_pages, wiki_state
         self.quota = {"search": 100, "general": 10_000, "stats": 10_000}
         self.used: Counter[tuple[str, str]] = Counter()  # (Pacific day, bucket) -> units
         self.now: datetime | None = None  # None: the clock's own time

@@ -230,7 +230,7 @@ class Worlds:
 
 def world() -> World:
     """A small one, whose services answer however often they are asked."""
-    made = World(n_channels=4, n_videos=40)
+    made = World(n_channels=4, n_videos=40, n_pages=5)
     made.reddit = Subreddit(0, 24, width=40, depth=6)
     made.reddit.room = 10**9
     made.quota = dict.fromkeys(made.quota, 10**9)

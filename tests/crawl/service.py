@@ -55,7 +55,7 @@ def serving(notes: int) -> Iterator[Service]:
             """Nothing to tell."""
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
     thread.start()
     service.root = f"http://127.0.0.1:{server.server_port}"
     try:

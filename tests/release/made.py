@@ -6,6 +6,7 @@ tested with one wrong value.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
@@ -36,6 +37,7 @@ def spread(*parts: object) -> int:
     return int.from_bytes(hashlib.sha256(repr(parts).encode()).digest()[:6], "big")
 
 
+@functools.cache
 def words(n: int, *seed: object) -> str:
     """`n` words of the invented vocabulary."""
     return " ".join(WORDS[spread(*seed, i) % len(WORDS)] for i in range(n))

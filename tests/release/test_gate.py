@@ -407,6 +407,20 @@ def test_null_where_the_schema_knows_none(tmp_path: Path) -> None:
     )
 
 
+def test_a_wiki_without_a_recipe_is_released_again(tmp_path: Path) -> None:
+    """An empty table, whose sample lies there the second time, holds no wrong word."""
+
+    def edit(table: str, made: Rows) -> None:
+        if table == "wiki/recipes":
+            made.clear()
+
+    build(tmp_path, edit, sources=("wiki",))
+    for _ in range(2):
+        release(a_run(tmp_path))
+        sample = tmp_path / "release" / "wiki" / "recipes.sample.json"
+        assert json.loads(sample.read_bytes()) == []
+
+
 @pytest.mark.parametrize(
     ("table", "column", "text"),
     [
