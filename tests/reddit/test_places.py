@@ -8,8 +8,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from datetime import UTC, datetime
 
@@ -24,6 +22,7 @@ from kb.reddit.importing import import_dumps
 from kb.reddit.onedump import Job, import_file
 from kb.reddit.purge import purge_raw
 from kb.store import rawlog
+from tests import forked
 from tests.cli.conftest import clean_environment
 from tests.reddit.dumped import imported, post, run_in, write
 
@@ -127,13 +126,7 @@ def test_a_signal_ends_it_within_a_dump(tmp_path, workers, number):
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from"
         " kb.cli import main; main()"
     )
-    child = subprocess.Popen(
-        [sys.executable, "-c", program, *words],
-        env=clean_environment(),
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
+    child = forked.program(program, *words, env=clean_environment())
     base = rawlog.folder(tmp_path / "data", "reddit", "dumps")
     while child.poll() is None and not any(base.glob(".*.part")):
         time.sleep(0.005)

@@ -11,9 +11,16 @@ from pathlib import Path
 import requests
 from dotenv import dotenv_values
 
+from tests import forked
+from tests.conftest import ROOT
 from tests.sandbox.domains import written
 
 KB = [sys.executable, "-m", "kb", "sandbox", "--no-model"]
+
+
+def sandbox(*words: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    """`kb sandbox WORDS`, finished."""
+    return forked.run(["sandbox", "--no-model", *words], env=os.environ, cwd=cwd, timeout=60)
 
 
 def settings(text: str) -> dict[str, str]:
@@ -45,20 +52,11 @@ def test_a_command_gets_the_settings_and_its_exit_code_is_ours() -> None:
         " timeout=9)\n"
     )
     script += "print(os.environ['KB_DATA'])\nsys.exit(7)"
-    done = subprocess.run(
-        [*KB, "--data", "/tmp/some where", "--", sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    done = sandbox("--data", "/tmp/some where", "--", sys.executable, "-c", script)
     assert (done.returncode, done.stdout) == (7, "/tmp/some where\n")
-    killed = subprocess.run(
-        [*KB, "--", "sh", "-c", "kill -KILL $$"], capture_output=True, timeout=60
-    )
+    killed = sandbox("--", "sh", "-c", "kill -KILL $$")
     assert killed.returncode == 128 + signal.SIGKILL
-    absent = subprocess.run(
-        [*KB, "--", "no-such-command"], capture_output=True, text=True, timeout=60
-    )
+    absent = sandbox("--", "no-such-command")
     assert (absent.returncode, absent.stderr) == (2, "kb: no-such-command: no such command\n")
 
 
@@ -76,7 +74,7 @@ def test_it_is_this_kb_that_a_command_calls() -> None:
 
 def test_a_file_of_settings(tmp_path: Path) -> None:
     file = tmp_path / "my.env"
-    done = subprocess.run([*KB, "--env", str(file), "--", "true"], timeout=60)
+    done = sandbox("--env", str(file), "--", "true")
     assert done.returncode == 0
     assert settings(file.read_text())["KB_CONTACT"]
     assert "KB_DATA" not in settings(file.read_text())
@@ -84,9 +82,7 @@ def test_a_file_of_settings(tmp_path: Path) -> None:
         'name = "mine"\ntitle = "Mine"\n[reddit]\nsubreddit = "mine"\n'
     )
     given = ["--data", "my data", "--profile", "mine.toml"]
-    done = subprocess.run(
-        [*KB, "--no-model", *given, "--env", str(file), "--", "true"], cwd=tmp_path, timeout=60
-    )
+    done = sandbox(*given, "--env", str(file), "--", "true", cwd=tmp_path)
     assert done.returncode == 0
     said = dotenv_values(file)
     assert said["KB_DATA"] == str(tmp_path / "my data")
@@ -99,12 +95,12 @@ def test_the_world_is_the_profiles(tmp_path: Path) -> None:
         "import os, urllib.request as u; root = os.environ['KB_WIKI_URL'];"
         "print(u.urlopen(root + '/wiki/Main_Page').read().decode(), os.environ['KB_PROFILE'])"
     )
-    words = ["--no-model", "--profile", str(path), "--", sys.executable, "-c", look]
-    done = subprocess.run([*KB, *words], capture_output=True, text=True, timeout=60)
+    words = ["--profile", str(path), "--", sys.executable, "-c", look]
+    done = sandbox(*words)
     assert "Bread Baking Wiki" in done.stdout, done.stderr
     assert str(path) in done.stdout
     path.write_text(path.read_text().replace("[26, 10]", '["FILL-IN"]'))
-    refused = subprocess.run([*KB, *words], capture_output=True, text=True, timeout=60)
+    refused = sandbox(*words)
     assert (refused.returncode, refused.stdout) == (2, "")
     assert "kb profile check" in refused.stderr
 
