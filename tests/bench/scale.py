@@ -64,6 +64,9 @@ STAGES = (
     Stage("replay reddit", ("refresh", "reddit"), waits=True),
     Stage("refresh youtube", ("refresh", "youtube"), waits=True),
     Stage("refresh reddit", ("refresh", "reddit"), waits=True),
+    # What the services had shown as removed goes first; then a hundred ids that somebody names.
+    Stage("gone youtube", ("purge", "youtube")),
+    Stage("gone reddit", ("purge", "reddit")),
     Stage("purge youtube", ("purge", "youtube", "--ids", "IDS")),
     Stage("purge reddit", ("purge", "reddit", "--ids", "IDS")),
     Stage("report", ("report",)),  # last, as a purge would write one that is there again
@@ -179,7 +182,7 @@ def figures(
         base, floor_of_base = small.run(stage), small.floor(stage)
         # Purge takes away what its floor reads, so the floor comes first.
         found: dict[str, float] = {}
-        if stage.name.startswith("purge"):
+        if stage.words[0] == "purge":
             found["floor"] = large.floor(stage)
         got = large.run(stage)
         found |= {"wall": got.wall, "cpu": got.cpu, "peak": got.peak}

@@ -6,6 +6,7 @@ quickest typed reader that there is (msgspec's for JSON, DuckDB's for dumps, Arr
 
 from __future__ import annotations
 
+import functools
 import gc
 import hashlib
 import sys
@@ -119,13 +120,6 @@ def _decode(root: Path, source: str, kinds: dict[str, Any]) -> None:
             decoder.decode(line)
 
 
-def _raw(root: Path, source: str) -> None:
-    """Decompressed alone: what has to look at every answer, but not into it."""
-    for folder in sorted((root / "raw" / source).iterdir()):
-        for _ in _lines(root, source, folder.name):
-            pass
-
-
 def _parquet(root: Path, *folders: str) -> None:
     for folder in folders:
         for path in sorted((root / folder).glob("*.parquet")):
@@ -191,12 +185,11 @@ FLOORS: dict[str, Callable[[Path], None]] = {
     "pairs": lambda root: _parquet(root, "clean/youtube/transcripts"),
     "release": lambda root: _files(root, "release"),
     "report": lambda root: _parquet(root, *_CLEAN["youtube"], *_CLEAN["reddit"], *_CLEAN["wiki"]),
-    "replay youtube": lambda root: _raw(root, "youtube"),
-    "replay reddit": lambda root: _raw(root, "reddit"),
-    "refresh youtube": lambda root: _raw(root, "youtube"),
-    "refresh reddit": lambda root: _raw(root, "reddit"),
-    "purge youtube": lambda root: _raw(root, "youtube"),
-    "purge reddit": lambda root: _raw(root, "reddit"),
+    **{
+        f"{name} {source}": functools.partial(_decode, source=source, kinds=kinds)
+        for name in ("replay", "refresh", "gone", "purge")
+        for source, kinds in (("youtube", _YOUTUBE), ("reddit", _THINGS))
+    },
 }
 
 
