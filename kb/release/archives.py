@@ -33,13 +33,13 @@ def check(folder: Folder) -> list[Problem]:
     index = folder.path / INDEX
     if not index.is_file():
         return [*problems, Problem("damaged", f"wiki/{INDEX}", f"is not there; {_AGAIN}")]
-    with database.connect() as con:
-        con.execute("CREATE TABLE tars (tar VARCHAR, bytes BIGINT)")
+    with database.asking() as con:
+        con.execute("CREATE TEMP TABLE tars (tar VARCHAR, bytes BIGINT)")
         if tars:
             con.executemany("INSERT INTO tars VALUES (?, ?)", list(tars.items()))
         try:
             con.execute(
-                'CREATE TABLE held AS SELECT tar, member, "offset", size'
+                'CREATE TEMP TABLE held AS SELECT tar, member, "offset", size'
                 f" FROM read_json(?, format = 'newline_delimited', columns = {_COLUMNS})",
                 [str(index)],
             )

@@ -49,7 +49,7 @@ def changes(root: Path, folder: Folder, facts: Facts, version: str) -> Changes:
     parquet.check(before)
     try:
         said = json.loads((pq.read_schema(before).metadata or {}).get(_ABOUT, b"{}"))
-        with database.connect() as con:
+        with database.asking() as con:
             con.register("now", _keys(folder))
             counted = con.execute(
                 """SELECT coalesce(n."table", o."table") AS t,

@@ -5,9 +5,11 @@ Only counts, extremes and medians over the whole data: the same data gives the s
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 from duckdb import DuckDBPyConnection
 
@@ -164,38 +166,58 @@ def _table(con: DuckDBPyConnection, part: Part) -> TableFacts:
         for shard in part.shards
     )
     names = [str(shard) for shard in part.shards]
-    columns = tuple(_column(con, names, column) for column in part.table.columns if column.released)
+    released = [column for column in part.table.columns if column.released]
+    columns = tuple(_columns(con, names, released))
     return TableFacts(part.table, sum(file.rows or 0 for file in files), files, columns)
 
 
-def _column(con: DuckDBPyConnection, names: list[str], column: Column) -> ColumnFacts:
+def _columns(
+    con: DuckDBPyConnection, names: list[str], columns: Sequence[Column]
+) -> Iterator[ColumnFacts]:
+    """What each column holds: one pass counts and finds the ends; what has to hold a column's
+    values in memory (medians, the most frequent ones) is asked column by column.
+    """
+    asked = ", ".join(
+        f"count(*) - count({name}), {_low(column).format(name)}, {_high(column).format(name)}"
+        for column in columns
+        for name in [f'"{column.name}"']
+    )
+    found = con.execute(f"SELECT {asked} FROM read_parquet(?)", [names]).fetchone() or ()
+    for column, nulls, low, high in zip(columns, *(found[at::3] for at in range(3)), strict=True):
+        if _is_number(column):
+            ends = [end if end is None else end + 0 for end in (low, high)]  # no minus zero
+            yield ColumnFacts(column, nulls, ends[0], _median(con, names, column), ends[1])
+        elif _is_time(column):
+            yield ColumnFacts(column, nulls, _utc(low), None, _utc(high))
+        elif column.dictionary or column.type == "bool":
+            yield ColumnFacts(column, nulls, top=_top(con, names, column))
+        else:
+            yield ColumnFacts(column, nulls)
+
+
+def _is_number(column: Column) -> bool:
+    return column.type.startswith(("int", "float")) and not column.name.endswith("_id")
+
+
+def _is_time(column: Column) -> bool:
+    return column.type.startswith(("timestamp", "date"))
+
+
+def _low(column: Column) -> str:
+    return "min({})" if _is_number(column) else _LOW if _is_time(column) else "NULL"
+
+
+def _high(column: Column) -> str:
+    return "max({})" if _is_number(column) else _HIGH if _is_time(column) else "NULL"
+
+
+def _median(con: DuckDBPyConnection, names: list[str], column: Column) -> Any:
+    sql = f'SELECT quantile_disc("{column.name}", 0.5) FROM read_parquet(?)'
+    return (con.execute(sql, [names]).fetchone() or (None,))[0]
+
+
+def _top(con: DuckDBPyConnection, names: list[str], column: Column) -> tuple[Any, ...]:
     name = f'"{column.name}"'
-    if column.type.startswith(("int", "float")) and not column.name.endswith("_id"):
-        row = con.execute(
-            (
-                f"SELECT count(*) - count({name}), min({name}), quantile_disc({name},"
-                f" 0.5), max({name}) FROM read_parquet(?)"
-            ),
-            [names],
-        ).fetchone()
-        return ColumnFacts(column, *(row or (0,)))
-    if column.type.startswith(("timestamp", "date")):
-        row = con.execute(
-            f"SELECT count(*) - count({name}), {_LOW.format(name)}, {_HIGH.format(name)}"
-            " FROM read_parquet(?)",
-            [names],
-        ).fetchone() or (
-            0,
-            None,
-            None,
-        )
-        return ColumnFacts(column, row[0], _utc(row[1]), None, _utc(row[2]))
-    nulls = (
-        con.execute(f"SELECT count(*) - count({name}) FROM read_parquet(?)", [names]).fetchone()
-        or (0,)
-    )[0]
-    if not (column.dictionary or column.type == "bool"):
-        return ColumnFacts(column, nulls)
     top = con.execute(
         (
             f"SELECT {name}::VARCHAR, count(*) AS n FROM read_parquet(?)"
@@ -203,7 +225,7 @@ def _column(con: DuckDBPyConnection, names: list[str], column: Column) -> Column
         ),
         [names],
     )
-    return ColumnFacts(column, nulls, top=tuple(top.fetchall()))
+    return tuple(top.fetchall())
 
 
 def _span(

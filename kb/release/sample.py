@@ -32,10 +32,10 @@ def write(folder: Folder, megabytes: float) -> list[Path]:
     """
     shared = _shared(folder.parts)
     data = sum(shard.stat().st_size for part in folder.parts for shard in part.shards)
-    with database.connect() as con:
+    with database.asking() as con:
         lead = next((part for part in folder.parts if part.table.key == (shared,)), folder.parts[0])
         con.execute(
-            f'CREATE TABLE chosen AS SELECT DISTINCT "{shared}" AS k,'
+            f'CREATE TEMP TABLE chosen AS SELECT DISTINCT "{shared}" AS k,'
             f' md5("{shared}"::VARCHAR) AS h FROM read_parquet(?) ORDER BY h',
             [[str(shard) for shard in lead.shards]],
         )
