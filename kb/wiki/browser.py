@@ -38,6 +38,14 @@ FEATURES_OFF = (
     "Reporting",
     "Translate",
 )
+# The browser's own surface, of which a page in it shows nothing: the address bar's lists are pages
+# that two more renderers load, and one more stands by for a visit to another site.
+SURFACE_OFF = (
+    "SpareRendererForSitePerProcess",
+    "WebUIOmniboxAimPopup",
+    "WebUIOmniboxFullPopup",
+    "WebUIOmniboxPopup",
+)
 PREFERENCES = {
     "alternate_error_pages.enabled": False,
     "credentials_enable_service": False,
@@ -45,6 +53,8 @@ PREFERENCES = {
     "net.network_prediction_options": 2,  # no prefetch, preconnect or speculation
     "safebrowsing.enabled": False,
     "search.suggest_enabled": False,
+    "session.restore_on_startup": 4,  # the addresses that follow, not its own first page
+    "session.startup_urls": ["about:blank"],
     "signin.allowed": False,
     "spellcheck.use_spelling_service": False,
     "translate.enabled": False,
@@ -72,7 +82,7 @@ FLAGS = (
     "--no-pings",
     "--disable-domain-reliability",
     "--disable-client-side-phishing-detection",
-    f"--disable-features={','.join(FEATURES_OFF)}",
+    f"--disable-features={','.join(FEATURES_OFF + SURFACE_OFF)}",
     "--disable-field-trial-config",
     "--disable-component-extensions-with-background-pages",
     "--disable-search-engine-choice-screen",

@@ -13,7 +13,7 @@ from kb.wiki.errors import Served
 from kb.wiki.guard import Guard
 
 Result = TypeVar("Result")
-PAGES = 250  # a browser that showed many pages has grown; a fresh one costs one to two seconds
+PAGES = 250  # a browser that showed many pages has grown; a fresh one costs about a second
 
 
 class Pool:
