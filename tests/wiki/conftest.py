@@ -186,9 +186,9 @@ def pages(serve: Callable[[Any], str]) -> Pages:
 
 @pytest.fixture(scope="session")
 def section() -> Any:
-    """[wiki] of the shipped profile with shorter limits, so that hostile pages end soon."""
+    """[wiki] of the shipped profile; its limits are for what hangs, and for no busy machine."""
     return load_profile("minecraft").wiki.model_copy(
-        update={"settle_seconds": 2.0, "page_seconds": 5.0}
+        update={"settle_seconds": 60.0, "page_seconds": 60.0}
     )
 
 

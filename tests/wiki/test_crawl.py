@@ -206,7 +206,7 @@ def name_of(pid: int) -> str:
 def gone(pids: set[int]) -> None:
     """Wait until the processes have ended; the guard ends them after we are gone."""
     waiting = threading.Event()
-    for _ in range(200):
+    for _ in range(1200):
         left = [pid for pid in pids if name_of(pid) and os.path.exists(f"/proc/{pid}/exe")]
         if not left:
             return

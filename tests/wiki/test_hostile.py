@@ -74,7 +74,7 @@ def test_page_that_grows_for_ever(pages, look):
         TEXT + "<script>setInterval(() => document.body.append(Object.assign("
         "document.createElement('p'), {textContent: 'more'})), 20)</script>"
     )
-    found = look(pages.put("/growing", body))
+    found = look(pages.put("/growing", body), rules={"settle_seconds": 1.0})
     assert not found.settled
     assert found.extraction["page"]["height"] >= 1024
 
@@ -89,16 +89,21 @@ def test_dialogs_and_windows(pages, look):
     assert texts(look(pages.put("/after-dialogs", TEXT))) == ["A page that has something to say."]
 
 
-def test_endless_loop_is_ended_with_its_browser(pages, look, pool):
+LIMIT = 2.0  # s for a page that never ends; a browser that is slower has no more to show by then
+
+
+def test_endless_loop_is_ended_with_its_browser(pages, look, pool, monkeypatch):
     before = set(pool._all)
-    with pytest.raises(Retryable, match="page_timeout"):
+    with monkeypatch.context() as short, pytest.raises(Retryable, match="page_timeout"):
+        short.setattr(pool, "_seconds", LIMIT)
         look(pages.put("/loop", TEXT + "<script>while (true) {}</script>"))
     # A fresh browser takes the next page.
     assert texts(look(pages.put("/after-loop", TEXT))) == ["A page that has something to say."]
     assert len(pool._all - before) == 1
 
 
-def test_loop_that_starts_while_settling(pages, look):
+def test_loop_that_starts_while_settling(pages, look, pool, monkeypatch):
+    monkeypatch.setattr(pool, "_seconds", LIMIT)
     with pytest.raises(Retryable, match="page_timeout"):
         look(
             pages.put(
