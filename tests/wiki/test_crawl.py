@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -37,7 +38,8 @@ from kb.store import rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.verify.root import verify
 from kb.wiki import chromium
-from kb.wiki.source import crawl
+from kb.wiki.browser import Browser
+from kb.wiki.source import LAST_SECONDS, crawl
 
 NOW = "2026-11-20T12:00:00Z"
 
@@ -439,12 +441,11 @@ def test_what_was_purged_after_its_deletion_stays_away_for_good(whole, later):
 
 
 def test_page_that_hangs_is_tried_three_times_and_recorded(make_run, faults, tmp_path, monkeypatch):
-    monkeypatch.setattr("kb.wiki.source.LAST_SECONDS", 6)
     names = tmp_path / "titles.txt"
     names.write_text("Charts\nSaltstone\n")
     # It waits for good, and takes no core until it is ended (loops: tests/wiki/test_hostile.py).
     waits = 'const asked = new XMLHttpRequest(); asked.open("GET", "/held", false); asked.send();'
-    faults.add("/held", hold=True, times=None)
+    faults.add("/held", hold=True, times=None, then=lambda seen: hanging.release())
     faults.add(
         "/wiki/Charts",
         times=None,
@@ -452,19 +453,36 @@ def test_page_that_hangs_is_tried_three_times_and_recorded(make_run, faults, tmp
         body=f"<!DOCTYPE html><script>{waits}</script>",
         headers={"Content-Type": "text/html"},
     )
-    run = make_run(tmp_path / "data", wiki={"page_seconds": 5.0, "max_tries": 2})
+    hanging, limits, go = threading.Semaphore(0), [], Browser.go
+
+    def end_soon(browser, seconds):
+        hanging.acquire()
+        limits.append(seconds)
+        browser.allow(0.01)
+
+    def watched(browser, url):
+        """Once the page hangs, its time is as good as over."""
+        if url.endswith("/Charts"):
+            seconds = browser._timer.interval
+            threading.Thread(target=end_soon, args=(browser, seconds), daemon=True).start()
+        go(browser, url)
+
+    monkeypatch.setattr(Browser, "go", watched)
+    run = make_run(tmp_path / "data", wiki={"page_seconds": 60.0, "max_tries": 2})
     assert crawl(run, names)["failed"] == 1
+    assert limits == [60 + LAST_SECONDS] * 2
     found = tables(run)
     assert [row["title"] for row in found["pages"]] == ["Saltstone"]
     assert [(row["key"], row["stage"], row["reason"]) for row in found["rejected"]] == [
         ("24", "render", "page_timeout")
     ]
+    monkeypatch.setattr(Browser, "go", go)
     faults.clear()
     assert crawl(run, names)["failed"] == 0
     assert {row["title"] for row in tables(run)["pages"]} == {"Saltstone", "Charts"}
 
 
-def test_robots_and_crawl_delay(make_run, faults, tmp_path, sandbox):
+def test_robots_and_crawl_delay(make_run, faults, tmp_path, sandbox, turns, hasty):
     names = tmp_path / "titles.txt"
     names.write_text("Charts\nFog\n")
     faults.add(
@@ -474,12 +492,13 @@ def test_robots_and_crawl_delay(make_run, faults, tmp_path, sandbox):
         body="User-agent: *\nDisallow: /wiki/Charts\nCrawl-delay: 1\n",
     )
     run = make_run(tmp_path / "data")
-    start = len(sandbox.ledger.requests(""))
+    start, turns.now = len(sandbox.ledger.requests("")), time.time
     crawl(run, names)
     asked = sandbox.ledger.requests("")[start:]
     assert not [seen for seen in asked if seen.path == "/wiki/Charts"]
-    times = [seen.time for seen in asked if seen.path.startswith(("/wiki/", "/w/api.php"))]
-    assert max(times) - min(times) > len(times) - 2  # a second between any two, whoever sends them
+    paced = [seen.time for seen in asked if seen.path.startswith(("/wiki/", "/w/api.php"))]
+    assert len(paced) > 3  # with the page that the wiki's root is
+    assert turns.before(1, paced), "a second between any two, whoever sends them"
     assert ("24", "robots", "disallowed") in {
         (row["key"], row["stage"], row["reason"]) for row in tables(run)["rejected"]
     }
