@@ -266,7 +266,7 @@ def run_on() -> Callable[..., Run]:
         profile = profile.model_copy(
             update={
                 "wiki": profile.wiki.model_copy(
-                    update={"page_seconds": 20.0, "settle_seconds": 5.0, **(wiki or {})}
+                    update={"page_seconds": 60.0, "settle_seconds": 60.0, **(wiki or {})}
                 )
             }
         )

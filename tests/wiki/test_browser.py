@@ -112,7 +112,7 @@ def test_no_browser_outlives_us_and_its_guard(programs: Programs) -> None:
 
 def ended(processes: list[psutil.Process]) -> None:
     """Wait until they have ended; those that nobody asks for their end count too."""
-    for _ in range(600):
+    for _ in range(1200):
         alive = [one for one in processes if lives(one)]
         if not alive:
             return

@@ -468,9 +468,9 @@ def test_page_that_hangs_is_tried_three_times_and_recorded(make_run, faults, tmp
         go(browser, url)
 
     monkeypatch.setattr(Browser, "go", watched)
-    run = make_run(tmp_path / "data", wiki={"page_seconds": 60.0, "max_tries": 2})
+    run = make_run(tmp_path / "data", wiki={"max_tries": 2})
     assert crawl(run, names)["failed"] == 1
-    assert limits == [60 + LAST_SECONDS] * 2
+    assert limits == [run.profile.wiki.page_seconds + LAST_SECONDS] * 2
     found = tables(run)
     assert [row["title"] for row in found["pages"]] == ["Saltstone"]
     assert [(row["key"], row["stage"], row["reason"]) for row in found["rejected"]] == [

@@ -62,7 +62,7 @@ def image(status=200, **headers):
 
 
 def go(run_on, wiki, root, **section):
-    run = run_on(root, wiki.url, wiki={"settle_seconds": 60.0, "page_seconds": 60.0, **section})
+    run = run_on(root, wiki.url, wiki=section)
     off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
     run = dataclasses.replace(run, profile=run.profile.model_copy(update={"toxicity": off}))
     return crawl(run)
@@ -94,7 +94,7 @@ def test_failed_images_wait_as_long_as_the_server_asks(run_on, wiki, programs, t
     wiki.add(1, "Page", f"<p>{'word ' * 30}</p><img src=/slow.png><img src=/never.png>")
     wiki.answers["/slow.png"] = [image(503, **{"Retry-After": "2"}), image(), image()]
     wiki.answers["/never.png"] = [image(429, **{"Retry-After": "62"})]
-    assert go(run_on, wiki, tmp_path)["crawled"] == 1
+    assert go(run_on, wiki, tmp_path, settle_seconds=60.0)["crawled"] == 1
     first, second = times(wiki, "/slow.png")
     assert second - first >= 2
     assert len(times(wiki, "/never.png")) == 1, "longer than a page may take to settle"
