@@ -20,7 +20,7 @@ from kb.core.errors import MissingExtra, Retryable
 from kb.wiki import guard
 from kb.wiki.chromium import INSTALL, Programs
 from kb.wiki.driver import START_SECONDS, DriverProcess
-from kb.wiki.errors import NotShown, PageTimeout
+from kb.wiki.errors import PageTimeout, of_browser
 
 # What Chromium would ask its maker by itself, and what pages may make it fetch ahead.
 FEATURES_OFF = (
@@ -269,7 +269,7 @@ class Browser:
             said = (getattr(error, "msg", "") or type(error).__name__).splitlines()[0]
             match = re.search(r"net::(ERR_\w+)", said)
             if match:
-                raise NotShown(match[1].lower()) from None
+                raise of_browser(match[1].lower()) from None
             raise Retryable(f"browser: {said[:120]}") from None
 
     def end(self) -> None:

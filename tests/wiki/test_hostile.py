@@ -5,6 +5,7 @@ stays.
 from __future__ import annotations
 
 import os
+import socket
 import struct
 import zlib
 
@@ -147,6 +148,22 @@ def test_server_errors_are_no_pages(pages, look):
         look(pages.put("/busy", lambda request: Response("busy", 503)))
     with pytest.raises(ItemFinal, match="http_404"):
         look(pages.url + "/not-there")
+
+
+def test_a_page_that_is_not_served_costs_no_browser(pages, look, pool):
+    """Neither a connection that is lost nor an error without a text, which Chromium hides alike."""
+    from werkzeug.wrappers import Response
+
+    def drop(request):
+        request.environ["werkzeug.socket"].shutdown(socket.SHUT_RDWR)
+
+    look(pages.put("/before-drop", TEXT))
+    before = set(pool._all)
+    for answer in (drop, lambda request: Response(b"", 503)):
+        with pytest.raises(Retryable, match="not_loaded"):
+            look(pages.put("/drop", answer))
+    assert texts(look(pages.put("/after-drop", TEXT))) == ["A page that has something to say."]
+    assert pool._all == before
 
 
 def test_dropped_pictures_and_styles_are_asked_again(pages, look, tmp_path):
