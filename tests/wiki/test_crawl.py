@@ -40,6 +40,7 @@ from kb.verify.root import verify
 from kb.wiki import chromium
 from kb.wiki.browser import Browser
 from kb.wiki.source import LAST_SECONDS, crawl
+from tests import forked
 
 NOW = "2026-11-20T12:00:00Z"
 
@@ -137,28 +138,13 @@ def test_faults_lose_nothing(whole, make_run, faults, tmp_path):
 
 
 def test_sigkill_and_resume_give_the_same_tables(whole, sandbox, faults, tmp_path):
-    env = {
-        **os.environ,
-        **sandbox.settings(),
-        "KB_NOW": NOW,
-        "KB_CONTACT": "test@example.org",
-        "PYTHONPATH": str(Path(__file__).parents[2]),
-    }
-    command = [
-        sys.executable,
-        "-m",
-        "kb",
-        "wiki",
-        "crawl",
-        "--data",
-        str(tmp_path),
-        "--quiet",
-        "--json",
-    ]
+    settings = {**sandbox.settings(), "KB_NOW": NOW, "KB_CONTACT": "test@example.org"}
+    env = {**os.environ, **settings}
+    words = ["wiki", "crawl", "--data", str(tmp_path), "--quiet", "--json"]
     held = faults.add("/wiki/Long_pier", hold=True)
     process = subprocess.Popen(
-        [*command, "--workers", "2"],
-        env=env,
+        [sys.executable, "-m", "kb", *words, "--workers", "2"],
+        env={**env, "PYTHONPATH": str(Path(__file__).parents[2])},
         cwd=tmp_path,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -172,15 +158,7 @@ def test_sigkill_and_resume_give_the_same_tables(whole, sandbox, faults, tmp_pat
     held.release()
     faults.clear()
     gone(families)
-    done = subprocess.run(
-        [*command, "--workers", "1"],
-        env=env,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    done = forked.run([*words, "--workers", "1"], env=env, cwd=tmp_path, timeout=600)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1])["crawled_in_all"] == 12
     run = dataclasses.replace(whole[0], root=tmp_path)
