@@ -20,7 +20,7 @@ from kb.core.errors import MissingExtra, Retryable
 from kb.wiki import guard
 from kb.wiki.chromium import INSTALL, Programs
 from kb.wiki.driver import START_SECONDS, DriverProcess
-from kb.wiki.errors import NotShown, PageTimeout
+from kb.wiki.errors import PageTimeout, of_browser
 
 # What Chromium would ask its maker by itself, and what pages may make it fetch ahead.
 FEATURES_OFF = (
@@ -38,6 +38,14 @@ FEATURES_OFF = (
     "Reporting",
     "Translate",
 )
+# The browser's own surface, of which a page in it shows nothing: the address bar's lists are pages
+# that two more renderers load, and one more stands by for a visit to another site.
+SURFACE_OFF = (
+    "SpareRendererForSitePerProcess",
+    "WebUIOmniboxAimPopup",
+    "WebUIOmniboxFullPopup",
+    "WebUIOmniboxPopup",
+)
 PREFERENCES = {
     "alternate_error_pages.enabled": False,
     "credentials_enable_service": False,
@@ -45,6 +53,8 @@ PREFERENCES = {
     "net.network_prediction_options": 2,  # no prefetch, preconnect or speculation
     "safebrowsing.enabled": False,
     "search.suggest_enabled": False,
+    "session.restore_on_startup": 4,  # the addresses that follow, not its own first page
+    "session.startup_urls": ["about:blank"],
     "signin.allowed": False,
     "spellcheck.use_spelling_service": False,
     "translate.enabled": False,
@@ -72,7 +82,7 @@ FLAGS = (
     "--no-pings",
     "--disable-domain-reliability",
     "--disable-client-side-phishing-detection",
-    f"--disable-features={','.join(FEATURES_OFF)}",
+    f"--disable-features={','.join(FEATURES_OFF + SURFACE_OFF)}",
     "--disable-field-trial-config",
     "--disable-component-extensions-with-background-pages",
     "--disable-search-engine-choice-screen",
@@ -259,7 +269,7 @@ class Browser:
             said = (getattr(error, "msg", "") or type(error).__name__).splitlines()[0]
             match = re.search(r"net::(ERR_\w+)", said)
             if match:
-                raise NotShown(match[1].lower()) from None
+                raise of_browser(match[1].lower()) from None
             raise Retryable(f"browser: {said[:120]}") from None
 
     def end(self) -> None:

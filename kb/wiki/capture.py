@@ -14,7 +14,7 @@ from kb.core import clock
 from kb.core.errors import ItemFinal, Retryable
 from kb.wiki import screenshot
 from kb.wiki.browser import Browser
-from kb.wiki.errors import NotShown, PageTimeout, Served, of_status
+from kb.wiki.errors import NotShown, PageTimeout, Served, Unserved, of_status
 from kb.wiki.network import Network
 
 _SETTLE = "return await window.__kb.settle(arguments[0]);"
@@ -197,7 +197,9 @@ def _check_document(browser: Browser, network: Network, url: str) -> None:
     """The page's own status: the browser shows error pages without a word."""
     where, status = browser.script(_STATUS)
     if not where.startswith(("http:", "https:")):
-        raise _left(browser, url) or NotShown("not_loaded")
+        served = network.of(url)
+        told = served is not None and not served.barred and not 0 < served.status < 400
+        raise _left(browser, url) or (Unserved if told else NotShown)("not_loaded")
     if not _same_site(where, url):
         raise ItemFinal("redirected_away", where)
     if status == 429 or status >= 500:

@@ -7,6 +7,7 @@ ItemFinal
 Retryable
 ├── Served              the server answered, though not with a whole page; the browser did well
 ├── NotShown            the browser shows nothing of a page and hides why
+│   └── Unserved            no page came, as the browser noted; it did well
 └── PageTimeout         the page takes too long; its browser is ended
 """
 
@@ -38,11 +39,24 @@ class NotShown(Retryable):
     """The browser shows a page of its own instead; a plain request finds out why."""
 
 
+class Unserved(NotShown):
+    """An error without a text came, or no answer; nothing is wrong with the browser that asked."""
+
+
 class PageTimeout(Retryable):
     """A page takes longer than it may."""
 
     def __init__(self) -> None:
         super().__init__("page_timeout")
+
+
+# How Chromium names what the network did.
+_NETWORK = ("err_address_", "err_connection_", "err_empty_response", "err_name_", "err_timed_out")
+
+
+def of_browser(reason: str) -> NotShown:
+    """The error for Chromium's word for a page that it does not show, as "err_timed_out"."""
+    return Unserved(reason) if reason.startswith(_NETWORK) else NotShown(reason)
 
 
 def of_status(status: int) -> HttpStatus:

@@ -9,11 +9,11 @@ from typing import Self, TypeVar
 
 from kb.core.errors import ItemFinal, MissingExtra, Retryable
 from kb.wiki.browser import Browser
-from kb.wiki.errors import Served
+from kb.wiki.errors import Served, Unserved
 from kb.wiki.guard import Guard
 
 Result = TypeVar("Result")
-PAGES = 250  # a browser that showed many pages has grown; a fresh one costs one to two seconds
+PAGES = 250  # a browser that showed many pages has grown; a fresh one costs about a second
 
 
 class Pool:
@@ -47,7 +47,7 @@ class Pool:
         """Run `work` with a browser of its own, at most `seconds` long.
 
         `first` comes before it (waiting for one's turn). Raises what `work` raises; after anything
-        but an answer of the server the browser is replaced.
+        but an answer of the server, or none, the browser is replaced.
         """
         with self._lock:
             browser = self._idle.pop() if self._idle else None
@@ -62,7 +62,7 @@ class Pool:
                 result = work(browser)
             healthy = True
             return result
-        except (ItemFinal, Served):
+        except (ItemFinal, Served, Unserved):
             healthy = True
             raise
         finally:

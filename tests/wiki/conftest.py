@@ -6,6 +6,7 @@ import importlib.util
 import shutil
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -15,11 +16,13 @@ import pytest
 from werkzeug.serving import WSGIRequestHandler, make_server
 from werkzeug.wrappers import Request, Response
 
+from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.errors import MissingExtra
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.net import retry
+from kb.net.rate import Pace
 from kb.wiki import capture, chromium
 from kb.wiki.browser import Browser, reach
 from kb.wiki.pool import Pool
@@ -82,6 +85,59 @@ def serve() -> Iterator[Callable[[Any], str]]:
         server.server_close()
 
 
+class Turns:
+    """The turns that paces gave, each with the moment at which its wait was over."""
+
+    def __init__(self) -> None:
+        self.taken: list[tuple[Pace, float]] = []
+        self.delays: list[tuple[Pace, float]] = []
+        self.now: Callable[[], float] = lambda: clock.monotonic()
+
+    def before(self, delay: float, asked: list[float]) -> bool:
+        """Whether each request at these moments had a turn of its own before it, all of the one
+        pace that was slowed to `delay`. How a pace spaces its turns, tests/net/test_rate.py says.
+        """
+        (pace,) = {pace for pace, seconds in self.delays if seconds == delay}
+        moments = sorted(moment for one, moment in self.taken if one is pace)
+        return len(moments) == len(asked) and all(
+            turn <= seen for turn, seen in zip(moments, sorted(asked), strict=True)
+        )
+
+
+@pytest.fixture
+def turns(monkeypatch: pytest.MonkeyPatch) -> Turns:
+    """Which turns are taken from now on, by the clock `turns.now`."""
+    noted, wait, slow = Turns(), Pace.wait_within, Pace.at_least
+
+    def wait_within(pace: Pace, seconds: float) -> bool:
+        given = wait(pace, seconds)
+        if given:
+            noted.taken.append((pace, noted.now()))
+        return given
+
+    def at_least(pace: Pace, seconds: float) -> None:
+        slow(pace, seconds)
+        noted.delays.append((pace, seconds))
+
+    monkeypatch.setattr(Pace, "wait_within", wait_within)
+    monkeypatch.setattr(Pace, "at_least", at_least)
+    return noted
+
+
+@pytest.fixture
+def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who waits in this process sets `clock.monotonic` ahead instead."""
+    ahead, lock = [0.0], threading.Lock()
+
+    def sleep(seconds: float) -> None:
+        with lock:
+            ahead[0] += max(0.0, seconds)
+        signals.stop.check()
+
+    monkeypatch.setattr(clock, "monotonic", lambda: time.monotonic() + ahead[0])
+    monkeypatch.setattr(clock, "sleep", sleep)
+
+
 class Stage:
     """One address, at which each test has a wiki of its own, so that browsers can be shared."""
 
@@ -130,9 +186,9 @@ def pages(serve: Callable[[Any], str]) -> Pages:
 
 @pytest.fixture(scope="session")
 def section() -> Any:
-    """[wiki] of the shipped profile with shorter limits, so that hostile pages end soon."""
+    """[wiki] of the shipped profile; its limits are for what hangs, and for no busy machine."""
     return load_profile("minecraft").wiki.model_copy(
-        update={"settle_seconds": 2.0, "page_seconds": 5.0}
+        update={"settle_seconds": 60.0, "page_seconds": 60.0}
     )
 
 
@@ -210,7 +266,7 @@ def run_on() -> Callable[..., Run]:
         profile = profile.model_copy(
             update={
                 "wiki": profile.wiki.model_copy(
-                    update={"page_seconds": 20.0, "settle_seconds": 5.0, **(wiki or {})}
+                    update={"page_seconds": 60.0, "settle_seconds": 60.0, **(wiki or {})}
                 )
             }
         )

@@ -244,7 +244,7 @@ class MediaWiki:
             start_new_session=True,
         )
         try:
-            for _ in range(300):
+            for _ in range(1200):
                 with (
                     contextlib.suppress(OSError),
                     urllib.request.urlopen(f"{self.url}/robots.txt", timeout=5),

@@ -20,7 +20,7 @@ from kb.wiki import browser, source
 from kb.wiki.guard import Guard
 from kb.wiki.pool import Pool
 
-MOST = 3  # browsers that wait
+MOST = 4  # browsers that wait; those of a wiki that has ended among them
 
 
 class _Shelf:

@@ -5,6 +5,7 @@ stays.
 from __future__ import annotations
 
 import os
+import socket
 import struct
 import zlib
 
@@ -74,7 +75,7 @@ def test_page_that_grows_for_ever(pages, look):
         TEXT + "<script>setInterval(() => document.body.append(Object.assign("
         "document.createElement('p'), {textContent: 'more'})), 20)</script>"
     )
-    found = look(pages.put("/growing", body))
+    found = look(pages.put("/growing", body), rules={"settle_seconds": 1.0})
     assert not found.settled
     assert found.extraction["page"]["height"] >= 1024
 
@@ -89,16 +90,21 @@ def test_dialogs_and_windows(pages, look):
     assert texts(look(pages.put("/after-dialogs", TEXT))) == ["A page that has something to say."]
 
 
-def test_endless_loop_is_ended_with_its_browser(pages, look, pool):
+LIMIT = 2.0  # s for a page that never ends; a browser that is slower has no more to show by then
+
+
+def test_endless_loop_is_ended_with_its_browser(pages, look, pool, monkeypatch):
     before = set(pool._all)
-    with pytest.raises(Retryable, match="page_timeout"):
+    with monkeypatch.context() as short, pytest.raises(Retryable, match="page_timeout"):
+        short.setattr(pool, "_seconds", LIMIT)
         look(pages.put("/loop", TEXT + "<script>while (true) {}</script>"))
     # A fresh browser takes the next page.
     assert texts(look(pages.put("/after-loop", TEXT))) == ["A page that has something to say."]
     assert len(pool._all - before) == 1
 
 
-def test_loop_that_starts_while_settling(pages, look):
+def test_loop_that_starts_while_settling(pages, look, pool, monkeypatch):
+    monkeypatch.setattr(pool, "_seconds", LIMIT)
     with pytest.raises(Retryable, match="page_timeout"):
         look(
             pages.put(
@@ -142,6 +148,22 @@ def test_server_errors_are_no_pages(pages, look):
         look(pages.put("/busy", lambda request: Response("busy", 503)))
     with pytest.raises(ItemFinal, match="http_404"):
         look(pages.url + "/not-there")
+
+
+def test_a_page_that_is_not_served_costs_no_browser(pages, look, pool):
+    """Neither a connection that is lost nor an error without a text, which Chromium hides alike."""
+    from werkzeug.wrappers import Response
+
+    def drop(request):
+        request.environ["werkzeug.socket"].shutdown(socket.SHUT_RDWR)
+
+    look(pages.put("/before-drop", TEXT))
+    before = set(pool._all)
+    for answer in (drop, lambda request: Response(b"", 503)):
+        with pytest.raises(Retryable, match="not_loaded"):
+            look(pages.put("/drop", answer))
+    assert texts(look(pages.put("/after-drop", TEXT))) == ["A page that has something to say."]
+    assert pool._all == before
 
 
 def test_dropped_pictures_and_styles_are_asked_again(pages, look, tmp_path):

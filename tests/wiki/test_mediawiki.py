@@ -125,10 +125,10 @@ def test_the_browser_asks_for_no_more_than_a_readers(mediawiki, programs, tmp_pa
             origins=origins,
             user_agent=name,
             viewport=(1280, 1024),
-            page_seconds=20,
+            page_seconds=60,
             before=before,
         )
-        with Pool(lambda watcher, start=start: start(watcher=watcher), 60) as pool:
+        with Pool(lambda watcher, start=start: start(watcher=watcher), 120) as pool:
             for title in ("Pictures", "Empty_images", "Frames", "Icons", "Colours"):
                 url = f"{mediawiki.url}/wiki/{title}"
                 if before:
