@@ -20,6 +20,7 @@ from tests.forked import import_kb, sync_nothing
 LATE = (
     "PIL.PngImagePlugin",
     "detoxify.detoxify",
+    "distributed",
     "googleapiclient.discovery",
     "instant_clip_tokenizer",
     "matplotlib.backends.backend_pdf",
