@@ -117,7 +117,7 @@ def demo(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / ".env").write_text(OWN_DOTENV)
         with (folder / "demo.out").open("w") as out, (folder / "demo.err").open("w") as err:
             code = trap.run(
-                [installed / "kb", "demo", "--json"],
+                [installed / "kb", "demo", "--json", "--workers", "2"],  # they are watched as well
                 folder / "demo.attempts",
                 outside() | OWN_ENVIRONMENT | {"HOME": str(home_that_consents(folder))},
                 cwd=folder,

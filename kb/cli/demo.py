@@ -47,8 +47,8 @@ def demo(options: Options) -> Summary:
 
     It filters, exports, pairs, links, releases and reports, then queries the shards. Channels,
     pages and threads speak of the profile's keywords; a source that the profile leaves out is
-    skipped. Everything goes to DIR/demo. `.env` and credentials are ignored; nothing leaves this
-    machine.
+    skipped. Everything goes to DIR/demo, by one process unless --workers says more. `.env` and
+    credentials are ignored; nothing leaves this machine.
     """
     return play(options)
 
@@ -106,7 +106,11 @@ def _run(options: Options, settings: dict[str, str]) -> Run:
     from kb.core.profile import DEFAULT
 
     given = options.profile or DEFAULT
-    run = replace(options, data=_root(options), profile=given).make_run(dotenv=False)
+    # So small a world is done before worker processes have imported what they need.
+    alone = 1 if options.engine == "local" else None
+    run = replace(
+        options, data=_root(options), profile=given, workers=options.workers or alone
+    ).make_run(dotenv=False)
     if "KB_TOXICITY_MODEL" in settings:
         return run
     off = run.profile.toxicity.model_copy(update={"toxicity": "off"})

@@ -70,7 +70,7 @@ def _drawn(frequencies: dict[str, int], seed: int) -> dict[str, bytes]:
         shape = TextPath((0, 0), word, size=size, prop=face)
         ink = shape.get_extents()
         place = Affine2D().translate(left - ink.x0, _H - top - ink.y1)
-        axes.add_patch(
+        axes.add_artist(  # add_patch would measure each curve for limits, which are set below
             PathPatch(
                 shape,
                 transform=place + axes.transData,

@@ -6,10 +6,11 @@ wide as a phone's screen in points, so that their labels stay readable on one.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import io
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +27,8 @@ FONT = "DejaVu Sans"  # comes with matplotlib: the same letters everywhere
 WIDTH = 4.6  # inches
 PIXELS = 200  # per inch, of the PNG
 _LONGEST = 26  # letters of a label
+# What a font in a PDF needs (ISO 32000-1, 9.9): outlines, widths, hints.
+_IN_PDF = {"glyf", "head", "hhea", "hmtx", "loca", "maxp", "cvt ", "fpgm", "prep"}
 _RULES: dict[str, Any] = {
     "font.family": FONT,
     "font.size": 10,
@@ -48,7 +51,6 @@ _RULES: dict[str, Any] = {
     "grid.linewidth": 0.8,
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
-    "figure.constrained_layout.use": True,
     "legend.frameon": False,
     "legend.fontsize": 9,
     "svg.hashsalt": "lorebase",
@@ -91,7 +93,7 @@ def canvas(
     for name in ("matplotlib", "fontTools"):  # --debug is for this project's lines
         logging.getLogger(name).setLevel(logging.WARNING)
     with applied():
-        sheet = Sheet(figsize=(width, height))
+        sheet = Sheet(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(sheet)
         axes = sheet.subplots(rows, columns, **options)
     return sheet, axes
@@ -108,13 +110,44 @@ FORMATS: dict[str, dict[str, None]] = {
 def saved(sheet: Any, pixels: int = PIXELS) -> dict[str, bytes]:
     """The figure as PNG (`pixels` per inch), SVG and PDF, without dates or version names."""
     files = {}
-    with applied():
+    with applied(), _letters_alone():
+        _placed(sheet, pixels)
         for kind, metadata in FORMATS.items():
             file = io.BytesIO()
             sheet.savefig(file, format=kind, dpi=pixels, metadata=metadata)
             files[kind] = file.getvalue()
-            sheet.set_layout_engine("none")  # its places stay: no need to find them twice
     return files
+
+
+def _placed(sheet: Any, pixels: int) -> None:
+    """Find the places of axes once; `savefig` would draw all of it for that, for each format."""
+    sheet.set_dpi(pixels)
+    sheet.get_layout_engine().execute(sheet)
+    sheet.set_layout_engine(None)
+
+
+@contextlib.contextmanager
+def _letters_alone() -> Iterator[None]:
+    """The fonts of PDFs are outlines and widths alone, whatever else their files hold.
+
+    matplotlib has no setting for it: for each figure it would cut down tables for the placing and
+    naming of letters, which takes most of the time of a PDF, and which no reader of one asks for.
+    """
+    from fontTools import subset
+
+    whole = subset.load_font
+
+    def bare(*args: Any, **options: Any) -> Any:
+        font = whole(*args, **options)
+        for tag in set(font.keys()) - _IN_PDF - {"GlyphOrder"}:
+            del font[tag]
+        return font
+
+    subset.load_font = bare
+    try:
+        yield
+    finally:
+        subset.load_font = whole
 
 
 def readable(text: str) -> str:

@@ -10,6 +10,7 @@ import re
 import shutil
 import time
 import warnings
+import zlib
 from collections.abc import Callable
 from datetime import timedelta
 from io import BytesIO
@@ -122,6 +123,18 @@ def of_one(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], OfOne]:
     return make
 
 
+def embedded(pdf: bytes) -> list[set[str]]:
+    """The tables of each TrueType font in a PDF."""
+    from fontTools.ttLib import TTFont
+
+    fonts = []
+    for number in re.findall(rb"/FontFile2 (\d+) 0 R", pdf):
+        stream = re.search(rb"(?s)\n%s 0 obj\n.*?\nstream\n(.*?)\nendstream" % number, pdf)
+        assert stream
+        fonts.append(set(TTFont(BytesIO(zlib.decompress(stream[1]))).keys()) - {"GlyphOrder"})
+    return fonts
+
+
 def test_every_figure_is_there_as_svg_png_and_pdf(root: Path) -> None:
     folder = root / "report"
     for suffix in ("svg", "png", "pdf"):
@@ -130,6 +143,20 @@ def test_every_figure_is_there_as_svg_png_and_pdf(root: Path) -> None:
         content = path.read_bytes()
         assert content.startswith(b"%PDF-")
         assert b"/Type3" not in content  # journals refuse such letters
+        fonts = embedded(content)
+        assert bool(fonts) != path.stem.endswith("-words")  # a cloud is shapes
+        for tables in fonts:
+            assert tables == {
+                "glyf",
+                "head",
+                "hhea",
+                "hmtx",
+                "loca",
+                "maxp",
+                "cvt ",
+                "fpgm",
+                "prep",
+            }
         assert b"/CreationDate" not in content
     for path in folder.glob("*.svg"):
         ElementTree.parse(path)
