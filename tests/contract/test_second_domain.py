@@ -59,7 +59,7 @@ WORDS = "keyword\tkind\trule\tforms\n" + "".join(
 def test_the_whole_chain_from_a_file_of_its_own(tmp_path: Path, kb: Kb) -> None:  # noqa: F811
     (tmp_path / "words.tsv").write_text(WORDS)
     (tmp_path / "harborlight.toml").write_text(PROFILE)
-    world = World(n_channels=9, n_videos=120, n_pages=5)
+    world = World(n_videos=200, n_pages=5)
     world.reddit = Subreddit(3, 40, width=30, depth=8, name="harborlight")
     with Sandbox(world) as services:
         env = services.settings(model=True)
@@ -88,7 +88,7 @@ def test_the_whole_chain_from_a_file_of_its_own(tmp_path: Path, kb: Kb) -> None:
     }
     assert topics == {"game_label"}
     assert (
-        ask("SELECT count(*) AS n FROM clean.youtube_rejected WHERE stage = 'topic'")[0]["n"] > 60
+        ask("SELECT count(*) AS n FROM clean.youtube_rejected WHERE stage = 'topic'")[0]["n"] > 90
     )
     assert {row["keyword"] for row in ask("SELECT DISTINCT keyword FROM release.pairs")} <= {
         "River",
