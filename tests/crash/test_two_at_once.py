@@ -183,13 +183,13 @@ def test_a_writer_is_not_refused_for_somebody_who_looks_at_its_lock(root: Path) 
     asked = threading.Event()
 
     def look() -> None:
-        while not asked.is_set():
+        while not asked.wait(0.0005):
             holders(root)
 
     thread = threading.Thread(target=look)
     thread.start()
     try:
-        for _ in range(300):
+        for _ in range(1_000):
             with writer(root, "pairs"):
                 pass
             path.write_text("1\n")
