@@ -29,7 +29,7 @@ pytest_plugins = ["tests.installed", "tests.inprocess"]
 SLOW = ("wheel", "dask", "crash", "mediawiki")  # marks; pyproject.toml says what they mean
 
 
-# Files of half a minute and more, the longest first.
+# Files that take longest, the longest first.
 LONG = (
     "crash/test_chaos.py",
     "wiki/test_crawl.py",

@@ -25,6 +25,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -96,7 +97,7 @@ def start(words: Sequence[str], *, env: Mapping[str, str], cwd: Path) -> Started
     """`kb WORDS` on its way. Its pools start processes of their own, as a user's do: a kill while
     the server is asked for one would end the server.
     """
-    return Started(_alone, [str(word) for word in words], env, cwd)
+    return Started(partial(_command, pools=False), [str(word) for word in words], env, cwd)
 
 
 def program(
@@ -239,16 +240,13 @@ def _pools_from_the_server() -> None:
         engine.multiprocessing = seam()
 
 
-def _command(words: list[str], env: dict[str, str], cwd: Path, out: Path, err: Path) -> None:
+def _command(
+    words: list[str], env: dict[str, str], cwd: Path, out: Path, err: Path, *, pools: bool = True
+) -> None:
     """The forked side: become `python -m kb WORDS`."""
     _become(env, cwd, out, err)
-    _pools_from_the_server()
-    sys.argv = ["kb", *words]
-    runpy.run_module("kb", run_name="__main__", alter_sys=True)
-
-
-def _alone(words: list[str], env: dict[str, str], cwd: Path, out: Path, err: Path) -> None:
-    _become(env, cwd, out, err)
+    if pools:
+        _pools_from_the_server()
     sys.argv = ["kb", *words]
     runpy.run_module("kb", run_name="__main__", alter_sys=True)
 

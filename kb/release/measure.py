@@ -177,11 +177,7 @@ def _columns(
     """What each column holds: one pass counts and finds the ends; what has to hold a column's
     values in memory (medians, the most frequent ones) is asked column by column.
     """
-    asked = ", ".join(
-        f"count(*) - count({name}), {_low(column).format(name)}, {_high(column).format(name)}"
-        for column in columns
-        for name in [f'"{column.name}"']
-    )
+    asked = ", ".join(map(_counted, columns))
     found = con.execute(f"SELECT {asked} FROM read_parquet(?)", [names]).fetchone() or ()
     for column, nulls, low, high in zip(columns, *(found[at::3] for at in range(3)), strict=True):
         if _is_number(column):
@@ -203,12 +199,15 @@ def _is_time(column: Column) -> bool:
     return column.type.startswith(("timestamp", "date"))
 
 
-def _low(column: Column) -> str:
-    return "min({})" if _is_number(column) else _LOW if _is_time(column) else "NULL"
-
-
-def _high(column: Column) -> str:
-    return "max({})" if _is_number(column) else _HIGH if _is_time(column) else "NULL"
+def _counted(column: Column) -> str:
+    """Three expressions: rows without a value, the lowest and the highest one."""
+    low, high = "NULL", "NULL"
+    if _is_number(column):
+        low, high = "min({})", "max({})"
+    elif _is_time(column):
+        low, high = _LOW, _HIGH
+    name = f'"{column.name}"'
+    return f"count(*) - count({name}), {low.format(name)}, {high.format(name)}"
 
 
 def _median(con: DuckDBPyConnection, names: list[str], column: Column) -> Any:

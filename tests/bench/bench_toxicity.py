@@ -38,7 +38,7 @@ pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]
 TEXTS = int(os.environ.get("KB_BENCH_TEXTS", "160"))
 ROUNDS = 2
 ARRIVAL = 96  # texts in arrival order: the slowest way, and no round of it is close
-MIDDLE, SPREAD = -7.5, 7.0  # of logits; then a text in twenty scores above 0.1, half below 0.01
+MIDDLE, SPREAD = -7.5, 7.0  # of logits; then a text in twelve scores above 0.1, half below 0.01
 WAYS = ("chosen", "torch", "onnxruntime", "bf16", "int8")
 
 
@@ -163,20 +163,15 @@ def test_same_scores_at_a_multiple_of_the_rate(checkpoint, texts):
             f" {differences[name]:.1e}{'   ' + runners[name].name if name == 'chosen' else ''}",
             flush=True,
         )
-    shares = _scores(detoxify, texts)
+    share = sum(max(row.values()) > 0.1 for row in plain) / len(plain)
     print(
-        f"scores above 0.1: {shares:.0%} of the texts; windows computed again in float64 by"
+        f"scores above 0.1: {share:.0%} of the texts; windows computed again in float64 by"
         f" {runners['chosen'].name}: {runners['chosen'].exactly / ROUNDS / len(set(texts)):.1%}"
     )
     exact = [name for name in best if name not in ("bf16", "int8")]
     assert all(differences[name] < 1e-4 for name in exact)
     # Three times without what is computed again in float64, so that all machines agree.
     assert best["chosen"] >= 2.5 * one, "wall time: try again on a machine that does nothing else"
-
-
-def _scores(detoxify, texts):
-    """The share of texts with any score above 0.1."""
-    return sum(max(detoxify.predict(text).values()) > 0.1 for text in texts) / len(texts)
 
 
 def rate_of(texts, work):

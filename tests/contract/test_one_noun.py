@@ -12,7 +12,6 @@ import pytest
 from kb.core import vocabulary
 from kb.core.verdict import Summary
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import Subreddit
 from kb.sandbox.world import World
 from kb.wiki import chromium
 from tests.conftest import skip_or_fail
@@ -21,6 +20,10 @@ from tests.youtube.job import Job
 ANSWERS = ("crawled", "kept", "rejected", "failed", "pending", "missing")
 ONE = {("wiki", "crawl"): ("--workers", "1")}  # a browser
 MAIN = {"youtube": "videos", "wiki": "pages", "reddit": "posts"}
+
+
+def world() -> World:
+    return World(n_channels=9, n_videos=60, n_posts=24, width=120, depth=24)
 
 
 class Done:
@@ -50,9 +53,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Done]:
         chromium.find()
     except Exception as error:  # noqa: BLE001
         skip_or_fail(str(error))
-    world = World(n_channels=9, n_videos=60)
-    world.reddit = Subreddit(0, 24, width=120, depth=24)
-    with Sandbox(world) as sandbox:
+    with Sandbox(world()) as sandbox:
         yield Done(sandbox, tmp_path_factory.mktemp("nouns"))
 
 
@@ -131,9 +132,7 @@ def test_status_names_the_next_command_as_it_has_to_be_typed(done: Done) -> None
 
 
 def test_a_stopped_crawl_says_what_is_left_as_status_does(tmp_path: Path) -> None:
-    world = World(n_channels=9, n_videos=60)
-    world.reddit = Subreddit(0, 24, width=120, depth=24)
-    with Sandbox(world) as sandbox:
+    with Sandbox(world()) as sandbox:
         job = Job(sandbox, tmp_path)
         for source, limit in (("youtube", "50"), ("reddit", "7")):
             stopped: dict[str, Any] = job.done(source, "crawl", "--limit", limit, code=3)

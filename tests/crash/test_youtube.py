@@ -89,7 +89,7 @@ def test_a_killed_filter_or_export_leaves_the_last_tables_or_none(
         moment = length * quarter // 4
         ended = harm.run(words, job.env, job.place, harm=harm.KILL, before=moment)
         assert ended.code == -signal.SIGKILL
-        assert job.digests(*folder) in (before, {})
+        assert job.digests(*folder) == before
     job.done("youtube", step)
     assert job.digests(*folder) == before
 

@@ -14,7 +14,6 @@ import pyarrow.parquet as pq
 from kb.core.errors import MissingExtra
 from kb.sandbox.reddit import dumps
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import Subreddit
 from kb.sandbox.world import World
 from kb.wiki import chromium
 from tests.crash import harm
@@ -230,8 +229,7 @@ class Worlds:
 
 def world() -> World:
     """A small one, whose services answer however often they are asked."""
-    made = World(n_channels=4, n_videos=40, n_pages=5)
-    made.reddit = Subreddit(0, 24, width=40, depth=6)
+    made = World(n_channels=4, n_videos=40, n_posts=24, width=40, depth=6, n_pages=5)
     made.reddit.room = 10**9
     made.quota = dict.fromkeys(made.quota, 10**9)
     return made

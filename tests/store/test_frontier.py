@@ -133,7 +133,6 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from test_frontier import apply, open_frontier
 from kb.store.recorder import Recorder
-from tests import forked
 root = Path(sys.argv[1])
 frontier = open_frontier(root)
 frontier.add("video", [f"v{n}" for n in range(400)])
