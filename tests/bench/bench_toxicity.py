@@ -48,6 +48,17 @@ def _hash(text: str) -> str:
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory):
+    """A model whose scores lie as a trained one's do."""
+    yield from _checkpoint(tmp_path_factory, _set_apart)
+
+
+@pytest.fixture(scope="module")
+def fresh(tmp_path_factory):
+    """One with the weights that `REACH` was measured on."""
+    yield from _checkpoint(tmp_path_factory, lambda model: None)
+
+
+def _checkpoint(tmp_path_factory, change):
     """12 layers of 768, as `original`, with random weights and the tiny model's vocabulary filled
     up to BERT's size.
     """
@@ -65,7 +76,7 @@ def checkpoint(tmp_path_factory):
     # nothing.
     config = BertConfig(num_labels=6, initializer_range=0.05)
     model = BertForSequenceClassification(config)
-    _set_apart(model)
+    change(model)
     (folder / "config.json").write_text(json.dumps({"model_type": "bert"}))
     args = {
         "model_type": "bert-base-uncased",
@@ -172,6 +183,21 @@ def test_same_scores_at_a_multiple_of_the_rate(checkpoint, texts):
     assert all(differences[name] < 1e-4 for name in exact)
     # Three times without what is computed again in float64, so that all machines agree.
     assert best["chosen"] >= 2.5 * one, "wall time: try again on a machine that does nothing else"
+
+
+@pytest.mark.parametrize("name", ["bf16", "int8"])
+def test_a_reduced_precision_stays_within_its_reach(fresh, texts, name):
+    threads = len(os.sched_getaffinity(0))
+    detoxify, runner = load_detoxify(fresh), open_named(fresh, name, threads)
+    scores = distinct_scores(runner, texts)
+    difference = max(
+        abs(row[category] - score)
+        for text in set(texts)
+        for row in [detoxify.predict(text)]
+        for category, score in zip(runner.meta.classes, scores[_hash(text)], strict=True)
+    )
+    print(f"\n{name}: largest difference {difference:.1e}, reach {backends.REACH[name]}")
+    assert difference < backends.REACH[name]
 
 
 def rate_of(texts, work):
