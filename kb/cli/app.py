@@ -4,8 +4,9 @@ so `kb --help` stays quick.
 
 from __future__ import annotations
 
+import functools
 import importlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
 import typer
@@ -51,12 +52,7 @@ class Tree(typer.core.TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """The group's own command object, or None for an unknown name."""
-        if cmd_name not in TREE:
-            return None
-        module = importlib.import_module(TREE[cmd_name][0])
-        command = typer.main.get_command(module.app)
-        command.name = cmd_name
-        return command
+        return _loaded(cmd_name) if cmd_name in TREE else None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """The list of `kb --help`, without importing what it lists."""
@@ -70,6 +66,14 @@ class Tree(typer.core.TyperGroup):
             "  kb youtube crawl --plan      what a real crawl would cost\n"
             "  kb COMMAND --help            options and examples of a command\n"
         )
+
+
+@functools.cache
+def _loaded(name: str) -> Any:
+    """A command of the tree, whose file is imported."""
+    command = typer.main.get_command(importlib.import_module(TREE[name][0]).app)
+    command.name = name
+    return command
 
 
 def _version(wanted: bool) -> None:
@@ -100,12 +104,21 @@ def root(
 
 def leaves() -> Iterator[tuple[str, Any]]:
     """("youtube crawl", its click command) of every command that does something, in order."""
-    tree = typer.main.get_command(app)
-    context = typer.Context(tree, info_name="kb")
     for name in TREE:
-        command = tree.get_command(context, name)  # type: ignore[attr-defined]
+        command = _loaded(name)
         inner = getattr(command, "commands", {})
         if not inner or command.invoke_without_command:
             yield name, command
         for child, leaf in inner.items():
             yield f"{name} {child}", leaf
+
+
+def named(words: Sequence[str]) -> Any | None:
+    """The click command that a line (without its `kb`) begins with; None where there is none."""
+    if not words or words[0] not in TREE:
+        return None
+    command = _loaded(words[0])
+    inner = getattr(command, "commands", {})
+    if words[1:2] and words[1] in inner:
+        return inner[words[1]]
+    return command if not inner or command.invoke_without_command else None
