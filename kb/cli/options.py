@@ -31,7 +31,10 @@ RUNNING: dict[str, tuple[Any, Any]] = {
         Annotated[
             int | None,
             typer.Option(
-                "--workers", min=1, metavar="N", help="Parallel workers. [default: one a core]"
+                "--workers",
+                min=1,
+                metavar="N",
+                help="Parallel workers. [default: one a core, and no more processes for a few MiB]",
             ),
         ],
         None,
@@ -201,6 +204,7 @@ class Options:
             profile=profile,
             root=root,
             workers=self.workers or default_workers(),
+            asked=self.workers is not None or self.engine == Engine.dask,
             limit=self.limit,
             wait=self.wait,
             again=self.again,

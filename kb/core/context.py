@@ -16,14 +16,23 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+# Bytes that one process has read by the time that another has started: that takes a second, for
+# what its tasks import, and a filter reads some 8 MiB of raw answers in a second.
+_SMALL = 8 << 20
+
+
 @dataclass(frozen=True)
 class Run:
-    """Passed to every command function. Options are the contract's common options."""
+    """Passed to every command function. Options are the contract's common options.
+
+    `asked`: the number of `workers` was asked for, and is not what the machine has.
+    """
 
     settings: Settings
     profile: Profile
     root: Path
     workers: int = field(default_factory=default_workers)
+    asked: bool = True
     limit: int | None = None
     wait: bool = False
     again: bool = False
@@ -31,6 +40,10 @@ class Run:
     scheduler: str | None = None
     pipeline: str | None = None
     progress: Progress = field(default_factory=Silent)
+
+    def processes(self, size: int) -> int:
+        """How many worker processes are worth starting for `size` bytes of files."""
+        return self.workers if self.asked or size > _SMALL else 1
 
     @property
     def seed(self) -> int:

@@ -53,8 +53,9 @@ def run_clean(run: Run, source: str) -> Summary:
         segments = _segments(run.root, spec)
         tombstones.heal(run.root, source)
         mending.check(run.root, source)
-        job = job._replace(work=str(work), buckets=_buckets(run.root, spec, segments), scores=key)
-        with make_executor(run.engine, run.workers, run.scheduler) as executor:
+        size = _size(run.root, spec, segments)
+        job = job._replace(work=str(work), buckets=buckets.how_many(size), scores=key)
+        with make_executor(run.engine, run.processes(size), run.scheduler) as executor:
             try:
                 parsed = _parse(run, job, segments, executor)
             except DamagedData as error:
@@ -80,8 +81,9 @@ def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
     _segments(run.root, spec)
     with writer(run.root, source), _work(job) as work:
         segments = _segments(run.root, spec)
-        job = job._replace(work=str(work), buckets=_buckets(run.root, spec, segments))
-        with make_executor(run.engine, run.workers, run.scheduler) as executor:
+        size = _size(run.root, spec, segments)
+        job = job._replace(work=str(work), buckets=buckets.how_many(size))
+        with make_executor(run.engine, run.processes(size), run.scheduler) as executor:
             try:
                 _parse(run, job, segments, executor)
             except DamagedData as error:
@@ -134,11 +136,10 @@ def _segments(root: Path, spec: Clean) -> list[tuple[str, Path]]:
     return segments
 
 
-def _buckets(root: Path, spec: Clean, segments: list[tuple[str, Path]]) -> int:
+def _size(root: Path, spec: Clean, segments: list[tuple[str, Path]]) -> int:
+    """Bytes to be read."""
     size = sum(path.stat().st_size for _, path in segments)
-    return buckets.how_many(
-        size + (spec.side_files.size(root) if spec.side_files is not None else 0)
-    )
+    return size + (spec.side_files.size(root) if spec.side_files is not None else 0)
 
 
 def _parse(run: Run, job: Job, segments: list[tuple[str, Path]], executor: Any) -> Counter[str]:

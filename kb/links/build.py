@@ -146,9 +146,10 @@ def _match(run: Run, work: Path, files: Files) -> None:
         for name, path in held.items()
         if not _part(work, source, name).exists()
     ]
+    size = sum(Path(path).stat().st_size for _, path, _ in todo)
     with (
         run.progress.task("links", total=len(todo), unit="files") as task,
-        make_executor(run.engine, run.workers, run.scheduler) as executor,
+        make_executor(run.engine, run.processes(size), run.scheduler) as executor,
     ):
         for count in map_in_order(executor, do_file, iter(todo), window=2 * run.workers):
             task.advance(1, links=count)

@@ -129,12 +129,13 @@ class Stretch(NamedTuple):
 def _work(run: Run, work: Path) -> bool:
     """Do what is left, up to the limit; whether all is done."""
     todo, everything = _todo(run, work)
+    size = sum(path.stat().st_size for path in {one.path for one in todo})
     pairs = words = 0
     with (
         run.progress.task(
             "pairs", total=sum(one.after - one.first for one in todo), unit="transcripts"
         ) as task,
-        make_executor(run.engine, run.workers, run.scheduler) as executor,
+        make_executor(run.engine, run.processes(size), run.scheduler) as executor,
     ):
         arguments = ((str(work), str(one.path), one.first, one.after, one.name) for one in todo)
         for videos, more_words, more in map_in_order(

@@ -119,7 +119,8 @@ def import_jobs(run: Run, jobs: list[Job]) -> list[Place]:
 def _run(run: Run, jobs: list[Job]) -> None:
     done: list[Place] = []
     # With a limit one file after the other: it counts things over all of them.
-    workers = 1 if run.limit else run.workers
+    size = sum(Path(job.file).stat().st_size for job in jobs)
+    workers = 1 if run.limit else run.processes(size)
     with (
         make_executor(run.engine, workers, run.scheduler) as executor,
         places.lease(run.root) as lease,
@@ -127,11 +128,11 @@ def _run(run: Run, jobs: list[Job]) -> None:
     ):
         jobs = [msgspec.structs.replace(job, lease=str(lease.absolute())) for job in jobs]
         most = int(run.settings.kb_import_memory_gb * 1e9)
-        if len(jobs) < run.workers and not run.limit:
-            # Fewer files than workers: one after the other, its lines shared out.
-            found = _one_by_one(executor, 2 * run.workers, jobs)
+        if len(jobs) < workers:
+            # One after the other, its lines shared out.
+            found = _one_by_one(executor, 2 * workers, jobs)
         else:
-            window = 1 if run.limit else 2 * run.workers
+            window = 1 if run.limit else 2 * workers
             found = _results(executor, _tasks(jobs, done), window, most)
         for place in found:
             done.append(place)

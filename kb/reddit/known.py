@@ -56,11 +56,18 @@ def known(run: Run, folder: Path | None = None) -> Iterator[Known]:
     folder = folder or Layout(run.root).known("reddit")
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
     try:
+        segments = [
+            (kind, path)
+            for kind in parse.KINDS
+            for path in rawlog.segments(run.root, "reddit", kind)
+        ]
+        size = sum(path.stat().st_size for _, path in segments)
+        number = buckets.how_many(size)
         with (
             full_disk_is_resumable(folder),
-            make_executor(run.engine, run.workers, run.scheduler) as executor,
+            make_executor(run.engine, run.processes(size), run.scheduler) as executor,
         ):
-            number = _spread(run, folder / "rows", executor)
+            _spread(run, segments, folder / "rows", number, executor)
             for _ in map_in_order(
                 executor,
                 reduce,
@@ -73,13 +80,11 @@ def known(run: Run, folder: Path | None = None) -> Iterator[Known]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _spread(run: Run, folder: Path, executor: Any) -> int:
-    """Every segment of the raw log → `folder/<bucket>/<segment>.arrow`; the number of buckets."""
+def _spread(
+    run: Run, segments: list[tuple[str, Path]], folder: Path, number: int, executor: Any
+) -> None:
+    """Every segment of the raw log → `folder/<bucket>/<segment>.arrow`, of `number` buckets."""
     links = run.profile.section("reddit").links
-    segments = [
-        (kind, path) for kind in parse.KINDS for path in rawlog.segments(run.root, "reddit", kind)
-    ]
-    number = buckets.how_many(sum(path.stat().st_size for _, path in segments))
     tasks = (
         (kind, links, str(path), place, str(folder), number)
         for place, (kind, path) in enumerate(segments)
@@ -87,7 +92,6 @@ def _spread(run: Run, folder: Path, executor: Any) -> int:
     with run.progress.task("read reddit", total=len(segments), unit="raw files") as task:
         for _ in map_in_order(executor, spread, tasks, window=2 * run.workers):
             task.advance(1)
-    return number
 
 
 def spread(kind: str, links: Links, segment: str, place: int, folder: str, number: int) -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from kb.core import context, engine
 from kb.core.errors import DamagedData, FatalError, SchemaMismatch, SettingError
 from kb.export import parquet
 from kb.filters.clean import run_clean
@@ -418,3 +421,23 @@ def test_a_pipeline_that_is_not_there_or_wrong(root: Path, tmp_path: Path) -> No
         run_clean(run_at(root, pipeline=wrong), "youtube")
     assert not (root / "clean" / "youtube").exists()
     assert not list((root / "clean").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("asked", "small", "processes"), [(False, 8 << 20, 0), (True, 8 << 20, 2), (False, 0, 2)]
+)
+def test_few_bytes_start_no_worker_process_that_nobody_asked_for(
+    root: Path, monkeypatch: pytest.MonkeyPatch, asked: bool, small: int, processes: int
+) -> None:
+    started = []
+
+    class Pool(engine.ProcessPoolExecutor):
+        def __init__(self, workers: int, **options: Any) -> None:
+            started.append(workers)
+            super().__init__(workers, **options)
+
+    monkeypatch.setattr(engine, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(context, "_SMALL", small)
+    run = dataclasses.replace(run_at(root, workers=2), asked=asked)
+    assert run_clean(run, "youtube")["kept"] > 0
+    assert started == [processes] * bool(processes)
