@@ -166,7 +166,7 @@ class Scores:
     def _reading(self) -> Iterator[duckdb.DuckDBPyConnection]:
         """A connection for the files of scores. Raises DamagedData for one that can't be read."""
         files = sorted(Path(self.folder).glob("*.parquet"))
-        with reading(files), database.connect(Path(self.folder)) as con:
+        with reading(files), database.over(files, Path(self.folder)) as con:
             yield con
 
     def _files(self) -> str:

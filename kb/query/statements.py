@@ -41,6 +41,8 @@ _SHOWS = {"show", "describe", "desc"}
 _BARRED = {"current_setting", "getenv", "getvariable", "write_log"}  # functions of one value
 _SETTINGS = {"pg_settings", "duckdb_logs", "duckdb_prepared_statements", "pg_prepared_statements"}
 
+_own: list[tuple[frozenset[str], frozenset[str]]] = []  # of this process, when it was asked for
+
 
 def asked(sql: str, views: Sequence[View]) -> list[View]:
     """The views that a query may read: all where it may name one other than by its name."""
@@ -102,12 +104,9 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
 
 def _refuse(con: duckdb.DuckDBPyConnection, sql: str) -> None:
     """Raise UsageError for the name of a function or view that reads anything but the views."""
-    functions = con.execute(
-        "SELECT DISTINCT lower(function_name) FROM duckdb_functions()"
-        " WHERE function_type IN ('table', 'table_macro') AND internal"
-    )
-    barred = _BARRED | ({name for (name,) in functions.fetchall()} - _SOURCES)
-    settings = {name for (name,) in con.execute("SELECT name FROM duckdb_settings()").fetchall()}
+    if not _own:  # the same for every connection of a process
+        _own.append(_own_names(con))
+    ((barred, settings),) = _own
     words = [word for _, word in _words(sql)]
     for word, after in zip(words, [*words[1:], ""], strict=True):
         setting = word in _SHOWS and after in settings
@@ -116,6 +115,17 @@ def _refuse(con: duckdb.DuckDBPyConnection, sql: str) -> None:
                 f"{word} is not for queries here: they read the views and nothing else",
                 hint="`kb query --tables` lists the views",
             )
+
+
+def _own_names(con: duckdb.DuckDBPyConnection) -> tuple[frozenset[str], frozenset[str]]:
+    """DuckDB's own functions that read what is no view of ours, and its settings."""
+    functions = con.execute(
+        "SELECT DISTINCT lower(function_name) FROM duckdb_functions()"
+        " WHERE function_type IN ('table', 'table_macro') AND internal"
+    ).fetchall()
+    settings = con.execute("SELECT name FROM duckdb_settings()").fetchall()
+    barred = _BARRED | ({name for (name,) in functions} - _SOURCES)
+    return frozenset(barred), frozenset(name for (name,) in settings)
 
 
 def _words(sql: str) -> Iterator[tuple[int, str]]:

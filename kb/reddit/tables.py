@@ -171,10 +171,13 @@ def _lost(scratch: Path, made: dict[str, Path], answers: Answers, why: dict[str,
     scratch.mkdir(parents=True, exist_ok=True)
     wanted = answers.wanted
     names = chain(wanted.names, (f"t3_{key}" for key in wanted.trees))
-    with parquet.writing(scratch / "asked.parquet", pa.schema([("key", pa.string())])) as file:
+    asked = scratch / "asked.parquet"
+    with parquet.writing(asked, pa.schema([("key", pa.string())])) as file:
         while part := list(islice(names, IDS)):
             file.write_batch(pa.record_batch({"key": pa.array(part, pa.string())}))
-    with database.connect(scratch, memory="1GB") as con:
+    there = {name: list(folder.iterdir()) for name, folder in made.items()}
+    files = [asked, *chain.from_iterable(there.values())]
+    with database.over(files, scratch, memory="1GB") as con:
         con.register(
             "reasons",
             pa.table(
@@ -200,9 +203,9 @@ def _lost(scratch: Path, made: dict[str, Path], answers: Answers, why: dict[str,
             " FROM asked ANTI JOIN there"
             " USING (key) LEFT JOIN reasons USING (key)",
             params={
-                "asked": str(scratch / "asked.parquet"),
+                "asked": str(asked),
                 "otherwise": answers.otherwise,
-                **{name: [str(path) for path in folder.iterdir()] for name, folder in made.items()},
+                **{name: [str(path) for path in paths] for name, paths in there.items()},
             },
         ).to_arrow_table()
         return missing

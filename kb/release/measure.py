@@ -36,12 +36,17 @@ def measure(run: Run, folder: Folder) -> Facts:
     """Read the folder, and what clean/ says about how it came to be."""
     shards = [shard for part in folder.parts for shard in part.shards]
     verdicts = [complete.rows(run.root, f"{folder.source}/{verdict}") for verdict in VERDICTS]
-    parquet.check(*shards, *chain.from_iterable(verdicts))
-    con = database.connect(run.root)
+    asked = [*shards, *chain.from_iterable(verdicts)]
+    parquet.check(*asked)
+    with database.over(asked, run.root) as con:
+        return _facts(con, run, folder)
+
+
+def _facts(con: DuckDBPyConnection, run: Run, folder: Folder) -> Facts:
     tables = tuple(_table(con, part) for part in folder.parts)
     read = _span(con, folder, ("fetched_at",)) or _clean_span(con, run.root, made_of(folder.source))
     made = _span(con, folder, ("published_at", "created_utc", "revision_timestamp"))
-    facts = Facts(
+    return Facts(
         source=folder.source,
         built=_built(run, read, made),
         tables=tables,
@@ -60,8 +65,6 @@ def measure(run: Run, folder: Folder) -> Facts:
         personal=personal_counts(folder),
         gaps=gaps(con, folder),
     )
-    con.close()
-    return facts
 
 
 def folder_licence(run: Run, folder: Folder) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import os
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 import duckdb
@@ -18,6 +19,7 @@ import duckdb
 from kb.store import process
 
 SPILL = ".duckdb"  # and the process; below the data root, there only while something is spilled
+_FEW = 16 << 20  # bytes of Parquet of which nothing is spilled
 
 
 def connect(
@@ -49,6 +51,17 @@ def asking() -> duckdb.DuckDBPyConnection:
     con = _own(os.getpid()).cursor()
     _set(con)
     return con
+
+
+def over(
+    files: Iterable[Path], root: Path | None = None, *, memory: str | None = None
+) -> duckdb.DuckDBPyConnection:
+    """A connection for questions about these files that leave no table or view behind: as `asking`
+    where they are small, else as `connect`.
+    """
+    if sum(path.stat().st_size for path in files) <= _FEW:
+        return asking()
+    return connect(root, memory=memory)
 
 
 @functools.cache

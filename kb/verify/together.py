@@ -61,21 +61,18 @@ def _two_answers(look: Look, root: Path, source: str) -> None:
     clean = Layout(root).clean(source)
     if any(clean in one.path.parents for one in look.of("clean")):
         return  # counting makes sense of whole files only
-    parts = [
-        f"SELECT '{prefix}' || {_KEYS[short]}::VARCHAR AS key FROM {scan(files)}"
+    keys = [
+        (f"'{prefix}' || {_KEYS[short]}::VARCHAR", parquet_files(clean / short))
         for short, prefix in SORTED[source].items()
-        if (files := parquet_files(clean / short))
     ]
-    parts += [
-        f"SELECT key FROM {scan(files)}"
-        for verdict in VERDICTS
-        if (files := parquet_files(clean / verdict))
-    ]
-    if not parts:
+    keys += [("key", parquet_files(clean / verdict)) for verdict in VERDICTS]
+    held = [file for _, files in keys for file in files]
+    if not held:
         return
+    parts = [f"SELECT {key} AS key FROM {scan(files)}" for key, files in keys if files]
     sql = f"SELECT count(*) - count(DISTINCT key) FROM ({' UNION ALL '.join(parts)})"
     try:
-        with database.connect(root) as con:
+        with database.over(held, root) as con:
             more = (con.execute(sql).fetchone() or (0,))[0]
     except duckdb.Error as error:
         look.damaged("clean", clean, str(error).splitlines()[0], advice(clean / "x"))
