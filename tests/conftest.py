@@ -4,6 +4,7 @@ and what to do when something is not installed.
 
 from __future__ import annotations
 
+import atexit
 import gc
 import importlib.util
 import os
@@ -65,8 +66,11 @@ def pytest_collection() -> Iterator[None]:
 
 
 def pytest_unconfigure() -> None:
-    """Else what DuckDB and tantivy have made counts as leaked, in lines below the summary."""
-    gc.unfreeze()
+    """Else what DuckDB and tantivy have made counts as leaked, in lines below the summary.
+
+    At the very end: pytest itself collects garbage five times before that.
+    """
+    atexit.register(gc.unfreeze)
 
 
 def pytest_runtest_logfinish() -> None:

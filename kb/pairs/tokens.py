@@ -7,6 +7,7 @@ Source: Radford et al., "Learning Transferable Visual Models From Natural Langua
 
 from __future__ import annotations
 
+import functools
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
 
@@ -23,9 +24,7 @@ class Tokens:
     """Counts tokens and remembers the count of every word."""
 
     def __init__(self) -> None:
-        from instant_clip_tokenizer import Tokenizer
-
-        self._encode = Tokenizer().encode
+        self._encode = _tokenizer().encode
         self._known: dict[bytes, int] = {}
 
     def count(self, text: str) -> int:
@@ -64,6 +63,14 @@ class Tokens:
             if len(self._known) < _MOST_KNOWN:
                 self._known[words[place]] = count
         return cast("list[int]", counts)
+
+
+@functools.cache
+def _tokenizer() -> Any:
+    """One for this process: it is only read, and making it takes 50 ms."""
+    from instant_clip_tokenizer import Tokenizer
+
+    return Tokenizer()
 
 
 def _values(words: pa.Array[Any]) -> list[bytes]:
