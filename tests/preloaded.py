@@ -6,10 +6,12 @@ No library is called here: one that is only imported has started no thread that 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import functools
 import gc
 import importlib
 import os
+from pathlib import Path
 
 from kb.cli.profile_check import examine
 from kb.core.profile import load_profile
@@ -34,6 +36,23 @@ LATE = (
     "transformers",
     "wordcloud",
 )
+_COLLAPSE = 25  # MADV_COLLAPSE of Linux 6.1
+_HUGE = 2 << 20
+
+
+def _in_huge_pages() -> None:
+    """Have this process's memory lie in huge pages where the kernel can do that: a fork copies an
+    entry for each page and gives it back at its end, which took longer than many a command.
+    """
+    advise = ctypes.CDLL(None).madvise
+    for line in Path("/proc/self/maps").read_text().splitlines():
+        area, rights, _, _, inode, *_ = line.split()
+        start, end = (int(at, 16) for at in area.split("-"))
+        start, end = -(-start // _HUGE) * _HUGE, end // _HUGE * _HUGE
+        if rights == "rw-p" and inode == "0" and start < end:
+            advise(ctypes.c_void_p(start), ctypes.c_size_t(end - start), _COLLAPSE)
+
+
 # As kb/annotate has it where it imports them; each command gets its own environment.
 os.environ |= {"HF_HUB_OFFLINE": "1", "TRANSFORMERS_VERBOSITY": "error"}
 import_kb()
@@ -44,5 +63,8 @@ for _name in LATE:
 # Every command looks at its profile's lists, and those of the shipped one have thousands of words:
 # what each becomes is reckoned here, once, and not in a thousand forks.
 list_check.phrase = listed.phrase = functools.cache(list_check.phrase)
+list_check.is_everyday = functools.cache(list_check.is_everyday)
 examine(load_profile("minecraft").path)
 gc.freeze()  # a collection in a fork would copy every page of these
+with contextlib.suppress(OSError):  # of a system without /proc
+    _in_huge_pages()

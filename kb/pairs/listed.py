@@ -7,7 +7,9 @@ are comments.
 from __future__ import annotations
 
 import difflib
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -49,25 +51,30 @@ class Problem(NamedTuple):
     mend: str
 
 
-def scan(path: Path, near_words: int) -> tuple[list[Row], list[Problem]]:
+def scan(path: Path, near_words: int) -> tuple[Sequence[Row], Sequence[Problem]]:
     """Every row of a file, and every problem. `near_words` is the reach of a plain `near`."""
     try:
         # -sig: an editor's mark at the beginning of the file is no part of the first column.
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        return [], [Problem(0, f"the keyword list {path} can't be read: {why}", "")]
+        return (), (Problem(0, f"the keyword list {path} can't be read: {why}", ""),)
+    return _understood(text, near_words)
+
+
+@lru_cache(maxsize=8)  # a command checks its lists, and then uses them
+def _understood(text: str, near_words: int) -> tuple[tuple[Row, ...], tuple[Problem, ...]]:
     rows: list[Row] = []
     problems: list[Problem] = []
     header = False
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip() or line.startswith("#"):
             continue
         cells = [cell.strip() for cell in line.split("\t")]
         if not header:
             if tuple(cells) != COLUMNS:
                 # Without its columns no other line means anything.
-                return [], [Problem(number, *_no_header(line))]
+                return (), (Problem(number, *_no_header(line)),)
             header = True
             continue
         found = _row(cells, near_words)
@@ -75,7 +82,7 @@ def scan(path: Path, near_words: int) -> tuple[list[Row], list[Problem]]:
             rows.append(Row(number, found))
         else:
             problems.append(Problem(number, *found))
-    return rows, problems
+    return tuple(rows), tuple(problems)
 
 
 def read(path: Path, near_words: int) -> list[Keyword]:
