@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from functools import partial
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 
 import duckdb
@@ -23,15 +24,18 @@ _KEYS = {"videos": "video_id", "pages": "page_id", "posts": "post_id", "comments
 
 def compare(look: Look, root: Path) -> None:
     """Look for what is told by no file alone; `look` has what each one of them says."""
-    steps = [
-        partial(raw.lost_side_files, look, root),
-        partial(_lost_tables, look, root),
-        partial(_lost_indexes, look, root),
-        *(partial(_two_answers, look, root, source) for source in SOURCES),
-        *(partial(_release, look, root, source) for source in PUBLISHED),
-    ]
-    for step in steps:
-        look.steadily(step)
+    with contextlib.ExitStack() as open_:
+        # Opened for the first source that has keys, and for all: that takes longer than counting.
+        db = cache(lambda: open_.enter_context(database.connect(root)))
+        steps = [
+            partial(raw.lost_side_files, look, root),
+            partial(_lost_tables, look, root),
+            partial(_lost_indexes, look, root),
+            *(partial(_two_answers, look, root, source, db) for source in SOURCES),
+            *(partial(_release, look, root, source) for source in PUBLISHED),
+        ]
+        for step in steps:
+            look.steadily(step)
     for other in sorted(Layout(root).release().glob("*/")):
         if other.name not in PUBLISHED and not leftovers.is_left((other.name,)):
             look.foreign("release", other, "no export has written it", "move it away")
@@ -56,7 +60,9 @@ def _lost_indexes(look: Look, root: Path) -> None:
             look.missing("index", path, "run `kb index --again`")
 
 
-def _two_answers(look: Look, root: Path, source: str) -> None:
+def _two_answers(
+    look: Look, root: Path, source: str, db: Callable[[], duckdb.DuckDBPyConnection]
+) -> None:
     """crawled = kept + rejected + failed + pending: no key is in two of them."""
     clean = Layout(root).clean(source)
     if any(clean in one.path.parents for one in look.of("clean")):
@@ -75,8 +81,7 @@ def _two_answers(look: Look, root: Path, source: str) -> None:
         return
     sql = f"SELECT count(*) - count(DISTINCT key) FROM ({' UNION ALL '.join(parts)})"
     try:
-        with database.connect(root) as con:
-            more = (con.execute(sql).fetchone() or (0,))[0]
+        more = (db().execute(sql).fetchone() or (0,))[0]
     except duckdb.Error as error:
         look.damaged("clean", clean, str(error).splitlines()[0], advice(clean / "x"))
         return
