@@ -7,10 +7,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import pyarrow.compute as pc
+
 from kb.store import parquet
-from kb.store.database import asking
 from kb.store.layout import parquet_files
-from kb.store.reading import reading, scan
+from kb.store.reading import reading
 
 VERDICTS = ("rejected", "failed", "pending")
 
@@ -30,7 +31,7 @@ def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
     """
     found = {}
     verdicts = {verdict: _keys(clean / verdict, tables) for verdict in VERDICTS}
-    missing = _keys(clean / "rejected", tables, "stage = 'missing'")
+    missing = _keys(clean / "rejected", tables, "missing")
     for name in tables:
         answers = {verdict: counts.get(name, 0) for verdict, counts in verdicts.items()}
         if not parquet_files(clean / name) and not any(answers.values()):
@@ -46,17 +47,22 @@ def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
     return found
 
 
-def _keys(folder: Path, tables: Mapping[str, str], where: str = "true") -> dict[str, int]:
-    """How many keys of a verdict's files belong to which table."""
+def _keys(folder: Path, tables: Mapping[str, str], stage: str = "") -> dict[str, int]:
+    """How many keys of a verdict's files belong to which table; of one stage only, or of all."""
     files = parquet_files(folder)
     if not files:
         return {}
-    sums = ", ".join("count(*) FILTER (starts_with(key, ?))" for _ in tables)
-    sql = f"SELECT {sums} FROM {scan(files)} WHERE {where}"
-    parquet.check(*files)
-    with reading(files), asking() as con:
-        counts = con.execute(sql, list(tables.values())).fetchone() or ()
-    return dict(zip(tables, counts, strict=False))
+    counts = dict.fromkeys(tables, 0)
+    with reading(files):
+        for path in files:
+            with parquet.open_file(path) as file:
+                for batch in file.iter_batches(columns=["key", "stage"] if stage else ["key"]):
+                    keys = batch["key"]
+                    if stage:
+                        keys = keys.filter(pc.equal(batch["stage"], stage))
+                    for name, prefix in tables.items():
+                        counts[name] += pc.sum(pc.starts_with(keys, prefix)).as_py() or 0
+    return counts
 
 
 def span(
