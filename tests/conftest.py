@@ -16,7 +16,7 @@ from typing import NoReturn
 import hypothesis
 import pytest
 
-from kb.core import clock, engine
+from kb.core import clock, engine, garbage
 from tests import forked
 
 # A slow machine is no defect; the same examples everywhere, so that a failure can be seen again.
@@ -57,6 +57,7 @@ LONG = (
 def pytest_collection() -> Iterator[None]:
     """What is collected stays to the end: no search for garbage goes through it again and again."""
     gc.disable()
+    garbage.seldom()  # as in commands
     try:
         return (yield)
     finally:

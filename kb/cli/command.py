@@ -165,6 +165,9 @@ def _call(
     values: dict[str, Any],
     nature: Nature,
 ) -> int:
+    from kb.core import garbage
+
+    garbage.seldom()  # before the imports
     from kb.cli import as_typed, logs, planned
 
     as_typed.begin(options.data, options.profile)
