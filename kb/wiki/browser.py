@@ -39,8 +39,10 @@ FEATURES_OFF = (
     "Translate",
 )
 # The browser's own surface, of which a page in it shows nothing: the address bar's lists are pages
-# that two more renderers load, and one more stands by for a visit to another site.
+# that two more renderers load, and one more stands by for a visit to another site. Nobody goes back
+# to a page that was left, for which it and its renderer would be kept.
 SURFACE_OFF = (
+    "BackForwardCache",
     "SpareRendererForSitePerProcess",
     "WebUIOmniboxAimPopup",
     "WebUIOmniboxFullPopup",
