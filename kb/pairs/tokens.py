@@ -7,6 +7,7 @@ Source: Radford et al., "Learning Transferable Visual Models From Natural Langua
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
 
@@ -14,6 +15,7 @@ import pyarrow as pa
 
 if TYPE_CHECKING:
     import numpy as np
+    from instant_clip_tokenizer import Tokenizer
 
 ENDS = 2  # start and end token, counted in every text
 _MOST_KNOWN = 1_000_000  # words remembered; rare ones beyond are counted anew
@@ -23,9 +25,7 @@ class Tokens:
     """Counts tokens and remembers the count of every word."""
 
     def __init__(self) -> None:
-        from instant_clip_tokenizer import Tokenizer
-
-        self._encode = Tokenizer().encode
+        self._encode = _tokenizer().encode
         self._known: dict[bytes, int] = {}
 
     def count(self, text: str) -> int:
@@ -64,6 +64,14 @@ class Tokens:
             if len(self._known) < _MOST_KNOWN:
                 self._known[words[place]] = count
         return cast("list[int]", counts)
+
+
+@cache
+def _tokenizer() -> Tokenizer:
+    """One for all: reading the vocabulary takes longer than a small text."""
+    from instant_clip_tokenizer import Tokenizer
+
+    return Tokenizer()
 
 
 def _values(words: pa.Array[Any]) -> list[bytes]:
