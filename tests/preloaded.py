@@ -10,12 +10,16 @@ import ctypes
 import functools
 import gc
 import importlib
+import itertools
 import os
 from pathlib import Path
 
 from kb.cli.profile_check import examine
 from kb.core.profile import load_profile
-from kb.pairs import list_check, listed
+from kb.core.sources import PUBLISHED
+from kb.pairs import keywords, list_check, listed, match, tokens
+from kb.release import render, texts
+from kb.release.about import about
 from tests.forked import import_kb, sync_nothing
 
 # What commands import late: they load a model, draw, or drive a browser.
@@ -61,10 +65,18 @@ for _name in LATE:
     with contextlib.suppress(ImportError):  # of an extra that is not installed
         importlib.import_module(_name)
 # Every command looks at its profile's lists, and those of the shipped one have thousands of words:
-# what each becomes is reckoned here, once, and not in a thousand forks.
+# what each becomes is reckoned here, once, and not in a thousand forks. So are the templates of a
+# release, which take longer to compile than to fill.
 list_check.phrase = listed.phrase = functools.cache(list_check.phrase)
 list_check.is_everyday = functools.cache(list_check.is_everyday)
-examine(load_profile("minecraft").path)
+_profile = load_profile("minecraft")
+examine(_profile.path)
+match.Matcher(keywords.load(_profile).phrases)
+tokens.Tokens()
+for _name in render.ENVIRONMENT.list_templates(extensions=["jinja"]):
+    render.ENVIRONMENT.get_template(_name)
+for _source, _show in itertools.product(PUBLISHED, (texts.line, texts.md)):
+    about(_profile, _source, _show)
 gc.freeze()  # a collection in a fork would copy every page of these
 with contextlib.suppress(OSError):  # of a system without /proc
     _in_huge_pages()

@@ -14,7 +14,7 @@ Of equal forms a keyword's own name wins over forms that follow by rule, then th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 from kb.core.errors import ProfileError
@@ -120,13 +120,12 @@ def make(
         every.setdefault(folded, keyword)
     banned = {form for text in exclude for form in forms(phrase(text)) if form}
     names = [name for name in every if name not in banned]
-    known = {word for name in names for word in name.split(" ")}
     owner: dict[str, int] = {name: index for index, name in enumerate(names)}
     for index, name in enumerate(names):
         for extra in every[name].more:
             owner.setdefault(phrase(extra), index)
-    for index, name in enumerate(names):
-        for form in sorted(forms(name, known)):
+    for index, found in enumerate(_forms(tuple(names))):
+        for form in found:
             owner.setdefault(form, index)
     owner.pop("", None)
     owner.update(dict.fromkeys(banned, EXCLUDED))
@@ -136,3 +135,10 @@ def make(
     return Keywords(
         tuple(every[name] for name in names), tuple(ordered), tuple(owner[form] for form in ordered)
     )
+
+
+@lru_cache(maxsize=2)  # pairs and links of one command have the same
+def _forms(names: tuple[str, ...]) -> list[list[str]]:
+    """The forms of each name, sorted."""
+    known = {word for name in names for word in name.split(" ")}
+    return [sorted(forms(name, known)) for name in names]

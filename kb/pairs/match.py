@@ -9,6 +9,7 @@ leftmost-longest and testing word boundaries afterwards loses matches: "oak log"
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -39,14 +40,7 @@ class Matcher:
     """Matches folded phrases."""
 
     def __init__(self, phrases: Sequence[str]) -> None:
-        self._automaton = (
-            BytesAhoCorasick(
-                [*(f" {one} ".encode() for one in phrases), *_NEVER],
-                implementation=Implementation.DFA,
-            )
-            if phrases
-            else None
-        )
+        self._automaton = _automaton(tuple(phrases)) if phrases else None
 
     def find(self, raw: bytes, wide: np.ndarray | None = None) -> Found:
         """Matches in UTF-8 text that begins and ends with a space.
@@ -66,6 +60,13 @@ class Matcher:
         kept = leftmost_longest(start, end)
         phrase, start, end = phrase[kept], start[kept], end[kept]
         return Found(phrase, folded.origin(start), folded.origin(end - 1) + 1 if len(end) else end)
+
+
+@lru_cache(maxsize=2)  # one command matches with the same phrases again
+def _automaton(phrases: tuple[str, ...]) -> BytesAhoCorasick:
+    return BytesAhoCorasick(
+        [*(f" {one} ".encode() for one in phrases), *_NEVER], implementation=Implementation.DFA
+    )
 
 
 def leftmost_longest(start: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ Source: Radford et al., "Learning Transferable Visual Models From Natural Langua
 
 from __future__ import annotations
 
-import functools
+from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
 
@@ -15,6 +15,7 @@ import pyarrow as pa
 
 if TYPE_CHECKING:
     import numpy as np
+    from instant_clip_tokenizer import Tokenizer
 
 ENDS = 2  # start and end token, counted in every text
 _MOST_KNOWN = 1_000_000  # words remembered; rare ones beyond are counted anew
@@ -65,9 +66,9 @@ class Tokens:
         return cast("list[int]", counts)
 
 
-@functools.cache
-def _tokenizer() -> Any:
-    """One for this process: it is only read, and making it takes 50 ms."""
+@cache
+def _tokenizer() -> Tokenizer:
+    """One for all: reading the vocabulary takes longer than a small text."""
     from instant_clip_tokenizer import Tokenizer
 
     return Tokenizer()
