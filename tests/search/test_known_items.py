@@ -80,7 +80,7 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Known]:
         work = Work(sandbox, tmp_path_factory.mktemp("known"), listings=("new",), search=())
         work.crawl()
         _room("youtube").crawl(work.run(), None, None, None)
-        _room("wiki").crawl(work.run(workers=2))
+        _room("wiki").crawl(work.run(workers=1))  # one browser
         for source in SOURCES:
             run_clean(work.run(), source)
         index(work.run())

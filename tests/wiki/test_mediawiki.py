@@ -49,7 +49,7 @@ def unscored(run):
 
 
 @pytest.fixture(scope="module")
-def data(mediawiki, programs, run_on, tmp_path_factory):
+def data(mediawiki, shared_browsers, run_on, tmp_path_factory):
     """A crawled and filtered data root: (run, crawl summary, filter summary)."""
     run = unscored(run_on(tmp_path_factory.mktemp("kiln"), mediawiki.url))
     crawled = crawl(run)
