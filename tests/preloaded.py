@@ -25,7 +25,6 @@ from tests.forked import import_kb, sync_nothing
 # What commands import late: they load a model, draw, or drive a browser.
 LATE = (
     "PIL.PngImagePlugin",
-    "detoxify.detoxify",
     "distributed",
     "googleapiclient.discovery",
     "instant_clip_tokenizer",
@@ -36,8 +35,6 @@ LATE = (
     "selenium.webdriver",
     "structlog",
     "tokenizers",
-    "torch",
-    "transformers",
     "wordcloud",
 )
 _COLLAPSE = 25  # MADV_COLLAPSE of Linux 6.1

@@ -105,14 +105,13 @@ class Trial:
         self.made, self.case, self.place = made, case, place
         self.root = place / "data"
         self.env = made.env | {"KB_DATA": str(self.root)} | case.env
-        self._whole: dict[str, tuple[Outcome, int]] = {}
         self._publishes = "publish" in case.words
         service: Any = made.sandbox.servers["zenodo"].application
         self._deposits: dict[int, Deposit] = service.deposits.by_id
 
     def whole(self, base: str) -> tuple[Outcome, int]:
         """What an unharmed run leaves, and how many file operations it makes."""
-        if base not in self._whole:
+        if (self.case.words, base) not in self.made.wholes:
             self.fresh(base)
             if self.case.gone:
                 assert leaked(self.root, self.case.gone), "what is purged is there"
@@ -120,11 +119,11 @@ class Trial:
             assert ended.code == 0, (self.case.words, ended.err[-2000:])
             self.shown()
             whole = self.outcome()
-            self._whole[base] = whole, ended.operations
+            self.made.wholes[self.case.words, base] = whole, ended.operations
             assert not whole.verified, whole.verified
             wrong = self.wrong(base, now=whole)
             assert not wrong, wrong
-        return self._whole[base]
+        return self.made.wholes[self.case.words, base]
 
     def fresh(self, base: str) -> None:
         """A copy of a base."""

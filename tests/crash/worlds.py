@@ -7,7 +7,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pyarrow.parquet as pq
 
@@ -57,6 +57,8 @@ class Worlds:
 
     def __init__(self, place: Path, sandbox: Sandbox, wiki: bool) -> None:
         self.place, self.wiki, self.sandbox = place, wiki, sandbox
+        # What chaos.Trial has found of unharmed runs, by command and base.
+        self.wholes: dict[tuple[tuple[str, ...], str], Any] = {}
         self._job = Job(sandbox, place, toxicity=True)
         self._job.profile(*_CHANGES)
         plain = place / "plain" / "profile.toml"
