@@ -26,7 +26,7 @@ from kb.release.metadata import deposit
 from kb.release.pages import card, citation, datasheet, law
 from kb.release.problem import Problem
 from kb.schema import table
-from kb.store import complete, tombstones
+from kb.store import complete, database, tombstones
 from kb.store.atomic import write_text
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES, taking
@@ -54,7 +54,7 @@ def _release(run: Run, only: Sequence[str]) -> Summary:
             " add [[release.creators]] and release.contact to it",
             lacking.replace("a ", "").replace(" and ", " and no "),
         )
-    facts = [write(run, folder) for folder in exports]
+    facts = _written(run, exports)
     refuse(check.check_made(run, [folders.read(folder.path, folder.source) for folder in exports]))
     return Summary(
         command="release",
@@ -70,9 +70,9 @@ def _release(run: Run, only: Sequence[str]) -> Summary:
 
 def describe(run: Run, sources: Sequence[str] = ()) -> None:
     """Write the files around the data again, without the gate: after a purge took rows out."""
-    for folder in folders.find(run.root):
-        if not sources or folder.source in sources:
-            write(run, folder)
+    wanted = [one for one in folders.find(run.root) if not sources or one.source in sources]
+    if wanted:
+        _written(run, wanted)
 
 
 def exported(run: Run, only: Sequence[str] = ()) -> list[Folder]:
@@ -121,15 +121,20 @@ def refuse(problems: Sequence[Problem]) -> None:
     raise error
 
 
-def write(run: Run, folder: Folder) -> Facts:
-    """Everything around one folder's data, the checksums last."""
-    with run.progress.task(f"release {folder.source}", total=12, unit="files") as task:
-        return _describe(run, folder, task)
+def _written(run: Run, exports: Sequence[Folder]) -> list[Facts]:
+    """Everything around each folder's data, its checksums last."""
+    facts = []
+    # One database for all: opening it takes longer than measuring a small folder.
+    with database.connect(run.root) as con:
+        for folder in exports:
+            with run.progress.task(f"release {folder.source}", total=12, unit="files") as task:
+                facts.append(_describe(run, con, folder, task))
+    return facts
 
 
-def _describe(run: Run, folder: Folder, task: Task) -> Facts:
+def _describe(run: Run, con: duckdb.DuckDBPyConnection, folder: Folder, task: Task) -> Facts:
     try:
-        facts = measure.measure(run, folder)
+        facts = measure.measure(run, con, folder)
     except duckdb.Error as error:
         why = (str(error).splitlines() or [""])[0]
         raise DamagedData(

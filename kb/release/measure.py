@@ -32,16 +32,15 @@ _TOPS = 8
 _LOW, _HIGH = "min({} AT TIME ZONE 'UTC')", "max({} AT TIME ZONE 'UTC')"
 
 
-def measure(run: Run, folder: Folder) -> Facts:
+def measure(run: Run, con: DuckDBPyConnection, folder: Folder) -> Facts:
     """Read the folder, and what clean/ says about how it came to be."""
     shards = [shard for part in folder.parts for shard in part.shards]
     verdicts = [complete.rows(run.root, f"{folder.source}/{verdict}") for verdict in VERDICTS]
     parquet.check(*shards, *chain.from_iterable(verdicts))
-    con = database.connect(run.root)
     tables = tuple(_table(con, part) for part in folder.parts)
     read = _span(con, folder, ("fetched_at",)) or _clean_span(con, run.root, made_of(folder.source))
     made = _span(con, folder, ("published_at", "created_utc", "revision_timestamp"))
-    facts = Facts(
+    return Facts(
         source=folder.source,
         built=_built(run, read, made),
         tables=tables,
@@ -60,8 +59,6 @@ def measure(run: Run, folder: Folder) -> Facts:
         personal=personal_counts(folder),
         gaps=gaps(con, folder),
     )
-    con.close()
-    return facts
 
 
 def folder_licence(run: Run, folder: Folder) -> str:
