@@ -139,31 +139,43 @@ def main(place: Path, *steps: str) -> None:
         _try(step, int(kills), base, place / step)
 
 
-def _try(step: str, kills: int, base: Path, root: Path) -> None:
-    """Kill one step again and again, each time from a fresh `root`."""
-    shutil.copytree(base, root)
-    status, length = forked(lambda: STEPS[step](root))
+def _try(step: str, kills: int, base: Path, place: Path) -> None:
+    """Kill one step again and again, each time in a copy of `base`; then look at what is left.
+
+    One process purges them all: what is killed is the step, and a purge alone takes as long to
+    warm up as for its work.
+    """
+    place.mkdir()
+    status, length = forked(lambda: STEPS[step](shutil.copytree(base, place / "whole")))
     assert status == 0
-    bad = 0
+    bad, roots = 0, []
     moments = sorted({1 + number * length // kills for number in range(kills)})
     for moment in moments:
-        shutil.rmtree(root)
-        shutil.copytree(base, root)
-        status, _ = forked(lambda: STEPS[step](root), moment)
+        roots.append(shutil.copytree(base, place / f"{moment}-of-{length}"))
+        status, _ = forked(partial(STEPS[step], roots[-1]), moment)
         if os.WTERMSIG(status) != signal.SIGKILL:
             print(f"before operation {moment}: ended with {status}")
             bad += 1
-        # A purge that was killed before its list was written has promised nothing.
-        begun = step == "purge" and (root / "state" / "youtube.purge.json").exists()
-        keys = [OTHER] if begun else [OTHER, GONE]
-        status, _ = forked(partial(purge, root, *keys))
-        left = list(traces(root))
-        left += [str(path) for path in root.rglob(".*") if path.name != ".gitkeep"]
-        left += [str(path) for path in damage.asides(root, "youtube")]
-        if status or left:
-            bad += 1
-            print(f"{step} killed before operation {moment} of {length}: {status} {left}")
+    told = place / "told.txt"
+    status, _ = forked(lambda: told.write_text("".join(_looked(step, root) for root in roots)))
+    assert status == 0
+    print(told.read_text(), end="")
+    bad += len(told.read_text().splitlines())
     print(f"{step}: {len(moments)} kills, {bad} bad")
+
+
+def _looked(step: str, root: Path) -> str:
+    """Purge a root that `step` was killed in; "", or a line of what is wrong."""
+    # A purge that was killed before its list was written has promised nothing.
+    begun = step == "purge" and (root / "state" / "youtube.purge.json").exists()
+    try:
+        purge(root, *([OTHER] if begun else [OTHER, GONE]))
+    except (Exception, SystemExit) as error:  # noqa: BLE001  told, and the others are looked at
+        return f"{step} killed before operation {root.name}: {error!r}\n"
+    left = traces(root)
+    left += [str(path) for path in root.rglob(".*") if path.name != ".gitkeep"]
+    left += [str(path) for path in damage.asides(root, "youtube")]
+    return f"{step} killed before operation {root.name}: {left}\n" if left else ""
 
 
 if __name__ == "__main__":
