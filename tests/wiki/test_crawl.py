@@ -75,11 +75,17 @@ def few(sandbox, monkeypatch):
 @pytest.fixture(scope="module")
 def make_run(run_on, sandbox):
     def make(root: Path, **options):
-        run = run_on(root, sandbox.servers["wiki"].url, **options)
+        url = sandbox.servers["wiki"].url
+        run = run_on(root, url, **{"workers": 1, **options})
         off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
         return dataclasses.replace(run, profile=run.profile.model_copy(update={"toxicity": off}))
 
     return make
+
+
+def by_two(run):
+    """The same run with two workers: for a crawl, as what is filtered here is little."""
+    return dataclasses.replace(run, workers=2)
 
 
 def tables(run) -> dict[str, list[dict]]:
@@ -103,7 +109,7 @@ def of_few(found: dict[str, list[dict]]) -> dict[str, list[dict]]:
 def whole(make_run, tmp_path_factory):
     """(run, summary, tables) of a crawl that nothing disturbed."""
     run = make_run(tmp_path_factory.mktemp("whole"))
-    summary = crawl(run)
+    summary = crawl(by_two(run))
     return run, summary, tables(run)
 
 
@@ -148,7 +154,7 @@ def test_faults_lose_nothing(whole, make_run, few, faults, tmp_path):
     slow = faults.add("/wiki/Lamp_buoy", hold=True)
     threading.Timer(1.5, slow.release).start()
     run = make_run(tmp_path)
-    assert crawl(run)["failed"] == 0
+    assert crawl(by_two(run))["failed"] == 0
     found = tables(run)
     assert {row["title"] for row in found["pages"]} == {*FEW.values()} - {"Fog"}
     assert found == of_few(whole[2])
@@ -212,7 +218,7 @@ def gone(pids: set[int]) -> None:
 def test_limit_and_goes_on(make_run, tmp_path):
     names = tmp_path / "titles.txt"
     names.write_text("Charts\nSaltstone\nNet loom\n")
-    run = make_run(tmp_path / "data", limit=1, workers=1)
+    run = make_run(tmp_path / "data", limit=1)
     with pytest.raises(LimitReached) as stopped:
         crawl(run, names)
     assert (
@@ -465,7 +471,7 @@ def test_page_that_hangs_is_tried_three_times_and_recorded(make_run, faults, tmp
 
     monkeypatch.setattr(Browser, "go", watched)
     run = make_run(tmp_path / "data", wiki={"max_tries": 2})
-    assert crawl(run, names)["failed"] == 1
+    assert crawl(by_two(run), names)["failed"] == 1
     assert limits == [run.profile.wiki.page_seconds + LAST_SECONDS] * 2
     found = tables(run)
     assert [row["title"] for row in found["pages"]] == ["Saltstone"]
@@ -489,7 +495,7 @@ def test_robots_and_crawl_delay(make_run, faults, tmp_path, sandbox, turns, hast
     )
     run = make_run(tmp_path / "data")
     start, turns.now = len(sandbox.ledger.requests("")), time.time
-    crawl(run, names)
+    crawl(by_two(run), names)
     asked = sandbox.ledger.requests("")[start:]
     assert not [seen for seen in asked if seen.path == "/wiki/Charts"]
     paced = [seen.time for seen in asked if seen.path.startswith(("/wiki/", "/w/api.php"))]

@@ -51,8 +51,8 @@ def unscored(run):
 @pytest.fixture(scope="module")
 def data(mediawiki, shared_browsers, run_on, tmp_path_factory):
     """A crawled and filtered data root: (run, crawl summary, filter summary)."""
-    run = unscored(run_on(tmp_path_factory.mktemp("kiln"), mediawiki.url))
-    crawled = crawl(run)
+    run = unscored(run_on(tmp_path_factory.mktemp("kiln"), mediawiki.url, workers=1))
+    crawled = crawl(dataclasses.replace(run, workers=2))
     cleaned = run_clean(run, "wiki")
     return run, crawled, cleaned
 

@@ -31,7 +31,7 @@ def wiki(stage):
 @pytest.fixture
 def run(wiki, run_on, tmp_path, monkeypatch):
     monkeypatch.setattr("kb.wiki.web.TRIES", 2)
-    run = run_on(tmp_path / "data", wiki.url, wiki={"max_page_height": MOST})
+    run = run_on(tmp_path / "data", wiki.url, wiki={"max_page_height": MOST}, workers=1)
     off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
     return dataclasses.replace(run, profile=run.profile.model_copy(update={"toxicity": off}))
 
