@@ -228,13 +228,13 @@ class Trial:
         self.fresh(base)
         child = harm.Child(self.case.words, self.env, self.place, harm.PAUSE, before)
         if not child.stopped():
-            child.wait()
+            child.end()
             return "", []
         other = harm.Child(self.case.words, self.env, self.place)
         # It may wait, where the first decides something in a moment (kb.store.lock.deciding).
         other.ended(seconds=4)
         child.go_on()
-        first, second = child.wait(), other.wait()
+        first, second = child.end(), other.end()
         moment = f"{base}, joined at {first.moment}"
         wrong = []
         # Between taking a lock and writing the number it is another process (pid unknown).
