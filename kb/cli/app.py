@@ -98,11 +98,13 @@ def root(
     """Build an open knowledge base about a domain from YouTube, a wiki and Reddit."""
 
 
-def leaves() -> Iterator[tuple[str, Any]]:
-    """("youtube crawl", its click command) of every command that does something, in order."""
+def leaves(*names: str) -> Iterator[tuple[str, Any]]:
+    """("youtube crawl", its click command) of every command that does something, in order; of those
+    of some groups only, where `names` are given.
+    """
     tree = typer.main.get_command(app)
     context = typer.Context(tree, info_name="kb")
-    for name in TREE:
+    for name in [name for name in TREE if not names or name in names]:
         command = tree.get_command(context, name)  # type: ignore[attr-defined]
         inner = getattr(command, "commands", {})
         if not inner or command.invoke_without_command:

@@ -7,10 +7,6 @@ from __future__ import annotations
 
 import re
 import shlex
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    pass
 
 _COMMAND = re.compile(r"`kb ([^`]+)`")
 # Their data root is not the one that the message is about, or they name their profile themselves.
@@ -38,8 +34,8 @@ def completed(words: str) -> str:
 def _completed(words: str) -> str:
     from kb.cli.app import leaves
 
-    commands = dict(leaves())
     first = words.split()
+    commands = dict(leaves(first[0]))
     command = commands.get(" ".join(first[:2])) or commands.get(first[0])
     if command is None or first[0] in _OWN_PLACE or "--help" in first:
         return words
