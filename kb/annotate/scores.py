@@ -58,7 +58,7 @@ class Scores:
             hashes = hashes.combine_chunks()
         wanted = {"place": pa.array(range(len(hashes)), pa.int64()), "text_hash": hashes}
         names = ", ".join([*CATEGORIES, "precision"])
-        with self._reading() as con:
+        with self._reading(database.asking()) as con:  # as often as a filter has tasks
             con.register("wanted", pa.table(wanted))
             rows: pa.Table = con.sql(
                 f"SELECT {', '.join('s.' + name for name in [*CATEGORIES, 'precision'])}"
@@ -104,7 +104,7 @@ class Scores:
 
     def precisions(self) -> dict[str, int]:
         """How many texts have a score in each precision."""
-        with self._reading() as con:
+        with self._reading(database.connect(Path(self.folder))) as con:
             rows = con.execute(
                 f"SELECT precision, count(DISTINCT text_hash) FROM {self._files()}"
                 " WHERE model = $model AND revision = $revision GROUP BY 1 ORDER BY 1",
@@ -149,7 +149,10 @@ class Scores:
         if not parts:
             return path if path.exists() else None
         # DuckDB sorts on disk when memory is short; rows come and go a batch at a time.
-        with self._reading() as con, ShardWriter(path, TABLE, in_order=True) as writer:
+        with (
+            self._reading(database.connect(Path(self.folder))) as con,
+            ShardWriter(path, TABLE, in_order=True) as writer,
+        ):
             rows = con.sql(
                 f"SELECT text_hash, model, revision, precision, {', '.join(CATEGORIES)}"
                 f" FROM {self._files()} QUALIFY row_number() OVER (PARTITION BY text_hash, model,"
@@ -163,10 +166,12 @@ class Scores:
         return path
 
     @contextlib.contextmanager
-    def _reading(self) -> Iterator[duckdb.DuckDBPyConnection]:
-        """A connection for the files of scores. Raises DamagedData for one that can't be read."""
+    def _reading(self, con: duckdb.DuckDBPyConnection) -> Iterator[duckdb.DuckDBPyConnection]:
+        """Ask it of the files of scores, and close it. Raises DamagedData for one that can't be
+        read.
+        """
         files = sorted(Path(self.folder).glob("*.parquet"))
-        with reading(files), database.connect(Path(self.folder)) as con:
+        with reading(files), con:
             yield con
 
     def _files(self) -> str:
