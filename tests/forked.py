@@ -22,10 +22,12 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from multiprocessing import connection
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -39,6 +41,8 @@ _CONTEXT.set_forkserver_preload(["tests.preloaded"])
 _OURS = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_", "SOURCE_DATE_EPOCH", "PYTEST_")
 _BY_COMMANDS = {"PYTHONWARNINGS", "RAYON_NUM_THREADS"}  # set by those that ran in this process
 _ENVIRONMENT = dict(os.environ)
+# Starting a process polls all others, and only one thread may read how one ended.
+_ONE = threading.Lock()
 
 
 def between_tests() -> None:
@@ -125,32 +129,35 @@ class Started:
         self._process = _CONTEXT.Process(
             target=target, args=(self._words, dict(env), cwd, *streams)
         )
-        self._process.start()
+        with _ONE:
+            self._process.start()
         assert self._process.pid is not None
         self.pid: int = self._process.pid
 
     @property
     def returncode(self) -> int | None:
         """Its exit code, negative for the signal that ended it; None while it runs."""
-        return self._process.exitcode
+        with _ONE:
+            return self._process.exitcode
 
     def poll(self) -> int | None:
         """As `returncode`."""
         return self.returncode
 
-    def said(self) -> tuple[str, str]:
-        """What it has printed until now, and to stderr."""
+    def said(self, errors: str = "strict") -> tuple[str, str]:
+        """What it has printed until now, and to stderr; `errors` as decoding has them."""
         streams = (self._out, self._err)
-        out, err = (path.read_text("utf-8") if path.exists() else "" for path in streams)
+        out, err = (path.read_text("utf-8", errors) if path.exists() else "" for path in streams)
         return out, err
 
     def wait(self, timeout: float | None = None) -> int:
         """Its exit code. Raises subprocess.TimeoutExpired."""
-        self._process.join(timeout)
-        if self.returncode is None:
+        connection.wait([self._process.sentinel], timeout)
+        code = self.returncode
+        if code is None:
             assert timeout is not None
             raise subprocess.TimeoutExpired(self._words, timeout)
-        return self.returncode
+        return code
 
     def communicate(self, timeout: float | None = None) -> tuple[str, str]:
         """What it has printed, at its end. Raises subprocess.TimeoutExpired."""

@@ -73,10 +73,13 @@ def noted(**what: Any) -> None:
 
 
 class Outcome(NamedTuple):
-    """What a run left: bytes by path, every path outside of raw/, and what `kb verify` said."""
+    """What a run left: bytes by path, every path outside of raw/, of all paths those that should
+    have gone again, and what `kb verify` said.
+    """
 
     bytes: dict[str, str]
     paths: frozenset[str]
+    left: tuple[str, ...]
     verified: tuple[str, ...]
 
 
@@ -163,7 +166,7 @@ class Trial:
             if not name.endswith(_COUNTS[self.case.words[0] != "refresh" :])
             and (folder, Path(name).suffix) != ("index", ".json")  # says when it was written
         }
-        paths = (path.relative_to(self.root) for path in self.root.rglob("*"))
+        paths = [path.relative_to(self.root) for path in self.root.rglob("*")]
         return Outcome(
             held,
             frozenset(
@@ -173,6 +176,7 @@ class Trial:
                 and not path.name.endswith(_SETTLES)
                 and not (path.parts[0] == "restored" and path.suffix == ".parquet")
             ),
+            tuple(str(path) for path in paths if _is_left(path)),
             tuple(found(self.root)),
         )
 
@@ -194,11 +198,7 @@ class Trial:
         wrong += [("lost", what) for what in now.verified if what not in whole.verified]
         more = sorted(now.paths - whole.paths)
         aside = "--repair" in self.case.words  # it sets aside what is damaged, for good
-        more += [
-            str(path.relative_to(self.root))
-            for path in self.root.rglob("*")
-            if _is_left(path, self.root) and not (aside and ".damaged" in path.name)
-        ]
+        more += [name for name in now.left if not (aside and ".damaged" in Path(name).name)]
         wrong += [("left over", str(sorted(set(more))[:5]))] if more else []
         wrong += self._published() if self._publishes else []
         return wrong + [("leaked", what) for what in leaked(self.root, self.case.gone)]
@@ -228,13 +228,13 @@ class Trial:
         self.fresh(base)
         child = harm.Child(self.case.words, self.env, self.place, harm.PAUSE, before)
         if not child.stopped():
-            child.wait()
+            child.end()
             return "", []
         other = harm.Child(self.case.words, self.env, self.place)
         # It may wait, where the first decides something in a moment (kb.store.lock.deciding).
         other.ended(seconds=4)
         child.go_on()
-        first, second = child.wait(), other.wait()
+        first, second = child.end(), other.end()
         moment = f"{base}, joined at {first.moment}"
         wrong = []
         # Between taking a lock and writing the number it is another process (pid unknown).
@@ -310,10 +310,10 @@ def leaked(root: Path, traces: Sequence[bytes]) -> list[str]:
     ]
 
 
-def _is_left(path: Path, root: Path) -> bool:
-    parts = path.relative_to(root).parts
+def _is_left(path: Path) -> bool:
     endings = (".tmp", ".new", ".old", ".lease", ".part", ".damaged")
-    return leftovers.is_left(parts) or path.name.endswith(endings) or ".damaged-" in path.name
+    name = path.name
+    return leftovers.is_left(path.parts) or name.endswith(endings) or ".damaged-" in name
 
 
 def _last(ended: harm.Ended) -> str:

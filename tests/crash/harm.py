@@ -11,11 +11,10 @@ import random
 import signal
 import sqlite3
 import stat
+import subprocess
 import sys
-import tempfile
-import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,9 +24,8 @@ from tests import forked
 KILL, PAUSE, TEAR = "kill", "pause", "tear"
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _NAMES = {"os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.link", "os.symlink"}
-# Starting a process polls all others, and only one thread may read how one ended.
-_ONE = threading.Lock()
 _CALLS = ("fsync", "write", "pwrite", "ftruncate")
+_OPERATIONS, _MOMENT = "operations", "moment"  # files beside what it prints
 
 
 class Ended(NamedTuple):
@@ -42,8 +40,8 @@ class Ended(NamedTuple):
     moment: str
 
 
-class Child:
-    """A command on its way. `wait` for its end, or `stopped` by PAUSE."""
+class Child(forked.Started):
+    """A command on its way, to be killed or stopped (PAUSE) before an operation of that number."""
 
     def __init__(
         self,
@@ -53,55 +51,33 @@ class Child:
         harm: str = "",
         before: int = 0,
     ) -> None:
-        self._words = list(words)
-        self._folder = tempfile.TemporaryDirectory(prefix="kb-")
-        self._said = Path(self._folder.name)
-        given = (self._words, dict(env), cwd, self._said, harm, before)
-        self._process = forked._CONTEXT.Process(target=_harmed, args=given)
-        with _ONE:
-            self._process.start()
-        assert self._process.pid is not None
-        self.pid: int = self._process.pid
-
-    def stopped(self, timeout: float = 120) -> bool:
-        """Whether it has stopped itself, and not ended before."""
-        end = time.monotonic() + timeout
-        while self._code() is None and time.monotonic() < end:
-            if forked.is_stopped(self.pid):
-                return True
-            time.sleep(0.005)
-        return False
+        super().__init__(partial(_harmed, harm=harm, before=before), words, env, cwd)
 
     def ended(self, seconds: float) -> bool:
         """Whether it ends within that time."""
-        end = time.monotonic() + seconds
-        while (code := self._code()) is None and time.monotonic() < end:
-            time.sleep(0.003)
-        return code is not None
-
-    def _code(self) -> int | None:
-        with _ONE:
-            return self._process.exitcode
+        try:
+            self.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
 
     def go_on(self) -> None:
         """After `stopped`."""
-        os.kill(self.pid, signal.SIGCONT)
+        self.send_signal(signal.SIGCONT)
 
-    def wait(self, timeout: float = 300) -> Ended:
-        """Its end."""
+    def end(self, timeout: float = 300) -> Ended:
+        """Its end; it is killed where that takes longer."""
         if not self.ended(timeout):
-            self._process.kill()
-        while (code := self._code()) is None:
-            time.sleep(0.003)
-        self._process.close()
-        texts = [_text(self._said / name) for name in ("out", "err", "operations", "moment")]
+            self.kill()
+        code, said, place = self.wait(), self.said("replace"), self._out.parent
+        operations, moment = (_text(place / name) for name in (_OPERATIONS, _MOMENT))
         self._folder.cleanup()
-        return Ended(code, texts[0], texts[1], int(texts[2] or 0), texts[3])
+        return Ended(code, *said, int(operations or 0), moment)
 
 
 def run(words: Sequence[str], env: Mapping[str, str], cwd: Path, **harm: Any) -> Ended:
     """`kb WORDS`, ended one way or another."""
-    return Child(words, env, cwd, **harm).wait()
+    return Child(words, env, cwd, **harm).end()
 
 
 def _text(path: Path) -> str:
@@ -109,18 +85,25 @@ def _text(path: Path) -> str:
 
 
 def _harmed(
-    words: list[str], env: dict[str, str], cwd: Path, said: Path, harm: str, before: int
+    words: list[str],
+    env: dict[str, str],
+    cwd: Path,
+    out: Path,
+    err: Path,
+    *,
+    harm: str,
+    before: int,
 ) -> None:
     """The forked side."""
     # A pool's processes come from the same server, which ends with a kill while one is asked for.
     context.default_workers = lambda: 1
-    operations = _Operations(cwd, said / "moment", harm, before)
+    operations = _Operations(cwd, out.with_name(_MOMENT), harm, before)
     operations.watch()
     try:
-        forked._command(words, env, cwd, said / "out", said / "err")
+        forked._command(words, env, cwd, out, err)
     finally:
         operations.done = True
-        (said / "operations").write_text(str(operations.count))
+        out.with_name(_OPERATIONS).write_text(str(operations.count))
 
 
 class _Operations:
