@@ -14,6 +14,7 @@ import itertools
 import os
 from pathlib import Path
 
+from kb.cli.app import leaves
 from kb.cli.profile_check import examine
 from kb.core.profile import load_profile
 from kb.core.sources import PUBLISHED
@@ -74,6 +75,8 @@ for _name in render.ENVIRONMENT.list_templates(extensions=["jinja"]):
     render.ENVIRONMENT.get_template(_name)
 for _source, _show in itertools.product(PUBLISHED, (texts.line, texts.md)):
     about(_profile, _source, _show)
+for _ in leaves():  # and the tree of commands
+    pass
 gc.freeze()  # a collection in a fork would copy every page of these
 with contextlib.suppress(OSError):  # of a system without /proc
     _in_huge_pages()
