@@ -22,8 +22,7 @@ _AGAIN = "window.__kb.again(arguments[0]);"
 _FREEZE = "return await window.__kb.freeze(arguments[0]);"
 _MEASURE = (
     "return [Math.max(document.documentElement.scrollWidth, document.documentElement.clientWidth),"
-    " Math.max(document.documentElement.scrollHeight, document.documentElement.clientHeight),"
-    " document.images.length];"
+    " Math.max(document.documentElement.scrollHeight, document.documentElement.clientHeight)];"
 )
 _HTML = "return ('<!DOCTYPE html>\\n' + document.documentElement.outerHTML).toWellFormed();"
 # Style sheets and scripts decide where things stand; images are tried again while settling.
@@ -136,7 +135,7 @@ def capture(
     # Each picture has the time of a page, so that a tall one does not fail on a busy machine.
     browser.allow(browser.page_seconds * (1 + screenshot.tiles(page["height"])))
     sprites = screenshot.take(browser, shot, page["width"], page["height"], crops)
-    if browser.script(_MEASURE)[:2] != [page["width"], page["height"]]:
+    if browser.script(_MEASURE) != [page["width"], page["height"]]:
         raise Retryable("page_moved: its size changed while it was pictured")
     watch.lap("screenshot")
     return Captured(extraction, html, settled, sprites, watch.seconds)

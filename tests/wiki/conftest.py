@@ -271,6 +271,8 @@ def run_on() -> Callable[..., Run]:
             }
         )
         settings = load_settings(dotenv=False, kb_wiki_url=url, kb_contact="test@example.org")
-        return Run(settings=settings, profile=profile, root=root, **{"workers": 2, **options})
+        asked = "workers" in options  # browsers two by default, filters in this process
+        options = {"workers": 2, "asked": asked, **options}
+        return Run(settings=settings, profile=profile, root=root, **options)
 
     return make

@@ -441,7 +441,9 @@ def test_what_was_purged_after_its_deletion_stays_away_for_good(whole, later):
         assert "24" in tombstones.keys(run.root, "wiki")
 
 
-def test_page_that_hangs_is_tried_three_times_and_recorded(make_run, faults, tmp_path, monkeypatch):
+def test_page_that_hangs_is_tried_as_often_as_asked_and_recorded(
+    make_run, faults, tmp_path, monkeypatch
+):
     names = tmp_path / "titles.txt"
     names.write_text("Charts\nSaltstone\n")
     # It waits for good, and takes no core until it is ended (loops: tests/wiki/test_hostile.py).
