@@ -1,6 +1,6 @@
 """What the server of tests/forked.py imports before the first command.
 
-No library is called here: one that is only imported has started no thread that a fork loses.
+No library that starts threads is called here: a fork would lose them.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import functools
 import gc
 import importlib
 import itertools
-import os
 from pathlib import Path
 
 from kb.cli.app import leaves
@@ -23,7 +22,8 @@ from kb.release import render, texts
 from kb.release.about import about
 from tests.forked import import_kb, sync_nothing
 
-# What commands import late: they load a model, draw, or drive a browser.
+# What commands import late: they load a model, draw, or drive a browser. None needs torch where the
+# model is compiled; it would double what each fork copies.
 LATE = (
     "PIL.PngImagePlugin",
     "distributed",
@@ -55,8 +55,6 @@ def _in_huge_pages() -> None:
             advise(ctypes.c_void_p(start), ctypes.c_size_t(end - start), _COLLAPSE)
 
 
-# As kb/annotate has it where it imports them; each command gets its own environment.
-os.environ |= {"HF_HUB_OFFLINE": "1", "TRANSFORMERS_VERBOSITY": "error"}
 import_kb()
 sync_nothing()
 for _name in LATE:
