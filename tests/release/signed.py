@@ -13,10 +13,13 @@ creators = [{ name = "Doe, Jane" }]
 """
 
 
+_PLACE = tempfile.TemporaryDirectory(prefix="kb-signed-")  # removed at the end of the process
+
+
 @cache
 def signed() -> Path:
     """Its file, with the keyword list beside it."""
-    shipped, place = folder("profiles") / "minecraft", Path(tempfile.mkdtemp())
+    shipped, place = folder("profiles") / "minecraft", Path(_PLACE.name)
     (place / "keywords.tsv").write_bytes((shipped / "keywords.tsv").read_bytes())
     text = (shipped / "profile.toml").read_text(encoding="utf-8")
     (place / "profile.toml").write_text(
