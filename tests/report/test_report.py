@@ -363,14 +363,19 @@ def test_each_service_has_a_scale_of_its_own(root: Path, monkeypatch: pytest.Mon
     assert tops == pytest.approx([15 * 1.08, 3 * 1.08])
 
 
-def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(tmp_path: Path) -> None:
+def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from PIL import Image
+
+    for other in style.FORMATS.keys() - {"png"}:
+        monkeypatch.delitem(style.FORMATS, other)
 
     build(tmp_path, sources=("wiki",), export=False, n=10)
     for page in range(1, 4):
         path = tmp_path / "raw" / "wiki" / "pages" / f"{page}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
-        Image.effect_noise((1280, 900), 64).convert("RGB").save(path)
+        Image.effect_noise((1280, 900), 64).convert("RGB").save(path, compress_level=1)
     data = Data(a_run(tmp_path))
     _, detail = wikipage.page(data, load_profile("minecraft"))
     width, height, left, top = map(int, re.findall(r"\d+", detail.caption)[:4])
