@@ -176,7 +176,9 @@ class Started:
     def send_signal(self, number: int) -> None:
         """Unless it has ended."""
         if self.returncode is None:
-            os.kill(self.pid, number)
+            # The server hears of an end a moment before it says so.
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, number)
 
     def kill(self) -> None:
         """SIGKILL."""
