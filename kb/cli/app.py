@@ -105,20 +105,21 @@ def root(
 def leaves() -> Iterator[tuple[str, Any]]:
     """("youtube crawl", its click command) of every command that does something, in order."""
     for name in TREE:
-        command = _loaded(name)
-        inner = getattr(command, "commands", {})
-        if not inner or command.invoke_without_command:
-            yield name, command
-        for child, leaf in inner.items():
-            yield f"{name} {child}", leaf
+        yield from _leaves_of(name)
 
 
 def named(words: Sequence[str]) -> Any | None:
     """The click command that a line (without its `kb`) begins with; None where there is none."""
     if not words or words[0] not in TREE:
         return None
-    command = _loaded(words[0])
+    found = dict(_leaves_of(words[0]))
+    return found.get(" ".join(words[:2])) or found.get(words[0])
+
+
+def _leaves_of(name: str) -> Iterator[tuple[str, Any]]:
+    command = _loaded(name)
     inner = getattr(command, "commands", {})
-    if words[1:2] and words[1] in inner:
-        return inner[words[1]]
-    return command if not inner or command.invoke_without_command else None
+    if not inner or command.invoke_without_command:
+        yield name, command
+    for child, leaf in inner.items():
+        yield f"{name} {child}", leaf

@@ -204,7 +204,7 @@ class Options:
             profile=profile,
             root=root,
             workers=self.workers or default_workers(),
-            asked=self.workers is not None or self.engine == Engine.dask,
+            asked=self.workers is not None,
             limit=self.limit,
             wait=self.wait,
             again=self.again,

@@ -42,8 +42,11 @@ class Run:
     progress: Progress = field(default_factory=Silent)
 
     def processes(self, size: int) -> int:
-        """How many worker processes are worth starting for `size` bytes of files."""
-        return self.workers if self.asked or size > _SMALL else 1
+        """How many worker processes are worth starting for `size` bytes of files; a cluster's are
+        there.
+        """
+        few = self.engine == "local" and not self.asked and size <= _SMALL
+        return 1 if few else self.workers
 
     @property
     def seed(self) -> int:

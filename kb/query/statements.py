@@ -41,7 +41,8 @@ _SHOWS = {"show", "describe", "desc"}
 _BARRED = {"current_setting", "getenv", "getvariable", "write_log"}  # functions of one value
 _SETTINGS = {"pg_settings", "duckdb_logs", "duckdb_prepared_statements", "pg_prepared_statements"}
 
-_own: list[tuple[frozenset[str], frozenset[str]]] = []  # of this process, when it was asked for
+# By DuckDB's version: the same for every connection, whichever thread asks first.
+_own: dict[str, tuple[frozenset[str], frozenset[str]]] = {}
 
 
 def asked(sql: str, views: Sequence[View]) -> list[View]:
@@ -104,9 +105,8 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
 
 def _refuse(con: duckdb.DuckDBPyConnection, sql: str) -> None:
     """Raise UsageError for the name of a function or view that reads anything but the views."""
-    if not _own:  # the same for every connection of a process
-        _own.append(_own_names(con))
-    ((barred, settings),) = _own
+    version = duckdb.__version__
+    barred, settings = _own.get(version) or _own.setdefault(version, _own_names(con))
     words = [word for _, word in _words(sql)]
     for word, after in zip(words, [*words[1:], ""], strict=True):
         setting = word in _SHOWS and after in settings
