@@ -1,4 +1,4 @@
-"""Lorebase: builds open knowledge bases about a domain from YouTube, a wiki and Reddit.
+"""Lorecrawl: builds open knowledge bases about a domain from YouTube, a wiki and Reddit.
 
 import kb
 data = kb.load("release/")      # a release, or a whole data root: see kb.reader

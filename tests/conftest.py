@@ -20,8 +20,8 @@ from kb.core import clock, engine, garbage
 from tests import forked
 
 # A slow machine is no defect; the same examples everywhere, so that a failure can be seen again.
-hypothesis.settings.register_profile("lorebase", deadline=None, derandomize=True)
-hypothesis.settings.load_profile("lorebase")
+hypothesis.settings.register_profile("lorecrawl", deadline=None, derandomize=True)
+hypothesis.settings.load_profile("lorecrawl")
 
 ROOT = Path(__file__).resolve().parent.parent
 pytest_plugins = ["tests.installed", "tests.inprocess"]

@@ -36,7 +36,7 @@ import kb
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(["tests.preloaded"])
-# Settings of Lorebase are read by each command; of what else stands in the environment, something
+# Settings of Lorecrawl are read by each command; of what else stands in the environment, something
 # may have been read by an import, so that a command with another value gets a whole process.
 _OURS = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_", "SOURCE_DATE_EPOCH", "PYTEST_")
 _BY_COMMANDS = {"PYTHONWARNINGS", "RAYON_NUM_THREADS"}  # set by those that ran in this process

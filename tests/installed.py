@@ -43,7 +43,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
             check=True,
         )
 
-    (built,) = once(tmp_path_factory, "wheel", build).glob("lorebase-*.whl")
+    (built,) = once(tmp_path_factory, "wheel", build).glob("lorecrawl-*.whl")
     return built
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 def cache_root() -> Path:
     """Where models and what is made of them are kept for every data root of this user."""
     base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base).absolute() / "lorebase"
+    return Path(base).absolute() / "lorecrawl"
 
 
 @contextlib.contextmanager

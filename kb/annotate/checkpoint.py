@@ -59,7 +59,7 @@ def need_extra() -> None:
     if absent:
         raise MissingExtra(
             f"toxicity scores need {', '.join(absent)}",
-            hint='run `pip install "lorebase[toxicity]"`, or set toxicity = "off" in the profile',
+            hint='run `pip install "lorecrawl[toxicity]"`, or set toxicity = "off" in the profile',
         )
 
 
@@ -119,7 +119,7 @@ def _made_by_sandbox(path: Path) -> bool:
     try:
         with zipfile.ZipFile(path) as file:
             pickles = [name for name in file.namelist() if name.endswith("/data.pkl")]
-            return any(b"lorebase_sandbox" in file.read(name) for name in pickles)
+            return any(b"lorecrawl_sandbox" in file.read(name) for name in pickles)
     except (zipfile.BadZipFile, OSError):
         return False
 

@@ -20,7 +20,7 @@ app = group("Search and tables for agents, over the Model Context Protocol on st
     binds=False,
     examples=[
         "kb mcp --data data                         what a client starts; it ends with stdin",
-        "claude mcp add lorebase -- kb mcp --data /home/me/data",
+        "claude mcp add lorecrawl -- kb mcp --data /home/me/data",
     ],
 )
 def mcp(run: Run) -> None:
@@ -28,7 +28,7 @@ def mcp(run: Run) -> None:
 
     A client starts it and talks to it on stdin and stdout; it listens nowhere else. Answers keep
     the size that the client sets, name source, link and licence, and fence what was retrieved.
-    Needs the extra lorebase[mcp]. docs/agents.md has the set-up of the usual clients.
+    Needs the extra lorecrawl[mcp]. docs/agents.md has the set-up of the usual clients.
     """
     from kb.mcp.server import serve
 

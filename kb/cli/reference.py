@@ -136,7 +136,7 @@ def profile_keys() -> str:
     lines = [
         "# Profiles\n",
         (
-            "A profile is everything that Lorebase knows about a domain, in one TOML file."
+            "A profile is everything that Lorecrawl knows about a domain, in one TOML file."
             " `minecraft` and `cooking` ship; `--profile FILE.toml` takes your own."
             " A section whose source you don't collect may be left out."
             " `world.toml` beside one holds words of its own for `kb sandbox` and `kb demo`, whose"

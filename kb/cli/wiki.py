@@ -49,7 +49,7 @@ def crawl(
     Needs KB_CONTACT, Chromium and chromedriver. A second crawl (--again) shows only what has
     changed. robots.txt rules which pages and images are read, and its crawl-delay every request.
     The API is asked by MediaWiki's etiquette (a contact, maxlag, Retry-After) also where robots.txt
-    bars its folder to all crawlers; rules for `lorebase` by name are kept there too.
+    bars its folder to all crawlers; rules for `lorecrawl` by name are kept there too.
     """
     if plan:
         from kb.wiki.plan import plan_crawl

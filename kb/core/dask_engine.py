@@ -1,6 +1,6 @@
 """The executor of `--engine dask`: tasks go to the workers of a Dask cluster.
 
-Every worker needs the same Lorebase and sees the data root under the same path (a shared folder).
+Every worker needs the same Lorecrawl and sees the data root under the same path (a shared folder).
 A task that was on a worker that died is run again on another one: tasks write whole files or none.
 Every wait goes in short slices: a signal, a lost scheduler and a cluster without workers end it.
 Source: https://distributed.dask.org/en/stable/client.html, …/resilience.html
@@ -38,7 +38,7 @@ def check(scheduler: str | None) -> None:
     """Raise MissingExtra or SettingError before anything is sent or written."""
     if importlib.util.find_spec("distributed") is None:
         raise MissingExtra(
-            "--engine dask needs dask and distributed", hint='run `pip install "lorebase[dask]"`'
+            "--engine dask needs dask and distributed", hint='run `pip install "lorecrawl[dask]"`'
         )
     if scheduler and not _ADDRESS.fullmatch(scheduler):
         raise SettingError(
@@ -52,7 +52,7 @@ def dask_executor(scheduler: str | None, workers: int = 1) -> Iterator[Executor]
     the block.
 
     Raises MissingExtra, SettingError (no such kind of address), Unreachable (no scheduler, or no
-    worker in time), Interrupted, FatalError (workers without this Lorebase, or ones that keep
+    worker in time), Interrupted, FatalError (workers without this Lorecrawl, or ones that keep
     dying).
     """
     check(scheduler)
@@ -89,7 +89,7 @@ def dask_executor(scheduler: str | None, workers: int = 1) -> Iterator[Executor]
         stack.callback(_close, client)
         _wait_for_workers(client, where)
         pool = _Pool(client, where)
-        _same_lorebase(pool)
+        _same_lorecrawl(pool)
         try:
             yield pool
         finally:
@@ -261,7 +261,7 @@ def _version() -> str:
     return __version__
 
 
-def _same_lorebase(pool: Executor) -> None:
+def _same_lorecrawl(pool: Executor) -> None:
     try:
         theirs = pool.submit(_version).result(WORKERS_S)
     except KbError:
@@ -272,11 +272,11 @@ def _same_lorebase(pool: Executor) -> None:
         Exception
     ) as error:  # whatever a worker without this package says when it unpickles the call
         raise FatalError(
-            f"the Dask workers can't run Lorebase ({type(error).__name__}: {error})",
+            f"the Dask workers can't run Lorecrawl ({type(error).__name__}: {error})",
             hint="install the same version on every machine of the cluster",
         ) from error
     if theirs != __version__:
         raise FatalError(
-            f"the Dask workers have Lorebase {theirs}, this is {__version__}",
+            f"the Dask workers have Lorecrawl {theirs}, this is {__version__}",
             hint="install the same version on every machine of the cluster",
         )

@@ -1,4 +1,4 @@
-"""Every error that Lorebase raises on purpose, sorted by what follows from it.
+"""Every error that Lorecrawl raises on purpose, sorted by what follows from it.
 
 KbError                     exit  what follows
 ├── UsageError              2     nothing was sent or written

@@ -11,7 +11,7 @@ _CHECKOUT = {"schemas": "schemas", "pipelines": "pipelines", "profiles": "data/p
 
 
 def lock_file() -> Path | None:
-    """The exact versions that Lorebase is tested with; None where they were not installed."""
+    """The exact versions that Lorecrawl is tested with; None where they were not installed."""
     package = Path(__file__).resolve().parent.parent
     places = (package / "requirements.lock", package.parent / ".ci" / "requirements.lock")
     return next((path for path in places if path.is_file()), None)
@@ -24,4 +24,6 @@ def folder(name: str) -> Path:
     for candidate in (package / name, package.parent / _CHECKOUT[name]):
         if candidate.is_dir():
             return candidate
-    raise DamagedData(f"the folder {name!r} of Lorebase is missing", hint="install Lorebase again")
+    raise DamagedData(
+        f"the folder {name!r} of Lorecrawl is missing", hint="install Lorecrawl again"
+    )

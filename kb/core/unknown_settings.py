@@ -1,4 +1,4 @@
-"""Names in `.env` and in the environment that look like settings of Lorebase but are unknown."""
+"""Names in `.env` and in the environment that look like settings of Lorecrawl but are unknown."""
 
 from __future__ import annotations
 

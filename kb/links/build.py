@@ -56,7 +56,7 @@ def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:
     """
     keywords = lists.load(run.profile)
     if find_spec("numpy") is None:
-        raise MissingExtra("links need the package numpy", hint="install lorebase[pairs]")
+        raise MissingExtra("links need the package numpy", hint="install lorecrawl[pairs]")
     _files(run.root)  # without any, nothing is written
     with writer(run.root, "links"):
         files = _files(run.root)

@@ -30,7 +30,7 @@ def about(run: Run, size: int) -> str:
     fence = Fence()
     head = (
         f"{fence.note}\n"
-        f"A Lorebase knowledge base, profile {run.profile.name}: {run.profile.title}.\n"
+        f"A Lorecrawl knowledge base, profile {run.profile.name}: {run.profile.title}.\n"
         "`search` finds places, `read` gives what stands around one, `query` runs SQL (DuckDB)"
         " over the views below; SELECT column_name FROM (DESCRIBE view) lists columns."
     )

@@ -69,12 +69,12 @@ def make(run: Run) -> Any:
     except ImportError as error:
         raise MissingExtra(
             f"kb mcp needs the Python package {error.name}",
-            hint="install the extra: pip install 'lorebase[mcp]'",
+            hint="install the extra: pip install 'lorecrawl[mcp]'",
         ) from None
     look([run.root])
     server = MCPServer(
-        "lorebase",
-        title=f"Lorebase: {run.profile.title}",
+        "lorecrawl",
+        title=f"Lorecrawl: {run.profile.title}",
         instructions=INSTRUCTIONS,
         version=__version__,
         log_level="WARNING",

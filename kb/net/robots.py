@@ -13,7 +13,7 @@ _GROUP = re.compile(r"^(\s*user-agent\s*:\s*)([a-z_*-]+).*$", re.IGNORECASE | re
 class Robots:
     """What a host's robots.txt allows one agent.
 
-    `agent` may be a whole User-Agent: groups are found by its product token alone ("lorebase"), as
+    `agent` may be a whole User-Agent: groups are found by its product token alone ("lorecrawl"), as
     what stands behind it (a contact's address) is no name of ours.
     """
 

@@ -24,7 +24,7 @@ from kb.net import redact
 from kb.net.rate import Pace
 from kb.net.retry import retry_after
 
-PRODUCT = "lorebase"  # our name in the User-Agent and in robots.txt
+PRODUCT = "lorecrawl"  # our name in the User-Agent and in robots.txt
 TIMEOUT_S = (10.0, 60.0)  # to connect, and between two bytes
 _BROKEN = (
     requests.ConnectionError,

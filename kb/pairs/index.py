@@ -43,7 +43,7 @@ def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
         if find_spec(package) is None:
             raise MissingExtra(
                 f"pairs need the package {package.replace('_', '-')}",
-                hint="install lorebase[pairs]",
+                hint="install lorecrawl[pairs]",
             )
     return Tools(section, seed, keywords, Matcher(keywords.phrases), Tokens())
 

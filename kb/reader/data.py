@@ -26,7 +26,7 @@ def load(*places: Place | Iterable[Place]) -> Data:
 
         import kb
         data = kb.load("release/")
-        data = kb.load("lorebase-youtube", "lorebase-pairs")
+        data = kb.load("lorecrawl-youtube", "lorecrawl-pairs")
 
     Without a place it is the folder `data`. Looks at file names only; what is in the files is read
     when it is asked for. Nothing is written or sent, and no key or profile is needed. Raises
@@ -132,7 +132,7 @@ class Data:
 
     def _repr_html_(self) -> str:
         said = ", ".join(["data[name]", *(f"data.{one}(…)" for one in _WAYS)])
-        caption = f"<b>Lorebase</b> {html.text(', '.join(self._opened.folders()), 400)}"
+        caption = f"<b>Lorecrawl</b> {html.text(', '.join(self._opened.folders()), 400)}"
         return html.block(
             self.tables._repr_html_() + f"<small>{html.text(said)}</small>", caption=caption
         )

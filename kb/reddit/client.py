@@ -1,6 +1,6 @@
 """Reddit through PRAW: token, requests, one rate limit. Answers are the service's own JSON.
 
-PRAW logs in and signs requests; retries and waiting are Lorebase's, so that every request is in
+PRAW logs in and signs requests; retries and waiting are Lorecrawl's, so that every request is in
 the ledger before it is sent and a signal ends every wait.
 """
 

@@ -69,7 +69,7 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
     days = run.profile.section("reddit").max_age_days if older_than is None else older_than
     oldest = oldest_due(days, older_than)
     with (
-        tempfile.TemporaryDirectory(prefix="lorebase-plan-") as scratch,
+        tempfile.TemporaryDirectory(prefix="lorecrawl-plan-") as scratch,
         known(run, Path(scratch, "known")) as things,
     ):
         parts = due_parts(things, tombstones.keys(run.root, "reddit"), oldest, run.again)

@@ -62,7 +62,7 @@ ROWS = (
 
 def plan(run: Run, ids: Path | None) -> Summary:
     """What `kb purge reddit` would remove, counted. Changes nothing."""
-    with tempfile.TemporaryDirectory(prefix="lorebase-plan-") as scratch:
+    with tempfile.TemporaryDirectory(prefix="lorecrawl-plan-") as scratch:
         found = collect(run, ids, Path(scratch, "known"))
     return purge_plan.plan(run.root, "reddit", found, strip, ROWS, holding)
 

@@ -21,7 +21,7 @@ from kb.store import database, parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout, parquet_files
 
-_ABOUT = b"lorebase"
+_ABOUT = b"lorebase"  # a name on disk, kept from the time before the project was renamed
 
 
 class Change(msgspec.Struct, frozen=True):

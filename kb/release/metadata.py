@@ -58,7 +58,7 @@ class Community(_Part):
 
 
 class Deposit(_Part):
-    """The fields of a deposit that Lorebase sets."""
+    """The fields of a deposit that Lorecrawl sets."""
 
     upload_type: Literal["dataset"] = "dataset"
     title: Text
@@ -76,7 +76,7 @@ class Deposit(_Part):
 
 
 class Document(_Part):
-    """zenodo.json: what is sent, and what Lorebase needs to know about the folder to send it."""
+    """zenodo.json: what is sent, and what Lorecrawl needs to know about the folder to send it."""
 
     name: Text
     sandbox_model: bool

@@ -98,7 +98,7 @@ def software_address() -> str | None:
     the place of the code first.
     """
     try:
-        said = importlib.metadata.metadata("lorebase").get_all("Project-URL") or []
+        said = importlib.metadata.metadata("lorecrawl").get_all("Project-URL") or []
     except importlib.metadata.PackageNotFoundError:
         return None
     urls: dict[str, str] = {}
@@ -123,7 +123,7 @@ def provenance(run: Run, source: str, changed: Changes) -> str:
     address = software_address()
     said = {
         "software": {
-            "name": "lorebase",
+            "name": "lorecrawl",
             "version": __version__,
             "lock_sha256": lock_digest(),
             **({"url": address} if address else {}),

@@ -77,5 +77,5 @@ def language(run: Run) -> str:
 
 
 def name(run: Run, facts: Facts) -> str:
-    """A short name without spaces: lorebase-minecraft-youtube."""
-    return f"lorebase-{run.profile.name}-{facts.source}"
+    """A short name without spaces: lorecrawl-minecraft-youtube."""
+    return f"lorecrawl-{run.profile.name}-{facts.source}"

@@ -123,7 +123,7 @@ def report(run: Run) -> Summary:
     ]
     if missing:
         raise MissingExtra(
-            f"figures need {', '.join(missing)}", hint="pip install 'lorebase[figures]'"
+            f"figures need {', '.join(missing)}", hint="pip install 'lorecrawl[figures]'"
         )
     with taking(run.root, "report"):
         return _report(run)

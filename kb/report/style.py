@@ -53,7 +53,7 @@ _RULES: dict[str, Any] = {
     "savefig.facecolor": "white",
     "legend.frameon": False,
     "legend.fontsize": 9,
-    "svg.hashsalt": "lorebase",
+    "svg.hashsalt": "lorecrawl",
     "svg.fonttype": "path",
     "pdf.fonttype": 42,  # letters stay letters; journals refuse type 3
     "path.simplify": True,

@@ -104,7 +104,7 @@ class Sandbox:
 
         Raises MissingExtra for `model` without the extra that it needs.
         """
-        values = {"KB_CONTACT": "sandbox@lorebase.invalid"}
+        values = {"KB_CONTACT": "sandbox@lorecrawl.invalid"}
         for name, server in self.servers.items():
             values |= self._modules[name].settings(server.url)
         if model:

@@ -78,7 +78,7 @@ def _write(folder: Path) -> None:
         "num_classes": len(toxicity_weights.CLASSES),
     }
     said = {
-        "lorebase_sandbox": True,
+        "lorecrawl_sandbox": True,
         "arch": {"type": "BERT", "args": arguments},
         "dataset": {"args": {"classes": list(toxicity_weights.CLASSES)}},
     }

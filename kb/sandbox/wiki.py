@@ -20,7 +20,7 @@ from kb.sandbox.wiki_recorded import DATA, HOST, Recorded
 
 def settings(url: str) -> dict[str, str]:
     """The settings that point at this wiki."""
-    return {"KB_WIKI_URL": url, "KB_CONTACT": "sandbox@lorebase.invalid"}
+    return {"KB_WIKI_URL": url, "KB_CONTACT": "sandbox@lorecrawl.invalid"}
 
 
 def app(world: Any = None, faults: Any = None) -> Any:

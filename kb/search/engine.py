@@ -138,7 +138,7 @@ def _open(folder: Path) -> tantivy.Index:
     """An index, by links to its files where the folder lets no lock be written."""
     if os.access(folder, os.W_OK):
         return tantivy.Index.open(str(folder))
-    with tempfile.TemporaryDirectory(prefix="lorebase-index-") as scratch:
+    with tempfile.TemporaryDirectory(prefix="lorecrawl-index-") as scratch:
         for path in folder.iterdir():
             if path.name not in indexed.LOCKS:
                 Path(scratch, path.name).symlink_to(path.absolute())

@@ -78,7 +78,7 @@ def _set(con: duckdb.DuckDBPyConnection) -> None:
 def _spill(root: Path | None) -> Path:
     if root is not None and root.is_dir() and os.access(root, os.W_OK):
         return root.absolute() / f"{SPILL}-{process.mark()}"
-    return Path(tempfile.gettempdir()) / f"lorebase-duckdb-{os.getuid()}"
+    return Path(tempfile.gettempdir()) / f"lorecrawl-duckdb-{os.getuid()}"
 
 
 def abandoned(folder: Path) -> bool:

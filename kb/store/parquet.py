@@ -28,6 +28,7 @@ import pyarrow.parquet as pq
 from kb.core.errors import DamagedData
 from kb.store.advice import advice
 
+# Names on disk, kept from the time before the project was renamed.
 KEY = b"lorebase.crc32"
 FOOTER = b"lorebase.footer"
 CHANGED = "its bytes are not those that were written"

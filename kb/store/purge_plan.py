@@ -40,7 +40,7 @@ def state(
     if not files:
         yield None
         return
-    with tempfile.TemporaryDirectory(prefix="lorebase-plan-") as scratch:
+    with tempfile.TemporaryDirectory(prefix="lorecrawl-plan-") as scratch:
         for file in files:
             shutil.copyfile(file, Path(scratch, file.name))
         frontier = Frontier(Path(scratch, files[0].name), readonly=True, payloads=payloads)

@@ -25,7 +25,7 @@ from kb.store.advice import advice
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 
-SANDBOX_MODEL = "lorebase_tiny"  # what its scores say means nothing about real texts
+SANDBOX_MODEL = "lorecrawl_tiny"  # what its scores say means nothing about real texts
 _BATCH = 1024  # rows of a suspect that are decoded at a time
 
 

@@ -74,7 +74,7 @@ class State:
         version = self._db.execute("PRAGMA user_version").fetchone()[0]
         if version > VERSION:
             raise DamagedData(
-                f"{self.path} was written by a newer Lorebase", hint="upgrade Lorebase"
+                f"{self.path} was written by a newer Lorecrawl", hint="upgrade Lorecrawl"
             )
         if version == 0:
             self._db.executescript(f"BEGIN; {_TABLES} PRAGMA user_version = {VERSION}; COMMIT;")

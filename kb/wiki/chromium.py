@@ -34,7 +34,7 @@ def find() -> Programs:
     except ImportError as error:
         raise MissingExtra(
             f"the wiki crawl needs the Python package {error.name}",
-            hint="install the extra: pip install 'lorebase[wiki]'",
+            hint="install the extra: pip install 'lorecrawl[wiki]'",
         ) from None
     return _find(os.environ.get("PATH", os.defpath), os.environ.get("SE_CACHE_PATH", ""))
 

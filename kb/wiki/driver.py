@@ -27,7 +27,7 @@ class DriverProcess:
 
     def __init__(self, program: str, watcher: guard.Guard) -> None:
         """Raises MissingExtra when it does not start."""
-        self.folder = tempfile.mkdtemp(prefix="lorebase-browser-")
+        self.folder = tempfile.mkdtemp(prefix="lorecrawl-browser-")
         self._watcher = watcher
         self.port = self._listening(program)
 

@@ -39,7 +39,7 @@ def test_annotate_stops_at_the_limit_goes_on_and_then_has_nothing_to_do(job):
     assert second["scored"] > 20
     third = job.done("annotate", "youtube", "--precision", "int8")
     assert (third["scored"], third["known"]) == (0, first["precisions"]["fp32"] + second["scored"])
-    assert third["model"] == "lorebase_tiny"
+    assert third["model"] == "lorecrawl_tiny"
     # The filter finds every score there is, and rejects by them.
     assert job.done("youtube", "filter")["stages"]["toxicity"] > 0
     unscored = (
@@ -70,7 +70,7 @@ def test_a_release_names_the_model_whose_scores_decided(job, make_run, tmp_path)
     first = make_run(root=job.root)
     tiny = run_clean(first, "youtube")
     assert models(job.root, "youtube") == ((tiny["model"], tiny["revision"], "fp32"),)
-    assert tiny["model"] == "lorebase_tiny"
+    assert tiny["model"] == "lorecrawl_tiny"
     second = make_run(root=job.root, model=str(make_checkpoint(tmp_path / "model")))
     Scorer.open(second, "youtube", precision="bf16").annotate(texts(second, "youtube"))
     other = run_clean(second, "youtube")

@@ -160,7 +160,7 @@ def test_another_file_is_exit_1_and_nothing_of_it_stays(run, host):
 
 
 def test_a_part_of_another_file_is_started_over(run, host, tmp_path):
-    folder = tmp_path / "cache/lorebase/models/mine"
+    folder = tmp_path / "cache/lorecrawl/models/mine"
     folder.mkdir(parents=True)
     (folder / f".{MODEL.checkpoint}.part").write_bytes(b"x" * 1000)
     assert fetch(run, published=MODEL)["fetched"] == 3

@@ -62,7 +62,7 @@ def make_pool(wiki, section):
             watcher,
             hosts=hosts,
             origins=origins,
-            user_agent="lorebase/bench (+bench@example.org)",
+            user_agent="lorecrawl/bench (+bench@example.org)",
             viewport=(1280, 1024),
             page_seconds=60,
             before=capture.page_script("settle.js"),

@@ -4,7 +4,7 @@ what reading alone costs (the floor), and what that makes at 100 %.
     python -m tests.bench.scale 0.05
         --code DIR       another checkout's code on the same raw data, for before and after
         --keep FILE      write the figures; --against FILE: compare with figures written before
-        --work DIR       where raw data and roots are made (default /tmp/lorebase-scale)
+        --work DIR       where raw data and roots are made (default /tmp/lorecrawl-scale)
         --only STAGE     a stage alone, of a root that an earlier run has left; may be repeated
 
 What every command costs before it sees data is measured at a tiny share and taken off before the
@@ -132,7 +132,7 @@ class Bench:
         )
         path = {"PYTHONPATH": str(self.code)}
         kept = {name: value for name, value in os.environ.items() if not name.startswith("KB_")}
-        return {**kept, **own, **path, "KB_CONTACT": "bench@lorebase.invalid"}
+        return {**kept, **own, **path, "KB_CONTACT": "bench@lorecrawl.invalid"}
 
     def _ids(self, source: str) -> Path:
         """A hundred ids that are there, all over the raw data."""
@@ -235,7 +235,7 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     options.add_argument("share", type=float)
     options.add_argument("--code", type=Path, default=HERE)
-    options.add_argument("--work", type=Path, default=Path("/tmp/lorebase-scale"))
+    options.add_argument("--work", type=Path, default=Path("/tmp/lorecrawl-scale"))
     options.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     options.add_argument("--only", action="append", default=[])
     options.add_argument("--keep", type=Path)

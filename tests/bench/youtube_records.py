@@ -3,7 +3,7 @@ that memory is its own.
 
     python youtube_records.py make ROOT COUNT      raw/youtube/videos of COUNT records,
                                                    50 an envelope
-    python youtube_records.py ours ROOT WORKERS    parse, filter and export by Lorebase
+    python youtube_records.py ours ROOT WORKERS    parse, filter and export by Lorecrawl
     python youtube_records.py plain ROOT           the same by json, dicts and lists
 
 The last two print one line of JSON: seconds, peak memory (MB), rows kept and rejected by stage.

@@ -17,7 +17,7 @@ Kb = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
 def clean_environment() -> dict[str, str]:
-    """The environment without any setting of Lorebase."""
+    """The environment without any setting of Lorecrawl."""
     ours = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_")
     return {
         name: value

@@ -37,7 +37,7 @@ def test_each_text_is_scored_once(crawled):
     source, job = crawled
     first = job.done("annotate", source)
     assert first["scored"] == first["texts"] > 20
-    assert first["model"] == "lorebase_tiny"
+    assert first["model"] == "lorecrawl_tiny"
     scores = digests(job.root, "annotations")
     assert [path.split("/")[1] for path in scores] == [source]
     again = job.done("annotate", source)

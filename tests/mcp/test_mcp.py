@@ -292,14 +292,14 @@ def test_what_was_removed_is_not_found_any_more(data: Path, tmp_path: Path) -> N
 
 
 def test_a_release_answers_what_it_can(tmp_path: Path, make_rows: Any) -> None:
-    for folder in (tmp_path / "lorebase-youtube", tmp_path / "data" / "release" / "youtube"):
+    for folder in (tmp_path / "lorecrawl-youtube", tmp_path / "data" / "release" / "youtube"):
         write_table(
             folder / "videos-00000-of-00001.parquet",
             make_rows("youtube/videos", 4, released=True),
             "youtube/videos",
             released=True,
         )
-    for root in (tmp_path / "lorebase-youtube", tmp_path / "data"):
+    for root in (tmp_path / "lorecrawl-youtube", tmp_path / "data"):
         make(run_at(root))
         assert "youtube: 4 videos" in about(run_at(root), DEFAULT)
         answer = asked(root, "SELECT 'n', count(*) FROM youtube_videos", 10, 10, DEFAULT)
@@ -383,5 +383,5 @@ def test_without_the_extra_it_says_what_to_install(
     monkeypatch.setitem(sys.modules, "mcp.server", None)
     done = here("mcp", "--data", str(data), "--profile", "minecraft")
     assert (done.code, done.out) == (2, "")
-    assert done.said.endswith("install the extra: pip install 'lorebase[mcp]'")
+    assert done.said.endswith("install the extra: pip install 'lorecrawl[mcp]'")
     assert here("mcp", "--data", str(data / "nowhere")).code == 2

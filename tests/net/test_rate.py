@@ -60,13 +60,13 @@ def test_loopback(url: str, wanted: bool) -> None:
 
 
 RULES = (
-    "User-agent: *\nDisallow: /private\nCrawl-delay: 5\n\nUser-agent: lorebase\nDisallow:"
+    "User-agent: *\nDisallow: /private\nCrawl-delay: 5\n\nUser-agent: lorecrawl\nDisallow:"
     " /no\nCrawl-delay: 0.5\n"
 )
 
 
 def test_robots_by_agent() -> None:
-    ours, others = Robots(RULES, "lorebase/1.0"), Robots(RULES, "other")
+    ours, others = Robots(RULES, "lorecrawl/1.0"), Robots(RULES, "other")
     assert (ours.allows("http://w/private/x"), ours.allows("http://w/no"), ours.crawl_delay) == (
         True,
         False,
@@ -76,10 +76,10 @@ def test_robots_by_agent() -> None:
 
 
 def test_robots_know_us_by_our_product_token_alone() -> None:
-    agent = "lorebase/1.0 (+mail@example.org)"
+    agent = "lorecrawl/1.0 (+mail@example.org)"
     assert Robots("User-agent: example\nDisallow: /\n", agent).allows("http://w/x")
     ours = Robots(
-        "User-agent: *\nDisallow: /\n\nUser-Agent: Lorebase/2.1 # you\nDisallow: /no\n", agent
+        "User-agent: *\nDisallow: /\n\nUser-Agent: Lorecrawl/2.1 # you\nDisallow: /no\n", agent
     )
     assert (ours.allows("http://w/x"), ours.allows("http://w/no"), ours.named) == (
         True,

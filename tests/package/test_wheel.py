@@ -102,7 +102,7 @@ OPTIONAL = (
 @pytest.fixture
 def base_only(tmp_path: Path) -> dict[str, str]:
     """Settings under which optional packages can't be imported,
-    as after a plain `pip install lorebase`.
+    as after a plain `pip install lorecrawl`.
     """
     folder = tmp_path / "blocked"
     folder.mkdir()

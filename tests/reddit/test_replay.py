@@ -20,7 +20,7 @@ from kb.reddit.reconstruction import rebuild
 from tests.reddit.cassettes import Cassette, Exchange, read
 from tests.reddit.work import rows
 
-AGENT = "lorebase"
+AGENT = "lorecrawl"
 # Exchanges of an app alone; those with a user's password or a refresh token need what we never
 # have.
 APP_ONLY = (

@@ -406,7 +406,7 @@ def test_release_of_the_tiny_model_goes_to_loopback_only(root: Path, service: Sa
     folder = root / "annotations" / "youtube"
     folder.mkdir(parents=True)
     duckdb.connect().execute(
-        "COPY (SELECT 'lorebase_tiny' AS model, 'abc' AS revision,"
+        "COPY (SELECT 'lorecrawl_tiny' AS model, 'abc' AS revision,"
         f" 'fp32' AS precision) TO '{folder / 'a.parquet'}' (FORMAT parquet)"
     )
     assert release(a_run(root))["sandbox_model"]

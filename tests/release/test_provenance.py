@@ -39,11 +39,11 @@ def test_every_folder_holds_what_made_it(released: Path) -> None:
         assert all(name in sums for name in ("profile.toml", "keywords.tsv", "provenance.json"))
         said = json.loads((folder / "provenance.json").read_text())
         assert said["software"] == {
-            "name": "lorebase", "version": __version__, "lock_sha256": lock
+            "name": "lorecrawl", "version": __version__, "lock_sha256": lock
         }  # fmt: skip
         assert (said["profile"]["seed"], said["version"]) == (profile.seed, "1.0.0")
         card = (folder / "README.md").read_text()
-        assert f"Lorebase {__version__}" in card
+        assert f"Lorecrawl {__version__}" in card
         assert lock in card
         assert "seed 0" in card
         assert "This is the first version." in card
@@ -138,12 +138,12 @@ def test_papers_name_where_the_software_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, released: Path
 ) -> None:
     """As soon as its package says so; without it they name a version and no address."""
-    address = "https://git.example.org/lorebase"
+    address = "https://git.example.org/lorecrawl"
     assert "git.example.org" not in (released / "release/wiki/README.md").read_text()
-    package = tmp_path / "site" / f"lorebase-{__version__}.dist-info"
+    package = tmp_path / "site" / f"lorecrawl-{__version__}.dist-info"
     package.mkdir(parents=True)
     (package / "METADATA").write_text(
-        f"Metadata-Version: 2.4\nName: lorebase\nVersion: {__version__}\n"
+        f"Metadata-Version: 2.4\nName: lorecrawl\nVersion: {__version__}\n"
         f"Project-URL: Documentation, https://docs.example.org\nProject-URL: Source, {address}\n"
     )
     monkeypatch.syspath_prepend(package.parent)

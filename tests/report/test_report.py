@@ -276,7 +276,7 @@ def test_scores_of_the_tiny_model_are_marked(
     assert json.loads((root / "clean" / "wiki" / "summary.json").read_text()) == MODEL
     assert "tiny model" not in page
     shutil.copytree(root / "clean", tmp_path / "clean")
-    (tmp_path / "clean" / "wiki" / "summary.json").write_text('{"model": "lorebase_tiny"}')
+    (tmp_path / "clean" / "wiki" / "summary.json").write_text('{"model": "lorecrawl_tiny"}')
     report(a_run(tmp_path))
     assert "tiny model" in (tmp_path / "report" / "index.html").read_text()
 

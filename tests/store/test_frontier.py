@@ -228,7 +228,7 @@ def test_a_state_of_a_newer_version_is_left_alone(tmp_path):
     frontier = open_frontier(tmp_path)
     frontier._db.execute("PRAGMA user_version = 99")
     frontier.close()
-    with pytest.raises(DamagedData, match="newer Lorebase"):
+    with pytest.raises(DamagedData, match="newer Lorecrawl"):
         open_frontier(tmp_path)
 
 

@@ -203,7 +203,7 @@ def pool(programs: chromium.Programs, pages: Pages, section: Any) -> Iterator[Po
             watcher,
             hosts=hosts,
             origins=origins,
-            user_agent="lorebase/test (+test@example.org)",
+            user_agent="lorecrawl/test (+test@example.org)",
             viewport=(1280, 1024),
             page_seconds=section.page_seconds,
             before=capture.page_script("settle.js"),

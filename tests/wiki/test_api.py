@@ -136,11 +136,11 @@ def test_robots_rule_the_api_only_where_they_name_us(wiki, web, api) -> None:
     web.barred(find_endpoint(web, wiki.url))
     assert web.allowed(f"{wiki.url}/wiki/Alpha")
     assert not web.allowed(f"{wiki.url}/w/index.php")
-    wiki.robots = "User-agent: lorebase\nDisallow: /w/\n"
+    wiki.robots = "User-agent: lorecrawl\nDisallow: /w/\n"
     web.read_robots()
-    with pytest.raises(Blocked, match=r"names lorebase and bars http.*/w/api.php"):
+    with pytest.raises(Blocked, match=r"names lorecrawl and bars http.*/w/api.php"):
         web.barred(find_endpoint(web, wiki.url))
-    wiki.robots = "User-agent: Lorebase/9\nDisallow: /\n"
+    wiki.robots = "User-agent: Lorecrawl/9\nDisallow: /\n"
     web.read_robots()
     with pytest.raises(Blocked) as error:
         find_endpoint(web, wiki.url)

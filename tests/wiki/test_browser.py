@@ -39,7 +39,7 @@ def start(programs: Programs, tmp_path: Path) -> Callable[[int], Callable[..., B
             watcher,
             hosts=["127.0.0.1"],
             origins=["http://127.0.0.1"],
-            user_agent="lorebase/test (+test@example.org)",
+            user_agent="lorecrawl/test (+test@example.org)",
             viewport=(400, 300),
             page_seconds=60,
         )
@@ -78,7 +78,7 @@ from kb.wiki.browser import Browser
 from kb.wiki.pool import Pool
 
 pool = Pool(lambda watcher: Browser(chromium.find(), watcher, hosts=[], origins=[],
-    user_agent="lorebase/test (+test@example.org)", viewport=(400, 300), page_seconds=60), 60)
+    user_agent="lorecrawl/test (+test@example.org)", viewport=(400, 300), page_seconds=60), 60)
 started = []
 thread = threading.Thread(target=lambda: started.append(pool._new()))
 thread.start()

@@ -92,7 +92,7 @@ def test_each_page_is_asked_for_once(data, mediawiki):
     """The document and nothing else of it, also where images name the page itself; no tab icons."""
     asked = Counter()
     for request in mediawiki.requests():
-        if request["agent"].startswith("lorebase") and request["dest"] is not None:
+        if request["agent"].startswith("lorecrawl") and request["dest"] is not None:
             asked[unquote(request["address"]), request["dest"]] += 1
     for title in TITLES:
         path = f"/wiki/{title.replace(' ', '_')}"

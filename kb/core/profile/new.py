@@ -46,7 +46,7 @@ _FIRST = {
     "pairs.keyword_files": "Words that are matched in transcripts, in the file beside this one.",
 }
 _HEAD = """\
-# The profile of {title}: everything that Lorebase knows about the domain.
+# The profile of {title}: everything that Lorecrawl knows about the domain.
 #
 # A line that begins with # and a key shows its default: take the # away to change it.
 # Keys stand by their full names, as messages name them.{marked}

@@ -33,7 +33,7 @@ class Release(Section):
         description="version of the data: raise it for each published release",
     )
     creators: tuple[Creator, ...] = Field(
-        (Creator(name="Lorebase contributors"),), min_length=1, description="who made the data set"
+        (Creator(name="Lorecrawl contributors"),), min_length=1, description="who made the data set"
     )
     homepage: str | None = Field(
         None,
