@@ -25,6 +25,7 @@ import pyarrow.compute as pc
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError, MissingExtra
+from kb.core.installation import install_extra
 from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
 from kb.links import named
@@ -86,7 +87,7 @@ def check(run: Run) -> Keywords:
     """
     keywords = lists.load(run.profile)
     if find_spec("numpy") is None:
-        raise MissingExtra("links need the package numpy", hint="install lorecrawl[pairs]")
+        raise MissingExtra("links need the package numpy", hint=install_extra("pairs"))
     _files(run.root)
     return keywords
 

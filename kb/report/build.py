@@ -10,6 +10,7 @@ from functools import partial
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import MissingExtra
+from kb.core.installation import install_extra
 from kb.core.profile import Profile
 from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
@@ -122,9 +123,7 @@ def report(run: Run) -> Summary:
         if importlib.util.find_spec(name) is None
     ]
     if missing:
-        raise MissingExtra(
-            f"figures need {', '.join(missing)}", hint="pip install 'lorecrawl[figures]'"
-        )
+        raise MissingExtra(f"figures need {', '.join(missing)}", hint=install_extra("figures"))
     with belonging.writing(run, "report"):
         return _report(run)
 
