@@ -17,7 +17,6 @@ app = group("Search and tables for agents, over the Model Context Protocol on st
     without=("json",),
     needs_data=True,
     resumable=False,
-    binds=False,
     examples=[
         "kb mcp --data data                         what a client starts; it ends with stdin",
         "claude mcp add lorecrawl -- kb mcp --data /home/me/data",

@@ -25,9 +25,9 @@ from kb.report.services import quota
 from kb.report.style import BLUE, GREEN, PURPLE, Figure, applied
 from kb.report.toxicity import toxicity
 from kb.schema import table
+from kb.store import belonging
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
-from kb.store.lock import taking
 from kb.store.reading import SANDBOX_MODEL, filtered
 
 Maker = Callable[[Data, "Profile"], "Figure | tuple[Figure, ...] | None"]
@@ -124,7 +124,7 @@ def report(run: Run) -> Summary:
     ]
     if missing:
         raise MissingExtra(f"figures need {', '.join(missing)}", hint=install_extra("figures"))
-    with taking(run.root, "report"):
+    with belonging.writing(run, "report"):
         return _report(run)
 
 
