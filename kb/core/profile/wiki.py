@@ -32,8 +32,12 @@ class Markup(Section):
         description="edit links and other tools that are no text of the page",
     )
     denominator: str = Field(
-        ".frac .den, .sfrac .den, .tion .den",
+        ".frac .den, .sfrac .den, .tion .den,"
+        " .sfrac > span:last-child:not(:first-child, .num, .tion)",
         description="lower parts of fractions; a slash stands before them where none is shown",
+    )
+    reference: str = Field(
+        "sup.reference", description="marks of footnotes, which facts are read without: [note 1]"
     )
     regions: dict[str, str] = Field(
         default_factory=lambda: dict(_REGIONS),
@@ -170,6 +174,7 @@ class Wiki(Section):
             "root": markup.root,
             "chrome": markup.chrome,
             "denominator": markup.denominator,
+            "reference": markup.reference,
             "sprite": markup.sprite,
             "sprite_image": markup.sprite_image,
             "animation": markup.animation,
