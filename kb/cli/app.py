@@ -15,7 +15,6 @@ import typer.main
 
 from kb import __version__
 from kb.cli import misplaced
-from kb.cli.help import CONTEXT
 
 # name -> (module, one line for `kb --help`). The module's `app` is a typer app, of one command or
 # several.
@@ -42,6 +41,7 @@ TREE = {
     "sandbox": ("kb.cli.sandbox", "Invented services on this machine, to try everything on."),
     "demo": ("kb.cli.demo", "The whole job on the sandbox: no key, no network, minutes."),
 }
+CONTEXT: dict[str, Any] = {"help_option_names": ["--help", "-h"]}  # groups inherit it
 
 
 class Tree(typer.core.TyperGroup):
@@ -124,6 +124,11 @@ def root(
 def leaves() -> Iterator[tuple[str, Any]]:
     """`Tree.leaves`."""
     return Tree().leaves()
+
+
+def context(path: str, command: Any) -> Any:
+    """What click needs to show the help of `kb PATH`, as `kb` itself has it."""
+    return typer.Context(command, info_name=f"kb {path}", **CONTEXT)
 
 
 def named(words: Sequence[str]) -> Any | None:

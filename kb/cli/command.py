@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from kb.cli import outcome
-from kb.cli.help import CONTEXT, Command, Group
+from kb.cli.help import Command, Group
 from kb.cli.misplaced import UsageProblem
 from kb.cli.options import COMMON, SHARED, Options, shared_option
 
@@ -59,7 +59,6 @@ def group(about: str) -> typer.Typer:
         help=about,
         cls=Group,
         add_completion=False,
-        context_settings=CONTEXT,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
     )
@@ -122,11 +121,11 @@ def command(
             checks=checks,
         )
         wrapped = _wrap(function, shared, nature, main=main)
-        texts: dict[str, Any] = {"epilog": "\n".join(examples), "context_settings": CONTEXT}
+        epilog = "\n".join(examples)
         if main:
-            app.callback(invoke_without_command=True, cls=Group, **texts)(wrapped)
+            app.callback(invoke_without_command=True, cls=Group, epilog=epilog)(wrapped)
         else:
-            app.command(name, cls=cls, **texts)(wrapped)
+            app.command(name, cls=cls, epilog=epilog)(wrapped)
         return function
 
     return declare

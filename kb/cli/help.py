@@ -4,18 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import typer
 import typer.core
 
 from kb.cli import misplaced
 from kb.cli.options import COMMON, RUNNING
-
-CONTEXT: dict[str, Any] = {"help_option_names": ["--help", "-h"]}
-
-
-def context(path: str, command: Any) -> Any:
-    """What click wants to know to show the help of `kb PATH`."""
-    return typer.Context(command, info_name=f"kb {path}", **CONTEXT)
 
 
 class _Sections:

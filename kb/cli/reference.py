@@ -33,8 +33,7 @@ def pages() -> dict[str, str]:
 
 def commands() -> str:
     """Every command with its own options and examples; the shared options once."""
-    from kb.cli.app import leaves
-    from kb.cli.help import context
+    from kb.cli.app import context, leaves
     from kb.cli.options import COMMON, DESCRIBED, RUNNING
 
     shared = {

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from kb.cli import reference
-from kb.cli.app import leaves
-from kb.cli.help import context
+from kb.cli.app import context, leaves
 from kb.core.installation import install_extra
 
 ROOT = Path(__file__).resolve().parents[2]
