@@ -27,6 +27,7 @@ from kb.annotate.graph import (
 from kb.annotate.runner import Meta, Network, Runner
 from kb.annotate.scores import PRECISIONS
 from kb.core.errors import MissingExtra, MissingModel, SettingError
+from kb.core.installation import install_extra
 
 DEVICES = ("auto", "cpu", "cuda")
 # Within this of a threshold a reduced score may fall on the other side; half of it was measured, on
@@ -94,7 +95,7 @@ def need_int8() -> None:
     if absent:
         raise MissingExtra(
             f"--precision int8 needs {' and '.join(absent)}",
-            hint=f"run `pip install {' '.join(absent)}`",
+            hint=install_extra("toxicity"),
         )
 
 

@@ -42,7 +42,6 @@ class Nature:
     resumable: bool = True
     needs_data: bool = False
     needs: str = "profile"
-    binds: bool = False
     planned: tuple[str, ...] = ()
     checks: bool = False
 
@@ -70,7 +69,6 @@ def command(
     main: bool = False,
     needs_data: bool = False,
     cls: type[Command] = Command,
-    binds: bool = True,
     planned: Sequence[str] = (),
     checks: bool = False,
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -85,8 +83,6 @@ def command(
     `needs_data`: it works on what was collected, so that a data root that is not there is a
     mistake, and is not made.
     `cls`: how it reads its arguments.
-    `binds`: it writes, so that a data root which holds data and remembers no profile yet
-    remembers the run's.
     `planned`: the options, own ones included, that change what its `--plan` says.
     `checks`: the profile and its keyword lists are looked through first, and an error there ends
     the command (exit 2) before anything is sent.
@@ -101,7 +97,6 @@ def command(
             resumable=resumable,
             needs_data=needs_data,
             needs="profile" if "data" in shared else "nothing",
-            binds=binds and not raw and "data" in shared,
             planned=tuple(planned),
             checks=checks,
         )
@@ -180,8 +175,6 @@ def _call(
                 first = options.make_run(needs=nature.needs, checks=nature.checks)
             if nature.needs_data:
                 _existing(first.root)
-            if nature.binds and not values.get("plan"):  # which writes nothing at all
-                _bind(first)
             try:
                 summary = function(first, **values)
             finally:
@@ -230,12 +223,6 @@ def _existing(root: Path) -> None:
             f"there is no data root {root}",
             hint="check --data and KB_DATA, or run a crawl first, such as `kb youtube crawl`",
         )
-
-
-def _bind(run: Any) -> None:
-    from kb.store import belonging
-
-    belonging.note_if_stored(run.root, run.profile)
 
 
 def _nothing_before(context: Any) -> None:

@@ -32,9 +32,5 @@ def links(run: Run) -> Summary:
     release/links/ hold ids, counts and seconds, no text. A source whose clean files are the same is
     not read again.
     """
-    from kb.store.lock import taking
-
-    pipeline = shipped(run, "links")
-    with taking(run.root, "links", "release-links"):
-        made: Summary = pipeline.links(run)
+    made: Summary = shipped(run, "links").links(run)
     return made

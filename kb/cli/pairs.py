@@ -73,13 +73,11 @@ def pairs(
     Pairs that are made of the same transcripts and rules are not made again.
     """
     from kb.core.errors import SettingError
-    from kb.store.lock import taking
 
     pipeline = shipped(run, "pairs")
     if from_index is None:
-        with taking(run.root, "pairs", "release-pairs"):
-            pairs: Summary = pipeline.pairs(run, format.value)
-            return pairs
+        pairs: Summary = pipeline.pairs(run, format.value)
+        return pairs
     if format is not Format.parquet:
         raise SettingError("--from-index fills pairs/; it goes with no --format")
     if run.limit is not None or run.again:
@@ -92,7 +90,6 @@ def pairs(
 
 @command(
     app,
-    binds=False,
     examples=[
         "kb pairs keywords                           hits per keyword, with three examples each",
         "kb pairs keywords --kind block --videos 500 blocks, in 500 transcripts",

@@ -48,9 +48,9 @@ def add_export(
     parquet = formats("parquet")
 
     def export(run: Run, format: Any = parquet) -> Summary:
-        from kb.store.lock import taking
+        from kb.store import belonging
 
-        with taking(run.root, f"release-{source}"):  # nobody else writes the release meanwhile
+        with belonging.writing(run, f"release-{source}"):
             summary: Summary = pipeline(run, source).export(run, format.value)
             return summary
 

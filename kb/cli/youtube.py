@@ -34,7 +34,6 @@ class Phase(StrEnum):
     app,
     uses=("workers", "limit", "wait", "again", "pipeline"),
     checks=True,
-    binds=False,
     planned=("ids", "part"),
     examples=[
         (
@@ -86,7 +85,6 @@ def crawl(
 @command(
     app,
     uses=("limit", "wait", "again"),
-    binds=False,
     planned=("ids",),
     examples=[
         "kb youtube check --ids youtube_full.json --plan   units and days that it takes",
