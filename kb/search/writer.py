@@ -32,7 +32,7 @@ from kb.search.engine import (
 from kb.search.passage import KINDS, Passage
 from kb.store.atomic import FULL_HINT
 
-_HEAP = 256 << 20  # bytes that all threads of a writer may take before they write a segment
+_HEAP = 128 << 20  # bytes that all threads of a writer may take before they write a segment
 _THREADS = 2  # on any machine, so that the memory is the same
 _AT_ONCE = 4_096  # passages between two reports of progress
 _LEAST_ROOM = 64 << 20  # bytes; where less is left on the disk, that is why a writer failed
