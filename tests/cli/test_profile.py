@@ -181,6 +181,14 @@ def place_of(finding: dict[str, Any]) -> str:
     return f"{finding['file']}:{finding['line']}" if finding["line"] else finding["file"]
 
 
+def test_an_everyday_word_that_is_meant_is_no_warning(
+    typed: Typed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written(tmp_path, row("Water\tthing\talways\tstone\n", "", ""))
+    assert typed("profile", "check", "./profile.toml", "--json") == 0
+    assert "everyday" not in capsys.readouterr().out
+
+
 def test_there_are_thirty() -> None:
     assert len(ERRORS) >= 30
 
