@@ -227,6 +227,14 @@ def test_a_licence_is_one_that_a_release_can_carry(
     assert typed("links", "--profile", str(path), "--data", str(tmp_path)) == 1  # nothing is there
 
 
+def test_an_everyday_word_that_is_meant_is_no_warning(
+    typed: Typed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written(tmp_path, row("Water\tthing\talways\tstone\n", "", ""))
+    assert typed("profile", "check", "./profile.toml", "--json") == 0
+    assert "everyday" not in capsys.readouterr().out
+
+
 def test_there_are_thirty() -> None:
     assert len(ERRORS) >= 30
 
