@@ -77,9 +77,7 @@ class Text:
         self.cue_video = video
         self._times(start, last, lengths)
         self._places(texts, counts, _WALL if parted else b" ")
-        self.given = self.raw
-        if not parted:
-            self.raw = without_sounds(self.raw)
+        self.raw: bytes = self.given if parted else without_sounds(self.given)
 
     def _times(self, start: np.ndarray, last: np.ndarray, lengths: pa.Array[Any] | None) -> None:
         """A cue of an automatic track is over when the next begins;
@@ -135,7 +133,7 @@ class Text:
             pieces += [data[begin:end], _WALL]
         # Copied once; no wall stands behind the last one.
         pieces[-1:] = [b" "] if videos else [b" ", b" "]
-        self.raw: bytes = b"".join(pieces)
+        self.given: bytes = b"".join(pieces)
 
     def __len__(self) -> int:
         return len(self.ids)
