@@ -24,7 +24,7 @@ from kb.core.settings import Settings
 from kb.store import digests
 from kb.store.reading import SANDBOX_MODEL
 
-EXTRA = ("torch", "transformers", "detoxify")
+EXTRA = ("torch", "transformers", "detoxify", "onnx", "onnxruntime")
 _PREFIX = re.compile(r"-([0-9a-f]{8,64})\.[A-Za-z0-9]+$")
 _DIGEST = re.compile(r"\b[0-9a-fA-F]{64}\b")
 

@@ -90,7 +90,14 @@ def _add(source: str, about: str, *examples: str) -> None:
         return _annotate(run, source, precision, device)
 
     annotate.__doc__ = about
-    command(app, name=source, uses=(*CLUSTER, "limit", "pipeline"), examples=examples)(annotate)
+    command(
+        app,
+        name=source,
+        uses=(*CLUSTER, "pipeline"),
+        limit="Stop after scoring N more texts (exit code 3); the next run resumes.",
+        json="texts, scored, known, exact_again, model, revision, precisions",
+        examples=examples,
+    )(annotate)
 
 
 _add(

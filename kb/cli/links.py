@@ -17,7 +17,9 @@ app = group("Entities, and where videos, wiki and threads speak of them.")
 
 @command(
     app,
-    uses=(*CLUSTER, "again", "pipeline"),
+    uses=(*CLUSTER, "pipeline"),
+    again="Match every source anew, also those whose clean tables have not changed.",
+    json="entities, with_page, links, mentions, sources",
     checks=True,
     examples=[
         "kb links                                 what changed since the last time",

@@ -31,7 +31,10 @@ class Format(StrEnum):
 @command(
     app,
     main=True,
-    uses=(*CLUSTER, "limit", "again", "pipeline"),
+    uses=(*CLUSTER, "pipeline"),
+    limit="Stop after N more transcripts (exit code 3); the next run resumes.",
+    again="Match all transcripts anew, also where nothing has changed.",
+    json="pairs, videos, words, matches, keywords_found, ambiguous_alone, outside",
     checks=True,
     examples=[
         (
@@ -90,6 +93,7 @@ def pairs(
 
 @command(
     app,
+    json="keywords, matches, ambiguous_alone",
     examples=[
         "kb pairs keywords                           hits per keyword, with three examples each",
         "kb pairs keywords --kind block --videos 500 blocks, in 500 transcripts",

@@ -30,7 +30,9 @@ def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Call
     return command(
         app,
         name="filter",
-        uses=(*CLUSTER, "limit", "pipeline"),
+        uses=(*CLUSTER, "pipeline"),
+        limit="Stop after scoring N more texts for toxicity (exit code 3); the next run resumes.",
+        json="crawled, kept, rejected, failed, pending, missing, stages, tables",
         checks=True,
         examples=[f"kb {source} filter", f"kb {source} filter --profile mine.toml"],
     )(filter_)
@@ -60,5 +62,6 @@ def add_export(
     return command(
         app,
         uses=("engine", "scheduler", "pipeline"),
+        json="the rows of each table, and path",
         examples=[f"kb {source} export", f"kb {source} export --format {others[-1]}"],
     )(export)

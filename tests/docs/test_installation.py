@@ -9,10 +9,9 @@ import re
 from pathlib import Path
 
 import pytest
-import typer
 
 from kb.cli import reference
-from kb.cli.app import leaves
+from kb.cli.app import context, leaves
 from kb.core.installation import install_extra
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,7 +49,7 @@ def test_no_document_or_message_installs_from_an_index() -> None:
 
 def test_no_help_or_reference_page_installs_from_an_index() -> None:
     for name, command in leaves():
-        shown = command.get_help(typer.Context(command, info_name=f"kb {name}"))
+        shown = command.get_help(context(name, command))
         assert installs(shown) == [], name
     assert all(installs(text) == [] for text in reference.pages().values())
 

@@ -85,7 +85,6 @@ OPTIONAL = (
     "transformers",
     "detoxify",
     "onnxruntime",
-    "openvino",
     "selenium",
     "PIL",
     "dask",
