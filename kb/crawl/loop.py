@@ -94,9 +94,15 @@ class Loop:
             raise stop
 
     def _look_at_silent_lanes(self) -> None:
-        """A lane that had not one answer and too few failures to tell: is its service down?"""
+        """A lane that had not one answer and too few failures to tell: is its service down?
+
+        All has been tried by now, so whatever the service has ever answered may tell.
+        """
         for phase, failure in self._doubtful.values():
-            if self._end is None and not self.turns.stops() and not self._is_up(phase):
+            if self._end is not None or self.turns.stops():
+                return
+            known = self.turns.answered(phase.lane)
+            if known is None or not self._answers(*known):
                 self._stop(phase, _down(failure), 0)
 
     def _threads(self, lane: str) -> int:
@@ -174,9 +180,9 @@ class Loop:
         Best is one that it has answered already: that is asked for again and nothing recorded.
         Where a service has answered nothing yet, another item has to do.
         """
-        known = self.turns.answered(phase)
+        known = self.turns.answered(phase.lane, phase)
         if known is not None:
-            return self._answers(phase, known)
+            return self._answers(*known)
         with self._changed:
             another = self.turns.another(phase)
         return bool(another) and self._fetch(phase, another) is None

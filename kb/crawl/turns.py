@@ -79,10 +79,13 @@ class Turns:
         middle = (len(items) + 1) // 2
         self._halves[phase.kind] += (items[:middle], reason), (items[middle:], reason)
 
-    def answered(self, phase: Phase) -> Item | None:
-        """An item of a phase that the service has answered, None when there is none."""
-        item = self._frontier.answered(phase.kind)
-        return None if item is None or self._source.leave_out(phase, item) else item
+    def answered(self, lane: str, phase: Phase | None = None) -> tuple[Phase, Item] | None:
+        """An item of a lane, or of one `phase`, that the service has answered; None without one."""
+        for each in self._of(lane) if phase is None else [phase]:
+            item = self._frontier.answered(each.kind)
+            if item is not None and self._source.leave_out(each, item) is None:
+                return each, item
+        return None
 
     def another(self, phase: Phase) -> list[Item]:
         """One item that did not fail before, from the far end of the queue; none when there is
@@ -147,7 +150,7 @@ class Turns:
         """Items of a phase, without those that the source leaves out."""
         while failed and self._halves[phase.kind]:
             half, reason = self._halves[phase.kind].popleft()
-            if self.answered(phase) is not None:
+            if self.answered(phase.lane, phase) is not None:
                 self._in_hand[phase.kind] += 1
                 return phase, half
             # Nothing of this kind was ever answered: it is not one item that spoils the batch.
