@@ -114,7 +114,7 @@ class WikiSource(Plain):
         discover.reopen_lost(frontier, self._run.root)
         discover.reopen_foreign(frontier, self._run.root)
         self._removed = self.opened.gone
-        if not frontier.waiting(*(phase.kind for phase in self.wanted)):
+        if not frontier.open(*(phase.kind for phase in self.wanted)):
             said = "the wiki crawl is finished; --again looks for what changed"
             self._run.progress.say(said)
 
@@ -238,7 +238,7 @@ class WikiSource(Plain):
         """
         frontier = session.frontier
         kinds = frontier.kinds()
-        pages, files, info = (kinds.get(kind, {}) for kind in ("pages", "files", "info"))
+        files = kinds.get("files", {})
         skipped = Counter(reason for _, _, reason, _ in frontier.items("pages", "skipped"))
         robots = skipped.pop("disallowed", 0)
         gone = sum(skipped.pop(reason, 0) for reason in (*reduce.LEFT, "removed"))
@@ -253,7 +253,9 @@ class WikiSource(Plain):
             missing=missing,
             rejected=skipped.total(),
             robots=robots,
-            failed=pages.get("error", 0) + info.get("error", 0),
+            failed=sum(
+                kinds.get(kind, {}).get("error", 0) for kind in ("site", "titles", "info", "pages")
+            ),
             pending=frontier.waiting("pages"),
             gone=gone,
             **({"bad_lines": self._titles.bad_lines} if self._titles else {}),
