@@ -147,7 +147,7 @@ def rebuild(
         dumps = dumpfiles.find(run, dumps).files
     else:
         need_key(run)
-    wanted, sources = asked_for(ids, Layout(run.root).release("reddit"))
+    wanted, sources = asked_for(ids, Layout(run.root).release("reddit"), run.progress.say)
     digest = _digest(wanted, dumps, gone)
     tables.check_place(out)
     with _writer(run.root, out):
@@ -172,6 +172,8 @@ def rebuild(
             summary = job.work(run, source, source.summary, place=work, facts=source.facts)
             left = unanswered(Layout(work).state("reddit"))
             answers = answers._replace(unanswered=left)
+        if wanted.bad_lines:
+            summary["bad_lines"] = summary.get("bad_lines", 0) + wanted.bad_lines
         try:
             done.answered.pop(digest, None)
             done.counts = tables.write(answers, out, run.profile.section("reddit").links)
