@@ -22,16 +22,13 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
 from kb.cli import outcome
 from kb.cli.help import Command, Group
 from kb.cli.options import COMMON, SHARED, Options
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @dataclass(frozen=True)
@@ -82,8 +79,8 @@ def command(
     `resumable`: a signal lets the item in hand be finished; otherwise it ends the command at once
     (queries, servers).
     `main`: what the group itself does when none of its commands is named.
-    `needs_data`: it works on what was collected, so that a data root that is not there is a
-    mistake, and is not made.
+    `needs_data`: it works on what was collected, so a data root that does not exist is an error
+    (exit 2) that names the nearest one.
     `cls`: how it reads its arguments.
     `binds`: it writes, so that a data root which holds data and remembers no profile yet
     remembers the run's.
@@ -177,9 +174,9 @@ def _call(
             planned.check(function, options, values, nature.planned)
             first: Any = options
             if not nature.raw:
-                first = options.make_run(needs=nature.needs, checks=nature.checks)
-            if nature.needs_data:
-                _existing(first.root)
+                first = options.make_run(
+                    needs=nature.needs, checks=nature.checks, exists=nature.needs_data
+                )
             if nature.binds and not values.get("plan"):  # which writes nothing at all
                 _bind(first)
             try:
@@ -220,16 +217,6 @@ def _signals(resumable: bool) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _existing(root: Path) -> None:
-    from kb.core.errors import SettingError
-
-    if not root.is_dir():
-        raise SettingError(
-            f"there is no data root {root}",
-            hint="check --data and KB_DATA, or run a crawl first, such as `kb youtube crawl`",
-        )
 
 
 def _bind(run: Any) -> None:

@@ -18,6 +18,7 @@ app = group("Entities, and where videos, wiki and threads speak of them.")
 @command(
     app,
     uses=(*CLUSTER, "again", "pipeline"),
+    needs_data=True,
     checks=True,
     examples=[
         "kb links                                 what changed since the last time",

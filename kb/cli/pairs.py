@@ -32,6 +32,7 @@ class Format(StrEnum):
     app,
     main=True,
     uses=(*CLUSTER, "limit", "again", "pipeline"),
+    needs_data=True,
     checks=True,
     examples=[
         (

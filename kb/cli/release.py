@@ -39,6 +39,7 @@ class Target(StrEnum):
     app,
     main=True,
     uses=("pipeline",),
+    needs_data=True,
     examples=[
         (
             "kb release                               check every folder,"

@@ -13,7 +13,6 @@ from kb.cli.command import command, group
 
 if TYPE_CHECKING:
     from kb.cli.options import Options
-    from kb.core.context import Run
     from kb.core.verdict import Summary
     from kb.search.ask import Answer
 
@@ -102,11 +101,13 @@ def search(
 
     Prints title, date, licence and score (BM25), a snippet with the words marked, and the address.
     --limit N gives N answers instead of 10, with exit code 0; --json all of them in one object.
-    An index that is missing or older than the clean tables is made first, as `kb index` does.
+    An index that is missing or out of date is made first, as `kb index` does. --data may be a data
+    root, a restored one or a downloaded release, whose index is kept in the user's cache.
     """
     from kb.core import terminal
     from kb.core.verdict import Summary
     from kb.search.ask import search as ask
+    from kb.search.build import ensure
     from kb.search.rank import Only, day_given
 
     only = Only(
@@ -117,9 +118,9 @@ def search(
         each=None if every else each,
         limit=options.limit or LIMIT,
     )
-    run = options.make_run()
+    run = options.make_run(exists=True)
     sources = [str(one) for one in Source if not source or one in source]
-    _follow(run, sources)
+    ensure(run, sources)
     answers = ask(run.root, " ".join(words), sources=sources, only=only, size=size, entity=entity)
     if options.json:
         import msgspec
@@ -131,17 +132,6 @@ def search(
     if not answers:
         typer.echo("no answers", err=True)
     return None
-
-
-def _follow(run: Run, sources: list[str]) -> None:
-    """Make what is missing or old. Raises WriterLocked, DamagedData, DiskFull."""
-    from kb.search.build import follow
-    from kb.store import indexed
-
-    for source in sources:
-        if indexed.files(run.root, source) and not indexed.is_current(run.root, source):
-            run.progress.say(f"no index of {source} that follows clean/{source}: making it")
-            follow(run, source)
 
 
 def _lines(number: int, one: Answer) -> Iterator[str]:

@@ -31,6 +31,7 @@ def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Call
         app,
         name="filter",
         uses=(*CLUSTER, "limit", "pipeline"),
+        needs_data=True,
         checks=True,
         examples=[f"kb {source} filter", f"kb {source} filter --profile mine.toml"],
     )(filter_)
@@ -60,5 +61,6 @@ def add_export(
     return command(
         app,
         uses=("engine", "scheduler", "pipeline"),
+        needs_data=True,
         examples=[f"kb {source} export", f"kb {source} export --format {others[-1]}"],
     )(export)

@@ -19,8 +19,8 @@ import msgspec
 from kb import __version__
 from kb.core.context import Run
 from kb.core.errors import ProfileError
-from kb.core.profile import PROFILE_FILE, Profile
-from kb.core.resources import lock_file
+from kb.core.profile import Profile
+from kb.core.resources import PROFILE_FILE, lock_file
 from kb.core.sources import SOURCES
 from kb.release.history import Changes
 

@@ -16,8 +16,8 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-from kb.annotate.cache import cache_root, making
 from kb.annotate.checkpoint import need_extra, sha256_of
+from kb.core.cache import cache_root, making
 from kb.sandbox import checkpoint_file, toxicity_weights, toxicity_words
 from kb.store.reading import SANDBOX_MODEL
 

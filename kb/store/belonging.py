@@ -15,9 +15,11 @@ import msgspec
 
 from kb.core.errors import OtherService, ProfileError
 from kb.core.profile import Profile, is_shipped, load_profile
+from kb.core.resources import PROFILE_FILE
 from kb.core.sources import SOURCES
 from kb.store import identity, leftovers, lock, notes, rawlog
 from kb.store.atomic import write_bytes
+from kb.store.catalog import Catalog, is_root
 from kb.store.layout import Layout
 
 
@@ -33,6 +35,14 @@ def remembered(root: Path) -> Remembered | None:
     """The profile that binds the data root; None while nothing is stored. Raises DamagedData."""
     profile = _read(root)
     return profile if profile is not None and _holds_data(root) else None
+
+
+def profile_of(root: Path) -> Path | None:
+    """The profile that came with a download or with what was restored of one."""
+    restored = Layout(root).restored() / PROFILE_FILE
+    if restored.is_file():
+        return restored
+    return next((one.profile for one in Catalog(root).releases if one.profile), None)
 
 
 def check(root: Path, profile: Profile) -> None:
@@ -110,7 +120,7 @@ def _of(root: Path, profile: Profile) -> Remembered:
 
 def note_if_stored(root: Path, profile: Profile) -> None:
     """The same before a command that works on what is there; nothing is made where nothing is."""
-    if _holds_data(root):
+    if is_root(root) and _holds_data(root):
         note(root, profile)
 
 
@@ -122,7 +132,7 @@ def _read(root: Path) -> Remembered | None:
 def _holds_data(root: Path) -> bool:
     made = (at := Layout(root)).clean(), at.pairs, at.release()
     return any(rawlog.any_answer(root, source) for source in SOURCES) or any(
-        folder.is_dir() for folder in made
+        folder.is_dir() for folder in made if is_root(root)
     )
 
 
