@@ -23,6 +23,7 @@ app = group("Profiles of domains: a new one, and what is wrong with one.")
     app,
     raw=True,
     without=("data", "profile"),
+    json="path",
     examples=[
         "kb profile new gardening                 a folder with profile.toml and keywords.tsv",
         "kb profile new gardening --wiki https://wiki.example.org --subreddit gardening",
@@ -76,6 +77,7 @@ def new(
 @command(
     app,
     raw=True,
+    json="errors, warnings, notes, findings (level, file, line, key, what, mend), hits",
     examples=[
         "kb profile check                         the profile that other commands would use",
         "kb profile check gardening               what is missing or wrong, all of it",
@@ -157,6 +159,7 @@ def check(
 @command(
     app,
     raw=True,
+    json="keywords, not_proposed, not_proposed_by, path",
     examples=[
         "kb profile keywords --data data/gardening                    rows to stdout",
         "kb profile keywords --data data/gardening --out more.tsv     into a file of its own",

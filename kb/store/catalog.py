@@ -66,8 +66,12 @@ class Catalog:
 
     @property
     def is_download(self) -> bool:
-        """Whether this is a release and no data root: nothing may be written into it."""
-        return not is_root(self.path)
+        """Whether this is a release, or a reconstruction's `--out`, and not a data root: nothing
+        may be written into it.
+        """
+        if is_root(self.path):
+            return False
+        return bool(self.releases) or (self.path / "missing.parquet").is_file()
 
     @cached_property
     def releases(self) -> tuple[ReleaseFolder, ...]:

@@ -358,10 +358,8 @@ function emitRun(e, nodes, ctx, grids) {
 walk(root, { parent: null, region: "content", covered: false }, null);
 for (const fact of facts) { fact.element = elementOfValue(fact.at); delete fact.at; }
 for (const slot of recipes.flatMap((recipe) => recipe.slots)) { slot.element = elementOfSlot(slot.at); delete slot.at; }
-const conf = window.mw?.config?.get ? { ...window.RLCONF, ...window.mw.config.get() } : window.RLCONF || {};
 return {
   page: { width: pageWidth, height: pageHeight, viewport_width: innerWidth, device_pixel_ratio: devicePixelRatio,
-    url: location.href, title: sound(document.title), page_id: conf.wgArticleId ?? null, revision_id: conf.wgRevisionId ?? null,
-    redirected_from: conf.wgRedirectedFrom ?? null, truncated },
+    url: location.href, title: sound(document.title), ...window.__kb.identity(), truncated },
   elements, cells, facts, recipes,
 };

@@ -17,7 +17,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import kb
-from kb.core.errors import DamagedData, KbError, UsageError
+from kb.core.errors import DamagedData, UsageError
 from kb.core.sources import SOURCES
 from kb.filters.clean import run_clean
 from kb.search import sections, threads, transcripts
