@@ -132,15 +132,15 @@ class Options:
                 f"the data root {root} is not a folder",
                 hint="choose another with --data or KB_DATA",
             )
-        if exists:
-            from kb.store.catalog import existing
-
-            existing(root)
         profile = _profile(loaded.kb_profile, root, needs)
         if checks:
             from kb.cli.profile_check import refuse
 
             refuse(profile)
+        if exists:
+            from kb.store.catalog import existing
+
+            existing(root)
         return Run(
             settings=loaded,
             profile=profile,

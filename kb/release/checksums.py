@@ -34,8 +34,7 @@ def check(
             Problem(
                 "damaged",
                 f"{folder.source}/{SUMS}",
-                "is not a list of checksums, so the export can't be compared with it;"
-                " export it again",
+                "can't be read as a list of checksums to compare the export with; export it again",
             )
         ]
     problems = []

@@ -206,7 +206,8 @@ def nearest(path: Path) -> Path | None:
     """The data root or download that was probably meant: below the folder or above it; for one
     that does not exist, beside it, the most similar name first.
     """
-    tries = [*_two_levels(_folders(path)), *path.parents[:2]]
+    above = (one for one in path.parents[:2] if Layout(one).state_folder().is_dir())
+    tries = [*_two_levels(_folders(path)), *above]
     if not path.exists():
         beside = {one.name: one for one in _folders(path.parent)}
         like = [beside[name] for name in difflib.get_close_matches(path.name, beside, 3)]

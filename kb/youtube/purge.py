@@ -19,7 +19,15 @@ from kb.store.purge import Place, links_of, place_of, verdicts_of
 from kb.store.purge_search import finder
 from kb.youtube import parse
 from kb.youtube.ids import read_ids
-from kb.youtube.reduce import RAW_TRANSCRIPTS, RAW_VIDEOS, REFRESH, TRANSCRIPTS, VIDEOS
+from kb.youtube.reduce import (
+    RAW_STATISTICS,
+    RAW_TRANSCRIPTS,
+    RAW_VIDEOS,
+    REFRESH,
+    STATISTICS,
+    TRANSCRIPTS,
+    VIDEOS,
+)
 from kb.youtube.restored import WORK
 from kb.youtube.source import YouTube
 
@@ -61,8 +69,8 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
         run,
         YouTube(run),
         lambda session: Keys(collect(run, named), said),
-        kinds=(VIDEOS, TRANSCRIPTS, REFRESH),
-        exact=(RAW_VIDEOS, RAW_TRANSCRIPTS),
+        kinds=(VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS),
+        exact=(RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS),
     )
     if keys:
         # Answers of a restoration that was cut off; it asks again.

@@ -248,8 +248,8 @@ class YouTube(Plain):
             left_by=left,
         )
 
-    def of_known(self, command: str, session: Session, kind: str) -> Summary:
-        """What a run over known videos did, `kind` of the frontier; what is left is not in it."""
+    def of_known(self, command: str, session: Session, *kinds: str) -> Summary:
+        """What a run over known videos did, `kinds` of the frontier; what is left is not in it."""
         requests, units = session.requests()
         return Summary(
             command=command,
@@ -257,7 +257,7 @@ class YouTube(Plain):
             counted="videos",
             crawled=self.counts["crawled"],
             missing=self.counts["missing"],
-            failed=session.frontier.counts(kind).get("error", 0),
+            failed=sum(session.frontier.counts(kind).get("error", 0) for kind in kinds),
             requests=requests,
             units=units,
         )

@@ -228,7 +228,7 @@ def _pairs(profile: Profile) -> Iterator[Said]:
     for word in profile.pairs.include:
         if is_everyday(word):
             said = f"'pairs.include' holds the everyday word \"{word}\""
-            mend = "put it into a keyword list, with the rule near or never"
+            mend = "put it into a keyword list, with the rule near, never or always"
             yield WARNING, "pairs.include", said, mend
 
 
