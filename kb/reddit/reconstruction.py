@@ -30,14 +30,13 @@ import msgspec
 from kb.core.context import Run
 from kb.core.errors import KbError, MissingCredential
 from kb.core.profile import DEFAULT, load_profile
-from kb.core.settings import load_settings
+from kb.core.settings import REDDIT, load_settings
 from kb.core.verdict import Summary
 from kb.crawl import job
 from kb.net import redact
-from kb.reddit import byid, earlier, places, tables
+from kb.reddit import byid, dumpfiles, earlier, places, tables
 from kb.reddit.again import Rebuild, unanswered
 from kb.reddit.authors import load_key
-from kb.reddit.dumps import check_readable
 from kb.reddit.importing import different, import_jobs, summary_of
 from kb.reddit.onedump import Job
 from kb.reddit.wanted import Ids, Wanted, asked_for, released, subreddit_of
@@ -145,10 +144,10 @@ def rebuild(
     on); CredentialRefused and WriterLocked (exit 1).
     """
     if dumps:
-        check_readable(dumps)
+        dumps = dumpfiles.find(run, dumps).files
     else:
         need_key(run)
-    wanted, sources = asked_for(ids, Layout(run.root).release("reddit"))
+    wanted, sources = asked_for(ids, Layout(run.root).release("reddit"), run.progress.say)
     digest = _digest(wanted, dumps, gone)
     tables.check_place(out)
     with _writer(run.root, out):
@@ -173,6 +172,8 @@ def rebuild(
             summary = job.work(run, source, source.summary, place=work, facts=source.facts)
             left = unanswered(Layout(work).state("reddit"))
             answers = answers._replace(unanswered=left)
+        if wanted.bad_lines:
+            summary["bad_lines"] = summary.get("bad_lines", 0) + wanted.bad_lines
         try:
             done.answered.pop(digest, None)
             done.counts = tables.write(answers, out, run.profile.section("reddit").links)
@@ -200,15 +201,16 @@ def _writer(root: Path, out: Path) -> AbstractContextManager[None]:
     return writer(out / LOCK, "reddit")
 
 
-def need_key(run: Run) -> None:
-    """Raise MissingCredential, naming the way without a key."""
-    for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
-        try:
-            run.settings.need(name)
-        except MissingCredential as error:
-            way = "or read archive dumps instead, without a key: --dumps FILE…"
-            error.hint = f"{error.hint}; {way}" if error.hint else way
-            raise
+def need_key(run: Run, *others: str) -> None:
+    """Raise MissingCredential for all that is not set, of the `others` too, naming the way without
+    a key.
+    """
+    try:
+        run.settings.require(*others, *REDDIT)
+    except MissingCredential as error:
+        way = "or read archive dumps instead, without a key: --dumps FILE…"
+        error.hint = f"{error.hint}; {way}" if error.hint else way
+        raise
 
 
 def _digest(wanted: Wanted, dumps: Sequence[Path], gone: Collection[str]) -> str:

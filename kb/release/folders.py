@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from kb.core.licences import KNOWN
 from kb.core.resources import PROFILE_FILE
 from kb.core.sources import PUBLISHED
-from kb.release.licences import KNOWN
 from kb.schema import Table, released_tables
 from kb.store.digests import SUMS
 from kb.store.layout import Layout

@@ -170,7 +170,7 @@ class Reducer:
         # comes again.
         mark = following if pages & (pages - 1) == 0 else at.mark
         frontier.payload(UPLOADS, channel, Uploads(playlist, following, pages, mark))
-        frontier.release(UPLOADS, channel)
+        frontier.mark(UPLOADS, [channel], "todo")
 
     def _no_list(self, frontier: Frontier, channel: str, playlist: str) -> None:
         """Not every channel has a list without Shorts; one without any list has no uploads."""
@@ -178,7 +178,7 @@ class Reducer:
             frontier.skip(UPLOADS, channel, "not_found")
             return
         frontier.payload(UPLOADS, channel, Uploads("UU" + playlist[4:]))
-        frontier.release(UPLOADS, channel)
+        frontier.mark(UPLOADS, [channel], "todo")
 
     def _next_of(self, at: Uploads, following: str | None, new: int) -> str | None:
         """The token of the next page; None at the end, also of a list that goes round."""

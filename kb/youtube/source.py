@@ -142,7 +142,7 @@ class YouTube(Plain):
             replace(phase, workers=max(1, min(run.workers, phase.workers))) for phase in PHASES
         ]
         self.chosen = _chosen(self.phases, only, ids)
-        given: tuple[list[str] | None, int] = some_ids(ids) if ids else (None, 0)
+        given: tuple[list[str] | None, int] = some_ids(ids, run.progress.say) if ids else (None, 0)
         self._known, self._bad_lines = given
         self._wanted, self._mine = wanted, share(part)
         self.counts: Counter[str] = Counter()
@@ -154,7 +154,7 @@ class YouTube(Plain):
         """The two hosts. Raises MissingCredential, SettingError."""
         settings = self.run.settings
         if any(phase.lane == API for phase in self.chosen):
-            settings.need("youtube_api_key")
+            settings.require("youtube_api_key")
         settings.check_contact()
         return {
             "api": settings.kb_youtube_endpoint or GOOGLE,
