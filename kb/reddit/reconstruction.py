@@ -148,7 +148,7 @@ def rebuild(
         check_readable(dumps)
     else:
         need_key(run)
-    wanted, sources = asked_for(ids, Layout(run.root).release("reddit"))
+    wanted, sources = asked_for(ids, Layout(run.root).release("reddit"), run.progress.say)
     digest = _digest(wanted, dumps, gone)
     tables.check_place(out)
     with _writer(run.root, out):
@@ -173,6 +173,8 @@ def rebuild(
             summary = job.work(run, source, source.summary, place=work, facts=source.facts)
             left = unanswered(Layout(work).state("reddit"))
             answers = answers._replace(unanswered=left)
+        if wanted.bad_lines:
+            summary["bad_lines"] = summary.get("bad_lines", 0) + wanted.bad_lines
         try:
             done.answered.pop(digest, None)
             done.counts = tables.write(answers, out, run.profile.section("reddit").links)

@@ -51,8 +51,6 @@ def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str]
     exports = exported(run, only or ())
     loopback = is_loopback(endpoint)
     _signed(run, exports)
-    if not loopback:
-        _reachable(run)
     refuse(
         [
             *_marked(run, exports, loopback),
@@ -61,6 +59,8 @@ def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str]
             *check.check_made(run, exports),
         ]
     )
+    if not loopback:
+        _reachable(run)
     deposits: dict[str, Any] = {}
     with writer(run.root, "deposits"):
         service = Zenodo(_session(run, endpoint), endpoint, token, wait=run.wait)

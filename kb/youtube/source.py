@@ -143,7 +143,7 @@ class YouTube(Plain):
             replace(phase, workers=max(1, min(run.workers, phase.workers))) for phase in PHASES
         ]
         self.chosen = _chosen(self.phases, only, ids)
-        given: tuple[list[str] | None, int] = some_ids(ids) if ids else (None, 0)
+        given: tuple[list[str] | None, int] = some_ids(ids, run.progress.say) if ids else (None, 0)
         self._known, self._bad_lines = given
         self._wanted, self._mine = wanted, share(part)
         self.counts: Counter[str] = Counter()
