@@ -136,7 +136,8 @@ def search(
             typer.echo(terminal.one_line(line))
     if not answers or meant:
         said = [] if answers else ["no answers"]
-        said += [f'did you mean "{meant}"?'] if meant else []
+        quoted = meant if '"' in meant else f'"{meant}"'
+        said += [f"did you mean {quoted}?"] if meant else []
         typer.echo(terminal.one_line("; ".join(said)), err=True)
     return None
 

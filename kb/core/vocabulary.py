@@ -67,6 +67,9 @@ WORDS: dict[str, Word] = {
     "truncated_files": Word(
         "Files that are cut off; what is whole in them was read.", "{n} files cut off"
     ),
+    "foreign_files": Word(
+        "Other files in the folders that were searched for dumps.", "{n} other files"
+    ),
     "lines": Word("Lines of the dumps that were looked through.", "{n} lines looked through"),
     # What `kb profile check` finds.
     "profile": Word("The profile's name."),
