@@ -37,7 +37,6 @@ from kb.cli.help import Command, Group
 from kb.cli.misplaced import UsageProblem
 from kb.cli.options import COMMON, SHARED, Options, shared_option
 
-
 # Types that signatures name and that are imported once a command runs.
 _LATE = {"Run": object, "Summary": object, "Options": Options}
 
