@@ -61,13 +61,14 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     from kb.sandbox.domain import domain_of
     from kb.sandbox.reddit import dumps
     from kb.sandbox.server import Sandbox
+    from kb.sandbox.wiki_named import PAGES
     from kb.sandbox.world import World
 
     for name in set(Settings.model_fields) - _KEPT:
         os.environ.pop(name.upper(), None)
     profile = load_profile(options.profile or DEFAULT)
     refuse(profile)
-    with Sandbox(World(domain=domain_of(profile), **size)) as services:
+    with Sandbox(World(domain=domain_of(profile), n_named=PAGES, **size)) as services:
         settings = services.settings() | _model(options)
         os.environ |= settings  # worker processes read them too
         _begin(_root(options))
