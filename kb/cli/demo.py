@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from kb.cli.options import Options
     from kb.core.context import Run
+    from kb.core.profile import Profile
+    from kb.core.settings import Settings
     from kb.core.verdict import Summary
 
 app = group("The whole job on the sandbox: no key, no network, minutes.")
@@ -94,6 +96,27 @@ def _model(options: Options) -> dict[str, str]:
         return {}
 
 
+def carried_on(root: Path, settings: Settings, profile: Profile) -> tuple[Settings, Profile]:
+    """Settings and profile for more work in a demo's root: its scores are the tiny model's, so
+    that model goes on there unless the user names another; off where the demo had to leave it out.
+    """
+    from kb.core.errors import MissingExtra
+    from kb.sandbox import toxicity
+
+    if not (root / _FINISHED).exists() or "kb_toxicity_model" in settings.model_fields_set:
+        return settings, profile
+    try:
+        model = str(toxicity.tiny_checkpoint())
+    except MissingExtra:
+        return settings, _without_scores(profile)
+    return settings.model_copy(update={"kb_toxicity_model": model}), profile
+
+
+def _without_scores(profile: Profile) -> Profile:
+    off = profile.toxicity.model_copy(update={"toxicity": "off"})
+    return profile.model_copy(update={"toxicity": off})
+
+
 def _root(options: Options) -> Path:
     from kb.core.settings import load_settings
 
@@ -109,13 +132,13 @@ def _run(options: Options, settings: dict[str, str]) -> Run:
     given = options.profile or DEFAULT
     # So small a world is done before worker processes have imported what they need.
     alone = 1 if options.engine == "local" else None
-    run = replace(
+    made = replace(
         options, data=_root(options), profile=given, workers=options.workers or alone
     ).make_run(dotenv=False)
+    run = replace(made, asked=options.workers is not None)
     if "KB_TOXICITY_MODEL" in settings:
         return run
-    off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
-    return replace(run, profile=run.profile.model_copy(update={"toxicity": off}))
+    return replace(run, profile=_without_scores(run.profile))
 
 
 def _begin(root: Path) -> None:
@@ -148,7 +171,7 @@ def _all(
             continue
         print(f"\n== kb {step}", flush=True)
         try:
-            summary = Summary(_command(step)(run, **given.get(step, {})) or {})
+            summary = Summary(_command(step)(_at_work(run, step), **given.get(step, {})) or {})
         except MissingExtra as error:
             # An optional part of the installation: the other steps go on without it.
             summary = Summary(left_out=f"{error}; {error.hint}")
@@ -167,6 +190,13 @@ def _all(
             **done,
         }
     )
+
+
+def _at_work(run: Run, step: str) -> Run:
+    """A page of the wiki is mostly waited for, so two browsers take half the time of one."""
+    from dataclasses import replace
+
+    return replace(run, workers=2) if step == "wiki crawl" and not run.asked else run
 
 
 def _lacking(run: Run, step: str) -> str | None:

@@ -199,6 +199,10 @@ class Options:
             from kb.cli.profile_check import refuse
 
             refuse(profile)
+        if needs == "profile":
+            from kb.cli.demo import carried_on
+
+            loaded, profile = carried_on(root, loaded, profile)
         return Run(
             settings=loaded,
             profile=profile,
