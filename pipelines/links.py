@@ -17,16 +17,19 @@ from kb.core.context import Run
 from kb.core.errors import FatalError, MissingExtra, ProfileError
 from kb.core.verdict import Summary
 from kb.export import layouts
-from kb.links.build import build
+from kb.links.build import build, check
 from kb.links.named import Names
+from kb.store import belonging
 from kb.store.layout import Layout
 from kb.wiki import named
 
 
 def links(run: Run) -> Summary:
     """Make the entity tables, then their release."""
-    made = tables(run)
-    layouts.export(run, "links")
+    check(run)
+    with belonging.writing(run, "links", "release-links"):
+        made = tables(run)
+        layouts.export(run, "links")
     return Summary(made, release=str(Layout(run.root).release("links")))
 
 

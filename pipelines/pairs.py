@@ -20,18 +20,21 @@ from kb.core.context import Run
 from kb.core.errors import LimitReached
 from kb.core.verdict import Summary
 from kb.export import layouts
-from kb.pairs.build import build
+from kb.pairs.build import build, check
+from kb.store import belonging
 from kb.store.layout import Layout
 
 
 def pairs(run: Run, layout: str) -> Summary:
     """Make the pairs, then write them in the layout asked for."""
-    try:
-        made = build(run)
-    except LimitReached:
-        _write(run, layout)  # what is done so far is whole in itself
-        raise
-    return Summary(made, **_write(run, layout))
+    check(run)
+    with belonging.writing(run, "pairs", "release-pairs"):
+        try:
+            made = build(run)
+        except LimitReached:
+            _write(run, layout)  # what is done so far is whole in itself
+            raise
+        return Summary(made, **_write(run, layout))
 
 
 def refill(run: Run, index: Path) -> Summary:

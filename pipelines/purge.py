@@ -26,7 +26,7 @@ from kb.export import layouts
 from kb.filters.clean import texts
 from kb.release.build import describe
 from kb.report.build import report_again
-from kb.store import indexed, lock
+from kb.store import belonging, indexed, lock
 from kb.store import purge as store
 from kb.store.layout import Layout
 
@@ -36,7 +36,7 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
 
     Cut off, the same command goes on.
     """
-    with lock.taking(run.root, *lock.of_purge(source)):
+    with belonging.writing(run, *lock.of_purge(source)):
         room = _room(source)
         keys = room.purge_raw(run, ids)
         said, rows, scores = getattr(keys, "said", {}), 0, 0

@@ -27,6 +27,7 @@ from kb.reddit.restored import Dumps
 from kb.release.downloaded import Folders, verify
 from kb.release.missing import write_missing
 from kb.release.wanted import choose
+from kb.store import lock
 from kb.store.layout import Layout
 from kb.youtube import restored as youtube
 
@@ -56,13 +57,16 @@ def restore(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = No
     if not (wanted.videos or wanted.reddit or wanted.pairs):
         run.progress.say("these folders hold everything: there is nothing to bring back")
         return parts.summary
-    if wanted.videos:
-        parts.take(youtube.bring, run, wanted.videos, _sort, gone["youtube"], wanted.had)
-    if wanted.reddit:
-        parts.take(reddit.bring, run, wanted.reddit, dumps, gone["reddit"])
-    for folder in wanted.pairs:
-        parts.take(refill.restore, run, folder, gone["youtube"])
-    parts.summary |= {"missing": write_missing(run.root), "path": str(Layout(run.root).restored())}
+    run.root.mkdir(parents=True, exist_ok=True)
+    with lock.taking(run.root, "restored"):
+        if wanted.videos:
+            parts.take(youtube.bring, run, wanted.videos, _sort, gone["youtube"], wanted.had)
+        if wanted.reddit:
+            parts.take(reddit.bring, run, wanted.reddit, dumps, gone["reddit"])
+        for folder in wanted.pairs:
+            parts.take(refill.restore, run, folder, gone["youtube"])
+        missing = write_missing(run.root)
+    parts.summary |= {"missing": missing, "path": str(Layout(run.root).restored())}
     return parts.finish()
 
 

@@ -106,14 +106,6 @@ export KB_DATA=demo.again KB_TOXICITY_MODEL="$("$BIN/python" -c "$model")"
 """
 
 
-def home_that_consents(folder: Path) -> Path:
-    """A home folder whose owner has let OpenVINO report, in the file that it looks into."""
-    home = folder / ".home"
-    (home / "intel").mkdir(parents=True)
-    (home / "intel" / "openvino_telemetry").write_text("1")
-    return home
-
-
 @pytest.fixture(scope="session")
 def demo(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the installed `kb demo` was run: its data/demo, and what it printed in
@@ -127,13 +119,13 @@ def demo(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     def run(folder: Path) -> None:
         (folder / ".env").write_text(OWN_DOTENV)
         (folder / "demo.sh").write_text(WATCHED)
+        home = folder / ".home"
+        home.mkdir()
         with (folder / "demo.err").open("w") as err:
             code = trap.run(
                 ["bash", "-e", "demo.sh"],
                 folder / "demo.attempts",
-                outside()
-                | OWN_ENVIRONMENT
-                | {"HOME": str(home_that_consents(folder)), "BIN": str(installed)},
+                outside() | OWN_ENVIRONMENT | {"HOME": str(home), "BIN": str(installed)},
                 cwd=folder,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,

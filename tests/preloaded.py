@@ -32,7 +32,6 @@ LATE = (
     "matplotlib.backends.backend_pdf",
     "matplotlib.backends.backend_svg",
     "onnxruntime",
-    "openvino",
     "selenium.webdriver",
     "structlog",
     "tokenizers",

@@ -44,7 +44,6 @@ HEAVY = {
     "transformers",
     "detoxify",
     "onnxruntime",
-    "openvino",
     "selenium",
     "dask",
     "distributed",

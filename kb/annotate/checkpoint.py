@@ -19,11 +19,12 @@ from kb.annotate.cache import cache_root
 from kb.annotate.model_files import check_model_files
 from kb.annotate.published import KNOWN, PUBLISHED, Published
 from kb.core.errors import MissingExtra, MissingModel, SettingError
+from kb.core.installation import install_extra
 from kb.core.settings import Settings
 from kb.store import digests
 from kb.store.reading import SANDBOX_MODEL
 
-EXTRA = ("torch", "transformers", "detoxify")
+EXTRA = ("torch", "transformers", "detoxify", "onnx", "onnxruntime")
 _PREFIX = re.compile(r"-([0-9a-f]{8,64})\.[A-Za-z0-9]+$")
 _DIGEST = re.compile(r"\b[0-9a-fA-F]{64}\b")
 
@@ -59,7 +60,7 @@ def need_extra() -> None:
     if absent:
         raise MissingExtra(
             f"toxicity scores need {', '.join(absent)}",
-            hint='run `pip install "lorecrawl[toxicity]"`, or set toxicity = "off" in the profile',
+            hint=f'{install_extra("toxicity")}; or set toxicity = "off" in the profile',
         )
 
 

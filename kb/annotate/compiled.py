@@ -1,16 +1,14 @@
 """A checkpoint as an ONNX graph, made once and kept in the user's cache.
 
-ONNX Runtime and OpenVINO run the graph with the same numbers as torch and without importing torch,
-which takes longer than scoring a small crawl. A fresh graph must agree with Detoxify's own
-`predict` on probe texts, or it is thrown away; probe batches are kept beside it, so that it is
-seen to work on the processor that opens it, too.
+ONNX Runtime computes the same numbers as torch without importing torch, which takes longer than
+scoring a small crawl. A fresh graph must agree with Detoxify's own `predict` on probe texts, or it
+is thrown away.
 """
 
 from __future__ import annotations
 
 import hashlib
 import importlib.metadata
-import importlib.util
 import json
 import tempfile
 import warnings
@@ -20,12 +18,11 @@ from typing import Any
 from kb.annotate.cache import cache_root, making
 from kb.annotate.checkpoint import Checkpoint, sha256_of
 from kb.annotate.detoxify_model import load_detoxify
-from kb.annotate.first_token import shortened
 from kb.annotate.graph import Compiled, graph_runner
 from kb.annotate.model_files import tokenizer_files
 from kb.annotate.runner import Meta
 
-FORMAT = 5  # raise it when the folder's files change meaning
+FORMAT = 6  # raise it when the folder's files change meaning
 TOLERANCE = 1e-4
 PROBES = (
     "hello",
@@ -61,11 +58,6 @@ def find_compiled(checkpoint: Checkpoint) -> Compiled | None:
     return Compiled(folder) if whole else None
 
 
-def can_compile() -> bool:
-    """Whether torch can write the graph here (its exporter needs the package onnx)."""
-    return importlib.util.find_spec("onnx") is not None
-
-
 def make_compiled(checkpoint: Checkpoint) -> Compiled | None:
     """Write the graph; None when it doesn't agree with Detoxify, or can't be written."""
     detoxify = load_detoxify(checkpoint)
@@ -95,7 +87,7 @@ def _export(detoxify: Any, folder: Path) -> None:
     mask = torch.ones((2, 7), dtype=torch.long)
     mask[1, 5:] = 0
     axes = {0: "windows", 1: "tokens"}
-    with warnings.catch_warnings(), shortened(detoxify.model):
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         # The exporter by tracing: the newer one needs onnxscript and gives the same graph for BERT.
         torch.onnx.export(
@@ -118,30 +110,14 @@ def _export(detoxify: Any, folder: Path) -> None:
             "suffix": meta.suffix,
             "pad": meta.pad,
             "window": meta.window,
-            "probes": [_probe(detoxify, windows, tokens) for windows, tokens in ((2, 7), (1, 96))],
             "files": files,
         }
     )
     (folder / "meta.json").write_text(text, encoding="utf-8")
 
 
-def _probe(detoxify: Any, windows: int, tokens: int) -> dict[str, Any]:
-    """A batch and its logits by torch, for whoever opens the graph to see that it works there."""
-    import torch
-
-    rows = min(detoxify.model.config.vocab_size, 20_000)
-    ids = (torch.arange(windows * tokens) * 7919 % rows).reshape(windows, tokens)
-    mask = torch.ones((windows, tokens), dtype=torch.long)
-    mask[-1, tokens // 2 :] = 0
-    with torch.inference_mode():
-        logits = detoxify.model(input_ids=ids, attention_mask=mask)[0]
-    return {"ids": ids.tolist(), "mask": mask.tolist(), "logits": logits.tolist()}
-
-
 def _agrees(detoxify: Any, compiled: Compiled) -> bool:
     runner = graph_runner(compiled, threads=1)
-    if runner is None:
-        return True
     own = runner.score(list(PROBES))
     for text, row in zip(PROBES, own, strict=True):
         theirs = detoxify.predict(text)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from kb.core.errors import FatalError
 
-# torch, ONNX Runtime and OpenVINO have no class of their own for it; this is what they write.
+# torch and ONNX Runtime have no class of their own for it; this is what they write.
 _SAID = ("can't allocate memory", "out of memory", "bad_alloc", "bad allocation", "failed to alloc")
 
 

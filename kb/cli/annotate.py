@@ -53,7 +53,7 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
     from kb.core.errors import KbError
     from kb.core.verdict import Summary
     from kb.filters.clean import texts
-    from kb.store.lock import taking
+    from kb.store import belonging
 
     run.profile.section(source)
     scorer = Scorer.open(run, source, precision and str(precision), str(device))
@@ -63,7 +63,7 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
             command=f"annotate {source}", source=source, scored=0, toxicity="off in the profile"
         )
     try:
-        with taking(run.root, source):
+        with belonging.writing(run, source):
             counts = scorer.annotate(texts(run, source))
     except KbError as error:
         error.summary = Summary(
@@ -90,7 +90,14 @@ def _add(source: str, about: str, *examples: str) -> None:
         return _annotate(run, source, precision, device)
 
     annotate.__doc__ = about
-    command(app, name=source, uses=(*CLUSTER, "limit", "pipeline"), examples=examples)(annotate)
+    command(
+        app,
+        name=source,
+        uses=(*CLUSTER, "pipeline"),
+        limit="Stop after scoring N more texts (exit code 3); the next run resumes.",
+        json="texts, scored, known, exact_again, model, revision, precisions",
+        examples=examples,
+    )(annotate)
 
 
 _add(

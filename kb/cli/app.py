@@ -14,6 +14,7 @@ import typer.core
 import typer.main
 
 from kb import __version__
+from kb.cli import misplaced
 
 # name -> (module, one line for `kb --help`). The module's `app` is a typer app, of one command or
 # several.
@@ -40,6 +41,7 @@ TREE = {
     "sandbox": ("kb.cli.sandbox", "Invented services on this machine, to try everything on."),
     "demo": ("kb.cli.demo", "The whole job on the sandbox: no key, no network, minutes."),
 }
+CONTEXT: dict[str, Any] = {"help_option_names": ["--help", "-h"]}  # groups inherit it
 
 
 class Tree(typer.core.TyperGroup):
@@ -54,6 +56,22 @@ class Tree(typer.core.TyperGroup):
         """The group's own command object, or None for an unknown name."""
         return _loaded(cmd_name) if cmd_name in TREE else None
 
+    def leaves(self) -> Iterator[tuple[str, Any]]:
+        """("youtube crawl", its click command) of every command that does something, in order."""
+        for name in TREE:
+            yield from _leaves_of(name)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """`kb help COMMAND` is `kb COMMAND --help`."""
+        if args[:1] == ["help"]:
+            args = [*args[1:], "--help"]
+        return super().parse_args(ctx, args)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that is named; another word is answered with the commands it may mean."""
+        misplaced.refuse_unknown(self, ctx, args)
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """The list of `kb --help`, without importing what it lists."""
         with formatter.section("Commands"):
@@ -64,7 +82,8 @@ class Tree(typer.core.TyperGroup):
         formatter.write(
             "\nStart here:\n  kb demo                      the whole job on invented services\n"
             "  kb youtube crawl --plan      what a real crawl would cost\n"
-            "  kb COMMAND --help            options and examples of a command\n"
+            "  kb help COMMAND              options and examples of a command\n"
+            "  kb --install-completion      complete commands and options with the Tab key\n"
         )
 
 
@@ -87,7 +106,7 @@ app = typer.Typer(
     name="kb",
     cls=Tree,
     no_args_is_help=True,
-    add_completion=False,
+    context_settings=CONTEXT,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -103,9 +122,13 @@ def root(
 
 
 def leaves() -> Iterator[tuple[str, Any]]:
-    """("youtube crawl", its click command) of every command that does something, in order."""
-    for name in TREE:
-        yield from _leaves_of(name)
+    """`Tree.leaves`."""
+    return Tree().leaves()
+
+
+def context(path: str, command: Any) -> Any:
+    """What click needs to show the help of `kb PATH`, as `kb` itself has it."""
+    return typer.Context(command, info_name=f"kb {path}", **CONTEXT)
 
 
 def named(words: Sequence[str]) -> Any | None:

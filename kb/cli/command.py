@@ -3,7 +3,13 @@ come with it.
 
     app = group("Channels, videos and transcripts.")
 
-    @command(app, uses=("limit", "wait"), examples=["kb youtube crawl --limit 100"])
+    @command(
+        app,
+        uses=("wait",),
+        limit="Stop after N videos (exit code 3); the next run resumes.",
+        json="crawled, failed, pending, requests",
+        examples=["kb youtube crawl --limit 100"],
+    )
     def crawl(run: Run, only: Annotated[Phase | None, typer.Option(help="…")] = None) -> Summary:
         '''First line: the short help. The rest: the long one.'''
         from kb.youtube.source import crawl      # heavy things inside
@@ -20,7 +26,7 @@ import contextlib
 import inspect
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +34,8 @@ import typer
 
 from kb.cli import outcome
 from kb.cli.help import Command, Group
-from kb.cli.options import COMMON, SHARED, Options
+from kb.cli.misplaced import UsageProblem
+from kb.cli.options import COMMON, SHARED, Options, shared_option
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -42,7 +49,6 @@ class Nature:
     resumable: bool = True
     needs_data: bool = False
     needs: str = "profile"
-    binds: bool = False
     planned: tuple[str, ...] = ()
     checks: bool = False
 
@@ -64,20 +70,24 @@ def command(
     *,
     examples: Sequence[str],
     uses: Sequence[str] = (),
+    limit: str = "",
+    again: str = "",
+    json: str = "",
     without: Sequence[str] = (),
     raw: bool = False,
     resumable: bool = True,
     main: bool = False,
     needs_data: bool = False,
     cls: type[Command] = Command,
-    binds: bool = True,
     planned: Sequence[str] = (),
     checks: bool = False,
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Declare a command of `app`.
 
-    `uses`: those of the options in RUNNING that have an effect on it. `without`: those of COMMON
-    that have none. What is not declared is refused (exit 2).
+    `uses`: those of the options in RUNNING that have an effect on it; `limit` and `again` count as
+    used where they are given, as what --limit and --again do for this command. `json`: what its
+    summary holds. `without`: those of COMMON that have none. What is not declared is refused
+    (exit 2).
     `raw`: pass Options instead of a Run.
     `resumable`: a signal lets the item in hand be finished; otherwise it ends the command at once
     (queries, servers).
@@ -85,23 +95,28 @@ def command(
     `needs_data`: it works on what was collected, so that a data root that is not there is a
     mistake, and is not made.
     `cls`: how it reads its arguments.
-    `binds`: it writes, so that a data root which holds data and remembers no profile yet
-    remembers the run's.
     `planned`: the options, own ones included, that change what its `--plan` says.
     `checks`: the profile and its keyword lists are looked through first, and an error there ends
     the command (exit 2) before anything is sent.
     """
 
     def declare(function: Callable[..., Any]) -> Callable[..., Any]:
-        shared = [
-            name for name in SHARED if name in uses or (name in COMMON and name not in without)
-        ]
+        about = {
+            "limit": limit,
+            "again": again,
+            "json": json and f"Print the summary as JSON, the last line on stdout: {json}.",
+        }
+        used = {*uses, *(name for name in ("limit", "again") if about[name])}
+        shared = {
+            name: shared_option(name, about.get(name))
+            for name in SHARED
+            if name in used or (name in COMMON and name not in without)
+        }
         nature = Nature(
             raw=raw,
             resumable=resumable,
             needs_data=needs_data,
             needs="profile" if "data" in shared else "nothing",
-            binds=binds and not raw and "data" in shared,
             planned=tuple(planned),
             checks=checks,
         )
@@ -117,7 +132,11 @@ def command(
 
 
 def _wrap(
-    function: Callable[..., Any], shared: Sequence[str], nature: Nature, *, main: bool
+    function: Callable[..., Any],
+    shared: Mapping[str, inspect.Parameter],
+    nature: Nature,
+    *,
+    main: bool,
 ) -> Callable[..., Any]:
     signature = inspect.signature(function)
     _, *own = signature.parameters.values()
@@ -130,15 +149,7 @@ def _wrap(
         )
         for parameter in own
     ]
-    parameters += [
-        inspect.Parameter(
-            name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=SHARED[name][1],
-            annotation=SHARED[name][0],
-        )
-        for name in shared
-    ]
+    parameters += shared.values()
     if main:
         parameters.append(
             inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
@@ -180,8 +191,6 @@ def _call(
                 first = options.make_run(needs=nature.needs, checks=nature.checks)
             if nature.needs_data:
                 _existing(first.root)
-            if nature.binds and not values.get("plan"):  # which writes nothing at all
-                _bind(first)
             try:
                 summary = function(first, **values)
             finally:
@@ -232,19 +241,13 @@ def _existing(root: Path) -> None:
         )
 
 
-def _bind(run: Any) -> None:
-    from kb.store import belonging
-
-    belonging.note_if_stored(run.root, run.profile)
-
-
 def _nothing_before(context: Any) -> None:
     """Refuse an option of the group itself before a command, which would not hear of it."""
     for parameter in context.command.params:
         source = context.get_parameter_source(parameter.name)
         if source is not None and source.name == "COMMANDLINE":
             name = context.invoked_subcommand
-            raise outcome.UsageProblem(
+            raise UsageProblem(
                 f"{parameter.opts[0]} stands before `{name}`, which would not hear of it:"
                 f" write `{context.command_path} {name} {parameter.opts[0]} …`",
                 context,

@@ -35,6 +35,7 @@ _FINISHED = "demo-finished"
     app,
     raw=True,
     uses=CLUSTER,
+    json="steps, requests, root, and the summary of each step",
     examples=[
         (
             "kb demo                     under data/demo; a finished demo starts afresh,"

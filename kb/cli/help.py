@@ -6,6 +6,7 @@ from typing import Any
 
 import typer.core
 
+from kb.cli import misplaced
 from kb.cli.options import COMMON, RUNNING
 
 
@@ -42,6 +43,11 @@ class Command(_Sections, typer.core.TyperCommand):
 
 class Group(_Sections, typer.core.TyperGroup):
     """A group."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that is named; another word is answered with the commands it may mean."""
+        misplaced.refuse_unknown(self, ctx, args)
+        return super().resolve_command(ctx, args)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Commands of the group first: they are what a group is for."""

@@ -17,7 +17,8 @@ app = group("One local index over everything that is clean, for kb search.")
     app,
     needs_data=True,
     resumable=False,
-    uses=("again",),
+    again="Index every source anew, also those whose clean tables have not changed.",
+    json="passages, indexed, sources",
     examples=[
         "kb index                                 what changed since the last time",
         "kb index --again                         every source anew",

@@ -17,7 +17,9 @@ app = group("Entities, and where videos, wiki and threads speak of them.")
 
 @command(
     app,
-    uses=(*CLUSTER, "again", "pipeline"),
+    uses=(*CLUSTER, "pipeline"),
+    again="Match every source anew, also those whose clean tables have not changed.",
+    json="entities, with_page, links, mentions, sources",
     checks=True,
     examples=[
         "kb links                                 what changed since the last time",
@@ -32,9 +34,5 @@ def links(run: Run) -> Summary:
     release/links/ hold ids, counts and seconds, no text. A source whose clean files are the same is
     not read again.
     """
-    from kb.store.lock import taking
-
-    pipeline = shipped(run, "links")
-    with taking(run.root, "links", "release-links"):
-        made: Summary = pipeline.links(run)
+    made: Summary = shipped(run, "links").links(run)
     return made

@@ -17,7 +17,6 @@ app = group("Search and tables for agents, over the Model Context Protocol on st
     without=("json",),
     needs_data=True,
     resumable=False,
-    binds=False,
     examples=[
         "kb mcp --data data                         what a client starts; it ends with stdin",
         "claude mcp add lorecrawl -- kb mcp --data /home/me/data",
@@ -28,7 +27,7 @@ def mcp(run: Run) -> None:
 
     A client starts it and talks to it on stdin and stdout; it listens nowhere else. Answers keep
     the size that the client sets, name source, link and licence, and fence what was retrieved.
-    Needs the extra lorecrawl[mcp]. docs/agents.md has the set-up of the usual clients.
+    Needs the extra `mcp`. docs/agents.md has the set-up of the usual clients.
     """
     from kb.mcp.server import serve
 

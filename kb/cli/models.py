@@ -24,6 +24,7 @@ def models() -> None:
 @command(
     app,
     without=("data", "profile"),
+    json="model, fetched, present, bytes, folder",
     examples=[
         "kb models fetch                the model that the paper used, Detoxify `original`",
         "kb models fetch unbiased       another one; then set KB_TOXICITY_MODEL=unbiased",

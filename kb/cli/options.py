@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import copy
+import inspect
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 
@@ -24,135 +27,68 @@ class Engine(StrEnum):
     dask = "dask"
 
 
-# name -> (annotation, default); the names are the fields of Options. A command has the common ones,
-# and of these those that it declares: an option without an effect is refused, not ignored.
-RUNNING: dict[str, tuple[Any, Any]] = {
-    "workers": (
-        Annotated[
-            int | None,
-            typer.Option(
-                "--workers",
-                min=1,
-                metavar="N",
-                help="Parallel workers. [default: one a core, and no more processes for a few MiB]",
-            ),
-        ],
-        None,
-    ),
-    "limit": (
-        Annotated[
-            int | None,
-            typer.Option(
-                "--limit",
-                min=1,
-                metavar="N",
-                help="Stop after N new items with exit code 3; the next run goes on.",
-            ),
-        ],
-        None,
-    ),
-    "wait": (
-        Annotated[
-            bool,
-            typer.Option(
-                "--wait", help="Sleep until a spent quota or limit is reset instead of stopping."
-            ),
-        ],
-        False,
-    ),
-    "again": (
-        Annotated[bool, typer.Option("--again", help="A new round that reads only what is new.")],
-        False,
-    ),
-    "engine": (
-        Annotated[
-            Engine,
-            typer.Option(
-                "--engine", help="Where stages run: processes on this machine, or a Dask cluster."
-            ),
-        ],
-        Engine.local,
-    ),
-    "scheduler": (
-        Annotated[
-            str | None,
-            typer.Option(
-                "--scheduler",
-                metavar="ADDRESS",
-                help="The Dask scheduler, e.g. tcp://10.0.0.1:8786.",
-            ),
-        ],
-        None,
-    ),
-    "pipeline": (
-        Annotated[
-            Path | None,
-            typer.Option(
-                "--pipeline",
-                metavar="FILE",
-                help="Your own pipeline file instead of the shipped one.",
-            ),
-        ],
-        None,
-    ),
-}
-COMMON: dict[str, tuple[Any, Any]] = {
-    "data": (
-        Annotated[
-            Path | None,
-            typer.Option(
-                "--data", metavar="DIR", help="The data root. [default: KB_DATA, or data]"
-            ),
-        ],
-        None,
-    ),
-    "profile": (
-        Annotated[
-            str | None,
-            typer.Option(
-                "--profile",
-                metavar="NAME|FILE",
-                help="The domain: a shipped profile or a .toml file."
-                " [default: KB_PROFILE, or the data root's own, or minecraft]",
-            ),
-        ],
-        None,
-    ),
-    "quiet": (
-        Annotated[bool, typer.Option("--quiet", help="No progress; warnings and errors only.")],
-        False,
-    ),
-    "json": (
-        Annotated[
-            bool, typer.Option("--json", help="The summary as JSON, the last line on stdout.")
-        ],
-        False,
-    ),
-    "debug": (
-        Annotated[bool, typer.Option("--debug", help="More log lines, and tracebacks.")],
-        False,
-    ),
-}
-SHARED = {**RUNNING, **COMMON}
-CLUSTER = ("workers", "engine", "scheduler")  # of what runs in worker processes
-
-
 @dataclass(frozen=True)
 class Options:
-    """The shared options as they were given; those a command does not have keep their defaults."""
+    """The options that commands share, declared once, and what a command line gave of them.
 
-    data: Path | None = None
-    profile: str | None = None
-    workers: int | None = None
-    limit: int | None = None
-    wait: bool = False
-    again: bool = False
-    engine: str = "local"
-    scheduler: str | None = None
-    pipeline: Path | None = None
-    quiet: bool = False
-    json: bool = False
-    debug: bool = False
+    A command has those of COMMON and, of the others, those it declares; what it does not have is
+    refused and keeps its default here. `limit`, `again` and `json` mean something else for each
+    command, which describes them itself (`command`).
+    """
+
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            "--workers",
+            min=1,
+            metavar="N",
+            help="Parallel workers. [default: one a core, and no more processes for a few MiB]",
+        ),
+    ] = None
+    limit: Annotated[int | None, typer.Option("--limit", min=1, metavar="N")] = None
+    wait: Annotated[
+        bool,
+        typer.Option(
+            "--wait", help="Sleep until a spent quota or limit is reset instead of stopping."
+        ),
+    ] = False
+    again: Annotated[bool, typer.Option("--again")] = False
+    engine: Annotated[
+        Engine,
+        typer.Option(
+            "--engine", help="Where stages run: processes on this machine, or a Dask cluster."
+        ),
+    ] = Engine.local
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler", metavar="ADDRESS", help="The Dask scheduler, e.g. tcp://10.0.0.1:8786."
+        ),
+    ] = None
+    pipeline: Annotated[
+        Path | None,
+        typer.Option(
+            "--pipeline", metavar="FILE", help="Your own pipeline file instead of the shipped one."
+        ),
+    ] = None
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", metavar="DIR", help="The data root. [default: KB_DATA, or data]"),
+    ] = None
+    profile: Annotated[
+        str | None,
+        typer.Option(
+            "--profile",
+            metavar="NAME|FILE",
+            help="The domain: a shipped profile or a .toml file."
+            " [default: KB_PROFILE, or the data root's own, or minecraft]",
+        ),
+    ] = None
+    quiet: Annotated[
+        bool, typer.Option("--quiet", help="No progress; warnings and errors only.")
+    ] = False
+    json: Annotated[bool, typer.Option("--json")] = False
+    debug: Annotated[bool, typer.Option("--debug", help="More log lines, and tracebacks.")] = False
 
     def make_run(
         self,
@@ -217,6 +153,34 @@ class Options:
             pipeline=str(self.pipeline) if self.pipeline else None,
             progress=progress.choose(quiet=self.quiet),
         )
+
+
+# Those that mean something else for each command.
+DESCRIBED = ("limit", "again", "json")
+COMMON = ("data", "profile", "quiet", "json", "debug")
+SHARED = tuple(field.name for field in fields(Options))
+RUNNING = tuple(name for name in SHARED if name not in COMMON)
+CLUSTER = ("workers", "engine", "scheduler")  # of what runs in worker processes
+
+
+@cache
+def _annotations() -> dict[str, Any]:
+    return get_type_hints(Options, include_extras=True)
+
+
+def shared_option(name: str, help: str | None = None) -> inspect.Parameter:
+    """The shared option of that name as a command's parameter, with a `help` of its own."""
+    (field,) = (one for one in fields(Options) if one.name == name)
+    kind, option = get_args(_annotations()[name])
+    if help:
+        option = copy.copy(option)
+        option.help = help
+    return inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=field.default,
+        annotation=Annotated[kind, option],
+    )
 
 
 def _profile(given: str | None, root: Path, needs: str) -> Profile:

@@ -17,8 +17,7 @@ from typing import Any
 
 import typer
 
-# typer carries its own copy of click; its usage errors are reached through a public name.
-UsageProblem: Any = typer.BadParameter.__mro__[1]
+from kb.cli.misplaced import UsageProblem, elsewhere
 
 INTERRUPTED = 3
 
@@ -30,8 +29,6 @@ def guarded(run: Callable[[], Any]) -> int:
     try:
         code = run()
     except UsageProblem as error:
-        from kb.cli import misplaced
-
         text = error.format_message().replace("?.", "?").replace("Value error, ", "")
         if error.__class__.__name__ == "NoArgsIsHelpError":
             print(text)
@@ -42,7 +39,7 @@ def guarded(run: Callable[[], Any]) -> int:
         if text == "Missing command" and context:
             text += f": one of {', '.join(context.command.list_commands(context))}"
 
-        complain(misplaced.elsewhere(error) or text, hint=f"see `{where} --help`")
+        complain(elsewhere(error) or text, hint=f"see `{where} --help`")
         return 2
     except typer.Abort:
         return INTERRUPTED

@@ -31,7 +31,10 @@ class Format(StrEnum):
 @command(
     app,
     main=True,
-    uses=(*CLUSTER, "limit", "again", "pipeline"),
+    uses=(*CLUSTER, "pipeline"),
+    limit="Stop after N more transcripts (exit code 3); the next run resumes.",
+    again="Match all transcripts anew, also where nothing has changed.",
+    json="pairs, videos, words, matches, keywords_found, ambiguous_alone, outside",
     checks=True,
     examples=[
         (
@@ -73,13 +76,11 @@ def pairs(
     Pairs that are made of the same transcripts and rules are not made again.
     """
     from kb.core.errors import SettingError
-    from kb.store.lock import taking
 
     pipeline = shipped(run, "pairs")
     if from_index is None:
-        with taking(run.root, "pairs", "release-pairs"):
-            pairs: Summary = pipeline.pairs(run, format.value)
-            return pairs
+        pairs: Summary = pipeline.pairs(run, format.value)
+        return pairs
     if format is not Format.parquet:
         raise SettingError("--from-index fills pairs/; it goes with no --format")
     if run.limit is not None or run.again:
@@ -92,7 +93,7 @@ def pairs(
 
 @command(
     app,
-    binds=False,
+    json="keywords, matches, ambiguous_alone",
     examples=[
         "kb pairs keywords                           hits per keyword, with three examples each",
         "kb pairs keywords --kind block --videos 500 blocks, in 500 transcripts",

@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from kb.cli.options import RUNNING
+from kb.cli.options import RUNNING, Options
 
 if TYPE_CHECKING:
     from kb.cli.options import Options
@@ -25,7 +25,7 @@ def check(
     """
     if not own.get("plan"):
         return
-    given = [name for name, (_, default) in RUNNING.items() if getattr(options, name) != default]
+    given = [name for name in RUNNING if getattr(options, name) != getattr(Options, name)]
     declared = inspect.signature(function).parameters
     given += [name for name in own if name != "plan" and own[name] != declared[name].default]
     idle = [f"--{name.replace('_', '-')}" for name in given if name not in counted]

@@ -23,6 +23,7 @@ app = group("Profiles of domains: a new one, and what is wrong with one.")
     app,
     raw=True,
     without=("data", "profile"),
+    json="path",
     examples=[
         "kb profile new gardening                 a folder with profile.toml and keywords.tsv",
         "kb profile new gardening --wiki https://wiki.example.org --subreddit gardening",
@@ -76,6 +77,7 @@ def new(
 @command(
     app,
     raw=True,
+    json="errors, warnings, notes, findings (level, file, line, key, what, mend), hits",
     examples=[
         "kb profile check                         the profile that other commands would use",
         "kb profile check gardening               what is missing or wrong, all of it",
@@ -93,19 +95,21 @@ def check(
         bool,
         typer.Option(
             "--online",
-            help="Ask each service once: a channel search (1 search unit), the wiki's siteinfo,"
-            " the subreddit.",
+            help="Ask each service once: a channel search (1 search unit), the wiki's siteinfo and"
+            " five of its pages, on which the selectors are tried, the subreddit.",
         ),
     ] = False,
 ) -> None:
     """Check a profile and its keyword lists: all that is wrong at once, with how to mend it.
 
     Sends nothing without --online. With --data (or KB_DATA) it shows what each keyword hits in the
-    transcripts of clean/youtube. Exit code 2 where there is an error; warnings and notes are 0.
+    transcripts of clean/youtube, and tries the wiki's selectors on captured pages. Exit code 2
+    where there is an error; warnings and notes are 0.
     """
     from kb.cli import outcome
     from kb.cli.profile_check import examine
     from kb.cli.profile_hits import hits_of, looks_at_data, run_of
+    from kb.cli.profile_selectors import captured_pages, findings_of
     from kb.core.errors import SettingError
     from kb.core.profile import find_profile
     from kb.core.profile.finding import ERROR, LEVELS, NOTE, Finding
@@ -121,14 +125,19 @@ def check(
     usable = all(one.level != ERROR for one in findings)
     if usable and checked.profile is not None:
         run = run_of(options, checked.profile)
+        pages: list[str] = []
         if looks_at_data(options, run):
             hits, told = hits_of(run)
             findings += told
+            pages = captured_pages(run.root)
         if online:
             from kb.cli.profile_online import ask
 
             answers = list(ask(run))
             findings += [answer.finding for answer in answers]
+            pages += [page for answer in answers for page in answer.pages]
+        if pages:
+            findings += findings_of(checked.profile, pages)
     elif online or options.data is not None:
         said = "keywords and services were not tried"
         findings.append(Finding(NOTE, path.name, 0, "", said, "mend the errors first"))
@@ -157,6 +166,7 @@ def check(
 @command(
     app,
     raw=True,
+    json="keywords, not_proposed, not_proposed_by, path",
     examples=[
         "kb profile keywords --data data/gardening                    rows to stdout",
         "kb profile keywords --data data/gardening --out more.tsv     into a file of its own",

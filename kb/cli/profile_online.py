@@ -1,11 +1,12 @@
 """`kb profile check --online`: one question to each service, by the crawls' own clients.
 
-Only what a crawl would ask first: a search for channels, the wiki's siteinfo, the subreddit.
-Nothing is stored; a question is asked once and not again.
+Only what a crawl would ask first: a search for channels, the wiki's siteinfo with a few pages to
+try the selectors on, the subreddit. Nothing is stored; a question is asked once and not again.
 """
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -37,24 +38,30 @@ if TYPE_CHECKING:
     from kb.core.context import Run
 
 Result = TypeVar("Result")
+PAGES = 5  # of the wiki that are read, to try the selectors on
 UNREACHABLE, REFUSED, WRONG = 3, 1, 2  # exit codes of what a service answers
 
 
 class Answer(NamedTuple):
-    """What a service said: the finding, what it cost, and the exit code that follows."""
+    """What a service said: the finding, what it cost, and the exit code that follows.
+
+    `pages` are some of the wiki's pages as HTML, to try the selectors on.
+    """
 
     source: str
     finding: Finding
     requests: int = 0
     units: int = 0
     code: int = 0
+    pages: tuple[str, ...] = ()
 
 
 class Cost:
-    """Requests and quota units of one question."""
+    """Requests and quota units of one question, and the pages that it brought."""
 
     def __init__(self) -> None:
         self.requests = self.units = 0
+        self.pages: list[str] = []
 
     def said(self) -> str:
         """What was spent, for a person."""
@@ -71,7 +78,7 @@ def ask(run: Run) -> Iterator[Answer]:
         cost = Cost()
         level, key, what, mend, code = _tried(partial(question, run, cost), source)
         finding = Finding(level, f"online: {source}", 0, key, f"{what} ({cost.said()})", mend)
-        yield Answer(source, finding, cost.requests, cost.units, code)
+        yield Answer(source, finding, cost.requests, cost.units, code, tuple(cost.pages))
 
 
 Said = tuple[str, str, str, str, int]
@@ -149,14 +156,16 @@ class _Once(Web):
 
 
 def _wiki(run: Run, cost: Cost) -> Said:
-    """robots.txt and the front page, which names the API; then siteinfo."""
+    """robots.txt and the front page, which names the API; then siteinfo and some pages."""
     run.settings.need("kb_contact")
     section = run.profile.section("wiki")
     url = run.settings.kb_wiki_url or section.url
     web = _Once(run, url, section.hosts, section.seconds_between)
     try:
         web.read_robots()
-        site = WikiApi(find_endpoint(web, url), web).site().response["query"]
+        api = WikiApi(find_endpoint(web, url), web)
+        site = api.site().response["query"]
+        cost.pages = list(_some_pages(api, web, section.namespaces[0] if section.namespaces else 0))
     finally:
         cost.requests = web.requests
     general, rights = site.get("general", {}), site.get("rightsinfo", {})
@@ -165,6 +174,21 @@ def _wiki(run: Run, cost: Cost) -> Said:
     said += [f"{pages:,} pages"] if isinstance(pages, int) else []
     said += [f"licence: {rights.get('text') or rights.get('url') or 'none named'}"]
     return NOTE, "wiki.url", ", ".join(filter(None, said)), "", 0
+
+
+def _some_pages(api: WikiApi, web: Web, namespace: int) -> Iterator[str]:
+    """Pages of the wiki, spread evenly over the beginning of its list."""
+    listed = api.listing(1, namespace, {}).response["query"]["allpages"]
+    titles = [page["title"] for page in listed[:: max(1, -(-len(listed) // PAGES))]]
+    if not titles:
+        return
+    told = api.details("", titles=titles).response["query"].get("pages", [])
+    for url in sorted(page["fullurl"] for page in told if isinstance(page.get("fullurl"), str)):
+        with contextlib.suppress(ItemFinal):
+            if web.allowed(url):
+                text = web.get(url, {}).body.decode("utf-8", "replace")
+                if "wgArticleId" in text:  # else it is no page of the wiki: a challenge, say
+                    yield text
 
 
 def _reddit(run: Run, cost: Cost) -> Said:

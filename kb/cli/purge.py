@@ -48,9 +48,15 @@ def _add(source: str, about: str, *examples: str) -> None:
         return _purge(run, source, ids, plan)
 
     purge.__doc__ = about
-    command(app, name=source, uses=CLUSTER, planned=("ids",), needs_data=True, examples=examples)(
-        purge
-    )
+    command(
+        app,
+        name=source,
+        uses=CLUSTER,
+        json="purged, unknown, rows, scores",
+        planned=("ids",),
+        needs_data=True,
+        examples=examples,
+    )(purge)
 
 
 _add(

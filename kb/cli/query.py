@@ -56,7 +56,8 @@ def _uncommented(argument: str) -> str:
 @command(
     app,
     raw=True,
-    uses=("limit",),
+    limit="Print the first N rows only (exit code 0).",
+    json="the rows, as --format json does",
     resumable=False,
     cls=SqlCommand,
     examples=[

@@ -32,7 +32,11 @@ Until = Annotated[
 
 @command(
     app,
-    uses=("limit", "wait", "again"),
+    uses=("wait",),
+    limit="Stop after N more posts with their comments (exit code 3); the next run resumes.",
+    again="Start a new round: read the listings again, as far back as the last round, and only new"
+    " posts with their comments.",
+    json="crawled, comments, posts, failed, pending, incomplete_posts, requests",
     checks=True,
     examples=[
         (
@@ -63,7 +67,10 @@ def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False
 @command(
     app,
     name="import",
-    uses=(*CLUSTER, "limit", "again"),
+    uses=CLUSTER,
+    limit="Stop after N more posts and comments (exit code 3); the next run resumes.",
+    again="Read dumps that were imported before once more; without it they are skipped.",
+    json="crawled, lines, bad_lines, truncated_files",
     checks=True,
     examples=[
         "kb reddit import RS_2024-01.zst RC_2024-01.zst       monthly dumps, all subreddits mixed",
@@ -104,7 +111,10 @@ export = add_export(app, "reddit", "minedojo", "convokit")
 
 @command(
     app,
-    uses=("workers", "limit", "wait", "again"),
+    uses=("workers", "wait"),
+    limit="Stop after N more posts and comments (exit code 3); the next run resumes.",
+    again="Ask for every id, or read the dumps, once more, also where all were answered.",
+    json="posts, comments, missing, requests, bad_lines, truncated_files",
     planned=("ids", "dumps"),
     cls=DumpsCommand,
     examples=[

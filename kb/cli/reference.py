@@ -33,28 +33,26 @@ def pages() -> dict[str, str]:
 
 def commands() -> str:
     """Every command with its own options and examples; the shared options once."""
-    import typer
-
-    from kb.cli.app import leaves
-    from kb.cli.options import COMMON, RUNNING
+    from kb.cli.app import context, leaves
+    from kb.cli.options import COMMON, DESCRIBED, RUNNING
 
     shared = {
-        p.name: (p, typer.Context(command, info_name=f"kb {path}"))
+        p.name: (p, context(path, command))
         for path, command in leaves()
         for p in command.params
-        if p.name in COMMON or p.name in RUNNING
+        if p.name in (*COMMON, *RUNNING) and p.name not in DESCRIBED
     }
     blocks = [
         "# Commands\n\nAlmost every command has these options; those without one of them say so.\n",
-        _option_table([shared[name] for name in COMMON]),
+        _option_table([shared[name] for name in COMMON if name in shared]),
         (
             "Commands that have a use for them also have these, each as it says below."
             " An option that a command has no use for is refused with exit code 2.\n"
         ),
-        _option_table([shared[name] for name in RUNNING]),
+        _option_table([shared[name] for name in RUNNING if name in shared]),
     ]
     for path, command in leaves():
-        inner = typer.Context(command, info_name=f"kb {path}")
+        inner = context(path, command)
         options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
         usage = " ".join(command.collect_usage_pieces(inner)).replace("[OPTIONS]", "[options]")
         blocks.append(
@@ -65,7 +63,7 @@ def commands() -> str:
         for table in filter(None, (arguments, own)):
             blocks.append(_option_table([(p, inner) for p in table]))
         names = {p.name for p in options}
-        also = [f"`--{name}`" for name in RUNNING if name in names]
+        also = [f"`--{name}`" for name in RUNNING if name in names and name in shared]
         lacking = [f"`--{name}`" for name in COMMON if name not in names]
         if also:
             blocks.append(f"Also: {', '.join(also)}.\n")

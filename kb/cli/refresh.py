@@ -28,7 +28,9 @@ OlderThan = Annotated[
 
 @command(
     app,
-    uses=("limit", "wait"),
+    uses=("wait",),
+    limit="Stop after N more videos (exit code 3); the next run resumes.",
+    json="crawled, missing, failed, pending, requests, units",
     planned=("older_than",),
     needs_data=True,
     examples=[
@@ -49,7 +51,11 @@ def youtube(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summa
 
 @command(
     app,
-    uses=(*CLUSTER, "limit", "wait", "again"),
+    uses=(*CLUSTER, "wait"),
+    limit="Stop after N more posts and comments (exit code 3); the next run resumes.",
+    again="Look once more for what is due, what was missing last time included, instead of"
+    " resuming a stopped refresh.",
+    json="crawled, missing, failed, pending, requests",
     planned=(*CLUSTER, "older_than", "again"),
     needs_data=True,
     examples=[

@@ -39,6 +39,7 @@ class Target(StrEnum):
     app,
     main=True,
     uses=("pipeline",),
+    json="folders, rows, bytes, sources, and problems where it is refused",
     examples=[
         (
             "kb release                               check every folder,"
@@ -61,6 +62,7 @@ def release(run: Run, only: Only = None) -> Summary:
     app,
     raw=True,
     uses=("wait", "pipeline"),
+    json="deposits, drafts, published, unchanged, uploaded, sources",
     examples=[
         "kb release publish --to zenodo-sandbox             upload drafts to the sandbox",
         "kb release publish --to zenodo                     upload drafts",

@@ -17,6 +17,7 @@ app = group("Figures and one HTML page of what was collected.")
     app,
     needs_data=True,
     uses=("workers",),
+    json="figures, page, without",
     examples=[
         "kb report                                what is there so far; open report/index.html"
     ],

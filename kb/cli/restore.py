@@ -30,7 +30,10 @@ class Source(StrEnum):
 @command(
     app,
     raw=True,
-    uses=("workers", "limit", "wait", "again"),
+    uses=("workers", "wait"),
+    limit="Stop after N more items of each source (exit code 3); the next run resumes.",
+    again="Ask for everything once more, also what is in restored/ or was missing last time.",
+    json="sources (the summary of each), requests, missing",
     planned=("folders", "dumps", "only"),
     cls=DumpsCommand,
     examples=[

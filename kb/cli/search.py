@@ -43,7 +43,8 @@ class Kind(StrEnum):
 @command(
     app,
     raw=True,
-    uses=("limit",),
+    limit="Print at most N answers instead of 10 (exit code 0).",
+    json="answers, each with text, snippet, source, key, score, url and licence",
     resumable=False,
     examples=[
         'kb search "how to tame a wolf"',

@@ -30,7 +30,9 @@ def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Call
     return command(
         app,
         name="filter",
-        uses=(*CLUSTER, "limit", "pipeline"),
+        uses=(*CLUSTER, "pipeline"),
+        limit="Stop after scoring N more texts for toxicity (exit code 3); the next run resumes.",
+        json="crawled, kept, rejected, failed, pending, missing, stages, tables",
         checks=True,
         examples=[f"kb {source} filter", f"kb {source} filter --profile mine.toml"],
     )(filter_)
@@ -48,9 +50,9 @@ def add_export(
     parquet = formats("parquet")
 
     def export(run: Run, format: Any = parquet) -> Summary:
-        from kb.store.lock import taking
+        from kb.store import belonging
 
-        with taking(run.root, f"release-{source}"):  # nobody else writes the release meanwhile
+        with belonging.writing(run, f"release-{source}"):
             summary: Summary = pipeline(run, source).export(run, format.value)
             return summary
 
@@ -60,5 +62,6 @@ def add_export(
     return command(
         app,
         uses=("engine", "scheduler", "pipeline"),
+        json="the rows of each table, and path",
         examples=[f"kb {source} export", f"kb {source} export --format {others[-1]}"],
     )(export)

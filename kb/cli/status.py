@@ -19,6 +19,7 @@ app = group("Progress, quota, age of the data, what is left.")
     app,
     raw=True,
     resumable=False,
+    json="sources (each with phases, quota, rows and age), disk_bytes, next",
     examples=["kb status", "kb status --json", "kb status --data data/demo"],
 )
 def status(options: Options) -> None:

@@ -23,6 +23,7 @@ app = group("Every byte of a data root or release: whole, damaged, missing, fore
     app,
     raw=True,
     resumable=False,
+    json="files_whole, files_damaged, files_missing, files_foreign, kinds, found",
     examples=[
         "kb verify                       the data root",
         "kb verify release/              what was downloaded, against its checksums",

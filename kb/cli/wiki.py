@@ -20,7 +20,10 @@ app = group("Pages of the wiki: screenshots, elements with boxes, tables and ima
 
 @command(
     app,
-    uses=("workers", "limit", "wait", "again", "pipeline"),
+    uses=("workers", "wait", "pipeline"),
+    limit="Stop after N more pages (exit code 3); the next run resumes.",
+    again="Start a new round: list the wiki once more and render only new pages and revisions.",
+    json="crawled, images, failed, pending, robots, gone, requests",
     planned=("titles", "workers"),
     checks=True,
     examples=[

@@ -32,9 +32,11 @@ class Phase(StrEnum):
 
 @command(
     app,
-    uses=("workers", "limit", "wait", "again", "pipeline"),
+    uses=("workers", "wait", "pipeline"),
+    limit="Stop after N more videos, each through every phase (exit code 3); the next run resumes.",
+    again="Start a new round: list the channels' uploads once more and read only new videos.",
+    json="crawled, channels, transcripts, failed, pending, missing, requests, units",
     checks=True,
-    binds=False,
     planned=("ids", "part"),
     examples=[
         (
@@ -85,8 +87,10 @@ def crawl(
 
 @command(
     app,
-    uses=("limit", "wait", "again"),
-    binds=False,
+    uses=("wait",),
+    limit="Stop after N more videos (exit code 3); the next run resumes.",
+    again="Ask for every video of the list once more instead of showing the last result.",
+    json="there, changed, gone, by_year, requests, units",
     planned=("ids",),
     examples=[
         "kb youtube check --ids youtube_full.json --plan   units and days that it takes",

@@ -24,6 +24,7 @@ from kb import __version__
 from kb.core import clock, signals
 from kb.core.arrow import without_pandas
 from kb.core.errors import FatalError, KbError, MissingExtra, SettingError, Unreachable
+from kb.core.installation import install_extra
 
 CONNECT_S, WORKERS_S = 15.0, 120.0  # a queue may take its time to start the first worker
 SLICE_S, LOOK_S = 0.2, 3.0  # between looks for a signal; between questions after the workers
@@ -37,9 +38,7 @@ _SHARED = ("KB_NOW", "SOURCE_DATE_EPOCH")
 def check(scheduler: str | None) -> None:
     """Raise MissingExtra or SettingError before anything is sent or written."""
     if importlib.util.find_spec("distributed") is None:
-        raise MissingExtra(
-            "--engine dask needs dask and distributed", hint='run `pip install "lorecrawl[dask]"`'
-        )
+        raise MissingExtra("--engine dask needs dask and distributed", hint=install_extra("dask"))
     if scheduler and not _ADDRESS.fullmatch(scheduler):
         raise SettingError(
             f"--scheduler is {scheduler!r}", hint="write it like tcp://10.0.0.1:8786"

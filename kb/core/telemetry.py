@@ -8,7 +8,6 @@ in kb/core/dask_engine.py, PRAW's question for updates in kb/reddit/client.py.
 from __future__ import annotations
 
 import os
-import sys
 
 # Each is read when its library is imported, or by a program that it starts.
 ENVIRONMENT = {
@@ -19,15 +18,8 @@ ENVIRONMENT = {
     # without it a device's number and a queue of events are written to the user's cache.
     "ORT_DISABLE_TELEMETRY": "1",
 }
-# Reporters that a library uses when they can be imported and does without when they can't.
-# openvino-telemetry asks a file in the user's home folder whether it may report, and reports
-# where there is none.
-REPORTERS = ("openvino_telemetry",)
 
 
 def switch_off() -> None:
     """Set the switches for this process and those that it starts."""
     os.environ |= ENVIRONMENT
-    for name in REPORTERS:
-        # None makes `import` fail as if the package were not there (documented for sys.modules).
-        sys.modules[name] = None  # type: ignore[assignment]

@@ -30,11 +30,11 @@ from kb.filters.chain import VERDICTS, Clean
 from kb.filters.lost import unanswered
 from kb.filters.tasks import Job, parse_segment, sort_bucket, spec_of, texts_of
 from kb.schema.tables import table
-from kb.store import buckets, complete, indexed, mending, rawlog, tally, tombstones
+from kb.store import belonging, buckets, complete, indexed, mending, rawlog, tally, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
-from kb.store.lock import of_clean, taking, writer
+from kb.store.lock import of_clean, writer
 from kb.store.shards import write_table
 
 
@@ -49,7 +49,7 @@ def run_clean(run: Run, source: str) -> Summary:
     spec = spec_of(job)
     key = spec.scorer.check(run, source) if spec.scorer is not None else ""
     _segments(run.root, spec)  # without any, nothing is written
-    with taking(run.root, *of_clean(source)), _work(job) as work:
+    with belonging.writing(run, *of_clean(source)), _work(job) as work:
         segments = _segments(run.root, spec)
         tombstones.heal(run.root, source)
         mending.check(run.root, source)

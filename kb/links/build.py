@@ -25,6 +25,7 @@ import pyarrow.compute as pc
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError, MissingExtra
+from kb.core.installation import install_extra
 from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
 from kb.links import named
@@ -54,10 +55,7 @@ def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:
     The same input gives the same bytes. Raises ProfileError, MissingExtra, FatalError without
     clean tables, Interrupted, WriterLocked, DamagedData, DiskFull.
     """
-    keywords = lists.load(run.profile)
-    if find_spec("numpy") is None:
-        raise MissingExtra("links need the package numpy", hint="install lorecrawl[pairs]")
-    _files(run.root)  # without any, nothing is written
+    keywords = check(run)
     with writer(run.root, "links"):
         files = _files(run.root)
         called = names() if "wiki" in files else {}
@@ -80,6 +78,18 @@ def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:
         note = _finish(run, work, keywords, own, reads)
         shutil.rmtree(Layout(run.root).linking)
     return _summary(run.root, note)
+
+
+def check(run: Run) -> Keywords:
+    """The profile's keywords, when everything else that links need is there.
+
+    Raises ProfileError, MissingExtra, FatalError without clean tables.
+    """
+    keywords = lists.load(run.profile)
+    if find_spec("numpy") is None:
+        raise MissingExtra("links need the package numpy", hint=install_extra("pairs"))
+    _files(run.root)
+    return keywords
 
 
 def _files(root: Path) -> Files:

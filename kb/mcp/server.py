@@ -17,6 +17,7 @@ from pydantic import Field
 from kb import __version__
 from kb.core.context import Run
 from kb.core.errors import KbError, MissingExtra, UsageError
+from kb.core.installation import install_extra
 from kb.mcp import fence
 from kb.mcp.about import about
 from kb.mcp.around import around
@@ -69,7 +70,7 @@ def make(run: Run) -> Any:
     except ImportError as error:
         raise MissingExtra(
             f"kb mcp needs the Python package {error.name}",
-            hint="install the extra: pip install 'lorecrawl[mcp]'",
+            hint=install_extra("mcp"),
         ) from None
     look([run.root])
     server = MCPServer(

@@ -49,9 +49,7 @@ def build(run: Run) -> Summary:
 
     Raises ProfileError, MissingExtra, FatalError without transcripts, LimitReached, Interrupted.
     """
-    section = run.profile.section("pairs")
-    keywords = lists.load(run.profile)
-    make_tools(section, run.seed, keywords)  # what is missing is said before anything is written
+    section, keywords = run.profile.section("pairs"), check(run)
     plan = json.dumps(
         {
             "section": section.model_dump(mode="json"),
@@ -60,7 +58,6 @@ def build(run: Run) -> Summary:
         },
         sort_keys=True,
     )
-    source.parts(run.root)
     with writer(run.root, "pairs"):
         mark = source.fingerprint(run.root, _RULES, plan)
         known = read_summary(run.root)
@@ -88,6 +85,17 @@ def build(run: Run) -> Summary:
         error.summary = summary
         raise error
     return summary
+
+
+def check(run: Run) -> lists.Keywords:
+    """The profile's keywords, when everything else that pairs need is there.
+
+    Raises ProfileError, MissingExtra, FatalError without transcripts.
+    """
+    section, keywords = run.profile.section("pairs"), lists.load(run.profile)
+    make_tools(section, run.seed, keywords)
+    source.parts(run.root)
+    return keywords
 
 
 def clear_finished(root: Path) -> None:

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.errors import MissingExtra
+from kb.core.installation import install_extra
 from kb.core.profile.pairs import Pairs
 from kb.pairs import choose, draw
 from kb.pairs.grow import Grown, grow
@@ -43,7 +44,7 @@ def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
         if find_spec(package) is None:
             raise MissingExtra(
                 f"pairs need the package {package.replace('_', '-')}",
-                hint="install lorecrawl[pairs]",
+                hint=install_extra("pairs"),
             )
     return Tools(section, seed, keywords, Matcher(keywords.phrases), Tokens())
 

@@ -27,7 +27,7 @@ from kb.pairs.text import Text
 from kb.pairs.tokens import ENDS
 from kb.schema.conform import conform
 from kb.schema.tables import table
-from kb.store import complete, parquet, tombstones
+from kb.store import belonging, complete, parquet, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
@@ -42,7 +42,9 @@ def refill(run: Run, index: Path) -> Summary:
     at a time. Raises SettingError, DamagedData, FatalError without transcripts.
     """
     files = source.parts(run.root, index=index)
-    return fill(run, _read(index), files, Layout(run.root).pairs)
+    rows = _read(index)
+    with belonging.writing(run, "pairs"):
+        return fill(run, rows, files, Layout(run.root).pairs)
 
 
 def check(run: Run, indexes: Sequence[Path]) -> None:

@@ -221,4 +221,4 @@ def needs(package: str, *, install: str = "") -> None:
     """Raises MissingExtra, which says what to type, where an optional package is not there."""
     if find_spec(package) is None:
         install = install or package
-        raise MissingExtra(f"{install} is not installed", hint=f"pip install {install}")
+        raise MissingExtra(f"{install} is not installed", hint=f"install the package {install}")

@@ -6,10 +6,7 @@ Each reader takes the row that is being made, whose list `found` gets (column, r
 
 from __future__ import annotations
 
-import html
 from typing import Any
-
-_ENTITIES = ("title", "selftext", "body", "url", "url_overridden_by_dest")
 
 
 def integer(row: dict[str, Any], data: dict[str, Any], name: str) -> int | None:
@@ -71,25 +68,3 @@ def text(
     elif needed:
         row["found"].append(("body" if name in ("selftext", "body") else name, "absent", None))
     return None
-
-
-def unescaped(data: dict[str, Any]) -> dict[str, Any]:
-    """Dumps hold HTML entities, as Reddit gives them without raw_json=1."""
-    changed = {
-        name: html.unescape(value)
-        for name in _ENTITIES
-        if isinstance(value := data.get(name), str) and "&" in value
-    }
-    data = {**data, **changed} if changed else data
-    parents = data.get("crosspost_parent_list")
-    if isinstance(parents, list) and parents and isinstance(parents[0], dict):
-        data = {**data, "crosspost_parent_list": [unescaped(parents[0]), *parents[1:]]}
-    poll = data.get("poll_data")
-    if isinstance(poll, dict) and isinstance(poll.get("options"), list):
-        options = [
-            {**option, "text": html.unescape(str(option.get("text", "")))}
-            for option in poll["options"]
-            if isinstance(option, dict)
-        ]
-        data = {**data, "poll_data": {**poll, "options": options}}
-    return data

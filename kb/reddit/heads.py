@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 from msgspec import UNSET, Raw, UnsetType
 
 from kb.core.profile.reddit import Links
-from kb.reddit import fields, forms, parse, tree
+from kb.reddit import entities, forms, parse, tree
 from kb.reddit.records import asked_for
 from kb.reddit.types import removal
 from kb.schema.coerce import times
@@ -169,7 +169,7 @@ def _gone(data: Any, *, escaped: bool) -> str | None:
     for name in ("removed_by_category", "is_robot_indexable"):
         if (value := getattr(data, name)) is not UNSET:
             said[name] = value
-    why = removal(fields.unescaped(said) if escaped else said)
+    why = removal(entities.resolve(said) if escaped else said)
     return why[0] if why else None
 
 

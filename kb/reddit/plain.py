@@ -7,7 +7,6 @@ value is not what it should be, take the careful path, field by field, to the sa
 
 from __future__ import annotations
 
-import html
 from collections.abc import Callable, Iterable, Sequence
 from operator import attrgetter
 from typing import Any, ClassVar, NamedTuple
@@ -19,6 +18,7 @@ from msgspec import UNSET
 
 from kb.reddit import forms, tree
 from kb.reddit.dumps import LATEST
+from kb.reddit.entities import unescaped
 from kb.schema.coerce import times
 from kb.schema.decode import problems
 from kb.schema.tables import table
@@ -136,7 +136,7 @@ def is_plain(record: Any, *, escaped: bool) -> bool:
     body, score, made = record.body, record.score, record.created_utc
     if type(body) is not str or record.title is not UNSET or record.selftext is not UNSET:
         return False
-    if (html.unescape(body) if escaped and "&" in body else body) in _GONE:
+    if (unescaped(body) if escaped else body) in _GONE:
         return False
     parent = record.parent_id
     if type(parent) is not str or parent[:3] not in ("t1_", "t3_"):
@@ -196,7 +196,7 @@ def _bodies(records: list[Any], live: bool) -> pa.Array[Any]:
     bodies = map(attrgetter("body"), records)
     if live:
         return _texts(list(bodies))
-    return _texts([html.unescape(body) if "&" in body else body for body in bodies])
+    return _texts(list(map(unescaped, bodies)))
 
 
 def _posts(records: list[Any]) -> pa.Array[Any]:

@@ -19,6 +19,7 @@ import hashlib
 import math
 import shutil
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -44,7 +45,7 @@ from kb.store import leftovers, parquet, tombstones
 from kb.store.layout import Layout
 from kb.store.lock import writer
 
-LOCK = ".lock"  # in the folder of the tables: one run at a time adds to them
+LOCK = ".lock"  # in a folder of tables outside of the data root: one run at a time adds to them
 NOT_THERE = "not in these dumps"
 
 
@@ -150,7 +151,7 @@ def rebuild(
     wanted, sources = asked_for(ids, Layout(run.root).release("reddit"))
     digest = _digest(wanted, dumps, gone)
     tables.check_place(out)
-    with writer(out / LOCK, "reddit"):
+    with _writer(run.root, out):
         for name in (earlier.DONE, earlier.MISSING):
             leftovers.ended(out / name)  # of a killed run
         earlier.settle(out)
@@ -187,6 +188,16 @@ def rebuild(
         if not summary["failed"]:
             shutil.rmtree(work)
     return summary
+
+
+def _writer(root: Path, out: Path) -> AbstractContextManager[None]:
+    """The right to add to the tables in `out`: a lock of the data root where they lie in it."""
+    at = Layout(root)
+    if out == at.reconstructed:
+        return writer(root, "reconstructed")
+    if out.is_relative_to(at.restored()):
+        return writer(root, "restored")
+    return writer(out / LOCK, "reddit")
 
 
 def need_key(run: Run) -> None:

@@ -12,7 +12,7 @@ import msgspec
 
 from kb.core.errors import DamagedData
 from kb.core.profile.reddit import Links
-from kb.reddit import fields, plain, tree
+from kb.reddit import entities, fields, plain, tree
 from kb.reddit.dumps import LATEST, retrieved
 from kb.reddit.types import is_crosspost, link_classifier, poll_options, post_type, removal
 from kb.schema.decode import holdable
@@ -91,7 +91,7 @@ class Reader:
     def post(self, data: dict[str, Any]) -> Row:
         """The row of a post (a submission's fields of any year)."""
         if not self._live:
-            data = fields.unescaped(data)
+            data = entities.resolve(data)
         row, key = _identified("t3", data)
         row["post_id"] = key
         kind, link_kind, url = post_type(data, self._classify)
@@ -112,7 +112,7 @@ class Reader:
     def comment(self, data: dict[str, Any]) -> Row:
         """The row of a comment."""
         if not self._live:
-            data = fields.unescaped(data)
+            data = entities.resolve(data)
         row, _ = _identified("t1", data)
         row["post_id"] = tree.bare(data.get("link_id"))
         parent = data.get("parent_id")

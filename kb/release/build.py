@@ -26,10 +26,10 @@ from kb.release.metadata import deposit
 from kb.release.pages import card, citation, datasheet, law
 from kb.release.problem import Problem
 from kb.schema import table
-from kb.store import complete, tombstones
+from kb.store import belonging, complete, tombstones
 from kb.store.atomic import write_text
 from kb.store.layout import Layout
-from kb.store.lock import RELEASES, taking
+from kb.store.lock import RELEASES
 from kb.store.shards import write_table
 
 _log = logging.getLogger(__name__)
@@ -40,7 +40,7 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
 
     Raises ReleaseRefused with `.problems`, UsageError.
     """
-    with taking(run.root, *RELEASES):
+    with belonging.writing(run, *RELEASES):
         return _release(run, only)
 
 

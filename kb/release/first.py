@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from kb import __version__
 from kb.release.facts import ColumnFacts, Facts
 
 WIDTH = 40  # of the longest bar, in characters
@@ -54,7 +53,6 @@ class Bar(NamedTuple):
 def first(facts: Facts) -> dict[str, Any]:
     """What templates/first_screen.md.jinja says of a folder."""
     return {
-        "version": __version__,
         "query": _QUERIES[facts.source],
         "archive": next((one.name for one in facts.others if one.name.endswith(".tar")), None),
         "picture": picture(facts),

@@ -15,6 +15,7 @@ from typing import Any
 
 from kb import __version__
 from kb.core.context import Run
+from kb.core.installation import install_extra, lock_digest, software, software_address
 from kb.release import provenance
 from kb.release.about import about
 from kb.release.facts import Facts, TableFacts
@@ -32,6 +33,7 @@ _SIZES = (
     (10**7, "1M<n<10M"),
     (10**8, "10M<n<100M"),
 )
+_EXTRAS = {"wiki": "wiki", "pairs": "pairs"}  # what the commands of a card need
 _MAIN = ("videos", "pages", "posts", "pairs", "links")  # what a reader means who names no table
 
 
@@ -54,9 +56,6 @@ def card(run: Run, facts: Facts, changed: Changes) -> str:
         changed=changed,
         rules=provenance.rules(run.profile, facts.source),
         profile=run.profile,
-        software=__version__,
-        address=provenance.software_address(),
-        lock=provenance.lock_digest(),
         listed=bool(provenance.keyword_text(run.profile)),
     )
 
@@ -66,7 +65,6 @@ def datasheet(run: Run, facts: Facts) -> str:
     return render(
         "datasheet.md",
         **_in_markdown(run, facts),
-        address=provenance.software_address(),
         kept=next((table.rows for table in facts.tables if _is_main(table)), facts.rows),
         rejected=sum(n for _, _, n in facts.rejected),
         toxic=sum(n for stage, _, n in facts.rejected if stage == "toxicity"),
@@ -78,8 +76,9 @@ def citation(run: Run, facts: Facts) -> str:
     """CITATION.cff. Strings are quoted as JSON, which YAML reads."""
     return render(
         "citation.cff",
-        software=__version__,
-        address=provenance.software_address(),
+        version=__version__,
+        address=software_address(),
+        lock=lock_digest(),
         about=about(run.profile, facts.source),
         facts=facts,
         release=run.profile.release,
@@ -95,6 +94,7 @@ def bibtex(run: Run, facts: Facts) -> str:
         facts=facts,
         key=name(run, facts).replace("-", "_"),
         release=run.profile.release,
+        version=__version__,
     ).rstrip("\n")
 
 
@@ -116,7 +116,10 @@ def _in_markdown(run: Run, facts: Facts) -> dict[str, Any]:
         "facts": facts,
         "law": licence(facts.licence),
         "note": SANDBOX_NOTE,
+        "install": install_extra(_EXTRAS.get(facts.source, "")),
         "release": section,
+        "software": software(),
+        "address": software_address(),
         "topic": run.profile.title,
     }
 

@@ -8,10 +8,8 @@ provenance.json    the rest, and what changed since the release before
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 import json
 import re
-from functools import cache
 from typing import Any
 
 import msgspec
@@ -19,13 +17,12 @@ import msgspec
 from kb import __version__
 from kb.core.context import Run
 from kb.core.errors import ProfileError
+from kb.core.installation import lock_digest, software_address
 from kb.core.profile import PROFILE_FILE, Profile
-from kb.core.resources import lock_file
 from kb.core.sources import SOURCES
 from kb.release.history import Changes
 
 KEYWORDS, PROVENANCE = "keywords.tsv", "provenance.json"
-_LABELS = ("source", "repository", "github", "homepage")  # of a package's addresses, best first
 _COLUMNS = "keyword\tkind\trule\tforms"
 # What decides which rows a folder has, by its section of the profile.
 _RULES = {
@@ -81,31 +78,6 @@ def _shown(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-@cache
-def lock_digest() -> str:
-    """SHA-256 of the file of locked dependencies; empty where the installation has none."""
-    path = lock_file()
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path is not None else ""
-
-
-@cache
-def software_address() -> str | None:
-    """Where the software itself is; None where its package says nothing (`[project.urls]`).
-
-    The labels are those of https://packaging.python.org/specifications/well-known-project-urls/,
-    the place of the code first.
-    """
-    try:
-        said = importlib.metadata.metadata("lorecrawl").get_all("Project-URL") or []
-    except importlib.metadata.PackageNotFoundError:
-        return None
-    urls: dict[str, str] = {}
-    for line in said:
-        label, _, url = line.partition(",")
-        urls[label.strip().lower()] = url.strip()
-    return next((urls[label] for label in _LABELS if urls.get(label)), None)
 
 
 def files(run: Run, source: str, changed: Changes) -> dict[str, str]:

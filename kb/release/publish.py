@@ -26,8 +26,9 @@ from kb.release.measure import models
 from kb.release.problem import Problem
 from kb.release.service import TIMEOUT_S, stray
 from kb.release.upload import Upload, document_of
+from kb.store import belonging
 from kb.store.digests import SUMS
-from kb.store.lock import RELEASES, taking, writer
+from kb.store.lock import RELEASES, writer
 from kb.store.reading import SANDBOX_MODEL
 
 HOSTS = {"zenodo-sandbox": "https://sandbox.zenodo.org", "zenodo": "https://zenodo.org"}
@@ -41,7 +42,7 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
     """
     token = run.settings.need("zenodo_token")
     endpoint = run.settings.kb_zenodo_endpoint or HOSTS[to]
-    with taking(run.root, *RELEASES):
+    with belonging.writing(run, *RELEASES):
         return _publish(run, endpoint, token, publish, only)
 
 

@@ -10,6 +10,7 @@ from functools import partial
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import MissingExtra
+from kb.core.installation import install_extra
 from kb.core.profile import Profile
 from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
@@ -24,9 +25,9 @@ from kb.report.services import quota
 from kb.report.style import BLUE, GREEN, PURPLE, Figure, applied
 from kb.report.toxicity import toxicity
 from kb.schema import table
+from kb.store import belonging
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
-from kb.store.lock import taking
 from kb.store.reading import SANDBOX_MODEL, filtered
 
 Maker = Callable[[Data, "Profile"], "Figure | tuple[Figure, ...] | None"]
@@ -122,10 +123,8 @@ def report(run: Run) -> Summary:
         if importlib.util.find_spec(name) is None
     ]
     if missing:
-        raise MissingExtra(
-            f"figures need {', '.join(missing)}", hint="pip install 'lorecrawl[figures]'"
-        )
-    with taking(run.root, "report"):
+        raise MissingExtra(f"figures need {', '.join(missing)}", hint=install_extra("figures"))
+    with belonging.writing(run, "report"):
         return _report(run)
 
 

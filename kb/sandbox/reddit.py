@@ -7,6 +7,7 @@ Both hosts (www and oauth) are one root here. Forms and limits are those of the 
 from __future__ import annotations
 
 import base64
+import html
 import json
 import threading
 from pathlib import Path
@@ -233,6 +234,12 @@ class Service:
         )
 
 
+def _escaped(thing: dict[str, Any]) -> dict[str, Any]:
+    """A post or comment as Reddit gives it without raw_json=1."""
+    texts = {name: thing[name] for name in ("title", "selftext", "body", "url") if name in thing}
+    return {**thing, **{name: html.escape(text, quote=False) for name, text in texts.items()}}
+
+
 def dumps(subreddit: Subreddit, folder: Path) -> list[Path]:
     """A pair of archive dumps of the same subreddit a year earlier, in the old fields,
     with two bad lines; their paths.
@@ -252,18 +259,13 @@ def dumps(subreddit: Subreddit, folder: Path) -> list[Path]:
     old_posts, old_comments = subreddit.archive
     for number, post in enumerate(old_posts.values()):
         made = int(post["created_utc"])
-        old = {
-            **post,
-            "created_utc": str(made),
-            "retrieved_on": made + 500_000,
-            "title": post["title"].replace("&", "&amp;"),
-        }
+        old = {**_escaped(post), "created_utc": str(made), "retrieved_on": made + 500_000}
         for name in ("upvote_ratio", "is_robot_indexable", "removed_by_category", "name"):
             old.pop(name, None)
         posts.append(json.dumps(old, separators=(",", ":") if number % 2 else None))
     for comment in old_comments.values():
         old = {
-            **comment,
+            **_escaped(comment),
             "created_utc": int(comment["created_utc"]),
             "retrieved_on": int(comment["created_utc"]) + 500_000,
         }

@@ -19,11 +19,10 @@ from kb.core.verdict import Summary
 from kb.search import sections, threads, transcripts, writer
 from kb.search.analysis import STEMMERS
 from kb.search.passage import MOST_WORDS, Passage
-from kb.store import indexed
+from kb.store import belonging, indexed
 from kb.store.atomic import replacing_folder
 from kb.store.indexed import Note
 from kb.store.layout import Layout
-from kb.store.lock import taking
 
 
 class Made(NamedTuple):
@@ -58,7 +57,7 @@ def follow(run: Run, source: str) -> Made | None:
 
     None where the source has no clean tables: then no index stays either. Raises as `index`.
     """
-    with taking(run.root, f"index-{source}"):
+    with belonging.writing(run, f"index-{source}"):
         paths = indexed.files(run.root, source)
         if not paths:
             indexed.forget(run.root, source)

@@ -8,11 +8,14 @@ may change within a profile; another name is refused (OtherService, exit 2).
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import msgspec
 
+from kb.core.context import Run
 from kb.core.errors import OtherService, ProfileError
 from kb.core.profile import Profile, is_shipped, load_profile
 from kb.core.sources import SOURCES
@@ -108,8 +111,21 @@ def _of(root: Path, profile: Profile) -> Remembered:
     return Remembered(profile.name, file, beside)
 
 
+@contextmanager
+def writing(run: Run, *locks: str) -> Iterator[None]:
+    """Hold these locks of the run's data root, which remembers the run's profile from then on.
+
+    Every command that works on stored data writes inside this block, and looks for the
+    credential, model or extra that it needs before it. A root without data is left as it is.
+    Raises WriterLocked, OtherService.
+    """
+    with lock.taking(run.root, *locks):
+        note_if_stored(run.root, run.profile)
+        yield
+
+
 def note_if_stored(root: Path, profile: Profile) -> None:
-    """The same before a command that works on what is there; nothing is made where nothing is."""
+    """The same as `note` where data is stored; else nothing is written."""
     if _holds_data(root):
         note(root, profile)
 

@@ -108,6 +108,10 @@ class Layout:
         """How many rows a purge that is not finished has removed."""
         return self.state_folder() / f"{source}.purged-rows.json"
 
+    def repairing(self, source: str) -> Path:
+        """There while a repair reads lost raw data again and has not filtered them yet."""
+        return self.state_folder() / f"{source}.repair"
+
     def importing(self, source: str) -> Path:
         """What an import of dumps keeps until it is done."""
         return self.state_folder() / f"{source}-import"

@@ -59,6 +59,10 @@ def _places(at: Layout, name: str) -> tuple[Path, ...]:
             return (at.report,)
         case "deposits":
             return (at.deposits,)
+        case "restored":
+            return (at.restored(),)
+        case "reconstructed":
+            return (at.reconstructed,)
         case "index-youtube" | "index-wiki" | "index-reddit":
             source = name.removeprefix("index-")
             return (at.index(source),)

@@ -6,6 +6,8 @@
     release-<source>       release/<source>/ and export/ of it; of `pairs` and `links` too
     index-<source>         index/ of it
     report                 report/
+    restored               restored/
+    reconstructed          export/reconstructed/
     deposits               what was uploaded
 
 A command takes all that it writes, and what it reads whole (`pairs`, `links` and exports read
@@ -32,7 +34,8 @@ from kb.store.layout import Layout
 
 RELEASES = tuple(f"release-{name}" for name in PUBLISHED)
 INDEXES = tuple(f"index-{name}" for name in SOURCES)
-ORDER = (*PUBLISHED, *RELEASES, *INDEXES, "report", "deposits")
+RESTORED = ("restored", "reconstructed")
+ORDER = (*PUBLISHED, *RELEASES, *INDEXES, *RESTORED, "report", "deposits")
 
 _ATTEMPTS = 10
 _LOOK = 0.01  # seconds between two attempts: longer than anybody looks
@@ -47,10 +50,10 @@ def of_clean(source: str) -> tuple[str, ...]:
 
 
 def of_purge(source: str) -> tuple[str, ...]:
-    """What removing keys of a source takes: everything that is made of it, and the releases of
-    pairs and links, whose descriptions are written again with it.
+    """The locks of a purge: everything that is made of the source, what was brought back of it, and
+    the releases of pairs and links, whose descriptions are written again.
     """
-    return (*of_clean(source), "release-pairs", "release-links", "report")
+    return (*of_clean(source), "release-pairs", "release-links", *RESTORED, "report")
 
 
 @contextlib.contextmanager

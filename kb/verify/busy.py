@@ -49,7 +49,7 @@ def _locks(parts: tuple[str, ...]) -> tuple[str, ...]:
         return (source,)
     if place == "state" and source in SOURCES:
         return (source,)
-    if place in ("pairs", "report"):
+    if place in ("pairs", "restored", "report"):
         return (place,)
     if place == "release" and source in PUBLISHED:
         return (f"release-{source}",)

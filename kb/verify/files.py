@@ -18,7 +18,16 @@ from kb.verify.found import Look
 NEIGHBOURS = {"demo", "dumps", "profiles", "demo-finished", ".gitignore", ".gitkeep"}
 _CLEARED = "a killed command left it: `kb verify --repair` or the next command there clears it"
 _NEVER_EMPTY = (".json", ".jsonl", ".html", ".png", ".svg")
-_OF_STATE = (".lock", ".key", ".key.sha256", ".exported", ".sqlite-wal", ".sqlite-shm", ".bak")
+_OF_STATE = (
+    ".lock",
+    ".key",
+    ".key.sha256",
+    ".exported",
+    ".repair",
+    ".sqlite-wal",
+    ".sqlite-shm",
+    ".bak",
+)
 
 
 class Files:

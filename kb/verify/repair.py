@@ -54,9 +54,12 @@ class Crawl:
     crawl: Act
 
     def take(self, root: Path, look: Look) -> list[str]:
-        """See `Step`."""
-        if not is_lost(root, look, self.source):
+        """See `Step`. What is filtered afterwards is noted: the repair may be killed before."""
+        note = Layout(root).repairing(self.source)
+        if not is_lost(root, look, self.source) and not note.exists():
             return []
+        if Layout(root).clean(self.source).is_dir():
+            write_bytes(note, b"")
         return [*self.set_aside(), *_tried(f"kb {self.source} crawl", self.crawl)]
 
 
@@ -72,13 +75,14 @@ class Make:
 
     def take(self, root: Path, look: Look) -> list[str]:
         """See `Step`; not where a file of somebody else's would go with it."""
-        fresh = bool(self.after) and is_lost(root, look, self.after) and self.places[0].is_dir()
+        note = Layout(root).repairing(self.after) if self.after else None
+        fresh = note is not None and note.exists()
         if not fresh and not any(self._holds(one) for one in look.of(self.kind)):
             return []
         foreign = next((one.path for one in look.found if self._is_in_the_way(one)), None)
         if foreign is not None:
             return [f"{self.places[0]} was left: move {foreign} away, then run `{self.command}`"]
-        return _tried(self.command, self.make)
+        return _tried(self.command, self.make, note)
 
     def _holds(self, one: Found) -> bool:
         return one.state != "foreign" and any(map(one.path.is_relative_to, self.places))
@@ -118,10 +122,12 @@ def is_lost(root: Path, look: Look, source: str) -> bool:
     )
 
 
-def _tried(command: str, act: Act) -> list[str]:
-    """What a command does, or why it could not."""
+def _tried(command: str, act: Act, note: Path | None = None) -> list[str]:
+    """What a command does, or why it could not; `note` goes when it succeeded."""
     try:
         act()
+        if note is not None:
+            note.unlink(missing_ok=True)
     except KbError as error:
         way = f"; {error.hint}" if error.hint else ""
         return [f"`{command}` has to be run: {error}{way}"]

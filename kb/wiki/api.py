@@ -18,6 +18,7 @@ import msgspec
 
 from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable, Unreachable
 from kb.crawl.source import Answer
+from kb.net import retry
 from kb.wiki import answers
 from kb.wiki.errors import Refused
 from kb.wiki.web import Web
@@ -205,19 +206,30 @@ def _join(first: dict[str, Any], more: dict[str, Any]) -> None:
                 known.setdefault(name, value)
 
 
-class _Links(HTMLParser):
+class _FrontPage(HTMLParser):
+    """`href` of the EditURI link; `unlisted` when it asks search engines to leave it out.
+
+    A wiki's front page never does that; challenge pages do (Anubis, Cloudflare).
+    """
+
     def __init__(self) -> None:
         super().__init__()
         self.href: str | None = None
+        self.unlisted = False
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        held = dict(attrs)
-        if tag == "link" and (held.get("rel") or "").lower() == "edituri" and held.get("href"):
-            self.href = self.href or held["href"]
+        given = {name: value or "" for name, value in attrs}
+        if tag == "link" and given.get("rel", "").lower() == "edituri":
+            self.href = self.href or given.get("href")
+        if tag == "meta" and given.get("name", "").lower() == "robots":
+            self.unlisted = "noindex" in given.get("content", "").lower()
 
 
-def find_endpoint(web: Web, url: str) -> str:
-    """The address of `api.php` by the front page's EditURI link. Raises FatalError, Blocked."""
+def find_endpoint(web: Web, url: str, *, known: bool = False) -> str:
+    """The address of `api.php` by the front page's EditURI link. Raises FatalError, Blocked.
+
+    `known`: it had one before, so that a front page without it is a challenge.
+    """
     web.barred(f"{url}/")
     try:
         page = web.attempt(lambda: web.get(f"{url}/", {}))
@@ -227,14 +239,16 @@ def find_endpoint(web: Web, url: str) -> str:
         ) from None
     except ItemFinal as error:
         raise FatalError(f"{url} does not answer as a wiki: {error}") from None
-    links = _Links()
-    links.feed(page.body.decode("utf-8", "replace"))
-    if not links.href:
+    front = _FrontPage()
+    front.feed(page.body.decode("utf-8", "replace"))
+    if not front.href and (known or front.unlisted):
+        raise retry.blocked(f"{url} shows a page that is not the wiki's, as a challenge does")
+    if not front.href:
         raise FatalError(
-            f"{url} has no EditURI link, so its API is not known",
+            f"{url} has no EditURI link: it is not a MediaWiki, or answers with a challenge page",
             hint="give the root of a MediaWiki as KB_WIKI_URL or wiki.url in the profile",
         )
-    parts = urlsplit(urljoin(page.url, links.href))
+    parts = urlsplit(urljoin(page.url, front.href))
     if parts.hostname != urlsplit(page.url).hostname:
         raise FatalError(f"the EditURI link of {url} leads to another host, {parts.hostname}")
     return urlunsplit((parts.scheme, parts.netloc, parts.path, "", ""))

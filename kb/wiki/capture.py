@@ -14,7 +14,7 @@ from kb.core import clock
 from kb.core.errors import ItemFinal, Retryable
 from kb.wiki import screenshot
 from kb.wiki.browser import Browser
-from kb.wiki.errors import NotShown, PageTimeout, Served, Unserved, of_status
+from kb.wiki.errors import Challenge, NotShown, PageTimeout, Served, Unserved, of_status
 from kb.wiki.network import Network
 
 _SETTLE = "return await window.__kb.settle(arguments[0]);"
@@ -35,6 +35,7 @@ return performance.getEntriesByType("resource")
         && e.duration > 0))
   .map((e) => e.name);
 """
+_IDENTITY = "return window.__kb ? window.__kb.identity() : {};"
 _STATUS = """
 const entry = performance.getEntriesByType("navigation")[0];
 return [location.href, entry ? entry.responseStatus : 0];
@@ -87,15 +88,17 @@ def capture(
     rules: dict[str, Any],
     *,
     max_height: int,
+    page_id: int | None = None,
     strict: bool = True,
     turn: Callable[[float | None, float], bool] = at_once,
 ) -> Captured:
     """Load `url` and write its screenshot to `shot`.
 
-    `strict` fails when a style sheet or script was not served; the last try takes the page as it
-    is. `turn` waits until one more request may be sent, after the seconds that the service wished
-    for, and says False when that is not within so many seconds. Raises Retryable (the page may go
-    well next time) or ItemFinal (it will not).
+    Where `page_id` is given, the document must name it and end with `</html>`, as MediaWiki's do.
+    `strict` fails when the end is missing, or a style sheet or script was not served; the last try
+    takes the page as it is. `turn` waits until one more request may be sent, after the seconds that
+    the service wished for, and says False when that is not within so many seconds. Raises Retryable
+    (the page may go well next time) or ItemFinal (it will not).
     """
     watch = Stopwatch()
     network = Network(browser)
@@ -103,6 +106,10 @@ def capture(
         browser.go(url)
         network.read()
         _check_document(browser, network, url)
+        if page_id is not None:
+            _check_identity(browser.script(_IDENTITY), page_id)
+            if strict and _has_no_end(network):
+                raise Served("cut_off")
         if strict and (broken := browser.script(_BROKEN)):
             raise Served("resource_failed", after=_longest(network, broken))
         watch.lap("load")
@@ -121,6 +128,8 @@ def capture(
     page = extraction["page"]
     if not _same_site(page["url"], url):
         raise _left(browser, url) or ItemFinal("redirected_away", page["url"])
+    if page_id is not None:  # it may have left for another page while it settled
+        _check_identity(page, page_id)
     if page["height"] > max_height:
         raise ItemFinal("too_tall", str(page["height"]))
     if page["truncated"]:
@@ -206,6 +215,35 @@ def _check_document(browser: Browser, network: Network, url: str) -> None:
         raise Served(f"http_{status}", after=served.after if served else None, unreachable=True)
     if status >= 400:
         raise of_status(status)
+    if network.cut_off:
+        raise Served("cut_off")
+
+
+def _check_identity(shown: dict[str, Any], page_id: int) -> None:
+    """MediaWiki names page and revision in `mw.config` of each page; other servers do not.
+
+    A title may lead to another page meanwhile. Raises Challenge, ItemFinal.
+    """
+    if not isinstance(shown.get("page_id"), int) or not isinstance(shown.get("revision_id"), int):
+        raise Challenge
+    if shown["page_id"] != page_id or not shown["revision_id"]:
+        raise ItemFinal("other_page", str(shown["page_id"]))
+
+
+def _has_no_end(network: Network) -> bool:
+    """Whether the document stops before its end although as many bytes came as were announced."""
+    text = network.document()
+    return text is not None and "</html" not in text[-1000:].lower()
+
+
+def check_front_page(browser: Browser, url: str) -> None:
+    """Load the wiki's front page. Raises Challenge when it is none, and as `capture` does."""
+    network = Network(browser)
+    browser.go(url)
+    network.read()
+    _check_document(browser, network, url)
+    if not isinstance(browser.script(_IDENTITY).get("page_id"), int):
+        raise Challenge
 
 
 def _left(browser: Browser, url: str) -> ItemFinal | None:

@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 from kb.core.errors import MissingExtra
+from kb.core.installation import install_extra
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 INSTALL = (
@@ -34,7 +35,7 @@ def find() -> Programs:
     except ImportError as error:
         raise MissingExtra(
             f"the wiki crawl needs the Python package {error.name}",
-            hint="install the extra: pip install 'lorecrawl[wiki]'",
+            hint=install_extra("wiki"),
         ) from None
     return _find(os.environ.get("PATH", os.defpath), os.environ.get("SE_CACHE_PATH", ""))
 

@@ -18,6 +18,8 @@ from kb.store.layout import BELOW, Layout
 from kb.wiki import extraction, reduce
 from kb.wiki.payloads import Site, Title
 
+_IDENTIFIED = "identified"  # cursor: all captures are of the pages that they were stored for
+
 
 class Round(msgspec.Struct):
     """The cursor of a kind of rounds: "round" of the whole list, "named" of named titles."""
@@ -163,6 +165,24 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
         for path in lost:
             sidefiles.set_aside(root / path)
     sidefiles.forget(root, "wiki")
+
+
+def reopen_foreign(frontier: Frontier, root: Path) -> None:
+    """Pages for which earlier versions stored another page become todo again.
+
+    Each data root is searched once, as this version stores none.
+    """
+    if frontier.cursor(_IDENTIFIED):
+        return
+    foreign = []
+    for key, _, _, page in frontier.items("pages", "done"):
+        if page.rendered is not None:
+            folder = Layout(root).captures / key / str(page.rendered[0])
+            if extraction.is_foreign(extraction.page_of(folder), int(key)):
+                foreign.append(key)
+    with frontier.transaction():
+        frontier.mark("pages", foreign, "todo")
+        frontier.set_cursor(_IDENTIFIED, True)
 
 
 def _with_sprites(frontier: Frontier, root: Path, names: set[str]) -> set[str]:

@@ -1,11 +1,13 @@
 """What an address or the browser answered instead of a page, told by class.
 
 ItemFinal
+├── NoPicture           an image's address answers with a page, as challenges do
 └── HttpStatus          an address answers with 4xx
     ├── NotNow              408, 425: about this one request
     └── Refused             401, 403: us it refuses, or this page alone
 Retryable
 ├── Served              the server answered, though not with a whole page; the browser did well
+│   └── Challenge           another page came in its place, as challenges do
 ├── NotShown            the browser shows nothing of a page and hides why
 │   └── Unserved            no page came, as the browser noted; it did well
 └── PageTimeout         the page takes too long; its browser is ended
@@ -23,6 +25,13 @@ class HttpStatus(ItemFinal):
         super().__init__(f"http_{status}")
 
 
+class NoPicture(ItemFinal):
+    """HTML in the place of an image; the next run asks for it again."""
+
+    def __init__(self) -> None:
+        super().__init__("challenge")
+
+
 class NotNow(HttpStatus):
     """An answer about one request, which says nothing about the page."""
 
@@ -33,6 +42,16 @@ class Refused(HttpStatus):
 
 class Served(Retryable):
     """The server answered with an error, or with a page that lacks what it needs."""
+
+
+class Challenge(Served):
+    """An answer with status 200 that does not identify itself as a page of the wiki.
+
+    Challenge pages (Anubis, Cloudflare) are such answers: they are HTML without `mw.config`.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("challenge")
 
 
 class NotShown(Retryable):

@@ -11,7 +11,7 @@ const INLINE = new Set(["A", "ABBR", "B", "BDI", "BR", "CITE", "CODE", "EM", "I"
   "SPAN", "STRONG", "SUB", "SUP", "TIME", "U", "VAR", "WBR", "IMG"]);
 const elements = [], cells = [], facts = [], recipes = [];
 const styles = new Map(), clips = new Map(), placed = new Map(), strokes = new Map();
-let truncated = false, entries = 0, without = null;
+let truncated = false, entries = 0, without = null, marked = true;
 
 // What JSON and Arrow can't hold becomes U+FFFD.
 const sound = (s) => (typeof s === "string" ? s.toWellFormed().replaceAll("\0", "\uFFFD") : s);
@@ -90,6 +90,7 @@ function textOf(nodes, seen, pre, blocks) {
       return;
     }
     if (node.nodeType !== 1 || isChrome(node) || node.tagName === "TABLE" || node === without) return;
+    if (!marked && node.matches(rules.reference)) return;
     if (node.tagName === "BR") {
       out += "\n";
       if (blocks) blocks.push([]);
@@ -200,7 +201,13 @@ function framesOf(e) {
 }
 
 // Rows of an infobox: a field and its value, several beside each other, or values below their fields.
+// Marks of footnotes are left out.
 function readFacts(box) {
+  marked = false;
+  readRows(box);
+  marked = true;
+}
+function readRows(box) {
   const title = box.querySelector(rules.fact_subject), subject = title && textOf(title.childNodes, shown(title), false) || null;
   let above = [];
   for (const row of box.querySelectorAll(rules.fact)) {
@@ -358,10 +365,8 @@ function emitRun(e, nodes, ctx, grids) {
 walk(root, { parent: null, region: "content", covered: false }, null);
 for (const fact of facts) { fact.element = elementOfValue(fact.at); delete fact.at; }
 for (const slot of recipes.flatMap((recipe) => recipe.slots)) { slot.element = elementOfSlot(slot.at); delete slot.at; }
-const conf = window.mw?.config?.get ? { ...window.RLCONF, ...window.mw.config.get() } : window.RLCONF || {};
 return {
   page: { width: pageWidth, height: pageHeight, viewport_width: innerWidth, device_pixel_ratio: devicePixelRatio,
-    url: location.href, title: sound(document.title), page_id: conf.wgArticleId ?? null, revision_id: conf.wgRevisionId ?? null,
-    redirected_from: conf.wgRedirectedFrom ?? null, truncated },
+    url: location.href, title: sound(document.title), ...window.__kb.identity(), truncated },
   elements, cells, facts, recipes,
 };

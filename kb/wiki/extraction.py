@@ -18,7 +18,12 @@ from kb.store import sidefiles
 
 SIDES = ("x", "y", "width", "height")
 _Box = tuple[float, float, float, float]
+_FILE = "extraction.json.zst"
 _BY_RULES = ("alt", "caption", "crop", "frames", "lines", "src")  # an element may be without
+
+
+class _PageAlone(msgspec.Struct, gc=False):
+    page: dict[str, Any] = {}
 
 
 class Extraction(msgspec.Struct, gc=False):
@@ -44,6 +49,25 @@ def read(root: Path, folder: Path) -> Extraction:
         found: Extraction = _decoder().decode(text)
     except msgspec.DecodeError:
         return _careful(_decoded(root, folder, text))
+    return found
+
+
+def is_foreign(page: dict[str, Any], page_id: int) -> bool:
+    """Whether a capture is of another page than it was stored for.
+
+    Earlier versions stored challenge pages like this. `page` is what the extraction says of the
+    page; captures that do not hold what the page said of itself are taken for what they should be.
+    """
+    return bool(page.get("page_id", page_id) != page_id)
+
+
+def page_of(folder: Path) -> dict[str, Any]:
+    """What the extraction in a folder says of the page; empty where it can't be read."""
+    try:
+        text = _unpacked(folder)
+        found: dict[str, Any] = msgspec.json.decode(text, type=_PageAlone).page
+    except (OSError, zstandard.ZstdError, msgspec.DecodeError):
+        return {}
     return found
 
 
@@ -104,18 +128,21 @@ def _default(each: msgspec.structs.FieldInfo) -> dict[str, Any]:
 
 
 def _content(root: Path, folder: Path) -> bytes:
-    path = folder / "extraction.json.zst"
     try:
-        return zstandard.ZstdDecompressor().decompressobj().decompress(path.read_bytes())
+        return _unpacked(folder)
     except (OSError, zstandard.ZstdError) as error:
-        raise _lost(root, path, error) from None
+        raise _lost(root, folder / _FILE, error) from None
+
+
+def _unpacked(folder: Path) -> bytes:
+    return zstandard.ZstdDecompressor().decompressobj().decompress((folder / _FILE).read_bytes())
 
 
 def _decoded(root: Path, folder: Path, text: bytes) -> dict[str, Any]:
     try:
         found: dict[str, Any] = msgspec.json.decode(text)
     except msgspec.DecodeError as error:
-        raise _lost(root, folder / "extraction.json.zst", error) from None
+        raise _lost(root, folder / _FILE, error) from None
     return found
 
 

@@ -9,6 +9,7 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
+from kb.core.errors import Retryable
 from kb.net import retry
 from kb.wiki.browser import Browser
 
@@ -36,6 +37,9 @@ class Network:
     def __init__(self, browser: Browser) -> None:
         self._browser = browser
         self._addresses: dict[str, str] = {}
+        self._failed: set[str] = set()
+        self._frame: str | None = None  # of the page itself
+        self._document: str | None = None  # the newest request for it
         self.served: dict[str, Served] = {}
         browser.record()  # forget the pages before
 
@@ -48,6 +52,10 @@ class Network:
     def _note(self, method: str, params: dict[str, Any]) -> None:
         if method == "Network.requestWillBeSent":
             self._addresses[params["requestId"]] = _bare(params["request"]["url"])
+            if params.get("type") == "Document":
+                self._frame = self._frame or params.get("frameId")
+                if params.get("frameId") == self._frame:
+                    self._document = params["requestId"]
         elif method == "Network.responseReceived":
             answer = params["response"]
             headers = {name.lower(): value for name, value in answer.get("headers", {}).items()}
@@ -56,10 +64,26 @@ class Network:
                 retry.retry_after(headers.get("retry-after"), headers.get("date")),
             )
         elif method == "Network.loadingFailed":
+            self._failed.add(params["requestId"])
             url = self._addresses.get(params["requestId"])
             # An error page's body is not wanted by an image: the status before it says more.
             if url is not None and (url not in self.served or self.served[url].status < 400):
                 self.served[url] = Served(0, barred="blockedReason" in params)
+
+    @property
+    def cut_off(self) -> bool:
+        """Whether the page's own document broke off: Chromium shows what had come by then."""
+        return self._document in self._failed
+
+    def document(self) -> str | None:
+        """The text of the page's own document; None when the browser no longer has it."""
+        try:
+            answer = self._browser.devtools(
+                "Network.getResponseBody", {"requestId": self._document}
+            )
+        except Retryable:
+            return None
+        return None if answer["base64Encoded"] else str(answer["body"])
 
     def of(self, url: str) -> Served | None:
         """The last answer of an address; None when it was not asked for."""

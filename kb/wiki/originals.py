@@ -10,6 +10,7 @@ from kb.core.profile.wiki import Wiki
 from kb.store.frontier import Item
 from kb.store.layout import BELOW, Layout
 from kb.wiki import addresses, images
+from kb.wiki.errors import NoPicture
 from kb.wiki.web import Web
 
 
@@ -27,7 +28,7 @@ def fetch_original(web: Web, section: Wiki, item: Item, page: dict[str, Any]) ->
     }
     folder = Layout(web.run.root).images
     inspect = partial(images.inspect, max_pixels=section.max_pixels)
-    reason, value = "", None
+    reason, value, challenge = "", None, ""
     known = filter(None, (info.get("url"), item.key, item.payload.src))
     for url in dict.fromkeys(map(web.today, known)):
         if not web.allowed(url):
@@ -37,6 +38,9 @@ def fetch_original(web: Web, section: Wiki, item: Item, page: dict[str, Any]) ->
             sha256, image, size = web.attempt(
                 partial(web.download, url, folder, section.max_file_bytes, inspect)
             )
+        except NoPicture as error:
+            challenge = error.reason
+            continue
         except ItemFinal as error:
             reason, value = reason or error.reason, value or error.value
             continue
@@ -56,4 +60,6 @@ def fetch_original(web: Web, section: Wiki, item: Item, page: dict[str, Any]) ->
             "height": image.height,
             "frames": list(image.frames),
         }
+    if challenge:
+        return {**answer, "outcome": "failed", "reason": challenge}
     return {**answer, "outcome": "final", "reason": reason, "value": value}

@@ -165,6 +165,12 @@ def _others(root: Path, frontier: Frontier, keys: Collection[str]) -> Others:
 
 def _remove(root: Path, frontier: Frontier, keys: Collection[str], found: Found) -> None:
     others = _others(root, frontier, keys)
+    # What the raw answers and the pages alone tell is done before these go: a purge that was
+    # killed has to find it again.
+    asked = (key for key, *_ in frontier.items("info"))
+    with frontier.transaction():
+        frontier.remove("info", [key for key in asked if key.partition(":")[2] in others.titles])
+        frontier.remove("files", others.files)
     for path in sorted(others.paths):
         (root / path).unlink(missing_ok=True)
         sidefiles.aside(root / path).unlink(missing_ok=True)
@@ -178,8 +184,6 @@ def _remove(root: Path, frontier: Frontier, keys: Collection[str], found: Found)
         if key in keys
         for title in (page.title, *page.former)
     }
-    frontier.set_cursor(_PURGED, {**frontier.cursor(_PURGED, {}, of=dict[str, str]), **marks})
-    frontier.remove("pages", keys)
-    frontier.remove("files", others.files)
-    asked = (key for key, *_ in frontier.items("info"))
-    frontier.remove("info", [key for key in asked if key.partition(":")[2] in others.titles])
+    with frontier.transaction():
+        frontier.set_cursor(_PURGED, {**frontier.cursor(_PURGED, {}, of=dict[str, str]), **marks})
+        frontier.remove("pages", keys)

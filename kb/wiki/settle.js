@@ -123,7 +123,15 @@
     watch.disconnect();
   }
 
+  // What the wiki says which page this is: absent on what is no page of a MediaWiki.
+  function identity() {
+    const conf = window.mw?.config?.get ? { ...window.RLCONF, ...window.mw.config.get() } : window.RLCONF || {};
+    return { page_id: conf.wgArticleId ?? null, revision_id: conf.wgRevisionId ?? null,
+      redirected_from: conf.wgRedirectedFrom ?? null };
+  }
+
   const kb = {
+    identity,
     delay: (slot) => delays.get(slot) ?? null,
     cycle: (img) => (cycles.get(img)?.length > 1 ? cycles.get(img) : null),
     settle,

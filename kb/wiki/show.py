@@ -13,13 +13,14 @@ import msgspec
 from kb.core import clock
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.core.profile.wiki import Wiki
+from kb.net import retry
 from kb.store import rawlog, sidefiles
 from kb.store.atomic import full_disk_is_resumable, replacing_folder
 from kb.store.frontier import Item
 from kb.store.layout import Layout
 from kb.wiki import addresses
-from kb.wiki.capture import Captured, capture
-from kb.wiki.errors import NotNow, NotShown, Refused
+from kb.wiki.capture import Captured, capture, check_front_page
+from kb.wiki.errors import Challenge, NotNow, NotShown, Refused
 from kb.wiki.pool import Pool
 from kb.wiki.screenshot import snapped
 from kb.wiki.web import Web
@@ -62,6 +63,8 @@ def show_page(web: Web, section: Wiki, pool: Pool, item: Item) -> dict[str, Any]
                         return {**answer, **_final(web, said), "tries": number}
                 elif not last:
                     clock.sleep(0.1 * number)
+                elif isinstance(error, Challenge):
+                    _show_front_page(web, pool)
     failed = {"outcome": "failed", "reason": reason, "value": value or None}
     return {**answer, **failed, "tries": section.max_tries}
 
@@ -70,22 +73,19 @@ def _capture(
     web: Web, section: Wiki, pool: Pool, item: Item, url: str, shot: Path, *, strict: bool
 ) -> Captured:
     """One try. Raises ItemFinal, Retryable."""
-    captured = pool.use(
+    return pool.use(
         lambda browser: capture(
             browser,
             url,
             shot,
             section.rules,
             max_height=section.max_page_height,
+            page_id=int(item.key),
             strict=strict,
             turn=web.turn,
         ),
         first=web.pace.wait,
     )
-    shown = captured.extraction["page"]["page_id"]
-    if shown and shown != int(item.key):
-        raise ItemFinal("other_page", str(shown))
-    return captured
 
 
 def _final(web: Web, error: ItemFinal) -> dict[str, Any]:
@@ -107,6 +107,22 @@ def _look_at_front_page(web: Web) -> None:
         raise Blocked(
             f"the wiki refuses us ({error.reason})", hint="wait and run the same command again"
         ) from None
+
+
+def _show_front_page(web: Web, pool: Pool) -> None:
+    """A challenge instead of one page may be about that page; instead of the front page it is
+    about us. It is shown in the browser, as challenges tell browsers from plain clients. Raises
+    Blocked.
+    """
+    front = f"{web.root}/"
+    try:
+        pool.use(lambda browser: check_front_page(browser, front), first=web.pace.wait)
+    except (Challenge, ItemFinal) as error:
+        raise retry.blocked(
+            f"the wiki answers with pages that are not its own, as a challenge does ({error})"
+        ) from None
+    except Retryable:
+        return  # it says nothing about the page
 
 
 def _ask_plainly(web: Web, url: str, error: Retryable) -> ItemFinal | None:
@@ -146,7 +162,7 @@ def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, 
     """Write the page's files in one step; what the envelope says about them."""
     watch = clock.monotonic()
     page = captured.extraction["page"]
-    revision = int(page["revision_id"] or item.payload.revision_id)
+    revision = int(page["revision_id"])
     folder = pages_folder(root) / str(int(item.key)) / str(revision)
     images = Layout(root).images
     sprites = {}

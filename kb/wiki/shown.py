@@ -35,6 +35,11 @@ _LONGEST = 80  # characters of a figure with its unit
 _FILE = re.compile(r".+?\.(?:png|gif|jpe?g|svg|webp|apng)\b", re.IGNORECASE)
 _FORMATTING = re.compile(r"[&§][0-9a-fk-or]", re.IGNORECASE)  # colours in tooltips of games
 _AMOUNT = re.compile(r"[×x]?\s?(\d[\d.,\s]*)\s?[×x]?")
+# Joiners mean something between letters that join, as in Persian; Latin ones do not.
+_NO_WIDTH = re.compile(
+    "[\u00ad\u200b\u200e\u200f\u2060\ufeff]"
+    "|(?<![^\\W\\d_a-zA-Z])[\u200c\u200d]|[\u200c\u200d](?![^\\W\\d_a-zA-Z])"
+)
 _ESCAPED = re.compile(r"\\([&/\\])")
 
 
@@ -54,7 +59,8 @@ def facts(page: Mapping[str, Any], found: Iterable[Row], rules: Rules) -> list[R
     """
     rows: list[Row] = []
     for one in found:
-        field, value = one["field"].strip().rstrip(":：").rstrip(), one["value"].strip()
+        field, value = (_bare(one[name]) for name in ("field", "value"))
+        field = field.rstrip(":：").rstrip()
         if not field or not value:
             continue
         value, unit = measured(field, value, (*UNITS, *rules.units))
@@ -62,7 +68,7 @@ def facts(page: Mapping[str, Any], found: Iterable[Row], rules: Rules) -> list[R
             {
                 "page_id": page["page_id"],
                 "fact_id": len(rows),
-                "subject": one["subject"] or page["title"],
+                "subject": _bare(one["subject"] or "") or page["title"],
                 "field": field,
                 "value": value,
                 "unit": unit,
@@ -72,6 +78,11 @@ def facts(page: Mapping[str, Any], found: Iterable[Row], rules: Rules) -> list[R
             }
         )
     return rows
+
+
+def _bare(text: str) -> str:
+    """A text without characters of no width."""
+    return _NO_WIDTH.sub("", text).strip()
 
 
 def measured(field: str, value: str, units: tuple[str, ...]) -> tuple[str, str | None]:

@@ -112,6 +112,7 @@ class WikiSource(Plain):
         discover.reopen_larger(frontier, self.section)
         discover.reopen_moved(frontier, self._web.today)
         discover.reopen_lost(frontier, self._run.root)
+        discover.reopen_foreign(frontier, self._run.root)
         self._removed = self.opened.gone
         if not frontier.waiting(*(phase.kind for phase in self.wanted)):
             said = "the wiki crawl is finished; --again looks for what changed"
@@ -191,10 +192,11 @@ class WikiSource(Plain):
         """The API's address, looked for once a data root and with --again."""
         frontier = self.opened.frontier
         known = frontier.cursor("endpoint")
-        if known and known[0] == self.url and not self._run.again:
+        same = bool(known) and known[0] == self.url
+        if same and not self._run.again:
             endpoint = str(known[1])
         else:
-            endpoint = find_endpoint(self._web, self.url)
+            endpoint = find_endpoint(self._web, self.url, known=same)
             frontier.set_cursor("endpoint", [self.url, endpoint])
         self._web.barred(endpoint)
         return endpoint

@@ -39,7 +39,8 @@ def read_pages(
 ) -> dict[str, Any]:
     """Pages with sizes, `text` and `word_count`; with `whole` also the tables of PARTS.
 
-    `rows` is what kb.wiki.assemble gave; a page that was not captured gets nulls. `rules` tell
+    `rows` is what kb.wiki.assemble gave; a page that was not captured gets nulls, and one for which
+    another page was stored is one that could not be shown (`render`: "challenge"). `rules` tell
     names and units of facts and recipes. Of the extractions a few at a time are held. Raises
     DamagedData.
     """
@@ -54,11 +55,16 @@ def read_pages(
     columns: dict[str, list[Any]] = {
         name: [] for name in ("screenshot_path", *measured, "word_count", "text")
     }
-    for page in pages.select(["page_id", "folder", "title", "revision_id"]).to_pylist():
+    render = pages["render"].to_pylist()
+    for row, page in enumerate(
+        pages.select(["page_id", "folder", "title", "revision_id"]).to_pylist()
+    ):
         folder = page["folder"]
         found: Row = {}
-        if folder is not None:
-            seen = extraction.read(root, inside(root, folder))
+        seen = None if folder is None else extraction.read(root, inside(root, folder))
+        if seen is not None and extraction.is_foreign(seen.page, page["page_id"]):
+            render[row] = "challenge"
+        elif seen is not None:
             text = page_text(seen.elements)
             found = {name: take(seen.page) for name, take in measured.items()}
             found |= {
@@ -70,6 +76,8 @@ def read_pages(
                 parts.add(page, seen)
         for name, values in columns.items():
             values.append(found.get(name))
+    place = pages.schema.get_field_index("render")
+    pages = pages.set_column(place, pages.schema.field(place), pa.array(render, pa.string()))
     types = {column.name: column.parsed.arrow() for column in table("wiki/pages").columns}
     for name, values in columns.items():
         pages = pages.append_column(name, pa.array(values, types.get(name, pa.string())))

@@ -32,10 +32,14 @@ from kb.net.session import (
     user_agent,
 )
 from kb.store import sidefiles
-from kb.wiki.errors import of_status
+from kb.wiki.errors import NoPicture, of_status
 
 Result = TypeVar("Result")
 TRIES = 6
+# Headers of answers that are challenges: Cloudflare's
+# (https://developers.cloudflare.com/cloudflare-challenges/challenge-types/challenge-pages/detect-response/)
+# and AWS WAF's (https://docs.aws.amazon.com/waf/latest/developerguide/waf-captcha-and-challenge-how-it-works.html).
+_CHALLENGES = ("cf-mitigated", "x-amzn-waf-action")
 FILE_PAUSE = 0.1
 
 
@@ -174,6 +178,9 @@ class Web:
         except Retryable as error:
             self.rest(error.after)
             raise
+        if any(name in response.headers for name in _CHALLENGES):
+            response.close()
+            raise retry.blocked(f"the wiki's front end answers {url} with a challenge")
         if response.status_code >= 400:
             response.close()
             raise of_status(response.status_code)
@@ -184,8 +191,8 @@ class Web:
     ) -> tuple[str, Any, int]:
         """An image file into `folder`, named by its SHA-256: (sha256, what `inspect` said, bytes).
 
-        Raises ItemFinal("too_large"), ItemFinal("not_a_picture") or Retryable. A file that is
-        there already, and is whole, is not written again.
+        Raises ItemFinal("too_large"), ItemFinal("not_a_picture"), NoPicture or Retryable. A file
+        that is there already, and is whole, is not written again.
         """
         self._files.wait()
         held, digest = bytearray(), hashlib.sha256()
@@ -211,7 +218,8 @@ class Web:
         data = bytes(held)
         image = inspect(data)
         if image is None:
-            raise ItemFinal("not_a_picture")
+            kind = response.headers.get("content-type", "").partition(";")[0].strip().lower()
+            raise NoPicture if kind == "text/html" else ItemFinal("not_a_picture")
         path = folder / f"{digest.hexdigest()}.{image.extension}"
         sidefiles.write_named(path, data)
         return digest.hexdigest(), image, len(data)

@@ -27,9 +27,8 @@ from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.source import Opened
 from kb.store import parquet, tombstones
-from kb.store.atomic import replacing_folder, settle_folder, write_text
+from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
-from kb.store.lock import writer
 from kb.store.reading import reading
 from kb.store.shards import write_table
 from kb.youtube.plan import REQUESTS_A_TRANSCRIPT, phases_of_known
@@ -38,7 +37,7 @@ from kb.youtube.source import YouTube
 # In the order of writing: a video whose row is there is not asked for again.
 NAMES = ("transcripts", "videos")
 VIDEO, TRANSCRIPT = "video", "transcript"  # what a row of missing.parquet is about
-LOCK, WORK, MISSING = ".lock", ".work", "missing.parquet"
+WORK, MISSING = ".work", "missing.parquet"
 UNKNOWN = "unknown"  # kind of a transcript that was not had this time
 _AGAIN = "again"  # in a work folder: everything is read anew
 
@@ -101,49 +100,46 @@ def bring(
     gone: Collection[str] = (),
     had: Mapping[str, str] | None = None,
 ) -> Summary:
-    """Ask for what is left of the ids and add it to the tables.
+    """Ask for what is left of the ids and add it to the tables, under the lock `restored`.
 
     `sort` makes clean tables of the raw answers of a work folder. `gone` were purged elsewhere.
     `had` says which of the videos had a transcript when they were released, by its kind. Raises
     MissingCredential before anything is sent; Stopped (with its summary; what was read until then
-    is in the tables, and the same command goes on), DamagedData, WriterLocked.
+    is in the tables, and the same command goes on), DamagedData.
     """
     folder = Layout(run.root).restored("youtube")
     place = folder / WORK
     asked, removed = list(ids), {*gone, *tombstones.keys(run.root, "youtube")}
-    with writer(folder / LOCK, "youtube"):
-        for name in NAMES:  # what a run that was killed was about to put in place
-            settle_folder(folder / name)
-        if run.again and not (place / _AGAIN).exists():
-            shutil.rmtree(place, ignore_errors=True)
-        wanted = left(run, asked, gone)
-        stopped: Stopped | None = None
-        summary = Summary(command="restore", source="youtube", requests=0, units=0, failed=0)
-        if wanted:
-            write_text(place / "ids.txt", "".join(f"{key}\n" for key in wanted))
-            if run.again:
-                write_text(place / _AGAIN, "")
-            source = Restore(run, place / "ids.txt", removed)
-            try:
-                summary |= work(run, source, source.summary, place=place, phases=source.chosen)
-            except Interrupted:
-                raise
-            except Stopped as error:
-                summary |= error.summary or {}
-                stopped = error
-        answered = bool(wanted) and summary.get("crawled_in_all", 0)
-        if answered:
-            inner = replace(run, root=place, limit=None, again=False)
-            sort(inner)
-        if answered or removed & found(run.root).there:
-            _add(folder, place if answered else None, removed)
-        _note(folder, place, asked, removed, had or {})
-        if not stopped and not summary["failed"]:
-            shutil.rmtree(place, ignore_errors=True)
-        summary |= counts(run.root)
-        if stopped is not None:
-            stopped.summary = summary
-            raise stopped
+    if run.again and not (place / _AGAIN).exists():
+        shutil.rmtree(place, ignore_errors=True)
+    wanted = left(run, asked, gone)
+    stopped: Stopped | None = None
+    summary = Summary(command="restore", source="youtube", requests=0, units=0, failed=0)
+    if wanted:
+        write_text(place / "ids.txt", "".join(f"{key}\n" for key in wanted))
+        if run.again:
+            write_text(place / _AGAIN, "")
+        source = Restore(run, place / "ids.txt", removed)
+        try:
+            summary |= work(run, source, source.summary, place=place, phases=source.chosen)
+        except Interrupted:
+            raise
+        except Stopped as error:
+            summary |= error.summary or {}
+            stopped = error
+    answered = bool(wanted) and summary.get("crawled_in_all", 0)
+    if answered:
+        inner = replace(run, root=place, limit=None, again=False)
+        sort(inner)
+    if answered or removed & found(run.root).there:
+        _add(folder, place if answered else None, removed)
+    _note(folder, place, asked, removed, had or {})
+    if not stopped and not summary["failed"]:
+        shutil.rmtree(place, ignore_errors=True)
+    summary |= counts(run.root)
+    if stopped is not None:
+        stopped.summary = summary
+        raise stopped
     return summary
 
 

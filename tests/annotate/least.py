@@ -5,9 +5,7 @@ scores.
     NPY_DISABLE_CPU_FEATURES                                              numpy's own loops
     GLIBC_TUNABLES                                                        the C library's exp, log
 
-ONNX Runtime and OpenVINO ask the processor themselves and have no switch that works: OpenVINO's
-oneDNN follows the same variable as torch's and its own kernels don't, so that it isn't taken where
-that is set (kb/annotate/processor.py). It runs with the other ones.
+ONNX Runtime asks the processor itself and has no switch.
 """
 
 from __future__ import annotations
@@ -37,36 +35,24 @@ LIMITS = {
     "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-AVX512F,-FMA,-FMA4,-BMI2",
 }
 LEAST = {**os.environ, **LIMITS}
-OPENVINO_RUNS = {name: value for name, value in LEAST.items() if not name.endswith("_MAX_CPU_ISA")}
 
 
-def scores(checkpoint_path: str, texts: list[str], names: list[str]) -> dict[str, list]:
+def scores(checkpoint_path: str, texts: list[str]) -> dict[str, list]:
     """Scores of the texts by each backend with one and with two threads, as they are kept."""
-    from functools import partial
-
     from kb.annotate import backends
-    from kb.annotate.graph import graph_runner
     from tests.annotate.made import checkpoint_of
 
     checkpoint = checkpoint_of(Path(checkpoint_path))
     found = {}
     for threads in (1, 2):
-        for name in names:
-            if name == "torch":
-                runner = backends.torch_runner(checkpoint, "fp32", "cpu", threads)
-            else:
-                exact = partial(backends.exact, checkpoint, threads)
-                runner = graph_runner(backends.prepare(checkpoint), threads, name, exact)
-            if runner is None:
-                found[f"{name} {threads}"] = None
-                continue
-            found[f"{name} {threads}"] = runner.score(texts)
-    found["chosen"] = backends.open_runner(checkpoint).name
+        for make in (backends.open_runner, backends.torch_runner):
+            runner = make(checkpoint, "fp32", "cpu", threads)
+            found[f"{runner.name} {threads}"] = runner.score(texts)
     return found
 
 
 if __name__ == "__main__":
     asked = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    answers = [scores(path, texts, asked["names"]) for path, texts in asked["jobs"]]
+    answers = [scores(path, texts) for path, texts in asked["jobs"]]
     answer = {"torch": __import__("torch").backends.cpu.get_cpu_capability(), "scores": answers}
     Path(sys.argv[2]).write_text(json.dumps(answer), encoding="utf-8")

@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, sha256_of
-from kb.annotate.graph import installed
-from kb.annotate.processor import suits_openvino
 from kb.core.settings import load_settings
 
 ORIGINAL = ("toxic", "severe_toxic", "obscene", "threat", "insult", "identity_hate")
@@ -168,8 +166,3 @@ def _unigram(folder: Path) -> int:
     )
     made.save(str(folder / "tokenizer.json"))
     return made.get_vocab_size()
-
-
-def usable(name: str) -> bool:
-    """Whether a runtime is installed, and taken in this environment (kb.annotate.processor)."""
-    return installed(name) and (name != "openvino" or suits_openvino())

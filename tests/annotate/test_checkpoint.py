@@ -297,5 +297,5 @@ def test_without_the_extra_it_is_exit_2(monkeypatch, make_run):
     run = make_run()
     with pytest.raises(MissingExtra) as error:
         Scorer.open(run, "youtube")
-    assert "lorecrawl[toxicity]" in error.value.hint
+    assert "[toxicity]" in error.value.hint
     assert not run.root.exists()

@@ -8,16 +8,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.annotate import backends, graph
-from kb.annotate.compiled import make_compiled
+from kb.annotate import backends
 from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.hashes import text_hashes
 from kb.annotate.scores import CATEGORIES
 from kb.annotate.toxicity import Scorer
 from kb.core.errors import MissingModel
 from kb.store.purge import drop_annotations
-from tests.annotate.made import UNBIASED, WORDS, checkpoint_of, make_checkpoint, usable
+from tests.annotate.made import UNBIASED, WORDS, checkpoint_of, make_checkpoint
 
+BACKENDS = (backends.open_runner, backends.torch_runner)
 TEXTS = ["hello there", "you are a stupid idiot", " ".join(WORDS * 3), "creeper", "ünïcode 方块"]
 
 
@@ -38,20 +38,13 @@ def test_more_outputs_than_classes_are_read_as_detoxify_reads_them(sixteen):
     assert max(row["insult"] for row in expected) - min(row["insult"] for row in expected) > 0.05, (
         "scores that don't differ show nothing"
     )
-    runners = [backends.torch_runner(sixteen, "fp32", "cpu", 1)]
-    compiled = make_compiled(sixteen)
-    assert compiled, "the graph doesn't agree with Detoxify"
-    runners += [
-        graph.graph_runner(compiled, 1, prefer=name)
-        for name in ("openvino", "onnxruntime")
-        if usable(name)
-    ]
+    runners = [make(sixteen, "fp32", "cpu", 1) for make in BACKENDS]
+    assert [runner.name for runner in runners] == ["onnxruntime", "torch"]
     for runner in runners:
         assert runner.meta.classes == UNBIASED
         for row, theirs in zip(runner.score(TEXTS), expected, strict=True):
             assert row == pytest.approx([theirs[name] for name in UNBIASED], abs=1e-4), runner.name
-    if graph.installed("onnxruntime"):
-        assert all(len(row) == 7 for row in backends.open_runner(sixteen, "int8").score(TEXTS))
+    assert all(len(row) == 7 for row in backends.open_runner(sixteen, "int8").score(TEXTS))
 
 
 def test_a_class_that_only_some_models_have_is_kept_and_counts(sixteen, make_run):

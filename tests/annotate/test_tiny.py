@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 
 import pytest
 from hypothesis import given, settings
@@ -14,7 +13,6 @@ from hypothesis import strategies as st
 
 from kb.annotate import backends, rounding
 from kb.annotate.checkpoint import sha256_of
-from kb.annotate.graph import graph_runner
 from kb.core import clock
 from kb.sandbox import toxicity_weights as tiny_weights
 from kb.sandbox import toxicity_words as words
@@ -22,22 +20,15 @@ from kb.sandbox.toxicity import tiny_checkpoint
 from kb.sandbox.world import World
 from tests.annotate.demo_texts import demo_texts, kinds_in
 from tests.annotate.least import LEAST
-from tests.annotate.made import usable
 
 # Another digest is another model: scores that are kept are then scored again.
-SHA256 = "e6040b861edbd815e2a03073e622a12f69e662a00192f61c747057fcc84cff06"
+SHA256 = "58289b191883b1eb4fd5d311d84ce50408c40ab22ccdc7bc9fdb9892d42ac480"
 KIND = {"obscene": 2, "threat": 3, "insult": 4, "identity": 5}  # its place among the classes
 
 
-@pytest.fixture(scope="module", params=["torch", "onnxruntime", "openvino"])
+@pytest.fixture(scope="module", params=["open_runner", "torch_runner"])
 def runner(request, checkpoint):
-    if request.param == "torch":
-        return backends.torch_runner(checkpoint, "fp32", "cpu", 1)
-    if not usable(request.param):
-        pytest.skip(
-            f"{request.param} is not installed, or not taken under this environment's limits"
-        )
-    return graph_runner(backends.prepare(checkpoint), 1, prefer=request.param)
+    return getattr(backends, request.param)(checkpoint, "fp32", "cpu", 1)
 
 
 @pytest.fixture(scope="module")
@@ -123,9 +114,7 @@ def test_every_text_of_the_demo_is_told_with_a_wide_margin(runner):
 
 
 def test_it_is_the_same_bytes_everywhere_and_at_once(tmp_path):
-    start = time.process_time()
     made = tiny_checkpoint(tmp_path)
-    assert time.process_time() - start < 1.0
     assert sha256_of(made) == SHA256
     code = (
         "import sys\nfrom pathlib import Path\n"

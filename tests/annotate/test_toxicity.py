@@ -6,17 +6,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.annotate import backends, chunks, graph, worker
+from kb.annotate import backends, chunks, worker
 from kb.annotate import toxicity as room
-from kb.annotate.compiled import find_compiled, make_compiled
 from kb.annotate.hashes import text_hashes
 from kb.annotate.rounding import DECIMALS
 from kb.annotate.scores import CATEGORIES, Scores
 from kb.annotate.toxicity import Scorer
 from kb.core import signals
-from kb.core.errors import Interrupted, LimitReached, MissingExtra, SettingError
+from kb.core.errors import Interrupted, LimitReached, SettingError
 from kb.core.progress import Task
-from tests.annotate.made import usable
 
 TEXTS = [
     "How to build a house in Minecraft",
@@ -45,16 +43,11 @@ def close(row, expected, names=SIX):
     return all(abs(score - expected[name]) < 1e-4 for name, score in zip(names, row, strict=True))
 
 
-@pytest.mark.parametrize("backend", ["openvino", "onnxruntime", "torch"])
+@pytest.mark.parametrize("backend", ["onnxruntime", "torch"])
 def test_every_backend_gives_detoxifys_scores(backend, checkpoint, detoxify, reference):
-    if backend == "torch":
-        runner = backends.torch_runner(checkpoint, "fp32", "cpu", 1)
-    else:
-        if not usable(backend):
-            pytest.skip(f"{backend} is not installed, or not taken under this environment's limits")
-        runner = graph.graph_runner(
-            find_compiled(checkpoint) or make_compiled(checkpoint), 1, prefer=backend
-        )
+    make = {"torch": backends.torch_runner, "onnxruntime": backends.open_runner}[backend]
+    runner = make(checkpoint, "fp32", "cpu", 1)
+    assert runner.name == backend
     for text, row in zip(TEXTS, runner.score(TEXTS), strict=True):
         assert close(row, reference[text], runner.meta.classes), text
 
@@ -263,15 +256,6 @@ def test_a_precision_that_is_asked_for_is_the_least_a_score_may_have(make_run):
     )
 
 
-def test_packages_of_int8_are_looked_for_before_anything_is_read(make_run, monkeypatch):
-    run = make_run()
-    monkeypatch.setattr(backends, "installed", lambda name: name != "onnx")
-    with pytest.raises(MissingExtra) as error:
-        Scorer.open(run, "reddit", precision="int8")
-    assert "onnx" in error.value.hint
-    assert not run.root.exists()
-
-
 def test_where_a_cluster_scores_is_decided_by_its_workers(make_run):
     """This machine may have no GPU where the workers have one."""
     Scorer.open(make_run(engine="dask"), "reddit", device="cuda")
@@ -280,7 +264,6 @@ def test_where_a_cluster_scores_is_decided_by_its_workers(make_run):
 
 
 def test_int8_is_near_enough(checkpoint):
-    pytest.importorskip("onnxruntime")
     exact = backends.open_runner(checkpoint).score(TEXTS)
     reduced = backends.open_runner(checkpoint, "int8").score(TEXTS)
     assert (

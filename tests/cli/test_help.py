@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -10,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 
 from kb.cli import main
-from kb.cli.app import TREE, leaves
-from kb.cli.options import COMMON, RUNNING, SHARED
+from kb.cli.app import TREE, context, leaves
+from kb.cli.options import COMMON, DESCRIBED, RUNNING, SHARED
 
 # What may be imported before a command runs: a budget in modules, as a time would depend on the
 # machine.
@@ -68,7 +68,7 @@ def test_help_imports_nothing_heavy() -> None:
     loaded = imports_of("from kb.cli import main; main(['--help'])")
     assert "typer" in loaded
     assert not loaded & set(NOT_FOR_HELP)
-    assert len([name for name in loaded if name.startswith("kb.")]) <= 5
+    assert len([name for name in loaded if name.startswith("kb.")]) <= 6
     assert len(loaded) < 400
 
 
@@ -121,7 +121,6 @@ def test_help_lists_every_group(kb: Any) -> None:
 @pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_every_command_and_option_is_described(name: str) -> None:
     command = COMMANDS[name]
-    context = typer.Context(command, info_name=f"kb {name}")
     assert command.help, "no help text"
     assert command.help.splitlines()[0].endswith("."), "the first line is a sentence"
     assert command.epilog, "no example"
@@ -132,12 +131,67 @@ def test_every_command_and_option_is_described(name: str) -> None:
     for parameter in command.params:
         if parameter.name not in ("help", "context"):
             assert getattr(parameter, "help", None), f"{parameter.name} has no help"
-    shown = command.get_help(context)
+    shown = command.get_help(context(name, command))
     for parameter in command.params:
         for option in parameter.opts:
             if parameter.param_type_name == "option":
                 assert option in shown, f"{option} is not in --help"
     assert "Examples:" in shown
+
+
+@pytest.mark.parametrize("option", DESCRIBED)
+def test_what_differs_by_command_is_described_for_each(option: str) -> None:
+    """Not one sentence for all: what --limit counts, what --again reads, what --json holds."""
+    helps = {
+        name: parameter.help
+        for name, command in COMMANDS.items()
+        for parameter in command.params
+        if parameter.name == option
+    }
+    assert len(helps) >= 10
+    assert all(helps.values()), [name for name, text in helps.items() if not text]
+    assert len(set(helps.values())) > len(helps) / 2
+
+
+@pytest.mark.parametrize("words", ["", "youtube", "youtube crawl", "pairs", "query"])
+def test_every_way_to_ask_for_help_shows_the_same(
+    words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def shown(*arguments: str) -> str:
+        with pytest.raises(SystemExit) as ended:
+            main([*arguments])
+        assert ended.value.code == 0
+        return capsys.readouterr().out
+
+    text = shown(*words.split(), "--help")
+    assert text.startswith(f"Usage: kb {words}".rstrip())
+    assert shown(*words.split(), "-h") == text
+    assert shown("help", *words.split()) == text
+
+
+COMPLETED = """
+eval "$(kb --show-completion)"
+complete_after() {
+    COMP_WORDS=(kb "$@"); COMP_CWORD=$#; COMPREPLY=()
+    _kb_completion kb
+    echo "${COMPREPLY[@]}"
+}
+complete_after you
+complete_after youtube cra
+complete_after youtube crawl --only meta
+"""
+
+
+def test_bash_completes_commands_options_and_values(tmp_path: Path) -> None:
+    done = subprocess.run(
+        ["bash", "-c", COMPLETED],
+        env={**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.splitlines() == ["youtube", "crawl", "metadata"]
 
 
 CLUSTER = {"workers", "engine", "scheduler"}
@@ -220,7 +274,7 @@ def test_an_option_before_a_groups_command_is_not_dropped(kb: Any) -> None:
 @pytest.mark.parametrize("name", ["youtube crawl", "status"])
 def test_help_has_its_options_in_groups(name: str) -> None:
     command = COMMANDS[name]
-    shown = command.get_help(typer.Context(command, info_name=f"kb {name}"))
+    shown = command.get_help(context(name, command))
     sections = re.split(r"^(?=\S.*:\n)", shown, flags=re.MULTILINE)
     by_title = {part.split(":\n")[0]: part for part in sections}
     assert all(f"--{option}" in by_title["Common options"] for option in COMMON)

@@ -110,8 +110,8 @@ def test_a_message_of_several_lines_becomes_one(end: Any) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["yuotube", "crawl"], ["'yuotube'", "'youtube'", "kb --help"]),
-        (["youtube", "crwal"], ["'crwal'", "'crawl'", "kb youtube --help"]),
+        (["yuotube", "crawl"], ["`kb yuotube crawl`", "`kb youtube crawl`", "kb --help"]),
+        (["youtube", "crwal"], ["`kb youtube crwal`", "`kb youtube crawl`", "kb youtube --help"]),
         (
             ["youtube"],
             ["Missing command: one of crawl, check, filter, export", "kb youtube --help"],

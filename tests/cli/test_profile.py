@@ -85,6 +85,8 @@ ERRORS = [
     toml("[reddit]", 'hosts = ["https://a.b/c"]\n[reddit]', 8, "no host", 'write "a.b"'),
     toml("[26]", "[26]\nmin_duration_s = 1e6", 6, "nothing passes", "12 hours"),
     toml("[26]", "[26]\nmin_aspect_ratio = 16", 6, "nothing passes", "wide-screen is 1.78"),
+    toml("[reddit]", '[wiki.markup]\nslot = ".a["\n[reddit]', 9, ".a[", "must be a CSS selector"),
+    toml("[reddit]", '[wiki.markup]\nroot = "#a >"\n[reddit]', 9, "#a >", "before its last part"),
     toml('"rockgarden"', '"rockgarden"\nmin_score = 2_000_000', 10, "nothing passes", "points"),
     toml('"rockgarden"', '"rockgarden"\nspans = ["weekly"]', 10, "'reddit.spans'", "allowed: all"),
     toml("[release]", "min_clip_s = 20\n[release]", 10, "min_clip_s is above max_clip_s"),
@@ -357,7 +359,9 @@ def test_online_asks_each_service_once_and_says_what_it_cost(
     asked = sandbox.ledger.requests()[seen:]
     assert [one.path for one in asked if one.service == "youtube"] == ["/youtube/v3/search"]
     assert [one.path for one in asked if one.service == "reddit"][1:] == ["/r/Minecraft/about/"]
-    assert [one.args.get("meta") for one in asked if one.service == "wiki"][-1] == "siteinfo"
+    of_wiki = [one for one in asked if one.service == "wiki"]
+    assert [one.args.get("meta") for one in of_wiki].count("siteinfo") == 1
+    assert len(of_wiki) <= 5 + 5  # robots.txt, front page and its target, three answers; pages
     assert summary["units"] == 1
     assert summary["requests"] == len(asked)
     said = {one["file"]: one["what"] for one in summary["findings"]}
@@ -366,6 +370,28 @@ def test_online_asks_each_service_once_and_says_what_it_cost(
     assert "licence" in said["online: wiki"]
     assert said["online: reddit"].startswith("r/Minecraft, 8,000 subscribers")
     assert not (tmp_path / "data").exists()
+
+
+def test_online_tries_the_selectors_on_pages_of_the_wiki(
+    tmp_path: Path, typed: Typed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path)
+    markup = """url = "https://gardens.wiki"
+    [wiki.markup]
+    root = ".no-such-root"
+    recipe = ".no-such-grid"
+    slot = "span:frist-child"
+    sprite = "img"
+    """
+    path.write_text(GOOD.replace('url = "https://gardens.wiki"\n', markup))
+    assert typed("profile", "check", str(path), "--online", "--json") == 2
+    found = [one for one in summary_of(capsys)["findings"] if one["file"] == "wiki selectors"]
+    assert [(one["level"], one["key"]) for one in found] == [
+        ("error", "wiki.markup.slot"),
+        ("warning", "wiki.markup.root"),
+        ("warning", "wiki.markup.recipe"),
+    ]
+    assert "wiki.markup.sprite" not in found[2]["what"]
 
 
 def test_online_says_what_is_not_there(

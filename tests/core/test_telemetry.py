@@ -14,35 +14,6 @@ from kb.wiki import chromium
 from tests import trap
 from tests.conftest import ROOT, skip_or_fail
 
-# Stands for openvino-telemetry as a user may have it: it reports as soon as it is imported.
-REPORTER = """
-import os, pathlib
-pathlib.Path(os.environ["REPORTED"]).touch()
-class Telemetry:
-    def __init__(self, *a, **b): pass
-    send_event = start_session = end_session = force_shutdown = __init__
-"""
-
-
-def reported(code: str, tmp_path: Path) -> bool:
-    """Whether the reporter ran in a Python process with this code."""
-    package = tmp_path / "site" / "openvino_telemetry"
-    (package / "backend").mkdir(parents=True, exist_ok=True)
-    (package / "__init__.py").write_text(REPORTER)
-    (package / "backend" / "__init__.py").write_text("backend_ga4 = None\n")
-    mark = tmp_path / "reported"
-    mark.unlink(missing_ok=True)
-    env = {**os.environ, "PYTHONPATH": f"{package.parent}:{ROOT}", "REPORTED": str(mark)}
-    subprocess.run([sys.executable, "-c", code], env=env, check=True)
-    return mark.exists()
-
-
-def test_openvino_runs_without_its_reporter(tmp_path: Path) -> None:
-    pytest.importorskip("openvino")
-    use = "import openvino.tools.ovc as tools; assert tools.convert_model"
-    assert reported(use, tmp_path), "without kb it reports, or this test shows nothing"
-    assert not reported(f"import kb.annotate.graph; {use}", tmp_path)
-
 
 def test_onnx_runtime_is_told_before_it_is_imported(tmp_path: Path) -> None:
     """Whether its reporter starts at all hangs on the machine: the switch must always be set."""
@@ -54,12 +25,6 @@ def test_onnx_runtime_is_told_before_it_is_imported(tmp_path: Path) -> None:
     code = "import kb, os; assert os.environ['ORT_DISABLE_TELEMETRY'] == '1'; import onnxruntime"
     subprocess.run([sys.executable, "-c", code], env=env, check=True)
     assert [path.name for path in home.rglob("*") if path.is_file()] == []
-
-
-def test_the_lock_has_no_reporter() -> None:
-    lock = (ROOT / ".ci" / "requirements.lock").read_text()
-    assert "\nopenvino==" in lock
-    assert "openvino-telemetry" not in lock
 
 
 def test_libraries_of_the_hub_are_told_before_they_are_imported() -> None:

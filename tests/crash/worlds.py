@@ -101,12 +101,22 @@ class Worlds:
         self._done("release")
         shutil.copytree(self._job.root / "release", self.place / "released")
         self._kept("released")
+        self._restored()
         # Drawing takes long: of one source alone.
         one = self.base("figures") / "clean"
         shutil.copytree(self.base("clean") / "clean" / self.sources[-1], one / self.sources[-1])
         (self.base("figures") / "state").mkdir()
         self._purged()
         self._damage(shutil.copytree(self.base("released"), self.base("damaged")))
+
+    def _restored(self) -> None:
+        """The same with everything that was brought back and written in other layouts."""
+        root = f"--data={shutil.copytree(self.base('released'), self.base('restored'))}"
+        self._done("restore", str(self.place / "released"), root)
+        self._done("reddit", "reconstruct", root)
+        self._done("youtube", "export", "--format=minedojo", root)
+        self._done("reddit", "export", "--format=convokit", root)
+        self._done("pairs", "--format=video2dataset", root)
 
     def _purged(self) -> None:
         """A root with everything, tombstones too."""
@@ -127,7 +137,12 @@ class Worlds:
         """What `kb verify --repair` has to do: make clean rows, pairs and a release again, and have
         a raw answer fetched.
         """
-        for pattern in ("raw/reddit/*/*.zst", "clean/youtube/videos/*", "release/reddit/posts-*"):
+        for pattern in (
+            *("raw/reddit/*/*.zst", "raw/wiki/renders/*.zst"),
+            *("clean/youtube/videos/*", "release/reddit/posts-*"),
+        ):
+            if not any(root.glob(pattern)):  # of the wiki, where there is no browser
+                continue
             path = max(root.glob(pattern), key=lambda path: path.stat().st_size)
             data = bytearray(path.read_bytes())
             data[len(data) // 2] ^= 4
@@ -223,8 +238,8 @@ class Worlds:
             gone.append(row[key].encode())
         return Case(
             ("purge", source, f"--ids={ids}"),
-            ("made", "released"),
-            ("clean", "pairs", "links", "release"),
+            ("restored", "made"),
+            ("clean", "pairs", "links", "release", "export", "restored"),
             gone=tuple(gone),
         )
 

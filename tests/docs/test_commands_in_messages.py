@@ -79,7 +79,7 @@ def problems(mention: Mention) -> list[str]:
 
 
 def problems_of(words: list[str], mention: Mention) -> list[str]:
-    if words[0] in ("{}", "--help"):
+    if words[0] in ("{}", "--help", "help"):
         return []
     found = command(words)
     if found is None:

@@ -84,7 +84,7 @@ def test_without_the_extra_it_is_exit_2(monkeypatch):
     monkeypatch.setattr(dask_engine.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(MissingExtra) as error:
         dask_engine.check("tcp://127.0.0.1:1")
-    assert "lorecrawl[dask]" in error.value.hint
+    assert "[dask]" in error.value.hint
 
 
 def test_without_an_address_it_brings_its_own_cluster():

@@ -383,5 +383,5 @@ def test_without_the_extra_it_says_what_to_install(
     monkeypatch.setitem(sys.modules, "mcp.server", None)
     done = here("mcp", "--data", str(data), "--profile", "minecraft")
     assert (done.code, done.out) == (2, "")
-    assert done.said.endswith("install the extra: pip install 'lorecrawl[mcp]'")
+    assert done.said.endswith('or `pip install -e ".[mcp]"` there')
     assert here("mcp", "--data", str(data / "nowhere")).code == 2

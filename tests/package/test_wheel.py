@@ -85,7 +85,6 @@ OPTIONAL = (
     "transformers",
     "detoxify",
     "onnxruntime",
-    "openvino",
     "selenium",
     "PIL",
     "dask",
@@ -102,7 +101,7 @@ OPTIONAL = (
 @pytest.fixture
 def base_only(tmp_path: Path) -> dict[str, str]:
     """Settings under which optional packages can't be imported,
-    as after a plain `pip install lorecrawl`.
+    as after an installation without extras.
     """
     folder = tmp_path / "blocked"
     folder.mkdir()

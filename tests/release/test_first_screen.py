@@ -35,7 +35,9 @@ def test_install_command_query_and_picture_come_first(released: Path, source: st
     text = card(released, source)
     screen = text[text.index("\n# ") : text.index("|  |  |")]
     assert screen.count("\n") < 45
-    assert f"=={__version__}" in blocks(screen, "sh")[0].splitlines()[0]
+    assert f"Lorecrawl {__version__} (lock file SHA-256 " in screen
+    assert "run `make setup` in the checkout of Lorecrawl, or `pip install -e " in screen
+    assert blocks(screen, "sh")[0].startswith("kb verify .")
     assert ("\nkb restore ." in screen) == (source not in ("wiki", "links"))
     (picture,) = blocks(screen, "text")
     assert "█" in picture

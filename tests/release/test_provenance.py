@@ -12,10 +12,10 @@ from cffconvert import Citation
 
 from kb import __version__
 from kb.cli import main
+from kb.core import installation
 from kb.core.errors import ProfileError
 from kb.core.profile import load_profile
 from kb.pairs import keywords
-from kb.release import provenance
 from kb.release.build import release
 from kb.release.publish import publish
 from kb.sandbox.server import Sandbox
@@ -147,10 +147,10 @@ def test_papers_name_where_the_software_is(
         f"Project-URL: Documentation, https://docs.example.org\nProject-URL: Source, {address}\n"
     )
     monkeypatch.syspath_prepend(package.parent)
-    provenance.software_address.cache_clear()
+    installation.software_address.cache_clear()
     root = build(tmp_path / "root")
     release(a_run(root))
-    provenance.software_address.cache_clear()
+    installation.software_address.cache_clear()
     folder = root / "release" / "wiki"
     assert json.loads((folder / "provenance.json").read_text())["software"]["url"] == address
     assert f"repository-code: {address}" in (folder / "CITATION.cff").read_text().replace('"', "")

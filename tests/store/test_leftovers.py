@@ -78,3 +78,22 @@ def test_what_a_killed_publication_left_beside_its_note_goes(tmp_path: Path) -> 
     left.write_text("{}")
     with lock.writer(tmp_path, "deposits"):
         assert not left.exists()
+
+
+@pytest.mark.parametrize(
+    ("left", "source"),
+    [
+        ("restored/youtube/videos/.videos-00000.parquet.1-2-ab.tmp", "youtube"),
+        ("restored/reddit/.posts.new/part-00000.parquet", "reddit"),
+        ("restored/.missing.parquet.1-2-ab.tmp", "wiki"),
+        ("export/reconstructed/comments/.part-00000.parquet.1-2-ab.tmp", "reddit"),
+    ],
+)
+def test_a_purge_clears_what_was_left_where_content_was_brought_back(
+    tmp_path: Path, left: str, source: str
+) -> None:
+    path = tmp_path / left
+    path.parent.mkdir(parents=True)
+    path.write_text("a purged text")
+    with lock.taking(tmp_path, *lock.of_purge(source)):
+        assert not path.exists()

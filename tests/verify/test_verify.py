@@ -17,6 +17,7 @@ from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
 from kb.store import parquet
 from kb.verify.found import Found, Look
+from kb.verify.repair import Crawl, Make, Step, repaired
 from kb.verify.root import verify as look_at
 from tests.filters.made import run_at
 
@@ -297,6 +298,28 @@ def test_repair_clears_parts_of_finished_pairs_and_keeps_those_of_others(root: P
         part.write_text("{}")
     load(str(locate("verify", None))).mended(run_at(root))
     assert [path.name for path in (root / "state/pairs").iterdir()] == ["going-on"]
+
+
+def test_a_repair_killed_after_its_crawl_filters_when_it_is_run_again(root: Path) -> None:
+    raw = one(root, "raw/youtube/videos/*.zst")
+    whole = raw.read_bytes()
+    raw.unlink()
+    runs: list[str] = []
+
+    def killed_filter() -> None:
+        raise KeyboardInterrupt
+
+    def steps(clean: Callable[[], object]) -> list[Step]:
+        crawl = Crawl("youtube", list, lambda: raw.write_bytes(whole))
+        folder = (root / "clean/youtube",)
+        return [crawl, Make("clean", "kb youtube filter", clean, folder, after="youtube")]
+
+    with pytest.raises(KeyboardInterrupt):
+        repaired(root, Silent(), steps(killed_filter))
+    for expected in (1, 1):  # the second one finds nothing to do
+        repaired(root, Silent(), steps(lambda: runs.append("filter")))
+        assert len(runs) == expected
+    assert found(root) == []
 
 
 def test_repair_leaves_a_folder_with_somebody_elses_file(root: Path) -> None:

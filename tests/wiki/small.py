@@ -66,9 +66,9 @@ class SmallWiki:
         if request.path.startswith("/wiki/"):
             return self._page(request.path.removeprefix("/wiki/"))
         if request.path == "/":
-            return Response(
-                '<link rel="EditURI" href="/w/api.php?action=rsd">', content_type="text/html"
-            )
+            conf = '<script>RLCONF={"wgArticleId":0,"wgRevisionId":0};</script>'
+            link = '<link rel="EditURI" href="/w/api.php?action=rsd">'
+            return Response(f"<!DOCTYPE html>{conf}{link}</html>", content_type="text/html")
         return Response("nothing here", 404)
 
     def _page(self, title: str) -> Response:
@@ -78,7 +78,7 @@ class SmallWiki:
         key, page = held
         conf = f'<script>RLCONF={{"wgArticleId":{key},"wgRevisionId":{page["revid"]}}};</script>'
         return Response(
-            f"<!DOCTYPE html>{conf}<div id=content>{page['html']}</div>",
+            f"<!DOCTYPE html>{conf}<div id=content>{page['html']}</div></html>",
             content_type="text/html; charset=utf-8",
         )
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
+import zstandard
+
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.store import rawlog
+from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope, Request, Segment
 from kb.wiki import purge
 
@@ -51,3 +55,68 @@ def test_names_in_other_letters_and_forms_go_and_shared_ones_stay(tmp_path: Path
     assert left.request.params == {"titles": [both[1]]}
     assert left.response == {"query": {"normalized": [], "pages": [pages[2]]}}
     assert [one.response["page_id"] for one in rawlog.read(tmp_path, "wiki", "renders")] == [2]
+
+
+class Killed(Exception):
+    """Stands for SIGKILL: nothing after it is done."""
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "call"),
+    [
+        (purge.purge, "rewrite_raw", 1),
+        (purge.purge, "done", 1),
+        (Frontier, "remove", 2),
+        (Frontier, "remove", 3),
+        (Frontier, "forget", 1),
+    ],
+)
+def test_a_purge_that_was_killed_leaves_no_title_in_the_state(
+    place: Any, name: str, call: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The harness of kills stops before file operations; this one between changes of the state."""
+    file = f"{HOST}/images/Quartz_jetty.png", "File:Quartz jetty.png"
+    listed = {"query": {"allpages": [{"pageid": 1, "ns": 0, "title": "Page 1"}]}}
+    record(tmp_path, "titles", {"round": 1, "apnamespace": "0"}, listed)
+    page = {"pageid": 1, "ns": 0, "title": "Page 1", "fullurl": f"{HOST}/w/Page_1"}
+    page["revisions"] = [{"revid": 1, "timestamp": WHEN}]
+    record(tmp_path, "pages", {"round": 1, "titles": "Page 1"}, {"query": {"pages": [page]}})
+    shown(tmp_path, 1, file)
+    shown(tmp_path, 2)
+    ids = tmp_path / "ids.txt"
+    ids.write_text("1\n")
+    settings = load_settings(dotenv=False, kb_data=tmp_path, kb_contact="me@example.org")
+    run = Run(settings, load_profile("minecraft"), tmp_path)
+    real, calls = getattr(place, name), []
+
+    def killed(*args: Any, **options: Any) -> Any:
+        calls.append(name)
+        if len(calls) == call:
+            raise Killed
+        return real(*args, **options)
+
+    def whole() -> None:
+        purge.purge_raw(run, ids)
+        purge.purge.finish(tmp_path, "wiki")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(place, name, killed)
+        with pytest.raises(Killed):
+            whole()
+    whole()
+    left = [
+        path
+        for path in tmp_path.rglob("*")
+        if path.is_file()
+        and path != ids
+        and (b"Quartz" in (data := texts(path)) or b"Page 1" in data)
+    ]
+    assert left == []
+
+
+def texts(path: Path) -> bytes:
+    """What is in a file, decompressed."""
+    data = path.read_bytes()
+    if data[:4] != b"\x28\xb5\x2f\xfd":
+        return data
+    return zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True).read()

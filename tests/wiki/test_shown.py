@@ -4,6 +4,7 @@ texts. Against a real MediaWiki: test_mediawiki.py.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -84,6 +85,28 @@ def test_stacked_fractions_keep_their_slash(pages, look, slash):
     assert extraction["elements"][0]["text"] == "Odds: 82/100 × 499/500, or 31⁄2."
     (fact,) = shown.facts(PAGE, extraction["facts"], RULES)
     assert (fact["value"], fact["unit"]) == ("1/12", "s")
+
+
+def test_fractions_and_notes_of_minecraft_wiki(pages, look):
+    html = Path(__file__).with_name("markup").joinpath("fractions.html").read_text(encoding="utf-8")
+    extraction = look(pages.put("/shown/minecraft-fractions", html)).extraction
+    texts = [e["text"] for e in extraction["elements"] if e["kind"] in ("text", "cell")]
+    assert texts[0] == "Chance of a full net: 82/100 × 499/500."
+    assert [cell["text"] for cell in extraction["cells"]][:2] == ["Odds", "1/12"]
+    rows = shown.facts(PAGE, extraction["facts"], RULES)
+    assert [(row["field"], row["value"], row["unit"]) for row in rows] == [
+        ("Tide", "3/4", "m"),
+        ("Knots", "two lines", None),
+    ]
+    assert "Tide[note 2]" in texts, "a text is as the page shows it"
+
+
+def test_facts_lose_what_has_no_width_and_keep_what_joins_letters():
+    given = {"subject": "\u200eA\u200b", "element": 1, "visible": True}
+    told = {**given, "field": "x\ufeff", "value": "می\u200cخواهم 5\u200c"}
+    (row,) = shown.facts(PAGE, [told], RULES)
+    names = ("subject", "field", "value")
+    assert [row[name] for name in names] == ["A", "x", "می\u200cخواهم 5"]
 
 
 def test_recipes_of_minecraft_wiki(pages, look):

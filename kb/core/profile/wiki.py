@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from urllib.parse import urlsplit
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from kb.core.addresses import NOT_HTTPS, in_the_clear
 from kb.core.profile.base import Section
+from kb.core.profile.selectors import problem
 
 _REGIONS = {
     "infobox": ".infobox, .portable-infobox, .notaninfobox, [class^='infobox']",
@@ -32,8 +33,12 @@ class Markup(Section):
         description="edit links and other tools that are no text of the page",
     )
     denominator: str = Field(
-        ".frac .den, .sfrac .den, .tion .den",
+        ".frac .den, .sfrac .den, .tion .den,"
+        " .sfrac > span:last-child:not(:first-child, .num, .tion)",
         description="lower parts of fractions; a slash stands before them where none is shown",
+    )
+    reference: str = Field(
+        "sup.reference", description="marks of footnotes, which facts are read without: [note 1]"
     )
     regions: dict[str, str] = Field(
         default_factory=lambda: dict(_REGIONS),
@@ -79,6 +84,13 @@ class Markup(Section):
         description="expression whose group is a thing's name in longer texts of icons and slots",
     )
 
+    @field_validator("*")
+    @classmethod
+    def _selector(cls, value: object, info: ValidationInfo) -> object:
+        if isinstance(value, str) and info.field_name != "item" and (wrong := problem(value)):
+            raise ValueError(wrong)
+        return value
+
     @field_validator("item")
     @classmethod
     def _expression(cls, value: str) -> str:
@@ -98,6 +110,9 @@ class Markup(Section):
             raise ValueError(
                 f"has unknown regions {', '.join(sorted(unknown))}; known: {', '.join(_REGIONS)}"
             )
+        for name, selector in value.items():
+            if wrong := problem(selector):
+                raise ValueError(f"{name} {wrong}")
         return value
 
 
@@ -170,6 +185,7 @@ class Wiki(Section):
             "root": markup.root,
             "chrome": markup.chrome,
             "denominator": markup.denominator,
+            "reference": markup.reference,
             "sprite": markup.sprite,
             "sprite_image": markup.sprite_image,
             "animation": markup.animation,
