@@ -12,6 +12,7 @@ import pytest
 
 from kb.core import pipeline
 from kb.reddit import parse
+from kb.sandbox.made_ids import ELSEWHERE
 from kb.sandbox.server import Sandbox
 from kb.sandbox.subreddit import CASES
 from tests.reddit.conftest import small_world
@@ -192,7 +193,7 @@ def test_each_case_of_the_subreddit_is_what_it_is(whole: Work) -> None:
     crosspost = kept[list(whole.world.posts)[CASES.index("crosspost")]]
     assert (crosspost["is_crosspost"], crosspost["source_url"]) == (
         True,
-        "https://v.redd.it/zz9zz9",
+        f"https://v.redd.it/{ELSEWHERE}",
     )
 
 
