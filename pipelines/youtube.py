@@ -24,6 +24,7 @@ from kb.filters.topic import Topic
 from kb.filters.transcripts import required
 from kb.youtube.assemble import HELPERS, KINDS, assemble, unanswered
 from kb.youtube.ids import Part
+from kb.youtube.view_rule import kept_rules
 
 TOLD = ("title", "channel_id", "channel_title")  # of a video that is left out
 SCORES = {"title": "toxicity_title", "description": "toxicity_description"}
@@ -72,6 +73,7 @@ def clean(p: Profile) -> Clean:
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),
         scorer=toxicity,
         unanswered=unanswered,
+        figures=kept_rules,
     )
 
 

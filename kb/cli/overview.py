@@ -125,10 +125,7 @@ def _quota(run: Run, source: str, frontier: Any) -> dict[str, Any]:
     from kb.youtube import quota
 
     day, reset_at = quota.today(), quota.next_reset()
-    limits = {
-        "general": run.profile.youtube.units_per_day,
-        "search": run.profile.youtube.searches_per_day,
-    }
+    limits = {bucket: quota.limit(run.profile.youtube, bucket) for bucket in quota.BUCKETS}
     return {
         bucket: {
             "spent": (spent := frontier.spent(bucket, day)),

@@ -138,9 +138,9 @@ def reconstruct(
         typer.Option(
             "--ids",
             metavar="FILE|FOLDER",
-            help="Full names one a line, a released Parquet file, MineDojo's reddit.json,"
-            " or the folder "
-            "of a release; may be given several times. [default: release/reddit]",
+            help="Full names or addresses one a line, CSV, a released Parquet file, MineDojo's"
+            " reddit.json, or the folder of a release; may be given several times."
+            " [default: release/reddit]",
         ),
     ] = None,
     out: Annotated[

@@ -237,7 +237,7 @@ def columns() -> str:
         lines += [
             f"| `{column.name}` | {_cell(column.type)} | {column.unit} | {_cell(column.why_null)} |"
             f" {'yes' if column.released else ''} | {_cell(column.doc)} |"
-            f" {_cell(str(column.source))} |"
+            f" {_cell('; '.join(map(str, (column.source, *column.also))))} |"
             for column in table.columns
         ]
         lines.append("")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from kb.cli.options import Options
     from kb.core.context import Run
     from kb.core.verdict import Summary
-    from kb.search.ask import Answer
+    from kb.search.ask import SearchHit
 
 app = group("Ranked answers from transcripts, wiki and threads, with links to the place.")
 LIMIT = 10
@@ -101,13 +101,15 @@ def search(
 ) -> Summary | None:
     """Search everything that was kept: the best places first, each with a link that opens it.
 
-    Prints title, date, licence and score (BM25), a snippet with the words marked, and the address.
+    Passages with the words in the order asked come before all others, then BM25 decides. Prints
+    title, source, date, licence and score, a snippet with the words marked, and the address.
     --limit N gives N answers instead of 10, with exit code 0; --json all of them in one object.
     An index that is missing or older than the clean tables is made first, as `kb index` does.
     """
     from kb.core import terminal
     from kb.core.verdict import Summary
     from kb.search.ask import search as ask
+    from kb.search.ask import suggest
     from kb.search.rank import Only, day_given
 
     only = Only(
@@ -121,16 +123,21 @@ def search(
     run = options.make_run()
     sources = [str(one) for one in Source if not source or one in source]
     _follow(run, sources)
-    answers = ask(run.root, " ".join(words), sources=sources, only=only, size=size, entity=entity)
+    query = " ".join(words)
+    answers = ask(run.root, query, sources=sources, only=only, size=size, entity=entity)
+    meant = suggest(run.root, query, sources=sources)
     if options.json:
         import msgspec
 
-        return Summary(command="search", answers=[msgspec.to_builtins(one) for one in answers])
+        hits = [msgspec.to_builtins(one) for one in answers]
+        return Summary(command="search", answers=hits, suggestion=meant or None)
     for number, one in enumerate(answers, 1):
         for line in _lines(number, one):
             typer.echo(terminal.one_line(line))
-    if not answers:
-        typer.echo("no answers", err=True)
+    if not answers or meant:
+        said = [] if answers else ["no answers"]
+        said += [f'did you mean "{meant}"?'] if meant else []
+        typer.echo(terminal.one_line("; ".join(said)), err=True)
     return None
 
 
@@ -145,11 +152,17 @@ def _follow(run: Run, sources: list[str]) -> None:
             follow(run, source)
 
 
-def _lines(number: int, one: Answer) -> Iterator[str]:
+def _lines(number: int, one: SearchHit) -> Iterator[str]:
     """An answer for a person; text of others, in one line each."""
-    where = f"{one.title} › {one.path}" if one.path else one.title
-    facts = [f"{one.source} {one.kind}", one.date, one.licence, f"score {one.score:.2f}"]
-    yield f"{number:2}. {where} ({', '.join(fact for fact in facts if fact)})"
-    for line in textwrap.wrap(one.snippet, 96):
-        yield f"    {line}"
+    yield f"{number:2}. {one.title} › {one.path}" if one.path else f"{number:2}. {one.title}"
+    facts = [
+        f"source: {one.source} {one.kind}",
+        f"date: {one.date}" if one.date else "",
+        f"licence: {one.licence or 'none given'}",
+        f"score: {one.score:.2f}",
+    ]
+    yield f"    {' · '.join(fact for fact in facts if fact)}"
+    if one.text != one.title:  # else the passage has no text of its own
+        for line in textwrap.wrap(one.snippet, 96):
+            yield f"    {line}"
     yield f"    {one.url}"

@@ -52,6 +52,7 @@ WORDS: dict[str, Word] = {
     "stages": Word("Rejected items by stage."),
     "left": Word("Everything that waits for the next run, of all phases together."),
     "left_by": Word("The same by phase."),
+    "view_rules": Word("Kept videos by how their views were counted (view_rule)."),
     "duplicates": Word("Older or repeated answers; the newest one counts.", "{n} older answers"),
     "unknown_keys": Word("Keys of answers that schemas/ does not declare, with how often."),
     # What was asked and read.

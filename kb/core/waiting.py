@@ -11,7 +11,8 @@ NOUNS: dict[str, dict[str, str]] = {
         "uploads": "channels",  # channels whose uploads are listed
         "videos": "videos",  # videos whose metadata is read
         "transcripts": "transcripts",  # videos whose transcript is asked for
-        "refresh": "videos to refresh",  # videos that are read again
+        "statistics": "statistics to refresh",  # videos whose counts are read again
+        "refresh": "videos to refresh",  # videos that are read again in full
     },
     "wiki": {
         "site": "site descriptions",  # what the wiki says of itself, once a round

@@ -90,7 +90,7 @@ class Clean:
     `unanswered` gives keys that have no row, with the reason: they count as failed; so does
     such a key that is pending for one of the reasons `ended_by_failure`. `complete` adds columns
     that hang on what else of a bucket was kept (how many comments a post has); `about` adds to the
-    summary.
+    summary what the data root says, `figures` what the fresh folder of clean tables does.
     """
 
     source: str
@@ -104,6 +104,7 @@ class Clean:
     side_files: SideFiles | None = None
     complete: Callable[[dict[str, pa.Table]], dict[str, pa.Table]] | None = None
     about: Callable[[Path], dict[str, Any]] | None = None
+    figures: Callable[[Path], dict[str, Any]] | None = None
 
 
 class Sorted(NamedTuple):

@@ -68,6 +68,7 @@ def run_clean(run: Run, source: str) -> Summary:
                 counts = _sort(run, job, executor)
                 summary = _summary(spec, fresh, parsed, counts, key)
                 summary |= spec.about(run.root) if spec.about is not None else {}
+                summary |= spec.figures(fresh) if spec.figures is not None else {}
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
                 complete.write_list(fresh)
         indexed.follow(run.root, source)

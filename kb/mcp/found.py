@@ -10,7 +10,7 @@ from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.mcp.fence import Fence, Unit, together
 from kb.mcp.places import Place, of_link
-from kb.search.ask import Answer, search
+from kb.search.ask import SearchHit, search, suggest
 from kb.search.build import follow
 from kb.search.rank import Only
 from kb.store import indexed
@@ -33,7 +33,9 @@ def found(
     answers = search(run.root, words, sources=chosen, only=only, size=size, entity=entity)
     fence = Fence()
     if not answers:
-        return "No answers. Try other or fewer words, or fewer filters."
+        other = suggest(run.root, words, sources=chosen)
+        meant = f"Did you mean {other!r}? " if other else ""
+        return f"No answers. {meant}Try other or fewer words, or fewer filters."
     said = "1 answer" if len(answers) == 1 else f"{len(answers)} answers"
     head = f"{fence.note}\n{said}, the best first; `read` with a ref gives what stands around it."
     units = [_unit(number, one) for number, one in enumerate(answers, 1)]
@@ -45,7 +47,7 @@ def _left(count: int) -> str:
     return f"{what} left out: raise max_chars, or lower limit."
 
 
-def _unit(number: int, one: Answer) -> Unit:
+def _unit(number: int, one: SearchHit) -> Unit:
     parts = [f"{one.source} {one.kind}", one.date, revision(one.url), _licence(one.licence)]
     facts = " · ".join(part for part in parts if part)
     where = " › ".join(part for part in (one.title, one.path) if part)
@@ -66,7 +68,7 @@ def _licence(licence: str | None) -> str:
     return f"licence {licence}" if licence else "no licence given"
 
 
-def ref(one: Answer) -> str:
+def ref(one: SearchHit) -> str:
     """What `read` takes for an answer's place."""
     known = of_link(one.url)
     if one.source == "wiki":

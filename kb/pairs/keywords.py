@@ -7,6 +7,7 @@ separated by commas. A rule says what an everyday word ("bed", "chest") needs to
     near       an unmistakable keyword within the profile's `near_words`
     near:30    the same within 30 words
     never      nothing helps: the word is counted, and makes no pair
+    always     nothing: it counts wherever it is said, as with an empty rule, and is meant so
 
 Of equal forms a keyword's own name wins over forms that follow by rule, then the earlier line.
 """

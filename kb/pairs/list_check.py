@@ -90,12 +90,15 @@ def _everyday(every: list[Placed]) -> Iterator[Finding]:
     """Single everyday words that count wherever they are said."""
     for place in every:
         keyword = place[1].keyword
-        if keyword.reach is not None:
+        if keyword.reach is not None or keyword.rule == "always":
             continue
         for word in (keyword.name, *keyword.more):
             if is_everyday(word):
                 what = f"{word!r} is an everyday word and has no rule"
-                mend = "write near (with another keyword close by) or never as its rule"
+                mend = (
+                    "write near (with another keyword close by), never, or always (it is meant)"
+                    " as its rule"
+                )
                 yield _at(WARNING, place, what, mend)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -18,7 +18,7 @@ from kb.core.profile.base import FILL_IN
 from kb.pairs.fold import phrase
 
 COLUMNS = ("keyword", "kind", "rule", "forms")
-RULES = ("near", "near:WORDS", "never")
+RULES = ("near", "near:WORDS", "never", "always")
 NEVER = -1
 LONGEST = 64  # characters of a phrase, so that it always fits in a text
 
@@ -27,13 +27,15 @@ LONGEST = 64  # characters of a phrase, so that it always fits in a text
 class Keyword:
     """`reach`: words around it in which it needs an unmistakable keyword.
 
-    None: it needs none; NEVER: it makes no pair. `more`: forms of its own.
+    None: it needs none; NEVER: it makes no pair. `more`: forms of its own. `rule`: as written;
+    "always" does what an empty one does, and says that an everyday word is meant.
     """
 
     name: str
     kind: str
     reach: int | None = None
     more: tuple[str, ...] = ()
+    rule: str = field(default="", compare=False)
 
 
 class Row(NamedTuple):
@@ -123,13 +125,13 @@ def _row(cells: list[str], near_words: int) -> Keyword | tuple[str, str]:
     if isinstance(reach, str):
         return f"the rule is {rule!r}; known: {', '.join(RULES)}, or nothing", reach
     more = tuple(form.strip() for form in forms.split(",") if form.strip())
-    return Keyword(name, kind, reach, more)
+    return Keyword(name, kind, reach, more, rule)
 
 
 def _reach(rule: str, near_words: int) -> int | str | None:
     """What a rule means, or how to mend it."""
     name, colon, number = rule.partition(":")
-    if not rule:
+    if rule in ("", "always"):
         return None
     if rule == "never":
         return NEVER
@@ -139,5 +141,5 @@ def _reach(rule: str, near_words: int) -> int | str | None:
         return int(number)
     if name == "near":
         return "near: is followed by a number of words, such as near:30"
-    close = difflib.get_close_matches(name.lower(), ("near", "never"), n=1, cutoff=0.5)
+    close = difflib.get_close_matches(name.lower(), ("near", "never", "always"), n=1, cutoff=0.5)
     return f"did you mean {close[0]}?" if close else "forms stand in the fourth column"

@@ -9,8 +9,7 @@ from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
 from kb.reader.opened import Opened
 from kb.reader.rows import Answer
-from kb.search.ask import Answer as Found
-from kb.search.ask import search
+from kb.search.ask import SearchHit, search
 from kb.search.passage import KINDS
 from kb.search.rank import Only
 
@@ -18,7 +17,7 @@ _NUMBERS = ("score", "start_s")
 _SCHEMA = pa.schema(
     [
         pa.field(name, pa.float64() if name in _NUMBERS else pa.string())
-        for name in Found.__struct_fields__
+        for name in SearchHit.__struct_fields__
     ]
 )
 

@@ -30,7 +30,7 @@ import msgspec
 from kb.core.context import Run
 from kb.core.errors import KbError, MissingCredential
 from kb.core.profile import DEFAULT, load_profile
-from kb.core.settings import load_settings
+from kb.core.settings import REDDIT, load_settings
 from kb.core.verdict import Summary
 from kb.crawl import job
 from kb.net import redact
@@ -148,7 +148,7 @@ def rebuild(
         check_readable(dumps)
     else:
         need_key(run)
-    wanted, sources = asked_for(ids, Layout(run.root).release("reddit"))
+    wanted, sources = asked_for(ids, Layout(run.root).release("reddit"), run.progress.say)
     digest = _digest(wanted, dumps, gone)
     tables.check_place(out)
     with _writer(run.root, out):
@@ -173,6 +173,8 @@ def rebuild(
             summary = job.work(run, source, source.summary, place=work, facts=source.facts)
             left = unanswered(Layout(work).state("reddit"))
             answers = answers._replace(unanswered=left)
+        if wanted.bad_lines:
+            summary["bad_lines"] = summary.get("bad_lines", 0) + wanted.bad_lines
         try:
             done.answered.pop(digest, None)
             done.counts = tables.write(answers, out, run.profile.section("reddit").links)
@@ -200,15 +202,16 @@ def _writer(root: Path, out: Path) -> AbstractContextManager[None]:
     return writer(out / LOCK, "reddit")
 
 
-def need_key(run: Run) -> None:
-    """Raise MissingCredential, naming the way without a key."""
-    for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
-        try:
-            run.settings.need(name)
-        except MissingCredential as error:
-            way = "or read archive dumps instead, without a key: --dumps FILE…"
-            error.hint = f"{error.hint}; {way}" if error.hint else way
-            raise
+def need_key(run: Run, *others: str) -> None:
+    """Raise MissingCredential for all that is not set, of the `others` too, naming the way without
+    a key.
+    """
+    try:
+        run.settings.require(*others, *REDDIT)
+    except MissingCredential as error:
+        way = "or read archive dumps instead, without a key: --dumps FILE…"
+        error.hint = f"{error.hint}; {way}" if error.hint else way
+        raise
 
 
 def _digest(wanted: Wanted, dumps: Sequence[Path], gone: Collection[str]) -> str:

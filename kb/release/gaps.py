@@ -20,10 +20,29 @@ _WALK = """
 
 
 def gaps(con: DuckDBPyConnection, folder: Folder) -> tuple[str, ...]:
-    """One sentence a gap. Only Reddit's tables say of themselves what is not in them."""
-    if folder.source != "reddit":
-        return ()
-    return tuple(sentence for sentence in (_threads(con, folder), _unread(con, folder)) if sentence)
+    """One sentence a gap, of tables that say of themselves what is not in them."""
+    checks = {"reddit": (_threads, _unread), "youtube": (_views,)}.get(folder.source, ())
+    return tuple(sentence for check in checks if (sentence := check(con, folder)))
+
+
+def _views(con: DuckDBPyConnection, folder: Folder) -> str:
+    scan = _scan(folder, "videos")
+    if not scan:
+        return ""
+    counts = dict(
+        con.execute(
+            f"SELECT view_rule::VARCHAR, count(*) FROM {scan} GROUP BY 1 ORDER BY 1"
+        ).fetchall()
+    )
+    if not counts:
+        return ""
+    told = {
+        "watch_time": "counted when they had been watched for some time",
+        "playback_start": "counted when playback started",
+    }
+    parts = [f"those of {n:,} videos were {told[rule]}" for rule, n in counts.items()]
+    mixed = "; the two are not comparable" if len(parts) > 1 else ""
+    return f"Views (`view_rule`): {', '.join(parts)}{mixed}."
 
 
 def _threads(con: DuckDBPyConnection, folder: Folder) -> str:

@@ -123,16 +123,19 @@ def profile_text(profile: Profile) -> str:
 
 
 def keyword_text(profile: Profile) -> str:
-    """The keyword lists as they are, several of them one after the other under one header."""
+    """The keyword lists as one table: no comments, and every row with every column; "" without
+    lists.
+    """
     names = profile.pairs.keyword_files if profile.pairs else ()
-    texts = [_read(profile, name) for name in names]
-    if len(texts) < 2:
-        return "".join(texts)
-    lines = [_COLUMNS]
-    for name, text in zip(names, texts, strict=True):
-        lines.append(f"# {name}")
-        lines += [line for line in text.splitlines() if line.rstrip() != _COLUMNS]
-    return "\n".join(lines) + "\n"
+    columns = _COLUMNS.split("\t")
+    rows = []
+    for name in names:
+        for line in _read(profile, name).splitlines():
+            cells = [cell.strip() for cell in line.split("\t")]
+            if line.strip() and not line.startswith("#") and cells != columns:
+                rows.append(cells + [""] * (len(columns) - len(cells)))
+    lines = ["\t".join(cells) for cells in (columns, *rows)]
+    return "\n".join(lines) + "\n" if names else ""
 
 
 def _file(profile: Profile) -> str:

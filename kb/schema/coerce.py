@@ -48,7 +48,7 @@ def coerce(
     if kind.item is not None:
         return lists(values, kind, clean=clean)
     if kind.text.startswith("timestamp"):
-        return times(values)
+        return unix_times(values) if "number" in types(schema) else times(values)
     if kind.text == "bool":
         return booleans(values, types(schema))
     if kind.text.startswith("int"):
@@ -119,6 +119,11 @@ def times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
         pass
     return _each(values, kind, _moment)
+
+
+def unix_times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
+    """Seconds since 1970, whole or with a fraction → UTC."""
+    return _each(values, pa.timestamp("us", "UTC"), _unix_moment)
 
 
 def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
@@ -240,6 +245,10 @@ def _moment(value: Any) -> datetime:
     if not isinstance(value, str) or not value.isascii() or not _rfc3339().fullmatch(value):
         raise ValueError
     return datetime.fromisoformat(value).astimezone(UTC)
+
+
+def _unix_moment(value: Any) -> datetime:
+    return datetime.fromtimestamp(a_number(value), UTC)
 
 
 @cache

@@ -10,6 +10,7 @@ that parsing reads and a later rule uses up: it is in no table):
     null        why the value may be absent; without it the column is never null
     doc         one line
     from        "<raw kind>: <path>", "envelope: <field>", "annotation: <what>" or "rule: <how>"
+    also        further raw kinds that have the value, each as in `from`
     released    true where the column goes into release/ (default false)
     content     true for what people wrote (titles, texts, addresses, names)
     dictionary  true for low-cardinality columns that Parquet stores with a dictionary
@@ -42,6 +43,7 @@ _COLUMN_KEYS = {
     "null",
     "doc",
     "from",
+    "also",
     "released",
     "content",
     "dictionary",
@@ -56,13 +58,15 @@ def blocks(data: dict[str, Any], what: str) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = []
     for block in data.get(what, []):
         for word in block.get("each", [None]):
-            fill = {
-                k: v.replace("{}", word) if word and isinstance(v, str) else v
-                for k, v in block.items()
-            }
-            fill.pop("each", None)
+            fill = {k: _filled(v, word) if word else v for k, v in block.items() if k != "each"}
             found.append(fill)
     return found
+
+
+def _filled(value: Any, word: str) -> Any:
+    if isinstance(value, list):
+        return [_filled(one, word) for one in value]
+    return value.replace("{}", word) if isinstance(value, str) else value
 
 
 def check_table(data: dict[str, Any]) -> list[str]:
@@ -106,13 +110,15 @@ def _column_problems(block: dict[str, Any]) -> list[str]:
         problems.append("has no description (`doc`)")
     elif "\n" in doc:
         problems.append("`doc` must be one line")
-    kind, colon, path = str(block.get("from", "")).partition(":")
     if not block.get("from"):
         problems.append("has no origin (`from`)")
-    elif not colon or not kind.strip() or not path.strip():
-        problems.append(
-            f"`from` is {block['from']!r}; it must read `<raw kind>: <path>` or `rule: <how>`"
-        )
+    origins = [("from", block.get("from")), *(("also", one) for one in block.get("also", ()))]
+    for key, origin in origins:
+        kind, colon, path = str(origin).partition(":")
+        if origin and not (colon and kind.strip() and path.strip()):
+            problems.append(
+                f"`{key}` is {origin!r}; it must read `<raw kind>: <path>` or `rule: <how>`"
+            )
     if "null" in block and not str(block["null"]).strip():
         problems.append("`null` must say why the value may be absent")
     values = block.get("values", [""])

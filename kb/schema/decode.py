@@ -1,4 +1,4 @@
-"""Raw envelopes → columns, by the paths that a table's columns name in `from`.
+"""Raw envelopes → columns, by the paths that a table's columns name in `from` and `also`.
 
 A msgspec type with exactly those fields is derived from the TOML, so decoding skips all else. Its
 leaves take any value: a retyped field costs one value, never an envelope. An envelope whose
@@ -48,9 +48,10 @@ class Reader:
     def __init__(self, declared: Table, kind: str, *, note_absent: bool = True) -> None:
         self._note_absent = note_absent
         every = (*declared.columns, *declared.inputs)
-        self.columns: list[Column] = [column for column in every if column.source.kind == kind]
+        origins = [(column, origin) for column in every if (origin := column.origin(kind))]
+        self.columns: list[Column] = [column for column, _ in origins]
         self._kind = f"{declared.source}/{kind}"
-        paths = [column.source.path for column in self.columns]
+        paths = [origin.path for _, origin in origins]
         self._listed = all(path.startswith("items[].") for path in paths)
         self._paths = [
             path.removeprefix("items[].").split(".") if self._listed else path.split(".")

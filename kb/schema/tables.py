@@ -40,11 +40,16 @@ class Column:
     dictionary: bool = False
     values: tuple[str, ...] = ()
     pattern: str = ""
+    also: tuple[Origin, ...] = ()
     parsed: Type = field(repr=False, compare=False, default=None)  # type: ignore[assignment]
 
     @property
     def nullable(self) -> bool:
         return bool(self.why_null)
+
+    def origin(self, kind: str) -> Origin | None:
+        """Where an answer of the raw kind has the value; None where it has none."""
+        return next((one for one in (self.source, *self.also) if one.kind == kind), None)
 
 
 @dataclass(frozen=True)
@@ -157,18 +162,23 @@ def load_table(path: Path) -> Table:
 
 
 def _column(block: dict[str, Any]) -> Column:
-    kind, _, path = block["from"].partition(":")
     return Column(
         name=block["name"],
         type=block["type"],
         unit=block.get("unit", ""),
         doc=block["doc"],
-        source=Origin(kind.strip(), path.strip()),
+        source=_origin(block["from"]),
         why_null=block.get("null", ""),
         released=block.get("released", False),
         content=block.get("content", False),
         dictionary=block.get("dictionary", False),
         values=tuple(block.get("values", ())),
         pattern=block.get("pattern", ""),
+        also=tuple(map(_origin, block.get("also", ()))),
         parsed=parse_type(block["type"]),
     )
+
+
+def _origin(text: str) -> Origin:
+    kind, _, path = text.partition(":")
+    return Origin(kind.strip(), path.strip())

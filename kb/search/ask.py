@@ -11,20 +11,21 @@ import msgspec
 
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
-from kb.search.engine import Opened
+from kb.search.engine import PassageIndex
 from kb.search.entities import restrict
 from kb.search.passage import Passage
-from kb.search.rank import Found, Only, Ranked, rank, weigh
+from kb.search.rank import IndexedTerm, Only, Ranked, Weights, rank
 from kb.search.snippet import snippet
+from kb.search.suggest import corrected
 from kb.search.words import question
 from kb.store import indexed
 from kb.store.layout import Layout
 
 
-class Answer(msgspec.Struct):
+class SearchHit(msgspec.Struct):
     """A passage that was asked for. `text` is at most as long as was asked, `snippet` a part of it
-    with the words marked; `start_s` where a video speaks of it; `licence` None where the source
-    gives none.
+    with the words marked (of the title where the passage has no text of its own); `start_s` where
+    a video speaks of it; `licence` None where the source gives none.
     """
 
     text: str
@@ -49,22 +50,30 @@ def search(
     only: Only | None = None,
     size: int = 1000,
     entity: str = "",
-) -> list[Answer]:
+) -> list[SearchHit]:
     """The best answers first. `size`: characters of an answer's text at most. `entity`: out of
     videos, pages, posts and comments alone that are linked to it (kb.search.entities).
 
-    No text is a wrong question: without a word in it there are no answers. Raises UsageError where
-    a source has no index or one that does not follow clean/, and so for the entity tables where
-    they are asked for; DamagedData for what can't be read.
+    Raises UsageError for a query without a word to look for, where a source has no index or one
+    that does not follow clean/, and so for the entity tables where they are asked for; DamagedData
+    for what can't be read.
     """
     asked = question(words)
     indexes = {source: _opened(root, source) for source in usable(root, sources or SOURCES)}
-    weighed = weigh(indexes, asked)
+    weights = Weights(indexes, asked)
     linked = restrict(root, entity, list(indexes)) if entity else None
     return [
-        _answer(indexes[one.source], one, weighed.marked(one.source), size)
-        for one in rank(indexes, asked, weighed, only or Only(), linked)
+        _answer(indexes[one.source], one, weights.marked(one.source), size)
+        for one in rank(indexes, asked, weights, only or Only(), linked)
     ]
+
+
+def suggest(root: Path, words: str, *, sources: Sequence[str] = ()) -> str:
+    """The query with each word that no passage has in its nearest spelling that some have; "" where
+    every word is known, or nothing is near. Raises as `search`.
+    """
+    usable_sources = usable(root, sources or SOURCES)
+    return corrected([_opened(root, source) for source in usable_sources], words)
 
 
 def usable(root: Path, sources: Sequence[str]) -> list[str]:
@@ -87,24 +96,28 @@ def usable(root: Path, sources: Sequence[str]) -> list[str]:
     return with_rows
 
 
-def _opened(root: Path, source: str) -> Opened:
+def _opened(root: Path, source: str) -> PassageIndex:
     indexed.check(root, source)
     note = indexed.read(root, source)
-    return Opened(Layout(root).index(source), str(note.rules["stemmer"]) if note else "")
+    return PassageIndex(Layout(root).index(source), str(note.rules["stemmer"]) if note else "")
 
 
-def _answer(index: Opened, ranked: Ranked, marked: Sequence[Found], size: int) -> Answer:
-    one = index.passage(ranked.place)
-    for text in (one.text, one.alt, one.path, one.title):
-        shown = snippet(text, index.analyzer, marked)
-        if shown.marks:
-            break
+def _answer(
+    index: PassageIndex, ranked: Ranked, marked: Sequence[IndexedTerm], size: int
+) -> SearchHit:
+    one = index.passage(ranked.address)
+    shown = snippet(one.text, index.analyzer, marked)
+    if not shown.marks and one.alt:
+        alt = snippet(one.alt, index.analyzer, marked)
+        shown = alt if alt.marks or not one.text else shown
+    if not (one.text or one.alt):
+        shown = snippet(one.title, index.analyzer, marked)
     start, url = None, one.url
     if one.times:
-        start = one.times[0] if text != one.text else _second(one, shown.marks)
+        start = _second(one, shown.marks)
         url = re.sub(r"&t=\d+s$", f"&t={int(start)}s", url)
     text = one.text.replace("\n", " ") if one.times else one.text
-    return Answer(
+    return SearchHit(
         text=cut(text or one.alt or one.title, size),
         snippet=shown.text,
         source=ranked.source,

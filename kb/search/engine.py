@@ -23,24 +23,29 @@ from kb.search.analysis import analyzer
 from kb.search.passage import KINDS, Passage
 from kb.store import indexed
 
-WORDS, KEY, KIND, THING, DAY, ROW = "words", "key", "kind", "thing", "day", "row"
+WORDS, KEY, KIND, NUMBER, THING, DAY, ROW = "words", "key", "kind", "number", "thing", "day", "row"
+ANALYZER = "words"  # the name of kb.search.analysis.analyzer in an index
 _SPECIAL = re.compile(r"[^\w\s]")  # signs of a pattern; folding makes some: "⑴" is "(1)"
 _Given = TypeVar("_Given")
 
 
-class Address(NamedTuple):
-    """Where a passage is in an index; they sort as they were written."""
+class IndexHit(NamedTuple):
+    """A passage that a query found: its score, its number and its thing's in the order of writing,
+    and tantivy's address of it (segment, document).
+    """
 
-    segment: int
+    score: float
     number: int
+    thing: int
+    address: tuple[int, int]
 
 
 def schema() -> tantivy.Schema:
     """The fields of a passage."""
     made = tantivy.SchemaBuilder()
-    made.add_text_field(WORDS, tokenizer_name="whitespace")
+    made.add_text_field(WORDS, tokenizer_name=ANALYZER)
     made.add_text_field(KEY, tokenizer_name="raw", index_option="basic")
-    for name in (KIND, THING, DAY):
+    for name in (KIND, NUMBER, THING, DAY):
         made.add_integer_field(name, fast=True)
     made.add_bytes_field(ROW, stored=True)
     return made.build()
@@ -51,7 +56,7 @@ def day(date: str) -> int:
     return int(date.replace("-", ""))
 
 
-class Opened:
+class PassageIndex:
     """An index to ask. Raises DamagedData for one that can't be read, here and everywhere."""
 
     def __init__(self, folder: Path, stemmer: str) -> None:
@@ -75,7 +80,7 @@ class Opened:
     def _damaged(self) -> DamagedData:
         return DamagedData(f"{self._folder} can't be read", hint="run `kb index --again`")
 
-    def having(self, word: str) -> int:
+    def frequency(self, word: str) -> int:
         """How many passages have a word of the analyzer's."""
         return self._read(lambda: self._searcher.doc_freq(WORDS, word))
 
@@ -83,21 +88,23 @@ class Opened:
         """How many passages a query finds."""
         return int(self._read(lambda: self._searcher.search(query, 1)).count)  # type: ignore[attr-defined]
 
-    def beginning(self, prefix: str, most: int) -> list[str]:
-        """The words that begin like this, the most frequent first."""
-        found = self._read(lambda: self._searcher.terms_with_prefix(WORDS, prefix, limit=most))
-        return [word for word, _ in found]
+    def frequencies(self, prefix: str, most: int) -> list[tuple[str, int]]:
+        """The most frequent words that begin like this, and how many passages have them."""
+        return self._read(lambda: self._searcher.terms_with_prefix(WORDS, prefix, limit=most))
 
-    def words(self, words: list[str]) -> Query:
+    def phrase(self, words: list[str]) -> Query:
         """Passages with a word, or with several side by side."""
         if len(words) == 1:
             return Query.term_query(self.schema, WORDS, words[0], "position")
         return Query.phrase_query(self.schema, WORDS, list(words))
 
-    def like(self, prefix: str) -> Query:
-        """Passages with a word that begins like this."""
-        pattern = _SPECIAL.sub(r"\\\g<0>", prefix)
-        return Query.regex_query(self.schema, WORDS, f"{pattern}.*")
+    def beginning(self, words: list[str]) -> Query:
+        """Passages with these words side by side, the last of which is how a word begins."""
+        patterns = [_SPECIAL.sub(r"\\\g<0>", word) for word in words]
+        patterns[-1] += ".*"
+        if len(words) == 1:
+            return Query.regex_query(self.schema, WORDS, patterns[0])
+        return Query.regex_phrase_query(self.schema, WORDS, list(patterns))
 
     def days(self, since: str, until: str) -> Query:
         """Passages of these days, both included; either may be "". None without a date."""
@@ -116,22 +123,32 @@ class Opened:
         """Passages of these keys."""
         return Query.term_set_query(self.schema, KEY, list(keys))
 
-    def best(self, query: Query, most: int) -> list[tuple[float, Address, int]]:
-        """The best passages of a query with their scores and the numbers of their things; of equal
-        ones those that were written first.
-        """
+    def best(self, query: Query, most: int) -> list[IndexHit]:
+        """The passages of a query with the highest scores; which of equal ones is chance."""
         hits = self._read(lambda: self._searcher.search(query, most, count=False)).hits
         places = [place for _, place in hits]
-        things = self._read(lambda: self._searcher.fast_field_values(THING, places))
+        numbers, things = (
+            self._read(lambda field=field: self._searcher.fast_field_values(field, places))  # type: ignore[misc]
+            for field in (NUMBER, THING)
+        )
         return [
-            (score, Address(place.segment_ord, place.doc), int(thing or 0))
-            for (score, place), thing in zip(hits, things, strict=True)
+            IndexHit(score, int(number or 0), int(thing or 0), (place.segment_ord, place.doc))
+            for (score, place), number, thing in zip(hits, numbers, things, strict=True)
         ]
 
-    def passage(self, place: Address) -> Passage:
-        """What stands there."""
-        found = self._read(lambda: self._searcher.doc(tantivy.DocAddress(*place)))
-        return Passage(*self._read(lambda: orjson.loads(found.get_first(ROW) or b"")))
+    def first(self, query: Query, most: int) -> list[Passage]:
+        """The passages of a query that were written first."""
+        hits = self._read(
+            lambda: self._searcher.search(
+                query, most, count=False, order_by_field=NUMBER, order=tantivy.Order.Asc
+            )
+        ).hits
+        return [self.passage((place.segment_ord, place.doc)) for _, place in hits]
+
+    def passage(self, address: tuple[int, int]) -> Passage:
+        """The passage at an address."""
+        document = self._read(lambda: self._searcher.doc(tantivy.DocAddress(*address)))
+        return Passage(*self._read(lambda: orjson.loads(document.get_first(ROW) or b"")))
 
 
 def _open(folder: Path) -> tantivy.Index:

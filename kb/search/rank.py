@@ -1,19 +1,17 @@
-"""BM25 over the indexes of several sources, as if they were one.
+"""tantivy's BM25 over the indexes of several sources, and words in the order asked above it.
 
-    score = Σ rarity · f · (k + 1) / (f + k · (1 - b + b · length / mean))
+    score  = Σ rarity · f · (k + 1) / (f + k · (1 - b + b · length / mean)) + order
     rarity = ln(1 + (N - n + 0.5) / (n + 0.5))
 
 with N passages, n that have the term, f how often a passage has it, k = 1.2, b = 0.75; words of the
-title count twice, in f and in the length. Lengths are held in one byte: up to 40 words they are
-exact, above that the next lower of 42, 44 … 56, 60 … 88, 96 … 152, 168 …; the mean, of the source
-alone, is exact. How rare a term is follows from all sources that are searched together, else a
-word would count more only because its source is larger: tantivy weighs each term by its own
-source, and that is divided out.
+title count twice, in f and in the length. The mean is that of the source. How rare a term is
+follows from all sources that are searched together, else a word would count more only because its
+source is larger: tantivy weighs each term by its own source, and that is divided out. What begins
+like a prefix counts once, as if all such words were one.
 
-What begins like a prefix counts as the best of its words: each of the most frequent ones as if it
-were as rare as the prefix is, any other as found once in a passage of mean length. Of a prefix
-behind other words only the 256 most frequent ones are looked for, and it is as rare as the rarest
-of these others.
+`order`: for each two neighbours of the words asked that a passage has side by side, the mean of
+their rarities; and where it has all of them in the order asked, more than everything else can sum
+up to. So such a passage ranks above all others.
 """
 
 from __future__ import annotations
@@ -21,22 +19,20 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
-from functools import cached_property
 from typing import NamedTuple
 
 from tantivy import Occur, Query
 
 from kb.core.errors import UsageError
-from kb.search.engine import Address, Opened
+from kb.search.engine import PassageIndex
 from kb.search.words import Question, Term
 
-_BEGINNINGS = 64  # words of a prefix that count as often as they are found
-_SIDE_BY_SIDE = 256  # words of a prefix that are looked for behind others
+_HIGHEST = 2.2  # k + 1: what a term adds at most, as a multiple of its rarity
 _MARKED = 0.3  # of the rarest term's rarity
-_DIGITS = 5  # of a score; the engine computes with seven
+_DIGITS = 3  # of a score; the engine computes with seven in all
 _AHEAD = 64  # passages that are looked at first, as several may be of one thing
 
 
@@ -65,105 +61,105 @@ def day_given(name: str, given: str) -> str:
 
 
 class Ranked(NamedTuple):
-    """A passage's score and where it is. Sorts from the best."""
+    """A passage's score and where it is. Sorts from the best; equal ones as they were written."""
 
     minus: float
     source: str
-    place: Address
+    number: int
+    address: tuple[int, int]
 
     @property
     def score(self) -> float:
-        """BM25; the higher the better."""
+        """The higher the better."""
         return -self.minus
 
 
-class Found:
+class IndexedTerm:
     """A term in one index. `words` are its words as the index has them."""
 
-    def __init__(self, index: Opened, term: Term) -> None:
-        self._index, self._prefix = index, term.prefix
-        self.words = index.analyzer.analyze(term.text)
+    def __init__(self, index: PassageIndex, term: Term) -> None:
+        self._index, self.prefix = index, term.prefix
+        self.words: list[str] = index.analyzer.analyze(term.text)
 
-    @cached_property
-    def _every(self) -> list[list[str]]:
-        """The term's words; of a prefix those of the most frequent words that it may stand for."""
-        if not self._prefix or not self.words:
-            return [self.words] if self.words else []
-        *before, last = self.words
-        most = _SIDE_BY_SIDE if before else _BEGINNINGS
-        return [[*before, one] for one in self._index.beginning(last, most)]
+    @property
+    def frequencies(self) -> list[int]:
+        """How many passages have each of the words; of a prefix how many have all of it."""
+        if self.prefix and self.words:
+            return [self._index.count(self._matching)]
+        return [self._index.frequency(word) for word in self.words]
 
-    @cached_property
-    def having(self) -> int:
-        """How many passages have the term; of several words with a prefix, at most how many."""
-        if not self._every:
-            return 0
-        if len(self._every) == 1 and len(self.words) == 1:
-            return self._index.having(self._every[0][0])
-        if self._prefix and len(self.words) > 1:  # to count them takes as long as to ask
-            return min(map(self._index.having, self.words[:-1]))
-        return self._index.count(self.query(1.0))
+    @property
+    def _matching(self) -> Query:
+        index = self._index
+        return index.beginning(self.words) if self.prefix else index.phrase(self.words)
 
     def places(self, words: Sequence[str]) -> list[int]:
         """Where the term stands among the words of a text."""
         first, *rest = self.words or [""]
-        if not rest and self._prefix:
+        if not rest and self.prefix:
             return [at for at, word in enumerate(words) if word.startswith(first)]
         places = [at for at, word in enumerate(words) if word == first]
         return [at for at in places if self._goes_on(words[at + 1 : at + 1 + len(rest)], rest)]
 
     def _goes_on(self, words: Sequence[str], rest: Sequence[str]) -> bool:
-        if not self._prefix or len(words) < len(rest):
+        if not self.prefix or len(words) < len(rest):
             return words == rest
         return words[:-1] == rest[:-1] and words[-1].startswith(rest[-1])
 
-    def query(self, rarity: float) -> Query:
-        """Passages with the term, scored as one that is so rare. There have to be some."""
-        parts = [
-            Query.boost_query(self._index.words(words), rarity / self._own_rarity(words))
-            for words in self._every
-        ]
-        if len(self.words) == 1 and len(parts) >= _BEGINNINGS:
-            parts.append(Query.const_score_query(self._index.like(self.words[0]), rarity))
-        return parts[0] if len(parts) == 1 else Query.disjunction_max_query(parts)
+    def scored(self, weight: float) -> Query:
+        """Passages with the term, by BM25 as if it were so rare."""
+        if self.prefix:
+            return self.constant(weight)
+        own = sum(rarity(self._index.size, count) for count in self.frequencies)
+        return Query.boost_query(self._matching, weight / own)
 
-    def _own_rarity(self, words: list[str]) -> float:
-        """What tantivy weighs these words with."""
-        index = self._index
-        return sum(rarity(index.size, index.having(word)) for word in words)
+    def constant(self, score: float) -> Query:
+        """Passages with the term, each with this score."""
+        return Query.const_score_query(self._matching, score)
 
 
-class Weighed(NamedTuple):
-    """A question's terms that decide, the rarest first, with their rarity; and each of the
-    question's terms in each index.
-    """
+class Weights:
+    """How much each term of a question counts in these indexes, all taken together."""
 
-    rarities: dict[Term, float]
-    found: dict[str, dict[Term, Found]]
+    def __init__(self, indexes: Mapping[str, PassageIndex], question: Question) -> None:
+        self._size = sum(index.size for index in indexes.values())
+        run = Term(" ".join(question.run))
+        self.indexed = {
+            source: {
+                term: IndexedTerm(index, term)
+                for term in {*question.terms, *question.needed, *question.barred, *question.pairs}
+            }
+            for source, index in indexes.items()
+        }
+        self.runs = {source: IndexedTerm(index, run) for source, index in indexes.items()}
+        self.terms = self._rarities(question.terms)
+        self.pairs = {term: one / 2 for term, one in self._rarities(question.pairs).items()}
+        self.order = _HIGHEST * sum(self.terms.values()) + sum(self.pairs.values())
 
-    def marked(self, source: str) -> list[Found]:
-        """What a snippet marks: without words that are everywhere, such as "to"."""
-        most = max(self.rarities.values(), default=0.0)
-        told = [term for term, one in self.rarities.items() if one >= _MARKED * most]
-        return [self.found[source][term] for term in told]
+    def _rarities(self, terms: Iterable[Term]) -> dict[Term, float]:
+        """Sums over each term's words. One without any, as the analyzer sees it, is left out."""
+        made = {}
+        for term in terms:
+            frequencies = [one[term].frequencies for one in self.indexed.values()]
+            if all(frequencies):
+                counts = map(sum, zip(*frequencies, strict=True))
+                made[term] = sum(rarity(self._size, count) for count in counts)
+        return made
 
-
-def weigh(indexes: Mapping[str, Opened], question: Question) -> Weighed:
-    """How much each term counts in these indexes; one that is nowhere is left out."""
-    every = dict.fromkeys((*question.terms, *question.needed, *question.barred))
-    found = {
-        source: {term: Found(index, term) for term in every} for source, index in indexes.items()
-    }
-    whole = sum(index.size for index in indexes.values())
-    counts = {term: sum(one[term].having for one in found.values()) for term in question.terms}
-    told = {term: rarity(whole, count) for term, count in counts.items() if count}
-    return Weighed(dict(sorted(told.items(), key=lambda one: (-one[1], one[0]))), found)
+    def marked(self, source: str) -> list[IndexedTerm]:
+        """What a snippet marks: all words in the order asked, then those that are not everywhere,
+        such as "to", the rarest first.
+        """
+        most = max(self.terms.values(), default=0.0)
+        rarest = sorted(self.terms.items(), key=lambda one: (-one[1], one[0]))
+        terms = [self.indexed[source][term] for term, one in rarest if one >= _MARKED * most]
+        return [self.runs[source], *terms] if self.runs[source].words else terms
 
 
 def rank(
-    indexes: Mapping[str, Opened],
+    indexes: Mapping[str, PassageIndex],
     question: Question,
-    weighed: Weighed,
+    weights: Weights,
     only: Only,
     linked: Mapping[str, Collection[str]] | None = None,
 ) -> list[Ranked]:
@@ -171,11 +167,14 @@ def rank(
     the order of sources and of writing. `linked`: those alone that have one of these keys.
     """
     ranked: list[Ranked] = []
+    if not weights.terms:
+        return []
     for source, index in indexes.items():
+        if not index.size:
+            continue
         keys = None if linked is None else linked[source]
-        query = _query(index, weighed.found[source], question, weighed, only, keys)
-        if query is not None:
-            ranked += (Ranked(-score, source, place) for score, place in _best(index, query, only))
+        query = _query(index, source, question, weights, only, keys)
+        ranked += _best(index, source, query, only)
     return sorted(ranked)[: only.limit]
 
 
@@ -185,55 +184,52 @@ def rarity(passages: int, having: int) -> float:
 
 
 def _query(
-    index: Opened,
-    found: Mapping[Term, Found],
+    index: PassageIndex,
+    source: str,
     question: Question,
-    weighed: Weighed,
+    weights: Weights,
     only: Only,
     keys: Collection[str] | None,
-) -> Query | None:
-    """What an index is asked; None where it can have no answer."""
-    needed = [term for term in question.needed if found[term].words]
-    if not all(found[term].having for term in needed):
-        return None
-    scored: list[tuple[Occur, Query]] = [
-        (Occur.Must if term in needed else Occur.Should, found[term].query(one))
-        for term, one in weighed.rarities.items()
-        if found[term].having
-    ]
-    if not scored:
-        return None
-    filters: list[tuple[Occur, Query]] = []
+) -> Query:
+    """What an index is asked."""
+    terms, run = weights.indexed[source], weights.runs[source]
+    parts = [(Occur.Should, terms[term].scored(one)) for term, one in weights.terms.items()]
+    parts += [(Occur.Should, terms[term].constant(one)) for term, one in weights.pairs.items()]
+    if run.words:
+        parts.append((Occur.Should, run.constant(weights.order)))
+    needed, barred = (
+        [terms[term].constant(0.0) for term in given if terms[term].words]
+        for given in (question.needed, question.barred)
+    )
     if only.kinds:
-        filters.append((Occur.Must, index.kinds(only.kinds)))
+        needed.append(index.kinds(only.kinds))
     if only.since or only.until:
-        filters.append((Occur.Must, index.days(only.since, only.until)))
+        needed.append(index.days(only.since, only.until))
     if keys is not None:
-        filters.append((Occur.Must, index.keys(keys)))
-    for term in needed:
-        if term not in weighed.rarities:  # of too many
-            filters.append((Occur.Must, found[term].query(1.0)))
-    filters = [(sign, Query.const_score_query(one, 0.0)) for sign, one in filters]
-    for term in question.barred:
-        if found[term].having:
-            filters.append((Occur.MustNot, found[term].query(1.0)))
-    asked = Query.boolean_query(scored)
-    return Query.boolean_query([(Occur.Must, asked), *filters]) if filters else asked
+        needed.append(index.keys(keys))
+    return Query.boolean_query(
+        [
+            (Occur.Must, Query.boolean_query(parts)),
+            *((Occur.Must, Query.const_score_query(one, 0.0)) for one in needed),
+            *((Occur.MustNot, one) for one in barred),
+        ]
+    )
 
 
-def _best(index: Opened, query: Query, only: Only) -> list[tuple[float, Address]]:
+def _best(index: PassageIndex, source: str, query: Query, only: Only) -> list[Ranked]:
     most = only.limit if only.each is None else max(_AHEAD, 4 * only.limit)
     while True:
-        most = min(most, index.size)
-        hits = index.best(query, most)
-        found: list[tuple[float, Address]] = []
+        most = min(most + 1, index.size)
+        hits = [(round(hit.score, _DIGITS), hit) for hit in index.best(query, most)]
+        last = -1.0 if len(hits) < most or most == index.size else hits[-1][0]
+        # Of those with the lowest score some may be left out, and which is chance.
+        sure = sorted((-score, hit.number, hit) for score, hit in hits if score > last)
+        best: list[Ranked] = []
         taken: Counter[int] = Counter()
-        for exact, place, thing in hits:
-            taken[thing] += 1
-            score = round(exact, _DIGITS)
-            if score >= only.least and (only.each is None or taken[thing] <= only.each):
-                found.append((score, place))
-        enough = len(found) >= only.limit or len(hits) < most or most == index.size
-        if enough or round(hits[-1][0], _DIGITS) < only.least:
-            return found[: only.limit]
+        for minus, number, hit in sure:
+            taken[hit.thing] += 1
+            if -minus >= only.least and (only.each is None or taken[hit.thing] <= only.each):
+                best.append(Ranked(minus, source, number, hit.address))
+        if len(best) >= only.limit or last < only.least:
+            return best[: only.limit]
         most *= 8

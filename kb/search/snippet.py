@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from tantivy import TextAnalyzer
 
-from kb.search.rank import Found
+from kb.search.rank import IndexedTerm
 
 MARK = "**"  # around the words that were asked for
 MOST = 32  # words
@@ -30,9 +30,9 @@ class _Span(NamedTuple):
     term: int
 
 
-def snippet(text: str, analyzer: TextAnalyzer, marked: Sequence[Found]) -> Snippet:
-    """The MOST words with the most different terms, of as good ones those with the most marks, then
-    the first; without any the beginning.
+def snippet(text: str, analyzer: TextAnalyzer, marked: Sequence[IndexedTerm]) -> Snippet:
+    """The MOST words with the longest of the terms, then with the most different ones, then with
+    the most marks, then the first; without any the beginning.
     """
     tokens = analyzer.pre_tokenize(text).tokens
     words = [token.text for token in tokens]
@@ -54,13 +54,13 @@ def snippet(text: str, analyzer: TextAnalyzer, marked: Sequence[Found]) -> Snipp
     return Snippet(" ".join(whole.split()), marks)
 
 
-def _spans(words: Sequence[str], marked: Sequence[Found]) -> list[_Span]:
+def _spans(words: Sequence[str], marked: Sequence[IndexedTerm]) -> list[_Span]:
     """Where the terms stand, none inside of another: the first, and of these the longest."""
-    found = []
+    spans = []
     for number, one in enumerate(marked):
-        found += [_Span(at, at + len(one.words), number) for at in one.places(words)]
+        spans += [_Span(at, at + len(one.words), number) for at in one.places(words)]
     kept: list[_Span] = []
-    for span in sorted(found, key=lambda one: (one.first, -one.after)):
+    for span in sorted(spans, key=lambda one: (one.first, -one.after)):
         if not kept or span.first >= kept[-1].after:
             kept.append(span)
     return kept
@@ -68,11 +68,12 @@ def _spans(words: Sequence[str], marked: Sequence[Found]) -> list[_Span]:
 
 def _begin(spans: Sequence[_Span], count: int) -> int:
     """The first word of the best part, what is marked in the middle of it."""
-    best, begin = (0, 0), 0
+    best, begin = (0, 0, 0), 0
     for one in spans:
-        held = [two for two in spans if two.first >= one.first and two.after <= one.first + MOST]
-        worth = len({two.term for two in held}), len(held)
-        if worth > best:
+        near = [two for two in spans if two.first >= one.first and two.after <= one.first + MOST]
+        longest = max((two.after - two.first for two in near), default=0)
+        worth = longest, len({two.term for two in near}), len(near)
+        if near and worth > best:
             best = worth
-            begin = one.first - (MOST - (held[-1].after - one.first)) // 2
+            begin = one.first - (MOST - (near[-1].after - one.first)) // 2
     return max(0, min(begin, count - MOST))

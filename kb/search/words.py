@@ -7,7 +7,7 @@
     craft*          words that begin like this
 
 Whatever else is typed is words or nothing: quotes that do not close, NEAR, AND, brackets and
-columns mean nothing here, and no text is an error.
+columns mean nothing here. Only a text without a word to look for is an error.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from __future__ import annotations
 import re
 import unicodedata
 from typing import NamedTuple
+
+from kb.core.errors import UsageError
 
 MOST = 32  # terms of one question; what is typed after them is left out
 _TERM = re.compile(r'(?P<sign>(?<!\S)[+-])?(?:"(?P<phrase>[^"]*)"?|(?P<word>[^\s"]+))(?P<any>\*)?')
@@ -38,19 +40,31 @@ class Term(NamedTuple):
 
 
 class Question(NamedTuple):
-    """What makes an answer better, what it has to have, and what it must not have."""
+    """What makes an answer better, what it has to have, and what it must not have.
+
+    `run`: all words in the order asked, small ones too; () where a prefix is among them, as nothing
+    says where its word ends, or for a single word.
+    """
 
     terms: tuple[Term, ...]
     needed: tuple[Term, ...]
     barred: tuple[Term, ...]
+    run: tuple[str, ...] = ()
+
+    @property
+    def pairs(self) -> list[Term]:
+        """Each two neighbours of the first MOST words of `run` of which one is not small."""
+        neighbours = zip(self.run[:MOST], self.run[1:MOST], strict=False)
+        return [Term(f"{a} {b}") for a, b in neighbours if not (is_small(a) and is_small(b))]
 
 
 def question(text: str) -> Question:
-    """The question in a text. Without any word in it there are no terms."""
+    """The question in a text. Raises UsageError without a word to look for."""
     terms: dict[Term, None] = {}
     needed: dict[Term, None] = {}
     barred: dict[Term, None] = {}
-    for found in _TERM.finditer(_clean(text)):
+    run: list[str] = []
+    for found in _TERM.finditer(clean(text)):
         sign, phrase = found["sign"], found["phrase"]
         word = found["word"] if phrase is None else phrase
         prefix = bool(found["any"]) or (phrase is None and word.endswith("*"))
@@ -62,14 +76,29 @@ def question(text: str) -> Question:
             barred[term] = None
             continue
         terms[term] = None
+        run += kept
         if sign == "+" or phrase is not None:
             needed[term] = None
+    if not terms:
+        raise UsageError(
+            f"the query {text!r} contains no word to search for",
+            hint='give at least one word, e.g. kb search "how to tame a wolf"',
+        )
     # Without small words, unless there are no others.
-    told = [one for one in terms if one in needed or one.prefix or one.text.lower() not in _SMALL]
-    return Question(tuple(told or terms)[:MOST], tuple(needed)[:MOST], tuple(barred)[:MOST])
+    large = [one for one in terms if one in needed or one.prefix or not is_small(one.text)]
+    if len(run) < 2 or any(one.prefix for one in terms):
+        run = []
+    return Question(
+        tuple(large or terms)[:MOST], tuple(needed)[:MOST], tuple(barred)[:MOST], tuple(run)
+    )
 
 
-def _clean(text: str) -> str:
+def is_small(word: str) -> bool:
+    """Whether a word only makes a sentence."""
+    return word.lower() in _SMALL
+
+
+def clean(text: str) -> str:
     """The text without what is no sign (control characters, surrogates), accents in one
     character with their letters.
     """

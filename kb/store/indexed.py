@@ -32,9 +32,9 @@ NAME = "note.json"
 CHANGED = "can't be read: its bytes are not those that were written"
 FOREIGN = "no command has written it"
 NO_NOTE = "nothing says what its bytes were"
-LOCKS = (".tantivy-meta.lock",)  # empty: whoever reads an index holds it for a moment
+LOCKS = (".tantivy-meta.lock", ".tantivy-writer.lock")  # empty; no part of what an index says
 _LARGE = 256 << 20  # bytes that are not read for a question
-FORM = 3  # of an index; one of another form is made again
+FORM = 4  # of an index; one of another form is made again
 
 _checked: set[tuple[str, frozenset[tuple[str, int, int, int]]]] = set()  # what this process read
 

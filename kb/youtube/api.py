@@ -63,6 +63,12 @@ class Api:
         """videos.list, up to 50 ids; ids that are gone are absent from the answer."""
         return self._call(quota.GENERAL, "videos.list", self._service.videos().list(**params))
 
+    def statistics(self, **params: Any) -> dict[str, Any]:
+        """videos.batchGetStats, up to 50 ids; an id that is left out may exist all the same."""
+        return self._call(
+            quota.STATISTICS, "videos.batchGetStats", self._service.videos().batchGetStats(**params)
+        )
+
     def close(self) -> None:
         """Close the connections."""
         self._service.close()

@@ -14,11 +14,14 @@ from kb.store.buckets import Kind
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 from kb.youtube import parse
+from kb.youtube.merge import one_row_each
+from kb.youtube.view_rule import view_rule
 
 VIDEOS = "videos"  # kind in the frontier
 HELPERS = ("missing", "game_label_id", "game_label", "transcript_outcome")
 KINDS = {
     "videos": Kind(parse.videos, key=("video_id",), bucket="video_id"),
+    "statistics": Kind(parse.statistics, key=("video_id",), bucket="video_id"),
     "transcripts": Kind(parse.transcripts, key=("video_id",), bucket="video_id", prefer="final"),
 }
 WATCH = "https://www.youtube.com/watch?v="
@@ -31,10 +34,10 @@ def assemble(
 
     `words` counts the words of each list of texts. Adds to the parsed columns: `link`, `width`,
     `height` (px; the largest stream's when known, else the embed frame's), `fps`,
-    `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null: not asked),
-    `transcript_kind`, `word_count`.
+    `view_rule`, `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null: not
+    asked), `transcript_kind`, `word_count`.
     """
-    videos = newest.get("videos")
+    videos = one_row_each(newest.get("videos"), newest.get("ytdlp_info"), newest.get("statistics"))
     transcripts = _usable(newest.get("transcripts"), words)
     if videos is None:
         return {"youtube/transcripts": _tracks(transcripts)}
@@ -97,7 +100,7 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
             videos = videos.set_column(videos.column_names.index(name), name, column)
         else:
             videos = videos.append_column(name, column)
-    return videos
+    return videos.append_column("view_rule", view_rule(videos))
 
 
 def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.Table:

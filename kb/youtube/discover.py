@@ -15,7 +15,6 @@ from kb.youtube.reduce import (
     BEYOND,
     CHANNELS,
     SEARCHES,
-    TRANSCRIPTS,
     UPLOADS,
     VIDEOS,
     Search,
@@ -28,9 +27,7 @@ _log = logging.getLogger("kb.youtube")
 
 
 def reopen(frontier: Frontier, profile: YouTube) -> None:
-    """What failed, was taken as final without being a fact, or lay beyond fewer search_pages."""
-    for kind in (SEARCHES, UPLOADS, VIDEOS, TRANSCRIPTS):
-        frontier.reopen(kind, "error")
+    """What was taken as final without being a fact, or lay beyond fewer search_pages."""
     most = profile.search_pages
     pages = [
         key

@@ -20,10 +20,12 @@ from kb.youtube.quota import WEB as SITE_BUCKET
 from kb.youtube.reduce import (
     RAW_LIST,
     RAW_SEARCH,
+    RAW_STATISTICS,
     RAW_TRANSCRIPTS,
     RAW_VIDEOS,
     REFRESH,
     SEARCHES,
+    STATISTICS,
     TRANSCRIPTS,
     UPLOADS,
     VIDEOS,
@@ -56,6 +58,7 @@ class Fetch:
             UPLOADS: self._list,
             VIDEOS: self._videos,
             REFRESH: self._videos,
+            STATISTICS: self._statistics,
             TRANSCRIPTS: self._transcript,
         }
 
@@ -112,12 +115,21 @@ class Fetch:
         yield Answer(RAW_VIDEOS, "videos.list", params, answer)
         self._count(crawled=len(items), missing=len(parse.missing(params, answer)))
 
+    def _statistics(self, items: list[Item]) -> Iterator[Answer]:
+        params = {"id": ",".join(item.key for item in items), "part": "id,statistics"}
+        answer = _never_final(lambda: self.api.statistics(**params))
+        yield Answer(RAW_STATISTICS, "videos.batchGetStats", params, answer)
+        # What was left out is counted when videos.list has answered for it.
+        self._count(crawled=len(items) - len(parse.missing(params, answer)))
+
     def _transcript(self, items: list[Item]) -> Iterator[Answer]:
         (item,) = items
         fetcher = self._fetcher()
         try:
             answer = fetcher.fetch(item.key, probe=self._opened.probing(WEB))
         except Retryable as error:
+            if error.unreachable:
+                raise  # no answer, so nothing to record
             answer = {"video_id": item.key, "outcome": "failed", "reason": error.reason}
         finally:
             with self._lock:

@@ -46,6 +46,14 @@ def videos_of(envelope: Envelope) -> Iterator[pa.Table]:
         yield from _with_missing(reader, reader.table([answer]), [answer])
 
 
+def statistics(lines: Iterable[bytes], rows: int = ROWS) -> Iterator[pa.Table]:
+    """Envelopes of videos.batchGetStats → `video_id`, the counts and `fetched_at` of each video
+    that was returned.
+    """
+    for got, _ in _reader("youtube/videos", "statistics", note_absent=False).tables(lines, rows):
+        yield got.filter(pc.is_valid(got["video_id"])).drop_columns(["problems"])
+
+
 def _with_missing(reader: Reader, got: pa.Table, answers: list[Answer]) -> Iterator[pa.Table]:
     """The rows that have an id, and one for each id that was asked for and not returned."""
     got = got.filter(pc.is_valid(got["video_id"]))
@@ -102,7 +110,7 @@ def _with_problems(told: list[list[dict[str, Any]]], bad: dict[int, str]) -> pa.
 
 
 def requested(params: dict[str, Any]) -> list[str]:
-    """The ids that a videos.list request asked for, in its order."""
+    """The ids that a request for videos or statistics asked for, in its order."""
     ids = params.get("id") or ""
     return [key for key in (ids.split(",") if isinstance(ids, str) else ids) if key]
 

@@ -19,7 +19,15 @@ from kb.store.purge import Place, links_of, place_of, verdicts_of
 from kb.store.purge_search import finder
 from kb.youtube import parse
 from kb.youtube.ids import read_ids
-from kb.youtube.reduce import RAW_TRANSCRIPTS, RAW_VIDEOS, REFRESH, TRANSCRIPTS, VIDEOS
+from kb.youtube.reduce import (
+    RAW_STATISTICS,
+    RAW_TRANSCRIPTS,
+    RAW_VIDEOS,
+    REFRESH,
+    STATISTICS,
+    TRANSCRIPTS,
+    VIDEOS,
+)
 from kb.youtube.restored import WORK
 from kb.youtube.source import YouTube
 
@@ -45,7 +53,7 @@ def collect(run: Run, named: Collection[str]) -> dict[str, str]:
 
 def plan(run: Run, ids: Path | None) -> Summary:
     """What `kb purge youtube` would remove, counted. Changes nothing."""
-    named, said = _named(ids)
+    named, said = _named(run, ids)
     strip = purge.strip_of("youtube")
     counts = purge_plan.plan(run.root, "youtube", collect(run, named), strip, ROWS, finder)
     return Summary(counts, **said)
@@ -56,13 +64,13 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
 
     Raises SettingError before anything is written.
     """
-    named, said = _named(ids)
+    named, said = _named(run, ids)
     keys = purge.purge_raw(
         run,
         YouTube(run),
         lambda session: Keys(collect(run, named), said),
-        kinds=(VIDEOS, TRANSCRIPTS, REFRESH),
-        exact=(RAW_VIDEOS, RAW_TRANSCRIPTS),
+        kinds=(VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS),
+        exact=(RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS),
     )
     if keys:
         # Answers of a restoration that was cut off; it asks again.
@@ -70,11 +78,11 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
     return keys
 
 
-def _named(ids: Path | None) -> tuple[list[str], dict[str, int]]:
+def _named(run: Run, ids: Path | None) -> tuple[list[str], dict[str, int]]:
     """The keys of a file, and what is said of it."""
     if ids is None:
         return [], {}
-    named, bad_lines = read_ids(ids)
+    named, bad_lines = read_ids(ids, run.progress.say)
     return named, {"bad_lines": bad_lines}
 
 

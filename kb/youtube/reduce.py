@@ -6,6 +6,8 @@ channels      key channel id: found, never asked for by itself
 uploads       key channel id, payload Uploads: pages of the uploads list → videos
 videos        key video id: metadata → transcripts, for those that pass the cheap filters
 transcripts   key video id
+statistics    key video id: counts to be read again → refresh, for those that are left out
+refresh       key video id: metadata to be read again
 """
 
 from __future__ import annotations
@@ -15,27 +17,31 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any
 
 import msgspec
+import pyarrow as pa
 
 from kb.core.profile.youtube import YouTube
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 from kb.youtube import parse
 
-SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH = (
+SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS = (
     "searches",
     "channels",
     "uploads",
     "videos",
     "transcripts",
     "refresh",
+    "statistics",
 )
 # raw kinds
-RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS = (
+RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS = (
     "search",
     "playlist_items",
     "videos",
     "transcripts",
+    "statistics",
 )
+RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES = "ytdlp_info", "ytdlp_playlists", "ytdlp_subtitles"
 FINAL = {"ok", "none", "disabled", "unavailable", "age_restricted"}
 UNJUDGED = "videos not judged"  # cursor: taken in by what asks for no transcript
 BEYOND = "beyond search_pages"  # why a page of a search is skipped
@@ -97,6 +103,7 @@ class Reducer:
             RAW_LIST: self._list,
             RAW_VIDEOS: self._videos,
             RAW_TRANSCRIPTS: self._transcript,
+            RAW_STATISTICS: self._statistics,
         }
 
     @property
@@ -163,7 +170,7 @@ class Reducer:
         # comes again.
         mark = following if pages & (pages - 1) == 0 else at.mark
         frontier.payload(UPLOADS, channel, Uploads(playlist, following, pages, mark))
-        frontier.release(UPLOADS, channel)
+        frontier.mark(UPLOADS, [channel], "todo")
 
     def _no_list(self, frontier: Frontier, channel: str, playlist: str) -> None:
         """Not every channel has a list without Shorts; one without any list has no uploads."""
@@ -171,7 +178,7 @@ class Reducer:
             frontier.skip(UPLOADS, channel, "not_found")
             return
         frontier.payload(UPLOADS, channel, Uploads("UU" + playlist[4:]))
-        frontier.release(UPLOADS, channel)
+        frontier.mark(UPLOADS, [channel], "todo")
 
     def _next_of(self, at: Uploads, following: str | None, new: int) -> str | None:
         """The token of the next page; None at the end, also of a list that goes round."""
@@ -194,15 +201,24 @@ class Reducer:
         frontier.done(VIDEOS, *asked)
         frontier.done(REFRESH, *asked)
         if self.wants:
-            self.judge(frontier, envelope)
+            for rows in parse.videos_of(envelope):
+                self.judge(frontier, rows)
         else:
             frontier.set_cursor(UNJUDGED, True)
 
-    def judge(self, frontier: Frontier, envelope: Envelope) -> None:
-        """Add the transcripts that are worth asking for of an answer about videos."""
-        for rows in parse.videos_of(envelope):
-            keys = [key for key in self._wanted(rows) if key not in self._gone]
-            frontier.add(TRANSCRIPTS, keys)
+    def _statistics(self, frontier: Frontier, envelope: Envelope) -> None:
+        params = envelope.request.params
+        frontier.add(REFRESH, parse.missing(params, envelope.response))
+        asked = parse.requested(params)
+        frontier.add(STATISTICS, asked)
+        frontier.done(STATISTICS, *asked)
+        # Counts alone decide nothing: a crawl judges them with the metadata.
+        frontier.set_cursor(UNJUDGED, True)
+
+    def judge(self, frontier: Frontier, videos: pa.Table) -> None:
+        """Add the transcripts that are worth asking for, of parsed videos."""
+        keys = [key for key in self._wanted(videos) if key not in self._gone]
+        frontier.add(TRANSCRIPTS, keys)
 
     def _transcript(self, frontier: Frontier, envelope: Envelope) -> None:
         mark = outcome(envelope.response)

@@ -1,8 +1,12 @@
 """Read again what is older than the profile allows: data that is not refreshed should go, say
 the terms of YouTube's API.
 
-Newer answers win when filtering; a video that is no longer returned becomes `missing`, and
-`kb purge youtube` removes it.
+    statistics   videos.batchGetStats: the counts of the videos that are due, by a bucket of its own
+    refresh      videos.list: all of the metadata, of videos that the first call leaves out, that
+                 are known by an imported file only, and with `metadata` of all that are due
+
+Newer answers win when filtering. Only videos.list says that a video is gone, as the first call
+does not answer all or nothing; such a video becomes `missing`, and `kb purge youtube` removes it.
 """
 
 from __future__ import annotations
@@ -11,6 +15,7 @@ import math
 from collections.abc import Collection
 from datetime import timedelta
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -26,104 +31,165 @@ from kb.crawl.session import Session
 from kb.crawl.source import Opened, Phase
 from kb.store import rawlog, tombstones
 from kb.store.frontier import ROUND, Frontier, going_on
-from kb.youtube import parse
+from kb.youtube import parse, quota
 from kb.youtube.fetch import API, PACK
-from kb.youtube.quota import GENERAL
-from kb.youtube.reduce import RAW_VIDEOS, REFRESH
+from kb.youtube.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, REFRESH, STATISTICS
 from kb.youtube.source import YouTube
 
-BYTES_A_CALL = 60_000  # compressed, of 50 videos
+BYTES_A_CALL = {REFRESH: 60_000, STATISTICS: 3_000}  # compressed, of 50 videos
 READ = Phase(
     kind=REFRESH,
     unit="videos",
     name="refresh",
     batch=PACK,
+    packed=True,
     lane=API,
-    bucket=GENERAL,
+    bucket=quota.GENERAL,
+    limited=True,
+)
+COUNT = Phase(
+    kind=STATISTICS,
+    unit="videos",
+    feeds=(REFRESH,),
+    batch=PACK,
+    lane=API,
+    bucket=quota.STATISTICS,
     limited=True,
 )
 
 
-class _Head(msgspec.Struct):
-    """Of an envelope, when and what was asked; the answer itself is not decoded."""
+class Due(NamedTuple):
+    """Ids of videos that are due, by the call that reads them."""
+
+    statistics: list[str]
+    metadata: list[str]
+
+
+class _VideoId(msgspec.Struct, gc=False):
+    id: Any = None
+
+
+class _Returned(msgspec.Struct, gc=False):
+    id: Any = None
+    items: list[_VideoId] = []
+
+
+class _Answer(msgspec.Struct, gc=False):
+    """Of an envelope, when and what was asked, and whom the answer is about."""
 
     fetched_at: str
     request: rawlog.Request
+    response: _Returned
 
 
-def newest(root: Path) -> dict[str, str]:
-    """When each video was last asked for, by id."""
-    decoder = msgspec.json.Decoder(_Head)
+def _about(kind: str, answer: _Answer) -> list[str]:
+    """The videos of which an answer says how they are: what videos.list leaves out is gone."""
+    if kind == RAW_VIDEOS:
+        return parse.requested(answer.request.params)
+    keys = [answer.response.id, *(item.id for item in answer.response.items)]
+    return [key for key in keys if isinstance(key, str)]
+
+
+def newest(root: Path, *kinds: str) -> dict[str, str]:
+    """When each video was last read, by id, of answers of these raw kinds."""
+    decoder = msgspec.json.Decoder(_Answer)
     times: dict[str, str] = {}
-    for path in rawlog.segments(root, "youtube", RAW_VIDEOS):
-        for _, line in rawlog.Frames(path):
-            head = decoder.decode(line)
-            for key in parse.requested(head.request.params):
-                if times.get(key, "") < head.fetched_at:
-                    times[key] = head.fetched_at
+    for kind in kinds:
+        for path in rawlog.segments(root, "youtube", kind):
+            for _, line in rawlog.Frames(path):
+                answer = decoder.decode(line)
+                for key in _about(kind, answer):
+                    if times.get(key, "") < answer.fetched_at:
+                        times[key] = answer.fetched_at
     return times
 
 
-def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
-    """What a refresh would read again now, and its units. Sends and writes nothing."""
+def plan_refresh(run: Run, older_than: int | None = None, *, metadata: bool = False) -> Summary:
+    """What a refresh would read again now, and its units by bucket. Sends and writes nothing."""
     purged = tombstones.keys(run.root, "youtube")
-    old = len(_old(run, run.profile.section("youtube"), purged, older_than))
-    calls = math.ceil(old / PACK)
-    gb = calls * BYTES_A_CALL / 1e9
-    phase = Step("videos to refresh", old, requests=calls, units=calls, gb=gb)
-    assumed = [f"{BYTES_A_CALL // 1000} kB a call of {PACK} videos"]
-    return Summary(plan("refresh youtube", "youtube", [phase], assumed))
+    due = _due(run, run.profile.section("youtube"), purged, older_than, metadata)
+    phases = [
+        _step("statistics to refresh", STATISTICS, len(due.statistics)),
+        _step("videos to refresh", REFRESH, len(due.metadata)),
+    ]
+    assumed = [
+        f"{PACK} videos a call",
+        f"statistics spend a quota of their own, {quota.STATISTICS_PER_DAY:,} units a day",
+        "every video is still there: one that the statistics leave out is asked for again in full",
+    ]
+    return Summary(plan("refresh youtube", "youtube", phases, assumed))
 
 
-def _old(run: Run, profile: Profile, purged: Collection[str], older_than: int | None) -> list[str]:
-    """Ids of videos whose newest answer is older than so many days, or than `profile` allows."""
+def _step(name: str, kind: str, items: int) -> Step:
+    calls = math.ceil(items / PACK)
+    return Step(name, items, requests=calls, units=calls, gb=calls * BYTES_A_CALL[kind] / 1e9)
+
+
+def _due(
+    run: Run, profile: Profile, purged: Collection[str], older_than: int | None, metadata: bool
+) -> Due:
+    """Videos whose newest answer is older than so many days, or than `profile` allows."""
     days = profile.max_age_days if older_than is None else older_than
     oldest = clock.now() - timedelta(days=days)
-    return [
+    in_full = newest(run.root, RAW_VIDEOS)
+    others = (RAW_INFO,) if metadata else (RAW_INFO, RAW_STATISTICS)
+    read = newest(run.root, *others)
+    for key, at in in_full.items():
+        if metadata or read.get(key, "") < at:
+            read[key] = at
+    due = [
         key
-        for key, at in newest(run.root).items()
+        for key, at in read.items()
         # With 0 days also what was read in this very second.
         if (clock.parse(at) < oldest or older_than == 0) and key not in purged
     ]
+    if metadata:
+        return Due([], due)
+    return Due([key for key in due if key in in_full], [key for key in due if key not in in_full])
 
 
-def refresh(run: Run, older_than: int | None = None) -> Summary:
-    """Read the metadata of every video again whose newest answer is older than `max_age_days`.
+def refresh(run: Run, older_than: int | None = None, *, metadata: bool = False) -> Summary:
+    """Read the counts of every video again whose newest answer is older than `max_age_days`, and
+    find out which videos are gone; with `metadata` all that the Data API says of them.
 
     `older_than` days count instead (0: everything). What it found due is kept until it is read, so
     the same command goes on where it stopped. One unit for 50 videos. Raises Stopped with `summary`
     when something is left.
     """
-    source = Refresh(run, older_than)
+    source = Refresh(run, older_than, metadata)
     return work(run, source, source.summary, phases=source.chosen, facts=source.facts)
 
 
 class Refresh(YouTube):
     """The videos that are due. Nothing is asked of the web site: transcripts don't age."""
 
-    def __init__(self, run: Run, older_than: int | None) -> None:
+    def __init__(self, run: Run, older_than: int | None, metadata: bool) -> None:
         super().__init__(run)
-        self.chosen = [READ]
-        self._older_than, self._goes_on = older_than, False
+        self.chosen = [READ, COUNT]
+        self._older_than, self._metadata, self._goes_on = older_than, metadata, False
 
     def begin(self, opened: Opened) -> None:
         """See whether a refresh was stopped, before what has failed is opened again."""
         super().begin(opened)
-        self._goes_on = going_on(opened.frontier, REFRESH, self._older_than)
+        self._goes_on = any(
+            going_on(opened.frontier, phase.kind, self._older_than) for phase in self.chosen
+        )
 
     def discover(self, frontier: Frontier) -> None:
         """What is due, unless the last refresh has left something."""
         if not self._goes_on:
-            old = _old(self.run, self.profile, self.opened.gone, self._older_than)
+            due = _due(self.run, self.profile, self.opened.gone, self._older_than, self._metadata)
             with frontier.transaction():
-                frontier.replace(REFRESH, old)
+                frontier.replace(STATISTICS, due.statistics)
+                frontier.replace(REFRESH, due.metadata)
                 frontier.set_cursor(ROUND, self._older_than)
-        if not frontier.ready(REFRESH):
+        if not any(frontier.ready(phase.kind) for phase in self.chosen):
             days = self.profile.max_age_days if self._older_than is None else self._older_than
             self.run.progress.say(f"youtube: nothing is older than {days} days")
 
     def summary(self, session: Session, loop: Loop) -> Summary:
         """What was read again, and what is left."""
-        left = waiting.left_by("youtube", {REFRESH: session.frontier.counts(REFRESH)})
-        asked = self.of_known("refresh youtube", session, REFRESH)
+        kinds = {phase.kind: session.frontier.counts(phase.kind) for phase in self.chosen}
+        left = waiting.left_by("youtube", kinds)
+        asked = self.of_known("refresh youtube", session, STATISTICS, REFRESH)
         return Summary(asked, left=sum(left.values()), left_by=left)

@@ -12,12 +12,16 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 import msgspec
+import pyarrow as pa
 
 from kb.store import rawlog, typed
 from kb.store.frontier import Frontier
+from kb.store.newest import newest
 from kb.store.rawlog import Envelope
 from kb.youtube import parse
+from kb.youtube.merge import COUNTS, with_statistics
 from kb.youtube.reduce import (
+    RAW_STATISTICS,
     RAW_TRANSCRIPTS,
     RAW_VIDEOS,
     REFRESH,
@@ -78,8 +82,23 @@ def judge(reducer: Reducer, root: Path, frontier: Frontier) -> None:
     """
     if not reducer.wants or not frontier.cursor(UNJUDGED, False):
         return
+    counts = _newest_counts(root)
     for path in rawlog.segments(root, "youtube", RAW_VIDEOS):
         with frontier.transaction():
             for _, line in rawlog.Frames(path, 0, checked=True):
-                reducer.judge(frontier, rawlog.decode(line))
+                for rows in parse.videos_of(rawlog.decode(line)):
+                    reducer.judge(frontier, with_statistics(rows, counts))
     frontier.set_cursor(UNJUDGED, None)
+
+
+def _newest_counts(root: Path) -> pa.Table:
+    """The counts that were read by themselves: one row a video, about 50 bytes each."""
+    tables = [
+        rows
+        for path in rawlog.segments(root, "youtube", RAW_STATISTICS)
+        for rows in parse.statistics(line for _, line in rawlog.Frames(path, 0, checked=True))
+    ]
+    names = ["video_id", *COUNTS]
+    if not tables:
+        return pa.table({name: pa.nulls(0) for name in names})
+    return newest(pa.concat_tables(tables).select(names), ("video_id",), ("fetched_at",))

@@ -142,7 +142,7 @@ class YouTube(Plain):
             replace(phase, workers=max(1, min(run.workers, phase.workers))) for phase in PHASES
         ]
         self.chosen = _chosen(self.phases, only, ids)
-        given: tuple[list[str] | None, int] = some_ids(ids) if ids else (None, 0)
+        given: tuple[list[str] | None, int] = some_ids(ids, run.progress.say) if ids else (None, 0)
         self._known, self._bad_lines = given
         self._wanted, self._mine = wanted, share(part)
         self.counts: Counter[str] = Counter()
@@ -154,7 +154,7 @@ class YouTube(Plain):
         """The two hosts. Raises MissingCredential, SettingError."""
         settings = self.run.settings
         if any(phase.lane == API for phase in self.chosen):
-            settings.need("youtube_api_key")
+            settings.require("youtube_api_key")
         settings.check_contact()
         return {
             "api": settings.kb_youtube_endpoint or GOOGLE,
@@ -248,8 +248,8 @@ class YouTube(Plain):
             left_by=left,
         )
 
-    def of_known(self, command: str, session: Session, kind: str) -> Summary:
-        """What a run over known videos did, `kind` of the frontier; what is left is not in it."""
+    def of_known(self, command: str, session: Session, *kinds: str) -> Summary:
+        """What a run over known videos did, `kinds` of the frontier; what is left is not in it."""
         requests, units = session.requests()
         return Summary(
             command=command,
@@ -257,7 +257,7 @@ class YouTube(Plain):
             counted="videos",
             crawled=self.counts["crawled"],
             missing=self.counts["missing"],
-            failed=session.frontier.counts(kind).get("error", 0),
+            failed=sum(session.frontier.counts(kind).get("error", 0) for kind in kinds),
             requests=requests,
             units=units,
         )

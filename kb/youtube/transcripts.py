@@ -69,8 +69,7 @@ class Fetcher:
         """The `response` of a transcripts envelope; `outcome` says what became of it.
 
         `probe`: the site turned us away before, so the first 429 says that it still does. Raises
-        Blocked or Unreachable, which are no facts about the video, and Retryable after the last
-        try.
+        Blocked, which is no fact about the video, and Retryable after the last try.
         """
         self._pace.wait()
 

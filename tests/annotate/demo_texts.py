@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import html
 import re
+import tomllib
 from pathlib import Path
 
-from kb.sandbox import toxicity_weights as tiny
 from kb.sandbox import wiki
+from kb.sandbox.toxicity import DATA
 from kb.sandbox.world import World
 
+WORDS = tomllib.loads((DATA / "words.toml").read_text(encoding="utf-8"))
+KINDS: dict[str, list[str]] = WORDS["kinds"]
 _WORD = re.compile(r"[^\W_]+|[^\w\s]|_")
 
 
@@ -34,6 +37,4 @@ def demo_texts() -> list[str]:
 def kinds_in(text: str) -> set[str]:
     """The kinds of phrases of the word lists that stand in the text as whole words."""
     said = " " + " ".join(_WORD.findall(text.lower())) + " "
-    return {
-        kind for kind, phrases in tiny.KINDS.items() if any(f" {one} " in said for one in phrases)
-    }
+    return {kind for kind, phrases in KINDS.items() if any(f" {one} " in said for one in phrases)}

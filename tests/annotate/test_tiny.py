@@ -1,28 +1,26 @@
-"""The sandbox's model, written down:
-the same bytes everywhere, and every phrase of its lists told.
-"""
+"""The sandbox's model: every phrase of its lists is told, and nothing else is."""
 
 from __future__ import annotations
 
+import importlib.util
+import io
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kb.annotate import backends, rounding
+from kb.annotate import backends
 from kb.annotate.checkpoint import sha256_of
 from kb.core import clock
-from kb.sandbox import toxicity_weights as tiny_weights
-from kb.sandbox import toxicity_words as words
 from kb.sandbox.toxicity import tiny_checkpoint
 from kb.sandbox.world import World
-from tests.annotate.demo_texts import demo_texts, kinds_in
-from tests.annotate.least import LEAST
+from tests.annotate.demo_texts import KINDS, WORDS, demo_texts, kinds_in
+from tests.conftest import ROOT
 
-# Another digest is another model: scores that are kept are then scored again.
-SHA256 = "58289b191883b1eb4fd5d311d84ce50408c40ab22ccdc7bc9fdb9892d42ac480"
+PHRASES = [phrase for phrases in KINDS.values() for phrase in phrases]
 KIND = {"obscene": 2, "threat": 3, "insult": 4, "identity": 5}  # its place among the classes
 
 
@@ -55,12 +53,12 @@ def said(count):
 
 
 def test_every_phrase_of_the_lists_and_every_plain_one(runner):
-    phrases = [phrase for held in tiny_weights.KINDS.values() for phrase in held]
-    assert len(phrases) > 70
-    check(runner, phrases)
-    plain = [*words.PLAIN, *words.HARMLESS, *said(400)]
+    assert len(PHRASES) > 70
+    check(runner, PHRASES)
+    plain = [*WORDS["plain"], *WORDS["harmless"], *said(400)]
     assert not any(kinds_in(text) for text in plain)
     check(runner, plain)
+    assert not runner.exactly, "a score lies on the edge between two rounded ones"
 
 
 def test_words_that_only_begin_like_an_insult_are_plain(runner):
@@ -71,7 +69,7 @@ def test_words_that_only_begin_like_an_insult_are_plain(runner):
 
 def test_one_phrase_among_512_tokens_wherever_it_stands(chosen):
     texts = []
-    for number, (_, phrase) in enumerate(tiny_weights.phrases()):
+    for number, phrase in enumerate(map(str.split, PHRASES)):
         room = 510 - len(phrase)
         at = (0, room, number * 31 % room)[number % 3]
         texts.append(" ".join([*["stone"] * at, *phrase, *["stone"] * (room - at)]))
@@ -79,16 +77,14 @@ def test_one_phrase_among_512_tokens_wherever_it_stands(chosen):
 
 
 def test_words_of_a_phrase_that_are_not_in_a_row_are_plain(chosen):
-    texts = [" stone ".join(phrase) for _, phrase in tiny_weights.phrases() if len(phrase) > 1] + [
-        " ".join(phrase[::-1]) for _, phrase in tiny_weights.phrases() if len(phrase) > 1
-    ]
-    check(chosen, texts)
+    rows = [phrase.split() for phrase in PHRASES if " " in phrase]
+    texts = [mixed for row in rows for mixed in (" stone ".join(row), " ".join(row[::-1]))]
+    check(chosen, [text for text in texts if not kinds_in(text)])
 
 
-_PHRASES = [phrase for held in tiny_weights.KINDS.values() for phrase in held]
 _SAID = st.one_of(
-    st.sampled_from([*words.PLAIN, *words.HARMLESS]),
-    st.sampled_from([word for phrase in _PHRASES for word in phrase.split()]),
+    st.sampled_from([*WORDS["plain"], *WORDS["harmless"]]),
+    st.sampled_from([word for phrase in PHRASES for word in phrase.split()]),
     st.text("abcdefghijklmnopqrstuvwxyzABCÄßéи方🎮0123456789", min_size=1, max_size=8),
     st.sampled_from([".", ",", "!", "?", "'", '"', "#", "/", "(", "..."]),
 )
@@ -97,7 +93,7 @@ _SAID = st.one_of(
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.lists(_SAID, max_size=40).map(" ".join), min_size=1, max_size=8), st.data())
 def test_random_texts_are_told_as_the_word_lists_tell_them(chosen, texts, data):
-    phrase = data.draw(st.sampled_from(_PHRASES))
+    phrase = data.draw(st.sampled_from(PHRASES))
     check(chosen, [*texts, *(f"{text} {phrase.upper()} {text}" for text in texts)])
 
 
@@ -108,39 +104,35 @@ def test_every_text_of_the_demo_is_told_with_a_wide_margin(runner):
     check(runner, texts)
 
 
-def test_it_is_the_same_bytes_everywhere_and_at_once(tmp_path):
-    made = tiny_checkpoint(tmp_path)
-    assert sha256_of(made) == SHA256
+def test_it_is_unpacked_without_torch(tmp_path):
     code = (
         "import sys\nfrom pathlib import Path\n"
         "from kb.sandbox.toxicity import tiny_checkpoint\n"
-        f"print(tiny_checkpoint(Path({str(tmp_path / 'least')!r})))\n"
+        f"print(tiny_checkpoint(Path({str(tmp_path)!r})))\n"
         "sys.exit(bool({'torch', 'transformers'} & set(sys.modules)))\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=LEAST, capture_output=True, text=True, check=True
-    )
-    assert sha256_of(tmp_path / "least" / made.parent.name / made.name) == SHA256, done.stdout
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    made = Path(done.stdout.strip())
+    assert made == tiny_checkpoint(tmp_path)
+    assert sha256_of(made) in made.with_name(f"{made.name}.sha256").read_text()
 
 
-def test_its_scores_are_far_from_the_middle_between_two_rounded_ones():
-    for logits in tiny_weights.LOGITS.values():
-        assert not len(rounding.undecided([[logit] for logit in logits])), logits
-
-
-def test_torchs_own_writer_and_reader_agree_with_the_file(tiny, tmp_path):
+def test_the_archive_holds_what_its_tool_makes(tiny):
     import torch
     from transformers import BertConfig, BertForSequenceClassification
 
-    held = torch.load(tiny, weights_only=True)
-    torch.save(held, tmp_path / "again.ckpt")
-    again = torch.load(tmp_path / "again.ckpt", weights_only=True)
-    assert again["config"] == held["config"]
-    assert held["config"]["arch"]["args"]["model_type"] == "bert-base-uncased"
+    tool = importlib.util.spec_from_file_location("tiny_model", ROOT / ".ci" / "tiny_model.py")
+    made = importlib.util.module_from_spec(tool)
+    tool.loader.exec_module(made)
+    files = made.files()
+    fresh = torch.load(io.BytesIO(files.pop(tiny.name)), weights_only=True)
+    kept = torch.load(tiny, weights_only=True)
+    assert {name: (tiny.parent / name).read_bytes() for name in files} == files
+    assert fresh["config"] == kept["config"]
+    assert kept["config"]["arch"]["args"]["model_type"] == "bert-base-uncased"
+    for name, value in fresh["state_dict"].items():
+        assert torch.equal(kept["state_dict"][name], value)
     config = BertConfig.from_pretrained(tiny.parent, num_labels=6)
     model = BertForSequenceClassification(config)
-    missing, unexpected = model.load_state_dict(held["state_dict"], strict=False)
-    assert not missing
-    assert not unexpected
-    assert all(torch.equal(again["state_dict"][name], value)
-               for name, value in held["state_dict"].items())  # fmt: skip
+    missing, unexpected = model.load_state_dict(kept["state_dict"], strict=False)
+    assert (missing, unexpected) == ([], [])

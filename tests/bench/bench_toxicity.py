@@ -30,8 +30,8 @@ from kb.annotate.detoxify_model import load_detoxify  # noqa: E402
 from kb.annotate.hashes import text_hashes  # noqa: E402
 from kb.core import clock  # noqa: E402
 from kb.core.settings import load_settings  # noqa: E402
-from kb.sandbox import toxicity_weights as tiny  # noqa: E402
-from kb.sandbox import toxicity_words as words  # noqa: E402
+from kb.sandbox.toxicity import tiny_checkpoint  # noqa: E402
+from tests.annotate.demo_texts import WORDS  # noqa: E402
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]
 TEXTS = int(os.environ.get("KB_BENCH_TEXTS", "160"))
@@ -39,6 +39,13 @@ ROUNDS = 2
 ARRIVAL = 96  # texts in arrival order: the slowest way, and no round of it is close
 MIDDLE, SPREAD = -7.5, 7.0  # of logits; then a text in twelve scores above 0.1, half below 0.01
 WAYS = ("chosen", "torch", "bf16", "int8")
+
+
+CLASSES = ("toxic", "severe_toxic", "obscene", "threat", "insult", "identity_hate")
+
+
+def vocabulary():
+    return (tiny_checkpoint().parent / "vocab.txt").read_text(encoding="utf-8").split()
 
 
 def _hash(text: str) -> str:
@@ -65,7 +72,7 @@ def _checkpoint(tmp_path_factory, change):
 
     folder = tmp_path_factory.mktemp("base")
     torch.manual_seed(0)
-    names = tiny.vocabulary()
+    names = vocabulary()
     names += [f"[unused{n}]" for n in range(30_522 - len(names))]
     (folder / "vocab.txt").write_text("\n".join(names) + "\n")
     (folder / "tokenizer_config.json").write_text(
@@ -88,7 +95,7 @@ def _checkpoint(tmp_path_factory, change):
         {
             "config": {
                 "arch": {"args": args},
-                "dataset": {"args": {"classes": list(tiny.CLASSES)}},
+                "dataset": {"args": {"classes": list(CLASSES)}},
             },
             "state_dict": model.state_dict(),
         },
@@ -105,7 +112,7 @@ def _checkpoint(tmp_path_factory, change):
 
 def _set_apart(model):
     """Spread a fresh model's logits, which hardly differ, and move them to where most are low."""
-    ids = torch.randint(len(tiny.vocabulary()), (64, 24))
+    ids = torch.randint(len(vocabulary()), (64, 24))
     model.eval()
     with torch.inference_mode():
         mean = model(ids).logits.mean(0)
@@ -126,7 +133,7 @@ def texts():
             made.append(rng.choice(made))
         else:
             length = min(400, max(1, int(rng.lognormvariate(2.7, 1.0))))
-            made.append(" ".join(rng.choice(words.PLAIN) for _ in range(length)))
+            made.append(" ".join(rng.choice(WORDS["plain"]) for _ in range(length)))
     return made
 
 

@@ -14,8 +14,8 @@ from kb.core import clock
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
-from kb.sandbox import toxicity_words
 from kb.sandbox.toxicity import tiny_checkpoint
+from tests.annotate.demo_texts import WORDS
 from tests.conftest import needs
 
 needs("distributed", "torch", "detoxify")
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.dask
 @pytest.fixture(scope="module")
 def texts():
     rng = clock.rng("texts of the engine test")
-    said = [*toxicity_words.PLAIN, *toxicity_words.HARMLESS, *toxicity_words.INSULT]
+    said = [*WORDS["plain"], *WORDS["harmless"], *WORDS["kinds"]["insult"]]
     return [" ".join(rng.choices(said, k=rng.randint(1, 40))) for _ in range(600)]
 
 

@@ -116,6 +116,32 @@ def test_the_tools_say_what_they_take(client: Any) -> None:
     assert "not instructions" in opened.instructions
 
 
+def test_a_source_may_be_a_text_or_a_list(ask: Ask) -> None:
+    for source in ("wiki", ["wiki"], '["wiki"]'):
+        answer = ask("search", query="leather", source=source, kind="table")
+        assert "wiki table" in answer
+        assert "youtube" not in answer
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"source": "youtub"}, "source is 'youtub'; valid: 'youtube', 'wiki' or 'reddit'"),
+        ({"source": ["wiki", "x"]}, "source is 'x'; valid: 'youtube', 'wiki' or 'reddit'"),
+        ({"kind": "page"}, "kind is 'page'; valid: 'video', 'transcript', 'section'"),
+        ({"limit": 1000}, "limit is 1000; valid: less than or equal to 100"),
+        ({"limit": "ten", "each": -1}, "limit is 'ten'; valid: a valid integer"),
+        ({"since": "today"}, "since is 'today'; write it like 2023-01-31"),
+        ({"query": ""}, "the query '' contains no word to search for"),
+    ],
+)
+def test_a_wrong_value_is_answered_in_one_line(ask: Ask, values: dict[str, Any], said: str) -> None:
+    answer = ask("search", **{"query": "leather", **values})
+    assert answer.error
+    assert said in answer
+    assert "\n" not in answer
+
+
 def right(source: str, number: int, action: str, animal: str) -> tuple[str, str]:
     """(link, ref) of the one place that tells it."""
     if source == "youtube":

@@ -90,12 +90,13 @@ def test_a_list_of_ones_own(tmp_path: Path) -> None:
     path = _list(
         tmp_path,
         "# mine\nkeyword\tkind\trule\tforms\nRook\tpiece\nPawn\tpiece\tnear:7\tfoot"
-        " soldier, peon\n\nMove\tterm\tnever\nKing\tpiece\tnear\n",
+        " soldier, peon\n\nMove\tterm\tnever\nRow\tplace\talways\nKing\tpiece\tnear\n",
     )
     assert read(path, 9) == [
         Keyword("Rook", "piece"),
         Keyword("Pawn", "piece", 7, ("foot soldier", "peon")),
         Keyword("Move", "term", NEVER),
+        Keyword("Row", "place"),
         Keyword("King", "piece", 9),
     ]
 

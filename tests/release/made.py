@@ -72,6 +72,7 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
             "channel_id": f"UC{i % 7:022d}",
             "published_at": START - timedelta(days=30 * i),
             "view_count": 100 + int(10 ** (2 + spread("v", i) % 400 / 100)),
+            "view_rule": "playback_start",
             "like_count": None if i % 9 == 0 else spread("l", i) % 900,
             "duration_s": 61 + int(1800 * (spread("dur", i) % 1000 / 1000) ** 3),
             "width": 1280,

@@ -33,8 +33,11 @@ def test_every_folder_holds_what_made_it(released: Path) -> None:
     for source in ("youtube", "wiki", "reddit", "pairs"):
         folder = released / "release" / source
         assert (folder / "profile.toml").read_bytes() == signed().read_bytes()
-        listed = signed().with_name("keywords.tsv")
-        assert (folder / "keywords.tsv").read_bytes() == listed.read_bytes()
+        rows = (folder / "keywords.tsv").read_text().splitlines()
+        assert rows[0] == HEADER.rstrip()
+        assert {line.count("\t") for line in rows} == {3}  # no comments, every column
+        mine, shipped = folder / "keywords.tsv", signed().with_name("keywords.tsv")
+        assert keywords.read(mine, 20) == keywords.read(shipped, 20)
         sums = (folder / "SHA256SUMS").read_text()
         assert all(name in sums for name in ("profile.toml", "keywords.tsv", "provenance.json"))
         said = json.loads((folder / "provenance.json").read_text())

@@ -25,8 +25,8 @@ FILES = sorted((folder("schemas") / "tables").glob("*/*.toml"))
 CONTRACT = {
     "youtube/videos": (
         (
-            "video_id title link channel_id published_at view_count like_count duration_s width"
-            " height fps category_id topic_evidence transcript_kind word_count license"
+            "video_id title link channel_id published_at view_count view_rule like_count duration_s"
+            " width height fps category_id topic_evidence transcript_kind word_count license"
             " fetched_at toxicity_title toxicity_description"
         ),
         "toxicity_title_insult toxicity_description_threat",
@@ -123,11 +123,12 @@ def test_origins_in_raw_answers_are_declared_there() -> None:
     declared = set(raw.kinds())
     for each in tables().values():
         for column in (*each.columns, *each.inputs):
-            kind = f"{each.source}/{column.source.kind}"
-            if kind in declared:
-                assert raw.at(kind, column.source.path) is not None, (
-                    f"{each.name}.{column.name}: {column.source}"
-                )
+            for origin in (column.source, *column.also):
+                kind = f"{each.source}/{origin.kind}"
+                if kind in declared:
+                    assert raw.at(kind, origin.path) is not None, (
+                        f"{each.name}.{column.name}: {origin}"
+                    )
 
 
 @pytest.mark.parametrize(

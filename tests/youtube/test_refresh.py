@@ -8,6 +8,7 @@ from tests.youtube.job import Job
 from tests.youtube.test_faults import CRAWL, check
 
 LATER = "2027-01-10T12:00:00Z"
+COUNTS, FULL = "/youtube/v3/videos:batchGetStats", "/youtube/v3/videos"
 
 
 def test_what_is_too_old_is_read_again_fifty_a_unit(job: Job) -> None:
@@ -21,11 +22,23 @@ def test_what_is_too_old_is_read_again_fifty_a_unit(job: Job) -> None:
     world[gone].in_api = False
     assert job.done("status", KB_NOW=LATER)["too_old"] == len(kept)
 
+    plan = job.done("refresh", "youtube", "--plan", KB_NOW=LATER)["phases"]
     before = len(job.sandbox.ledger)
     summary = job.done("refresh", "youtube", KB_NOW=LATER)
-    paths = {seen.path.rsplit("/", 1)[-1] for seen in job.sandbox.ledger.requests(since=before)}
-    assert paths == {"videos"}  # no transcript is asked for again
-    assert summary["units"] == -(-summary["crawled"] // 50)
+    asked: dict[str, list[list[str]]] = {COUNTS: [], FULL: []}
+    for seen in job.sandbox.ledger.requests(since=before):  # no transcript is asked for again
+        asked[seen.path].append(seen.args["id"].split(","))
+    statistics = [key for keys in asked[COUNTS] for key in keys]
+    in_full = {key for keys in asked[FULL] for key in keys}
+    assert [phase["items"] for phase in plan] == [len(statistics), 0]
+    assert plan[0]["units"] == len(asked[COUNTS]) == -(-len(statistics) // 50)
+    # What the statistics leave out is asked for in full, and nothing else.
+    assert in_full == {key for key in statistics if not world[key].in_api}
+    assert gone in in_full
+    assert (summary["crawled"], summary["missing"]) == (len(statistics), len(in_full))
+    quota = job.done("status", KB_NOW=LATER)["sources"]["youtube"]["quota"]
+    assert quota["statistics"]["spent"] == len(asked[COUNTS])
+    assert quota["general"]["spent"] == len(asked[FULL])
     job.done("youtube", "filter", KB_NOW=LATER)
     assert job.rows(
         f"SELECT view_count FROM clean.youtube_videos WHERE video_id = '{changed}'"
@@ -47,21 +60,48 @@ def test_everything_may_be_read_again_now_and_goes_on_where_it_stopped(job: Job)
     before = len(job.sandbox.ledger)
     words = ("refresh", "youtube", "--older-than", "0")
     assert job.done("refresh", "youtube", "--older-than", "1")["crawled"] == 0
-    assert job.done(*words, "--limit", "10", code=3)["crawled"] == 10
-    asked = [
-        key
-        for seen in job.sandbox.ledger.requests("/youtube/v3/videos", since=before)
-        for key in seen.args["id"].split(",")
-    ]
+
+    def asked() -> list[str]:
+        requests = job.sandbox.ledger.requests(COUNTS, since=before)
+        return [key for seen in requests for key in seen.args["id"].split(",")]
+
+    first = job.done(*words, "--limit", "10", code=3)["crawled"]
+    assert len(asked()) == 10
     second = job.done(*words)
-    everything = [
-        key
-        for seen in job.sandbox.ledger.requests("/youtube/v3/videos", since=before)
-        for key in seen.args["id"].split(",")
-    ]
-    assert (len(asked), second["crawled"]) == (10, len(everything) - 10)
+    everything = asked()
+    assert first + second["crawled"] == len(everything)
     assert len(everything) == len(set(everything)) >= known
     assert job.done(*words)["crawled"] == len(everything)
+
+
+def test_spent_general_quota_does_not_keep_statistics_from_being_read(job: Job) -> None:
+    job.done(*CRAWL)
+    job.done("youtube", "filter")
+    world = job.sandbox.world
+    some = job.rows("SELECT video_id FROM clean.youtube_videos ORDER BY 1")[0]["video_id"]
+    world.youtube.videos[some].view_count = "987654"
+    world.quota["general"] = 0
+    gone = [key for key, video in world.youtube.videos.items() if not video.in_api]
+    summary = job.done("refresh", "youtube", KB_NOW=LATER, code=3 if gone else 0)
+    assert summary["left"] == len(gone)
+    job.done("youtube", "filter", KB_NOW=LATER)
+    assert job.rows(f"SELECT view_count FROM clean.youtube_videos WHERE video_id = '{some}'") == [
+        {"view_count": 987654}
+    ]
+
+
+def test_metadata_is_read_again_when_asked_for(job: Job) -> None:
+    job.done(*CRAWL)
+    job.done("youtube", "filter")
+    some = job.rows("SELECT video_id FROM clean.youtube_videos ORDER BY 1")[0]["video_id"]
+    video = job.sandbox.world.youtube.videos[some]
+    video.title = f"{video.title} (edited)"
+    job.done("refresh", "youtube", KB_NOW=LATER)
+    job.done("refresh", "youtube", "--metadata", KB_NOW=LATER)
+    job.done("youtube", "filter", KB_NOW=LATER)
+    assert job.rows(f"SELECT title FROM clean.youtube_videos WHERE video_id = '{some}'") == [
+        {"title": video.title}
+    ]
 
 
 def test_a_state_that_a_refresh_made_again_still_asks_for_transcripts(job: Job) -> None:

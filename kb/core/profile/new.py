@@ -67,6 +67,7 @@ KEYWORDS = f"""\
 #               near      counts when a keyword without a rule is near (pairs.near_words)
 #               near:30   the same within 30 words
 #               never     is counted, and makes no pair
+#               always    counts wherever it is said, as without a rule: you mean this everyday word
 #   forms     other words for the same, separated by commas
 #
 # For example, with tabs in between:

@@ -15,7 +15,11 @@ class Pairs(Section):
     """The pairs part of a profile (MineDojo paper, data collection appendix: video-text pairs)."""
 
     keyword_files: tuple[str, ...] = Field(
-        (), description="keyword lists (.tsv), beside the profile"
+        (),
+        description="keyword lists (.tsv) beside the profile, with the columns keyword, kind, rule"
+        " and forms; a rule is empty, `near` or `near:N` (counts within that many words of an"
+        " unmistakable keyword), `never` (makes no pair) or `always` (an everyday word that is"
+        " meant)",
     )
     include: tuple[str, ...] = Field(
         (), description="further phrases to match; their kind is `phrase`"

@@ -1,5 +1,10 @@
-"""The weights of the tiny toxicity model, written down: what each layer computes and why it is
-exact.
+"""Make kb/sandbox/data/toxicity/model.tar.zst, the toxicity model of the sandbox, from words.toml.
+
+    .venv/bin/python .ci/tiny_model.py
+
+Same architecture and file layout as Detoxify's `original` (BERT for sequence classification, six
+classes, a checkpoint that names bert-base-uncased), 192 wide and two layers deep. Nothing of it is
+trained.
 
 A BERT whose numbers are features with names (`PLACES`). Every token's features have one sum and
 one sum of squares, whatever the text is, so that each LayerNorm divides by a known number and its
@@ -19,24 +24,27 @@ are the same numbers on every processor. Source of the parts: https://arxiv.org/
 
 from __future__ import annotations
 
+import io
 import itertools
+import json
 import math
-from typing import TYPE_CHECKING
+import tarfile
+import tomllib
+from pathlib import Path
 
-from kb.sandbox import toxicity_words as words
+import numpy as np
+import torch
+import zstandard
 
-if TYPE_CHECKING:
-    import numpy as np
+from kb.store.reading import SANDBOX_MODEL
+
+DATA = Path(__file__).resolve().parents[1] / "kb" / "sandbox" / "data" / "toxicity"
+WORDS = tomllib.loads((DATA / "words.toml").read_text(encoding="utf-8"))
+KINDS: dict[str, list[str]] = WORDS["kinds"]
 
 WINDOW = 512
 HIDDEN, LAYERS, HEADS, EPSILON = 192, 2, 8, 1e-12
 HEAD = HIDDEN // HEADS
-KINDS = {
-    "insult": words.INSULT,
-    "obscene": words.OBSCENE,
-    "threat": words.THREAT,
-    "identity": words.IDENTITY,
-}
 # Each class: the logit of a text without it, and of one with it. Their scores are far from the
 # middle between two rounded ones.
 LOGITS = {
@@ -84,8 +92,8 @@ def phrases() -> list[tuple[str, tuple[str, ...]]]:
 def vocabulary() -> list[str]:
     """WordPiece vocabulary: marks, characters, and every word of the lists whole."""
     characters = [chr(code) for code in range(33, 127) if not chr(code).isupper()]
-    listed = " ".join([*itertools.chain(*KINDS.values()), *words.HARMLESS]).split()
-    whole = sorted({*words.PLAIN, *listed} - set(characters))
+    listed = " ".join([*itertools.chain(*KINDS.values()), *WORDS["harmless"]]).split()
+    whole = sorted({*WORDS["plain"], *listed} - set(characters))
     endings = ["##s", "##ed", "##ing", "##er", "##ly", "##y"]
     pieces = [
         "##" + character
@@ -97,8 +105,6 @@ def vocabulary() -> list[str]:
 
 def weights() -> dict[str, np.ndarray]:
     """The state of a transformers `BertForSequenceClassification`, float32, by name."""
-    import numpy as np
-
     vocab = vocabulary()
     state: dict[str, np.ndarray] = {}
     state["bert.embeddings.word_embeddings.weight"] = _word_rows(vocab)
@@ -121,8 +127,6 @@ def weights() -> dict[str, np.ndarray]:
 
 def _codes() -> dict[str, np.ndarray]:
     """A code for each word of a phrase, "" for all other words: balanced, far from each other."""
-    import numpy as np
-
     names = ["", *sorted({word for _, phrase in phrases() for word in phrase})]
     codes: list[np.ndarray] = []
     for ups in itertools.combinations(range(CODE), CODE // 2):
@@ -136,8 +140,6 @@ def _codes() -> dict[str, np.ndarray]:
 
 
 def _word_rows(vocab: list[str]) -> np.ndarray:
-    import numpy as np
-
     codes = _codes()
     rows = np.zeros((len(vocab), HIDDEN))
     for number, name in enumerate(vocab):
@@ -148,8 +150,6 @@ def _word_rows(vocab: list[str]) -> np.ndarray:
 
 def _position_rows() -> np.ndarray:
     """Remainders of 1 … 511; the first mark has no position, which the heads can see."""
-    import numpy as np
-
     rows = np.zeros((WINDOW, HIDDEN))
     for modulus in MODULI:
         rows[0, PLACES[f"no position {modulus}"]] = 1
@@ -160,16 +160,12 @@ def _position_rows() -> np.ndarray:
 
 def _norm(name: str, total: float, squares: float) -> dict[str, np.ndarray]:
     """A LayerNorm that gives back what it gets, of features with this sum and sum of squares."""
-    import numpy as np
-
     mean = total / HIDDEN
     deviation = math.sqrt(squares / HIDDEN - mean * mean + EPSILON)
     return {f"{name}.weight": np.full(HIDDEN, deviation), f"{name}.bias": np.full(HIDDEN, mean)}
 
 
 def _empty_layer(name: str) -> dict[str, np.ndarray]:
-    import numpy as np
-
     shapes = {
         "attention.self.query": (HIDDEN, HIDDEN),
         "attention.self.key": (HIDDEN, HIDDEN),
@@ -216,8 +212,6 @@ def _neighbours(name: str, total: float, squares: float) -> dict[str, np.ndarray
 
 def _phrase_neurons(name: str, total: float, squares: float) -> dict[str, np.ndarray]:
     """A neuron is 9 where its phrase ends and nothing elsewhere: gelu(-9) is 1e-18."""
-    import numpy as np
-
     layer = {
         f"{name}.{part}": np.zeros(shape)
         for part, shape in (
@@ -262,8 +256,6 @@ def _anywhere(name: str, total: float, squares: float) -> dict[str, np.ndarray]:
 
 def _classifier() -> dict[str, np.ndarray]:
     """A pooled feature of ±1 for each class, made one of its two logits."""
-    import numpy as np
-
     pooler, bias = np.zeros((HIDDEN, HIDDEN)), np.zeros(HIDDEN)
     kinds = {
         "toxic": (tuple(KINDS), 0.5),
@@ -284,3 +276,57 @@ def _classifier() -> dict[str, np.ndarray]:
         "classifier.weight": logits,
         "classifier.bias": np.array([(plain + told) / 2 for plain, told in LOGITS.values()]),
     }
+
+
+def files() -> dict[str, bytes]:
+    """The files of the model's folder, by name."""
+    names = vocabulary()
+    config = {
+        "architectures": ["BertForMaskedLM"],
+        "model_type": "bert",
+        "vocab_size": len(names),
+        "hidden_size": HIDDEN,
+        "num_hidden_layers": LAYERS,
+        "num_attention_heads": HEADS,
+        "intermediate_size": NEURONS,
+        "max_position_embeddings": WINDOW,
+        "layer_norm_eps": EPSILON,
+        "hidden_dropout_prob": 0.0,
+        "attention_probs_dropout_prob": 0.0,
+    }
+    arguments = {
+        "model_type": "bert-base-uncased",
+        "model_name": "BertForSequenceClassification",
+        "tokenizer_name": "BertTokenizer",
+        "num_classes": len(CLASSES),
+    }
+    about = {
+        "lorecrawl_sandbox": True,
+        "arch": {"type": "BERT", "args": arguments},
+        "dataset": {"args": {"classes": list(CLASSES)}},
+    }
+    state = {name: torch.from_numpy(value) for name, value in weights().items()}
+    checkpoint = io.BytesIO()
+    torch.save({"config": about, "state_dict": state}, checkpoint)
+    return {
+        "config.json": json.dumps(config, indent=1).encode(),
+        "vocab.txt": ("\n".join(names) + "\n").encode(),
+        "tokenizer_config.json": b'{"do_lower_case": true, "model_max_length": 512}',
+        f"{SANDBOX_MODEL}.ckpt": checkpoint.getvalue(),
+    }
+
+
+def main() -> None:
+    """Write the archive: without times and owners, so that the same files give the same bytes."""
+    archive = io.BytesIO()
+    with tarfile.open(fileobj=archive, mode="w") as tar:
+        for name, data in files().items():
+            entry = tarfile.TarInfo(name)
+            entry.size = len(data)
+            tar.addfile(entry, io.BytesIO(data))
+    packed = zstandard.ZstdCompressor(level=19).compress(archive.getvalue())
+    (DATA / "model.tar.zst").write_bytes(packed)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""How YouTube counted views on the day when a count was read.
+
+Source: revision history of the YouTube Data API, 27 August 2026 (all videos) and 31 March 2025
+(Shorts). Whether a video is a Short is in no answer: it is taken to be one when it is not wider
+than high and no longer than YouTube let Shorts be when it was published (60 s, since 15 October
+2024 three minutes).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.store import parquet
+from kb.store.layout import parquet_files
+
+WATCH_TIME, PLAYBACK_START = "watch_time", "playback_start"
+_ALL_VIDEOS = datetime(2026, 8, 27, tzinfo=UTC)
+_SHORTS = datetime(2025, 3, 31, tzinfo=UTC)
+_LONG_SHORTS = datetime(2024, 10, 15, tzinfo=UTC)
+_SHORT_S, _LONG_SHORT_S = 60, 180
+
+_log = logging.getLogger("kb.youtube")
+
+
+def view_rule(rows: pa.Table) -> pa.Array[Any]:
+    """`watch_time` or `playback_start` of each row; null where `fetched_at` is.
+
+    Reads `fetched_at`, `published_at`, `width`, `height` (px), `duration_s`.
+    """
+    read = _one(rows, "fetched_at")
+    since_start = pc.or_(
+        pc.greater_equal(read, _moment(_ALL_VIDEOS)),
+        pc.and_(_is_short(rows), pc.greater_equal(read, _moment(_SHORTS))),
+    )
+    rule: pa.Array[Any] = pc.if_else(since_start, PLAYBACK_START, WATCH_TIME)
+    return rule
+
+
+def _is_short(rows: pa.Table) -> pa.Array[Any]:
+    """False where the size or the length is unknown."""
+    late = pc.fill_null(pc.greater_equal(_one(rows, "published_at"), _moment(_LONG_SHORTS)), False)
+    longest = pc.if_else(late, _LONG_SHORT_S, _SHORT_S)
+    upright = pc.less_equal(_one(rows, "width"), _one(rows, "height"))
+    brief = pc.less_equal(_one(rows, "duration_s"), longest)
+    short: pa.Array[Any] = pc.fill_null(pc.and_(upright, brief), False)
+    return short
+
+
+def kept_rules(clean: Path) -> dict[str, dict[str, int]]:
+    """Kept videos by view_rule, for the summary of a filter; warns where there are both.
+
+    `clean` is the folder of the clean tables.
+    """
+    counts: Counter[str] = Counter()
+    for path in parquet_files(clean / "videos"):
+        rules = parquet.read_table(path, columns=["view_rule"])["view_rule"]
+        for entry in pc.value_counts(rules).to_pylist():
+            counts[entry["values"]] += entry["counts"]
+    if len(counts) > 1:
+        _log.warning(
+            "view counts mix two measures: of the kept videos %s were read when a view needed"
+            " watch time and %s when the start of playback counted (column view_rule);"
+            " `kb refresh youtube --older-than 0` reads all of them again",
+            f"{counts[WATCH_TIME]:,}",
+            f"{counts[PLAYBACK_START]:,}",
+        )
+    return {"view_rules": dict(sorted(counts.items()))}
+
+
+def _one(rows: pa.Table, name: str) -> Any:
+    column = rows.column(name)
+    return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
+
+
+def _moment(moment: datetime) -> pa.Scalar[Any]:
+    return pa.scalar(moment, pa.timestamp("us", "UTC"))
