@@ -11,7 +11,7 @@ from typing import Any
 
 from kb.sandbox.domain import Domain
 from kb.sandbox.made_ids import ELSEWHERE, PEOPLE, video_id
-from kb.sandbox.speech import Cast, grammar, names_topic
+from kb.sandbox.speech import Cast
 from kb.sandbox.written import written
 
 RUDE = [
@@ -71,9 +71,10 @@ def shape(post: dict[str, Any], case: str, domain: Domain, cast: Cast, rng: rand
         media = {"status": "valid", "e": "Image", "m": "image/png"}
         values["media"] = {f"{key}{part}": dict(media) for part in "ab"}
     elif case == "poll":
-        free = [one for one in grammar().poll if not names_topic(domain.speech.topics, one)]
+        first, second = cast.subject.name, cast.others[0].name
         values["options"] = [
-            {"text": word, "id": str(n), "vote_count": 3 * n} for n, word in enumerate(free[:2])
+            {"text": text, "id": str(n), "vote_count": 3 * n}
+            for n, text in enumerate((first, f"{first} & {second}"))
         ]
         values["end"] = int(post["created_utc"] * 1_000) + 86_400_000
     elif case == "crosspost":

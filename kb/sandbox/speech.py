@@ -35,7 +35,6 @@ class Grammar(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     nouns: tuple[str, ...]
     tags: tuple[str, ...]
-    poll: tuple[str, ...]
     channels: tuple[str, ...]
     mass: str
     singular: str
