@@ -70,16 +70,24 @@ def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False
     uses=CLUSTER,
     limit="Stop after N more posts and comments (exit code 3); the next run resumes.",
     again="Read dumps that were imported before once more; without it they are skipped.",
-    json="crawled, lines, bad_lines, truncated_files",
+    json="crawled, lines, bad_lines, truncated_files, foreign_files",
     checks=True,
     examples=[
         "kb reddit import RS_2024-01.zst RC_2024-01.zst       monthly dumps, all subreddits mixed",
         "kb reddit import Minecraft_submissions.zst           a file of one subreddit",
+        "kb reddit import ~/dumps                             every dump in a folder",
     ],
 )
 def import_(
     run: Run,
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Archive dumps (.zst).")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...",
+            help="Archive dumps as zstd, zst_blocks, gzip or plain NDJSON, whatever their names,"
+            " or folders of them.",
+        ),
+    ],
     since: Annotated[
         str | None,
         typer.Option(
