@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.cli.command import command, group
+from kb.cli.demo_root import FINISHED, without_scores
 from kb.cli.options import CLUSTER
 from kb.cli.options import pipeline as shipped
 
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
 
     from kb.cli.options import Options
     from kb.core.context import Run
-    from kb.core.profile import Profile
-    from kb.core.settings import Settings
     from kb.core.verdict import Summary
 
 app = group("The whole job on the sandbox: no key, no network, minutes.")
@@ -28,7 +27,6 @@ app = group("The whole job on the sandbox: no key, no network, minutes.")
 # sight.
 _KEPT = {"kb_data", "kb_now", "source_date_epoch"}
 _DUMPS = "dumps"
-_FINISHED = "demo-finished"
 
 
 @command(
@@ -97,27 +95,6 @@ def _model(options: Options) -> dict[str, str]:
         return {}
 
 
-def carried_on(root: Path, settings: Settings, profile: Profile) -> tuple[Settings, Profile]:
-    """Settings and profile for more work in a demo's root: its scores are the tiny model's, so
-    that model goes on there unless the user names another; off where the demo had to leave it out.
-    """
-    from kb.core.errors import MissingExtra
-    from kb.sandbox import toxicity
-
-    if not (root / _FINISHED).exists() or "kb_toxicity_model" in settings.model_fields_set:
-        return settings, profile
-    try:
-        model = str(toxicity.tiny_checkpoint())
-    except MissingExtra:
-        return settings, _without_scores(profile)
-    return settings.model_copy(update={"kb_toxicity_model": model}), profile
-
-
-def _without_scores(profile: Profile) -> Profile:
-    off = profile.toxicity.model_copy(update={"toxicity": "off"})
-    return profile.model_copy(update={"toxicity": off})
-
-
 def _root(options: Options) -> Path:
     from kb.core.settings import load_settings
 
@@ -139,17 +116,17 @@ def _run(options: Options, settings: dict[str, str]) -> Run:
     run = replace(made, asked=options.workers is not None)
     if "KB_TOXICITY_MODEL" in settings:
         return run
-    return replace(run, profile=_without_scores(run.profile))
+    return replace(run, profile=without_scores(run.profile))
 
 
 def _begin(root: Path) -> None:
     """Room for a new demo where the last one was finished; one that was stopped goes on."""
     from kb.store.layout import TOP
 
-    if (root / _FINISHED).exists():
+    if (root / FINISHED).exists():
         for name in (_DUMPS, *TOP):
             shutil.rmtree(root / name, ignore_errors=True)
-        (root / _FINISHED).unlink()
+        (root / FINISHED).unlink()
 
 
 def _all(
@@ -181,7 +158,7 @@ def _all(
     _queries(queries, run.root)
     page = Layout(run.root).page
     print(f"\nTables, figures and releases are in {run.root}; open {page}")
-    write_text(run.root / _FINISHED, "")
+    write_text(run.root / FINISHED, "")
     return Summary(
         {
             "command": "demo",

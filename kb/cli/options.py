@@ -142,7 +142,7 @@ class Options:
 
             existing(root)
         if needs == "profile":
-            from kb.cli.demo import carried_on
+            from kb.cli.demo_root import carried_on
 
             loaded, profile = carried_on(root, loaded, profile)
         return Run(
