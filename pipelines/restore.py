@@ -50,8 +50,8 @@ def restore(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = No
     wanted, parts = choose(folders, only), Parts("restore", ROWS)
     gone = wanted.removed
     check_readable(dumps)
-    youtube.check(run, wanted.videos, gone["youtube"])
-    reddit.check(run, wanted.reddit, dumps)
+    needed = youtube.needs(run, wanted.videos, gone["youtube"])
+    reddit.check(run, wanted.reddit, dumps, needed)
     refill.check(run, wanted.pairs)
     verify(run, folders)
     if not (wanted.videos or wanted.reddit or wanted.pairs):

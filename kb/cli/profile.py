@@ -107,7 +107,7 @@ def check(
     where there is an error; warnings and notes are 0.
     """
     from kb.cli import outcome
-    from kb.cli.profile_check import examine
+    from kb.cli.profile_check import contact_of, examine
     from kb.cli.profile_hits import hits_of, looks_at_data, run_of
     from kb.cli.profile_selectors import captured_pages, findings_of
     from kb.core.errors import SettingError
@@ -130,6 +130,7 @@ def check(
             hits, told = hits_of(run)
             findings += told
             pages = captured_pages(run.root)
+        findings += contact_of(run)
         if online:
             from kb.cli.profile_online import ask
 

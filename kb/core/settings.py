@@ -5,8 +5,10 @@ Names and meanings are the contract's; `.env.example` lists them.
 
 from __future__ import annotations
 
+import logging
 import os
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 from urllib.parse import SplitResult, urlsplit
@@ -20,15 +22,17 @@ from pydantic_settings import (
     SettingsConfigDict,
 )
 
-from kb.core import clock, wording
+from kb.core import clock, terminal, wording
 from kb.core.addresses import NOT_HTTPS, in_the_clear
 from kb.core.errors import MissingCredential, SettingError
 
+_log = logging.getLogger("kb.settings")
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 _ADDRESSES = ("_endpoint", "_web", "_url")  # a name and a password may stand in them
 _CONTACT = re.compile(
     r"[^\s@<>]+@[^\s@<>]+\.[^\s@<>.]|https?://[^\s/]+\.[^\s/.]|\bwww\.[^\s/]+\.\w"
 )
+REDDIT = ("reddit_client_id", "reddit_client_secret", "kb_contact")  # what asking Reddit needs
 _MAY_BE_EMPTY = ("youtube_api_key", "reddit_client_id", "reddit_client_secret", "zenodo_token")
 
 
@@ -197,29 +201,50 @@ class Settings(BaseSettings):
                 raise ValueError("must be a date and time") from None
         return value
 
+    def secrets(self) -> dict[str, str]:
+        """The literal secrets that are set, by their variables."""
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        return {
+            name.upper(): value.get_secret_value()
+            for name, value in fields.items()
+            if isinstance(value, SecretStr) and value.get_secret_value()
+        }
+
     def secret_values(self) -> list[str]:
         """The literal secrets that must never leave, for redaction and the release gate."""
-        fields = (
-            self.youtube_api_key,
-            self.reddit_client_id,
-            self.reddit_client_secret,
-            self.zenodo_token,
-        )
-        return [field.get_secret_value() for field in fields if field and field.get_secret_value()]
+        return list(self.secrets().values())
 
     def need(self, field: str) -> str:
-        """The secret or text of `field`. Raises MissingCredential when it is not set."""
+        """The secret or text of `field`. Raises as `require`."""
+        self.require(field)
+        value = getattr(self, field)
+        if not isinstance(value, SecretStr):
+            return str(value)
+        secret = value.get_secret_value()
+        if 0 < len(secret) < terminal.SHORTEST_SECRET:
+            _warn_of_short(field.upper())
+        return secret
+
+    def require(self, *fields: str) -> None:
+        """Raises MissingCredential that names all fields which are not set, SettingError for a
+        contact that nobody could write to.
+        """
+        missing = [field for field in dict.fromkeys(fields) if not self._has(field)]
+        if missing:
+            known = type(self).model_fields
+            facts = [f"{name.upper()} is not set ({known[name].description})" for name in missing]
+            raise MissingCredential(
+                ", ".join(facts),
+                hint=f"set {'it' if len(facts) == 1 else 'them'} in the environment or in .env;"
+                " .env.example shows how",
+            )
+        if "kb_contact" in fields:
+            self.check_contact()
+
+    def _has(self, field: str) -> bool:
         value = getattr(self, field)
         text = value.get_secret_value() if isinstance(value, SecretStr) else value
-        if text is None or (not text and field != "reddit_client_secret"):
-            description = type(self).model_fields[field].description
-            raise MissingCredential(
-                f"{field.upper()} is not set ({description})",
-                hint="set it in the environment or in .env; .env.example shows how",
-            )
-        if field == "kb_contact":
-            self.check_contact()
-        return text
+        return text is not None and (text != "" or field == "reddit_client_secret")
 
     def named(self, field: str) -> str:
         """The variable of `field`, and whether it is set: for a plan."""
@@ -234,6 +259,16 @@ class Settings(BaseSettings):
                 hint="such as me@example.org or https://example.org/about;"
                 " services see it in the User-Agent",
             )
+
+
+@cache  # once for each process
+def _warn_of_short(name: str) -> None:
+    _log.warning(
+        "%s has fewer than %d characters, too few to be hidden in messages:"
+        " check that it is complete",
+        name,
+        terminal.SHORTEST_SECRET,
+    )
 
 
 def _fits(text: str, encoding: str) -> bool:
@@ -253,8 +288,11 @@ def _has_port(parts: SplitResult) -> bool:
 
 
 def _said(error: ValidationError) -> str:
-    """The first problem: the name, what was given if it can't hold a secret, what is expected."""
-    first = error.errors(include_url=False)[0]
+    """Every problem: the name, what was given if it can't hold a secret, what is expected."""
+    return "; ".join(_problem(one) for one in error.errors(include_url=False))
+
+
+def _problem(first: Any) -> str:
     name = str(first["loc"][0]) if first["loc"] else ""
     field = Settings.model_fields.get(name)
     given = first.get("input")

@@ -12,6 +12,8 @@ from collections.abc import Iterable
 from typing import Any
 from urllib.parse import quote, quote_plus
 
+from kb.core.terminal import SHORTEST_SECRET
+
 MARK = "***"
 
 _PATTERNS = [
@@ -44,50 +46,39 @@ _PATTERNS = [
     (re.compile(r"(?<=://)[^/\s:@]+:[^/\s@]+(?=@)"), MARK),
 ]
 _literal: re.Pattern[str] | None = None
-_long: tuple[bytes, ...] = ()
-_LONG = 8  # characters: what is shorter stands in data by chance, and data is kept verbatim
+_in_json: tuple[bytes, ...] = ()
 
 
 def know(secrets: Iterable[str]) -> None:
-    """Literal secrets of this process; also as they look inside a URL. Replaces earlier ones."""
-    global _literal, _long
+    """Literal secrets of this process, where they have SHORTEST_SECRET characters; also as they
+    look inside a URL. Replaces earlier ones.
+    """
+    global _literal, _in_json
     forms = {
         form
         for secret in secrets
-        if secret
+        if len(secret) >= SHORTEST_SECRET
         for form in (secret, quote(secret, safe=""), quote_plus(secret))
     }
     ordered = sorted(forms, key=len, reverse=True)
     _literal = re.compile("|".join(map(re.escape, ordered))) if ordered else None
     # Within JSON text quotes and backslashes are escaped.
-    _long = tuple(
-        json.dumps(form, ensure_ascii=False)[1:-1].encode()
-        for form in ordered
-        if len(form) >= _LONG
-    )
+    _in_json = tuple(json.dumps(form, ensure_ascii=False)[1:-1].encode() for form in ordered)
 
 
 def holds_secret(line: bytes) -> bool:
-    """Whether JSON text holds a literal secret of this process that is long enough to be no chance.
-
-    Quick.
-    """
-    return any(form in line for form in _long)
+    """Whether JSON text holds a literal secret of this process. Quick."""
+    return any(form in line for form in _in_json)
 
 
 def literal(value: str) -> str:
-    """`value` without the literal secrets of `holds_secret`;
-    nothing that merely looks like one is touched.
-    """
-    if _literal is None:
-        return value
-    return _literal.sub(lambda match: MARK if len(match[0]) >= _LONG else match[0], value)
+    """`value` without the literal secrets; nothing that merely looks like one is touched."""
+    return value if _literal is None else _literal.sub(MARK, value)
 
 
 def text(value: str) -> str:
     """`value` without secrets."""
-    if _literal is not None:
-        value = _literal.sub(MARK, value)
+    value = literal(value)
     for pattern, instead in _PATTERNS:
         value = pattern.sub(instead, value)
     return value

@@ -30,7 +30,7 @@ from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.shards import ShardWriter, sorted_shards, write_table
 
-_RULES = "2"  # raised when the same input gives other rows
+_RULES = "3"  # raised when the same input gives other rows
 _STRETCH = 4096  # transcripts: some seconds of work
 _TOTALS = (
     "videos",

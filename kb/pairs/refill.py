@@ -1,7 +1,8 @@
 """`kb pairs --from-index`: a released index and one's own transcripts → pairs/*.parquet with text.
 
 A text is cut out of the transcript by its released character positions and taken when it has the
-released number of tokens; another transcript (edited since, another language) gives none.
+released number of tokens; another transcript (edited since, another language) gives none. Releases
+of earlier versions counted sounds ([Music]) as words of a text.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from kb.core.verdict import Summary
 from kb.pairs import source
 from kb.pairs.index import make_tools
 from kb.pairs.keywords import Keywords
-from kb.pairs.text import Text
+from kb.pairs.text import Text, without_sounds
 from kb.pairs.tokens import ENDS
 from kb.schema.conform import conform
 from kb.schema.tables import table
@@ -101,10 +102,11 @@ def fill(run: Run, rows: pa.Table, files: Sequence[Path], out: Path) -> Summary:
                 signals.stop.check()
                 for video, whole in _wanted(batch, places):
                     for row in places[video]:
-                        text = " ".join(whole[starts[row] : ends[row]].split())
-                        if counter.count(text) + ENDS == tokens[row]:
-                            texts[row] = text
-                            found += 1
+                        for text in _readings(whole[starts[row] : ends[row]]):
+                            if counter.count(text) + ENDS == tokens[row]:
+                                texts[row] = text
+                                found += 1
+                                break
                         else:
                             differing += 1
                 task.advance(len(batch), filled=found)
@@ -144,12 +146,18 @@ def _read(index: Path) -> pa.Table:
 
 
 def _wanted(batch: Text, places: dict[str, list[int]]) -> list[tuple[str, str]]:
-    """Ids and whole texts of the transcripts that the index names."""
+    """Ids and whole texts of the transcripts that the index names, sounds among them."""
     return [
-        (video, batch.raw[batch.video_at[row] : batch.video_end[row]].decode("utf-8", "replace"))
+        (video, batch.given[batch.video_at[row] : batch.video_end[row]].decode("utf-8", "replace"))
         for row, video in enumerate(batch.ids.to_pylist())
         if video in places
     ]
+
+
+def _readings(captions: str) -> list[str]:
+    """A part of a transcript as a text, without its sounds and with them."""
+    spoken = without_sounds(captions.encode()).decode()
+    return [" ".join(text.split()) for text in dict.fromkeys((spoken, captions))]
 
 
 def _write(run: Run, rows: pa.Table, texts: list[str | None], out: Path) -> None:

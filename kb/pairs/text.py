@@ -2,10 +2,14 @@
 
 A transcript's text is its cues in order of their start, with one space between two. Positions in
 it are characters; inside a batch they are bytes. Times are whole milliseconds.
+
+Captions also name sounds and speakers: [Music], [Applause], notes, >> where another one speaks.
+That is nothing that is said, so spaces take its place, and positions stay those of the transcript.
 """
 
 from __future__ import annotations
 
+import re
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
@@ -30,6 +34,8 @@ _WIDE = {
     size: [int.from_bytes(c.encode(), "big") for c in _WIDE_SPACES if len(c.encode()) == size]
     for size in (2, 3)
 }
+# At most 64 bytes in brackets, so that one that never closes hides nothing.
+_SOUND = re.compile(rb"\[[^\[\]\xff]{0,64}\]|>{2,}|\xe2\x99[\xa9-\xac]")  # ♩ ♪ ♫ ♬
 _FAR = 1e9  # seconds; times beyond it are no times
 _BLOCK = 64  # bytes of which it is known how many words begin before them
 
@@ -37,9 +43,10 @@ _BLOCK = 64  # bytes of which it is known how many words begin before them
 class Text:
     """A batch of transcripts.
 
-    `raw` begins and ends with a space. Arrays a cue: `cue_at` (first byte; a last one more for the
-    end), `cue_start`, `cue_end` (ms), `cue_video`; arrays a video: `video_at`, `video_end` (bytes),
-    `length` (ms), and Arrow columns `ids`, `kinds`.
+    `raw` begins and ends with a space, and has no sounds; `given` is the same with them. Arrays a
+    cue: `cue_at` (first byte; a last one more for the end), `cue_start`, `cue_end` (ms),
+    `cue_video`; arrays a video: `video_at`, `video_end` (bytes), `length` (ms), and Arrow columns
+    `ids`, `kinds`.
     """
 
     def __init__(
@@ -50,7 +57,8 @@ class Text:
         parted: bool = False,
     ) -> None:
         """`transcripts` has the columns of youtube/transcripts; `lengths` the videos' seconds,
-        null when unknown. `parted`: no phrase reaches from one cue into the next.
+        null when unknown. `parted`: these are no captions but texts, and no phrase reaches from
+        one into the next.
         """
         import numpy as np
 
@@ -69,6 +77,7 @@ class Text:
         self.cue_video = video
         self._times(start, last, lengths)
         self._places(texts, counts, _WALL if parted else b" ")
+        self.raw: bytes = self.given if parted else without_sounds(self.given)
 
     def _times(self, start: np.ndarray, last: np.ndarray, lengths: pa.Array[Any] | None) -> None:
         """A cue of an automatic track is over when the next begins;
@@ -124,7 +133,7 @@ class Text:
             pieces += [data[begin:end], _WALL]
         # Copied once; no wall stands behind the last one.
         pieces[-1:] = [b" "] if videos else [b" ", b" "]
-        self.raw: bytes = b"".join(pieces)
+        self.given: bytes = b"".join(pieces)
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -185,8 +194,8 @@ class Text:
         """Where bytes are that continue a character."""
         import numpy as np
 
-        codes = np.frombuffer(self.raw, np.uint8)[self._high]
-        inner: np.ndarray = self._high[(codes & 0xC0) == 0x80]
+        codes = np.frombuffer(self.given, np.uint8)
+        inner: np.ndarray = np.flatnonzero((codes & 0xC0) == 0x80)
         return inner
 
     def characters(self, places: np.ndarray, videos: np.ndarray) -> np.ndarray:
@@ -271,6 +280,11 @@ class Text:
     def word_count(self) -> int:
         """Words of all transcripts."""
         return max(0, int(self._counted[-1]) - self._walls)
+
+
+def without_sounds(captions: bytes) -> bytes:
+    """UTF-8 text with spaces, byte for byte, in place of sounds and changes of speakers."""
+    return _SOUND.sub(lambda found: b" " * len(found[0]), captions)
 
 
 def _lists(offsets: Any, values: Any) -> pa.Array[Any]:

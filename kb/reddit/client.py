@@ -20,7 +20,7 @@ from prawcore.sessions import FiniteRetryStrategy
 from kb.core import clock
 from kb.core.addresses import is_loopback
 from kb.core.errors import Blocked, Retryable
-from kb.core.settings import Settings
+from kb.core.settings import REDDIT, Settings
 from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt
 from kb.net.session import Ledger, Session, host_of
@@ -122,9 +122,9 @@ class Client:
         say: Callable[[str], None] = _silent,
     ) -> None:
         """`say` tells the user of a wait. Raises MissingCredential before anything is sent."""
+        settings.require(*REDDIT)
         self._id = settings.need("reddit_client_id")
         self._secret = settings.need("reddit_client_secret")
-        settings.need("kb_contact")
         self._settings = settings
         self._root = settings.kb_reddit_endpoint or ""
         self._hosts = {host_of(root) for root in ((self._root,) if self._root else (ROOT, OAUTH))}

@@ -30,7 +30,7 @@ import msgspec
 from kb.core.context import Run
 from kb.core.errors import KbError, MissingCredential
 from kb.core.profile import DEFAULT, load_profile
-from kb.core.settings import load_settings
+from kb.core.settings import REDDIT, load_settings
 from kb.core.verdict import Summary
 from kb.crawl import job
 from kb.net import redact
@@ -200,15 +200,16 @@ def _writer(root: Path, out: Path) -> AbstractContextManager[None]:
     return writer(out / LOCK, "reddit")
 
 
-def need_key(run: Run) -> None:
-    """Raise MissingCredential, naming the way without a key."""
-    for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
-        try:
-            run.settings.need(name)
-        except MissingCredential as error:
-            way = "or read archive dumps instead, without a key: --dumps FILE…"
-            error.hint = f"{error.hint}; {way}" if error.hint else way
-            raise
+def need_key(run: Run, *others: str) -> None:
+    """Raise MissingCredential for all that is not set, of the `others` too, naming the way without
+    a key.
+    """
+    try:
+        run.settings.require(*others, *REDDIT)
+    except MissingCredential as error:
+        way = "or read archive dumps instead, without a key: --dumps FILE…"
+        error.hint = f"{error.hint}; {way}" if error.hint else way
+        raise
 
 
 def _digest(wanted: Wanted, dumps: Sequence[Path], gone: Collection[str]) -> str:

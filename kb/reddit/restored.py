@@ -15,12 +15,16 @@ from kb.store.layout import Layout
 Dumps = Sequence[Path]  # archive files that are read instead of asking Reddit
 
 
-def check(run: Run, folders: Sequence[Path], dumps: Dumps) -> None:
-    """What is needed. Raises SettingError, MissingCredential."""
+def check(run: Run, folders: Sequence[Path], dumps: Dumps, others: Sequence[str]) -> None:
+    """Raises ProfileError without [reddit], MissingCredential for all settings that it and the
+    `others` need.
+    """
     if folders:
         run.profile.section("reddit")
-        if not dumps:
-            need_key(run)
+    if folders and not dumps:
+        need_key(run, *others)
+    else:
+        run.settings.require(*others)
 
 
 def bring(run: Run, folders: Sequence[Path], dumps: Dumps, gone: Collection[str]) -> Summary:

@@ -12,6 +12,7 @@ from functools import cached_property
 
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
+from kb.core.settings import REDDIT
 from kb.crawl.source import Answer, Opened, Phase, Plain
 from kb.reddit import discover, places, reduce, replay, tree
 from kb.reddit.authors import Scrubber, load_key
@@ -57,8 +58,7 @@ class Reddit(Plain):
 
     def identity(self) -> dict[str, str]:
         """The host and the subreddit. Raises MissingCredential."""
-        for name in ("reddit_client_id", "reddit_client_secret", "kb_contact"):
-            self.run.settings.need(name)
+        self.run.settings.require(*REDDIT)
         host = self.run.settings.kb_reddit_endpoint or ROOT
         return {"host": host, "subreddit": self.section.subreddit.lower()}
 

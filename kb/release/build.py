@@ -14,6 +14,7 @@ import pyarrow as pa
 
 from kb.core.context import Run
 from kb.core.errors import DamagedData, ReleaseRefused, UsageError
+from kb.core.licences import KNOWN
 from kb.core.progress import Task
 from kb.core.sources import PUBLISHED, exported_by, made_of
 from kb.core.verdict import Summary
@@ -21,7 +22,6 @@ from kb.release import check, checksums, folders, history, measure, provenance, 
 from kb.release.croissant import croissant
 from kb.release.facts import Facts
 from kb.release.folders import TOMBSTONES, Folder
-from kb.release.licences import KNOWN
 from kb.release.metadata import deposit
 from kb.release.pages import card, citation, datasheet, law
 from kb.release.problem import Problem

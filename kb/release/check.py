@@ -17,10 +17,10 @@ from pydantic import ValidationError
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
+from kb.core.licences import KNOWN, licence
 from kb.core.profile import PROFILE_FILE
 from kb.release import archives, checksums, columns, personal, scan, scored
 from kb.release.folders import DEPOSIT, TOMBSTONES, Folder, Part
-from kb.release.licences import KNOWN, licence
 from kb.release.measure import folder_licence, page_licences
 from kb.release.metadata import Document
 from kb.release.problem import Problem, damaged

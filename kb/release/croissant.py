@@ -11,9 +11,9 @@ import json
 from typing import Any
 
 from kb.core.context import Run
+from kb.core.licences import licence
 from kb.release.about import about
 from kb.release.facts import Facts, File, TableFacts
-from kb.release.licences import licence
 from kb.release.pages import bibtex
 from kb.release.texts import SANDBOX_NOTE, day, language, name
 from kb.schema.tables import Column

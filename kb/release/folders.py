@@ -10,9 +10,9 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from kb.core.licences import KNOWN
 from kb.core.profile import PROFILE_FILE
 from kb.core.sources import PUBLISHED
-from kb.release.licences import KNOWN
 from kb.schema import Table, released_tables
 from kb.store.digests import SUMS
 from kb.store.layout import Layout

@@ -14,11 +14,11 @@ from typing import Any
 from duckdb import DuckDBPyConnection
 
 from kb.core.context import Run
+from kb.core.licences import KNOWN
 from kb.core.sources import made_of
 from kb.release.facts import ColumnFacts, Facts, File, TableFacts
 from kb.release.folders import Folder, Part
 from kb.release.gaps import gaps
-from kb.release.licences import KNOWN
 from kb.release.personal import personal_counts
 from kb.schema import Column, released_tables
 from kb.store import complete, database, parquet, tombstones

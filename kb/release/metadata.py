@@ -14,10 +14,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from kb.core import sizes
 from kb.core.context import Run
 from kb.core.installation import software_address
+from kb.core.licences import licence
 from kb.release.about import about
 from kb.release.facts import Facts
 from kb.release.languages import three_letters
-from kb.release.licences import licence
 from kb.release.texts import SANDBOX_NOTE, day, language, name, span
 
 Text = Annotated[str, Field(min_length=1)]

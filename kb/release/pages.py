@@ -16,12 +16,12 @@ from typing import Any
 from kb import __version__
 from kb.core.context import Run
 from kb.core.installation import install_extra, lock_digest, software, software_address
+from kb.core.licences import licence
 from kb.release import provenance
 from kb.release.about import about
 from kb.release.facts import Facts, TableFacts
 from kb.release.first import first
 from kb.release.history import Changes
-from kb.release.licences import licence
 from kb.release.render import render
 from kb.release.texts import SANDBOX_NOTE, language, md, name
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from kb.core import signals
 from kb.core.addresses import is_loopback
+from kb.core.contact import is_placeholder
 from kb.core.context import Run
 from kb.core.errors import KbError, ProfileError
 from kb.core.profile import PROFILE_FILE
@@ -48,8 +49,10 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
 
 def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str] | None) -> Summary:
     exports = exported(run, only or ())
-    _signed(run, exports)
     loopback = is_loopback(endpoint)
+    _signed(run, exports)
+    if not loopback:
+        _reachable(run)
     refuse(
         [
             *_marked(run, exports, loopback),
@@ -88,6 +91,16 @@ def _signed(run: Run, exports: list[Folder]) -> None:
                 f"{folder.path} was made before the profile named a creator and a contact",
                 hint="run `kb release` again",
             )
+
+
+def _reachable(run: Run) -> None:
+    """Raises ProfileError for a contact that is an example's address."""
+    contact = run.profile.release.contact
+    if contact and is_placeholder(contact):
+        raise ProfileError(
+            f"the contact of the profile {run.profile.path} is the placeholder {contact}",
+            hint="set release.contact to an address that you read; then run `kb release` again",
+        )
 
 
 def _of(profile: Path) -> Release:

@@ -85,12 +85,11 @@ def left(run: Run, ids: Iterable[str], gone: Collection[str]) -> list[str]:
     ]
 
 
-def check(run: Run, ids: Collection[str], gone: Collection[str]) -> None:
-    """What is needed, before anything is sent. Raises SettingError, MissingCredential."""
+def needs(run: Run, ids: Collection[str], gone: Collection[str]) -> tuple[str, ...]:
+    """The settings that it needs. Raises ProfileError where the profile has no [youtube]."""
     if ids:
         run.profile.section("youtube")
-    if left(run, ids, gone):
-        run.settings.need("youtube_api_key")
+    return ("youtube_api_key",) if left(run, ids, gone) else ()
 
 
 def bring(

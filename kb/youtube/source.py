@@ -154,7 +154,7 @@ class YouTube(Plain):
         """The two hosts. Raises MissingCredential, SettingError."""
         settings = self.run.settings
         if any(phase.lane == API for phase in self.chosen):
-            settings.need("youtube_api_key")
+            settings.require("youtube_api_key")
         settings.check_contact()
         return {
             "api": settings.kb_youtube_endpoint or GOOGLE,

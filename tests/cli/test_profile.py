@@ -181,6 +181,52 @@ def place_of(finding: dict[str, Any]) -> str:
     return f"{finding['file']}:{finding['line']}" if finding["line"] else finding["file"]
 
 
+@pytest.mark.parametrize(
+    "contact",
+    ["me@example.org", "you@gmail.com", "https://www.example.com/us", "a@lab.invalid", "FILL-IN"],
+)
+def test_a_placeholder_is_no_contact(
+    contact: str, tmp_path: Path, typed: Typed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path)
+    path.write_text(GOOD.replace("me@gardens.wiki", contact))
+    assert typed("profile", "check", str(path), "--json") == 2
+    (one,) = summary_of(capsys)["findings"]
+    assert (one["level"], one["line"], one["key"]) == ("error", 13, "release.contact")
+
+
+def test_a_placeholder_in_the_settings_is_seen_unless_all_is_local(
+    tmp_path: Path,
+    typed: Typed,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = written(tmp_path)
+    monkeypatch.setenv("KB_CONTACT", "you@example.com")
+    assert typed("profile", "check", str(path)) == 0  # the sandbox's services
+    for name in ("KB_WIKI_URL", "KB_REDDIT_ENDPOINT", "KB_YOUTUBE_WEB", "KB_YOUTUBE_ENDPOINT"):
+        monkeypatch.delenv(name, raising=False)
+    assert typed("profile", "check", str(path)) == 2
+    assert "KB_CONTACT is the placeholder you@example.com" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("spdx", "mend"),
+    [("CC-BY-4", 'did you mean "CC-BY-4.0"?'), ("MY-LICENCE", "known: CC-BY-4.0, ")],
+)
+def test_a_licence_is_one_that_a_release_can_carry(
+    spdx: str, mend: str, tmp_path: Path, typed: Typed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path)
+    path.write_text(f'{GOOD}licenses = {{ youtube = "{spdx}" }}\n')
+    assert typed("profile", "check", str(path), "--json") == 2
+    (one,) = summary_of(capsys)["findings"]
+    assert one["key"] == "release.licenses.youtube"
+    assert spdx in one["what"]
+    assert mend in one["mend"]
+    assert typed("links", "--profile", str(path), "--data", str(tmp_path)) == 1  # nothing is there
+
+
 def test_an_everyday_word_that_is_meant_is_no_warning(
     typed: Typed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from kb.core.errors import MissingCredential, SettingError
-from kb.core.settings import Settings, load_settings
+from kb.core.settings import REDDIT, Settings, load_settings
 from kb.core.unknown_settings import unknown_names
 from kb.net.session import Session
 
@@ -43,6 +43,40 @@ def test_a_missing_credential_says_which(monkeypatch):
     with pytest.raises(MissingCredential, match="YOUTUBE_API_KEY is not set") as error:
         load_settings().need("youtube_api_key")
     assert error.value.exit_code == 2
+
+
+def test_a_secret_too_short_to_be_hidden_is_warned_about(monkeypatch, caplog):
+    monkeypatch.setenv("YOUTUBE_API_KEY", "abc")
+    monkeypatch.setenv("ZENODO_TOKEN", "abcdefgh")
+    settings = load_settings()
+    assert (settings.need("youtube_api_key"), settings.need("zenodo_token")) == ("abc", "abcdefgh")
+    assert settings.need("youtube_api_key") == "abc"
+    (record,) = caplog.records  # once
+    assert record.getMessage().startswith("YOUTUBE_API_KEY has fewer than 8 characters")
+    assert "abc" not in record.getMessage()
+
+
+def test_all_that_is_missing_is_named_at_once(monkeypatch):
+    monkeypatch.setenv("REDDIT_CLIENT_ID", "mine")
+    with pytest.raises(MissingCredential) as error:
+        load_settings().require("youtube_api_key", *REDDIT)
+    missing = (
+        "YOUTUBE_API_KEY is not set (",
+        "REDDIT_CLIENT_SECRET is not set (",
+        "KB_CONTACT is not",
+    )
+    assert all(name in str(error.value) for name in missing)
+    assert "REDDIT_CLIENT_ID" not in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_all_wrong_settings_are_named_at_once(monkeypatch):
+    monkeypatch.setenv("KB_WIKI_URL", "minecraft.wiki")
+    monkeypatch.setenv("KB_NOW", "tomorrow")
+    with pytest.raises(SettingError) as error:
+        load_settings()
+    assert "KB_WIKI_URL" in str(error.value)
+    assert "KB_NOW" in str(error.value)
 
 
 def test_an_empty_secret_is_an_installed_app_and_an_unset_one_is_missing(monkeypatch):

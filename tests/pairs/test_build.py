@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -16,16 +17,16 @@ from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.pairs import build as building
 from kb.pairs.show import keyword_lines
+from kb.pairs.tokens import ENDS, Tokens
 from tests.pairs.made import fill, tables
 
 pipeline = load(str(locate("pairs")))
+PHRASES = ["creeper", "oak log", "Iron Golem", "bed", "nether portals", "[Música]", "chest", ">>"]
 
 
 @pytest.fixture(scope="module")
 def data():  # type: ignore[no-untyped-def]
-    return tables(
-        60, 400, ["creeper", "oak log", "Iron Golem", "bed", "nether portals", "chest"], share=0.06
-    )
+    return tables(60, 400, PHRASES, share=0.06)
 
 
 @pytest.fixture
@@ -114,7 +115,7 @@ def test_more_videos_change_no_pair(run: Run, make_rows) -> None:  # type: ignor
             *tables(
                 60 if not seed else 10,
                 400,
-                ["creeper", "oak log", "Iron Golem", "bed", "nether portals", "chest"],
+                PHRASES,
                 share=0.06,
                 seed=seed,
             ),
@@ -140,6 +141,29 @@ def test_a_released_index_is_filled_again(run: Run) -> None:
     assert _bytes(run.root / "pairs") == whole
 
 
+def test_texts_of_an_earlier_version_come_back_with_their_sounds(run: Run) -> None:
+    pipeline.pairs(run, "parquet")
+    index = run.root / "release" / "pairs" / "pairs-00000-of-00001.parquet"
+    said = {
+        row["video_id"]: " ".join(cue["text"] for cue in row["cues"])
+        for row in pq.read_table(run.root / "clean/youtube/transcripts").to_pylist()
+    }
+    rows = pq.read_table(run.root / "pairs").to_pylist()
+    assert not any("[Música]" in row["text"] or ">>" in row["text"] for row in rows)
+    earlier = {
+        row["pair_id"]: said[row["video_id"]][row["text_start_char"] : row["text_end_char"]]
+        for row in rows
+    }
+    released = pq.read_table(index)
+    tokens = [Tokens().count(earlier[one]) + ENDS for one in released["pair_id"].to_pylist()]
+    at = released.column_names.index("token_count")
+    pq.write_table(released.set_column(at, "token_count", pa.array(tokens)), index)
+    assert pipeline.refill(run, index)["filled"] == len(rows)
+    after = pq.read_table(run.root / "pairs").to_pylist()
+    assert {row["pair_id"]: row["text"] for row in after} == earlier
+    assert any("[Música]" in text for text in earlier.values())
+
+
 def test_texts_that_can_not_be_had_stay_null_and_are_counted(run: Run) -> None:
     pipeline.pairs(run, "parquet")
     (run.root / "clean/youtube/transcripts/part-00001.parquet").unlink()
@@ -154,7 +178,7 @@ def test_texts_that_can_not_be_had_stay_null_and_are_counted(run: Run) -> None:
 
 def test_keywords_with_examples(run: Run) -> None:
     lines = {line.keyword: line for line in keyword_lines(run, examples=2)}
-    assert lines["Creeper"].matches > 50
+    assert lines["Creeper"].matches > 30
     assert len(lines["Creeper"].examples) == 2
     assert "[creeper]" in lines["Creeper"].examples[0]
     assert lines["Bed"].rule == "near:20"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 
 import pyarrow as pa
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from kb.pairs.fold import phrase
 from kb.pairs.index import pairs_of
 from kb.pairs.text import Text
+from kb.pairs.tokens import ENDS, Tokens
 from kb.schema import conform
 from tests.pairs.conftest import rows_of, transcripts
 from tests.pairs.reference import joined
@@ -256,6 +258,19 @@ def test_strange_transcripts_have_defined_results(tools, cues) -> None:  # type:
         for row in rows_of(tools, transcripts(("v", "asr", cues)), lengths):
             assert row["text"]
             assert row["token_count"] >= 3
+
+
+def test_sounds_are_in_no_text_and_no_match(tools) -> None:  # type: ignore[no-untyped-def]
+    words = " ".join(f"word{n}" for n in range(30))
+    said = f"[Música] {words} [Applause] >> a creeper [Creeper hissing] {words} [ __ ]"
+    (row,) = rows_of(tools, transcripts(("v", "asr", [(0, 60, said)])))
+    assert not set("[]>") & set(row["text"])
+    assert "hissing" not in row["text"]
+    assert said[row["match_start_char"] : row["match_end_char"]] == "creeper"
+    cut = said[row["text_start_char"] : row["text_end_char"]]
+    spoken = re.sub(r"\[[^\]]*\]|>>", "", cut)
+    assert row["text"] == " ".join(spoken.split())
+    assert row["token_count"] == Tokens().count(row["text"]) + ENDS
 
 
 def test_cues_out_of_order_are_read_in_the_order_of_their_time(tools) -> None:  # type: ignore[no-untyped-def]

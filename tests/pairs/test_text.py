@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,7 +14,7 @@ from tests.pairs.conftest import transcripts
 
 EVERY = [chr(code) for code in range(sys.maxunicode + 1) if chr(code).isspace()]
 # Neighbours of wide spaces in UTF-8: the same first bytes, and letters.
-NEAR = "a\xe9\u266a\u2019\u2014\u200b\u2027\u303f\u1681\U00012000\u0100"
+NEAR = "a\xe9\u266d\u2019\u2014\u200b\u2027\u303f\u1681\U00012000\u0100"
 texts = st.text(st.sampled_from([*EVERY, *NEAR]), max_size=12)
 
 
@@ -39,6 +40,26 @@ def test_words_before_few_places_are_those_of_the_list(
     assert "words" not in vars(whole)  # not listed for it
     assert few.tolist() == np.searchsorted(whole.words, places).tolist()
     assert whole.before(np.arange(len(whole.raw) + 1))[places].tolist() == few.tolist()
+
+
+@pytest.mark.parametrize(
+    ("captions", "spoken"),
+    [
+        ("[Music] hello [Applause] all", "hello all"),
+        ("[Música] hola [ __ ] >> sí", "hola sí"),
+        ("【音楽】岩 [音楽]", "【音楽】岩"),
+        (">>> one > two >> three", "one > two three"),
+        ("\u266a la la \u266b", "la la"),
+        ("(that is what I said)", "(that is what I said)"),
+        (f"a [{'never closed ' * 9}] b", f"a [{'never closed ' * 9}] b"),
+        ("list[0] of [a [b] c]", "list of [a c]"),
+    ],
+)
+def test_captions_of_sounds_are_no_words(captions: str, spoken: str) -> None:
+    whole = Text(transcripts(("v", "asr", [(0, 1, captions)])))
+    assert " ".join(whole.spaced.tobytes().decode().split()) == " ".join(spoken.split())
+    end = np.array([len(whole.raw) - 1])
+    assert whole.characters(end, np.array([0])).tolist() == [len(captions)]
 
 
 def test_transcripts_are_kept_apart() -> None:

@@ -15,10 +15,10 @@ from jinja2 import UndefinedError
 from markdown_it import MarkdownIt
 
 from kb.core.context import Run
+from kb.core.licences import KNOWN
 from kb.release import sample
 from kb.release.build import describe, release
 from kb.release.folders import find
-from kb.release.licences import KNOWN
 from kb.release.render import render
 from kb.store import tombstones
 from tests.release.conftest import a_run

@@ -55,8 +55,10 @@ class Checked(NamedTuple):
     findings: list[Finding]
 
 
-def check_file(path: Path) -> Checked:
-    """Raises nothing: a file that can't be read is a finding as well."""
+def check_file(path: Path, *, publishing: bool = True) -> Checked:
+    """Raises nothing: a file that can't be read is a finding as well. Without `publishing` what
+    only a published release needs is not looked at.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
@@ -79,7 +81,8 @@ def check_file(path: Path) -> Checked:
     findings = [at(ERROR, one.key, *_described(one, data)) for one in wrong]
     if profile is not None:
         already = {one.key for one in wrong}
-        findings += [at(*one) for one in sense.look(profile, data) if one[1] not in already]
+        told = [*sense.look(profile, data), *(sense.publishing(profile) if publishing else ())]
+        findings += [at(*one) for one in told if one[1] not in already]
     return Checked(profile, _lists(data), findings)
 
 

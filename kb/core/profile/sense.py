@@ -1,17 +1,21 @@
 """What a profile may say by its types and can hardly mean: each rule is a few lines of its own.
 
 look(profile, data)    (level, key, what, how to mend it) of everything; `data` is the file as read
+publishing(profile)    the same of what only a published release needs
 """
 
 from __future__ import annotations
 
 import contextlib
+import difflib
 import re
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
 
+from kb.core.contact import is_placeholder
 from kb.core.errors import ProfileError
+from kb.core.licences import KNOWN
 from kb.core.profile import Profile, load_profile, shipped_names
 from kb.core.profile.base import FILL_IN
 from kb.core.profile.everyday import is_everyday
@@ -49,6 +53,21 @@ def look(profile: Profile, data: dict[str, Any]) -> Iterator[Said]:
     yield from _pairs(profile)
     yield from _thresholds(profile)
     yield from _release(profile)
+
+
+def publishing(profile: Profile) -> Iterator[Said]:
+    """What speaks against publishing alone, so that it ends no crawl."""
+    contact = profile.release.contact
+    if contact and contact != FILL_IN and is_placeholder(contact):
+        said = f"'release.contact' is the placeholder \"{contact}\""
+        mend = "write an address that you read, for removal requests"
+        yield ERROR, "release.contact", said, mend
+    for source, spdx in profile.release.licenses.items():
+        if spdx not in KNOWN:
+            key = f"release.licenses.{source}"
+            near = difflib.get_close_matches(spdx, KNOWN, n=1, cutoff=0.5)
+            mend = f'did you mean "{near[0]}"?' if near else f"known: {', '.join(sorted(KNOWN))}"
+            yield ERROR, key, f"'{key}' is \"{spdx}\", no SPDX id that a release can carry", mend
 
 
 def subreddit_meant(given: Any) -> str:
