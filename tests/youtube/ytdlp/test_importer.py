@@ -1,4 +1,4 @@
-"""Folders of yt-dlp in place of a crawl: what is taken in, what is counted, and what comes of it."""
+"""Folders of yt-dlp in place of a crawl: what is taken in, what is counted, what comes of it."""
 
 from __future__ import annotations
 
