@@ -150,9 +150,9 @@ def _title(item: dict[str, Any]) -> str:
 class _Once(Web):
     """A wiki that is asked once: who waits for an answer would rather know now."""
 
-    def attempt(self, call: Callable[[], Result]) -> Result:
+    def attempt(self, call: Callable[[], Result], *, service: str | None = None) -> Result:
         """One try. Raises Unreachable or Blocked."""
-        return retry.attempt(call, tries=1, service="the wiki")
+        return retry.attempt(call, tries=1, service=service or "the wiki")
 
 
 def _wiki(run: Run, cost: Cost) -> Said:

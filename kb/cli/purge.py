@@ -19,7 +19,9 @@ app = group("Remove for good what was deleted at its source, or named.")
 Ids = Annotated[
     Path | None,
     typer.Option(
-        "--ids", metavar="FILE", help="Also remove these keys: one a line, or a Parquet file."
+        "--ids",
+        metavar="FILE",
+        help="Also remove these keys: one a line, CSV, JSON or a Parquet file.",
     ),
 ]
 

@@ -70,16 +70,24 @@ def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False
     uses=CLUSTER,
     limit="Stop after N more posts and comments (exit code 3); the next run resumes.",
     again="Read dumps that were imported before once more; without it they are skipped.",
-    json="crawled, lines, bad_lines, truncated_files",
+    json="crawled, lines, bad_lines, truncated_files, foreign_files",
     checks=True,
     examples=[
         "kb reddit import RS_2024-01.zst RC_2024-01.zst       monthly dumps, all subreddits mixed",
         "kb reddit import Minecraft_submissions.zst           a file of one subreddit",
+        "kb reddit import ~/dumps                             every dump in a folder",
     ],
 )
 def import_(
     run: Run,
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Archive dumps (.zst).")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...",
+            help="Archive dumps as zstd, zst_blocks, gzip or plain NDJSON, whatever their names,"
+            " or folders of them.",
+        ),
+    ],
     since: Annotated[
         str | None,
         typer.Option(
@@ -138,9 +146,9 @@ def reconstruct(
         typer.Option(
             "--ids",
             metavar="FILE|FOLDER",
-            help="Full names one a line, a released Parquet file, MineDojo's reddit.json,"
-            " or the folder "
-            "of a release; may be given several times. [default: release/reddit]",
+            help="Full names or addresses one a line, CSV, a released Parquet file, MineDojo's"
+            " reddit.json, or the folder of a release; may be given several times."
+            " [default: release/reddit]",
         ),
     ] = None,
     out: Annotated[

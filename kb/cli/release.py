@@ -23,7 +23,7 @@ Only = Annotated[
     typer.Option(
         "--only",
         metavar="SOURCE",
-        help="This folder alone (youtube, wiki, reddit, pairs); may be repeated.",
+        help="This folder alone (youtube, wiki, reddit, pairs, links); may be repeated.",
     ),
 ]
 
@@ -40,11 +40,13 @@ class Target(StrEnum):
     main=True,
     uses=("pipeline",),
     json="folders, rows, bytes, sources, and problems where it is refused",
+    needs_data=True,
     examples=[
         (
             "kb release                               check every folder,"
             " then write all that surrounds the data"
         ),
+        "kb release --only links                  one folder alone",
         "kb release publish --to zenodo-sandbox   a draft of each folder, to look at",
     ],
 )

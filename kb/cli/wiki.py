@@ -40,9 +40,9 @@ def crawl(
         typer.Option(
             "--titles",
             metavar="FILE|FOLDER",
-            help="Page titles: lines, a released Parquet file or the folder of a release,"
-            " or MineDojo's JSON; "
-            "skips discovery.",
+            help="Page titles: lines, CSV, JSON (MineDojo's, or of the API's allpages), a dump's"
+            " list of all titles, a released Parquet file, or the folder of a release or wiki_full;"
+            " skips discovery.",
         ),
     ] = None,
     plan: Plan = False,

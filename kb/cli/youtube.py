@@ -59,9 +59,9 @@ def crawl(
         typer.Option(
             "--ids",
             metavar="FILE|FOLDER",
-            help="Video ids: lines, a released Parquet file or the folder of a release,"
-            " or MineDojo's JSON; "
-            "skips discovery.",
+            help="Video ids: lines, a download archive of yt-dlp, CSV, JSON (MineDojo's videos or"
+            " pairs, CLIP4MC's), a released Parquet file or the folder of a release; skips"
+            " discovery.",
         ),
     ] = None,
 ) -> Summary:
@@ -104,8 +104,8 @@ def check(
         typer.Option(
             "--ids",
             metavar="FILE|FOLDER",
-            help="A published list: lines, a released Parquet file or the folder of a release,"
-            " or MineDojo's JSON.",
+            help="A published list: lines, a download archive of yt-dlp, CSV, JSON (MineDojo's"
+            " videos or pairs, CLIP4MC's), a released Parquet file or the folder of a release.",
         ),
     ],
     plan: Annotated[

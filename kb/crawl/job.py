@@ -35,8 +35,6 @@ def work(
     with open_session(run, source, place) as session:
         loop = Loop(session, phases, facts=facts)
         try:
-            for phase in loop.turns.phases:
-                session.frontier.reopen(phase.kind, "error")
             source.discover(session.frontier)
             loop.run()
         except KbError as error:

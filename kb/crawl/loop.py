@@ -57,6 +57,8 @@ class Loop:
         self._changed = threading.Condition()
         self._end: BaseException | None = None  # why everything ends
         self._failures: Counter[str] = Counter()  # in a row, by lane
+        self._up: set[str] = set()  # lanes that had an answer in this run
+        self._doubtful: dict[str, tuple[Phase, Retryable]] = {}  # the last failure of the others
         self._bars: dict[str, Task] = {}
 
     def run(self) -> None:
@@ -64,6 +66,7 @@ class Loop:
 
         The first lane works in the caller's thread, which is the one that hears of signals.
         """
+        self.turns.begin()
         lanes = self.turns.lanes()
         threads = [
             threading.Thread(target=self._work, args=(lane,), name=f"{lane}-{number}")
@@ -79,6 +82,8 @@ class Loop:
         finally:
             for thread in threads:
                 thread.join()
+            self._look_at_silent_lanes()
+            self.turns.end()
             stopped = self._end is not None or bool(self.turns.stops())
             for bar in self._bars.values():
                 bar.close(stopped=stopped)
@@ -87,6 +92,18 @@ class Loop:
         stop = worst(self.turns.stops())
         if stop is not None:
             raise stop
+
+    def _look_at_silent_lanes(self) -> None:
+        """A lane that had not one answer and too few failures to tell: is its service down?
+
+        All has been tried by now, so whatever the service has ever answered may tell.
+        """
+        for phase, failure in self._doubtful.values():
+            if self._end is not None or self.turns.stops():
+                return
+            known = self.turns.answered(phase.lane)
+            if known is None or not self._answers(*known):
+                self._stop(phase, _down(failure), 0)
 
     def _threads(self, lane: str) -> int:
         return max(phase.workers for phase in self.turns.phases if phase.lane == lane)
@@ -101,7 +118,12 @@ class Loop:
                 turn = self._wait_for_turn(lane)
                 if turn is None:
                     return
-                self._answer(*turn)
+                try:
+                    self._ask(*turn)
+                finally:
+                    with self._changed:
+                        self.turns.done(turn[0])
+                        self._changed.notify_all()
         except BaseException as error:  # noqa: BLE001  raised again by the thread that called run
             self._end_all(error)
         finally:
@@ -139,56 +161,94 @@ class Loop:
 
     # -- what became of it -------------------------------------------------------------------------
 
-    def _answer(self, phase: Phase, items: list[Item]) -> None:
-        """Fetch and record items; an error by its consequence."""
-        keys = [item.key for item in items]
-        try:
-            whole = self._fetch(phase, items)
-            self._count(phase, len(items), failed=None, whole=whole)
-        except ItemFinal as fact:
-            self.frontier.mark(phase.kind, self._unanswered(phase, keys), "skipped", fact.reason)
-            self._count(phase, len(items), failed=None)
-        except Retryable as error:
-            self.frontier.mark(phase.kind, self._unanswered(phase, keys), "error", error.reason)
-            self._count(phase, len(items), failed=error.reason)
-        except BaseException as error:  # noqa: BLE001  kept as the reason to end
-            self.frontier.release(phase.kind, *self._unanswered(phase, keys))
-            self._stop(phase, error, len(items))
-        finally:
-            with self._changed:
-                self.turns.done(phase)
-                self._changed.notify_all()
-
-    def _fetch(self, phase: Phase, items: list[Item]) -> bool:
-        """Record all answers; whether they are whole. Raises what `fetch` raises."""
-        failed: str | None = None
-        whole = True
-        for answer in self.source.fetch(phase, items):
-            self.session.record(answer)
-            failed = answer.failed or failed
-            whole = whole and answer.whole
-        silent = self._unanswered(phase, [item.key for item in items])
-        if silent:
-            self.frontier.mark(phase.kind, silent, "error", "unanswered")
-        if failed is not None:
-            raise Retryable(failed)
-        return whole
-
-    def _unanswered(self, phase: Phase, keys: list[str]) -> list[str]:
-        states = ((key, self.frontier.get(phase.kind, key)) for key in keys)
-        return [key for key, state in states if state is not None and state[0] == "in_progress"]
-
-    def _count(self, phase: Phase, n: int, *, failed: str | None, whole: bool = True) -> None:
-        """`n` items were answered or failed. A service that fails again and again is down."""
+    def _ask(self, phase: Phase, items: list[Item]) -> None:
+        """Fetch and record items, and look whether the service is down where that failed."""
+        failure = self._fetch(phase, items)
+        if failure is None:
+            return
         with self._changed:
-            self.answered[phase.kind] += n
-            self._failures[phase.lane] = 0 if failed is None else self._failures[phase.lane] + 1
-            down = self._failures[phase.lane]
-        if failed is None and whole:
+            self._failures[phase.lane] += 1
+            doubtful = failure.unreachable or self._failures[phase.lane] >= phase.down
+            if doubtful:
+                self._failures[phase.lane] = 0  # other threads go on meanwhile
+        if doubtful and not self._is_up(phase):
+            self._stop(phase, _down(failure), 0)
+
+    def _is_up(self, phase: Phase) -> bool:
+        """Whether the service answers for an item that did not fail before.
+
+        Best is one that it has answered already: that is asked for again and nothing recorded.
+        Where a service has answered nothing yet, another item has to do.
+        """
+        known = self.turns.answered(phase.lane, phase)
+        if known is not None:
+            return self._answers(*known)
+        with self._changed:
+            another = self.turns.another(phase)
+        return bool(another) and self._fetch(phase, another) is None
+
+    def _answers(self, phase: Phase, item: Item) -> bool:
+        try:
+            answer = next(iter(self.source.fetch(phase, [item])), None)
+        except ItemFinal:
+            return True
+        except Retryable:
+            return False
+        except BaseException as error:  # noqa: BLE001  kept as the reason to end
+            self._stop(phase, error, 0)
+            return True
+        return answer is None or answer.failed is None
+
+    def _fetch(self, phase: Phase, items: list[Item]) -> Retryable | None:
+        """Fetch and record items; an error by its consequence. The failure, when it was one."""
+        failure: Retryable | None = None
+        whole = True
+        try:
+            for answer in self.source.fetch(phase, items):
+                self.session.record(answer)
+                if answer.failed is not None:
+                    failure = Retryable(answer.failed)
+                whole = whole and answer.whole
+        except ItemFinal as fact:
+            self.frontier.mark(phase.kind, self._unanswered(phase, items), "skipped", fact.reason)
+        except Retryable as error:
+            failure = error
+        except BaseException as error:  # noqa: BLE001  kept as the reason to end
+            self.frontier.release(phase.kind, *self._unanswered(phase, items))
+            self._stop(phase, error, len(items))
+            return None
+        self._settle(phase, items, failure, whole)
+        return failure
+
+    def _settle(
+        self, phase: Phase, items: list[Item], failure: Retryable | None, whole: bool
+    ) -> None:
+        """Items were answered or failed; a batch that failed is asked for in halves."""
+        left = self._unanswered(phase, items)
+        if failure is not None and len(left) > 1:
+            again = [item for item in items if item.key in left]
+            with self._changed:
+                self.turns.split(phase, again, failure.reason)
+                self._changed.notify_all()
+            items = [item for item in items if item.key not in left]
+        elif left:
+            reason = "unanswered" if failure is None else failure.reason
+            self.frontier.mark(phase.kind, left, "error", reason)
+        with self._changed:
+            self.answered[phase.kind] += len(items)
+            if failure is None:
+                self._failures[phase.lane] = 0
+                self._doubtful.pop(phase.lane, None)
+                self._up.add(phase.lane)
+            elif phase.lane not in self._up:
+                self._doubtful[phase.lane] = phase, failure
+        if failure is None and whole:
             self.session.let_in(phase.lane)
-        self._show(phase, n)
-        if failed is not None and down >= phase.down:
-            self._stop(phase, _down(failed, down), 0)
+        self._show(phase, len(items))
+
+    def _unanswered(self, phase: Phase, items: list[Item]) -> list[str]:
+        states = ((item.key, self.frontier.get(phase.kind, item.key)) for item in items)
+        return [key for key, state in states if state is not None and state[0] == "in_progress"]
 
     def _stop(self, phase: Phase, error: BaseException, given_back: int) -> None:
         """Close what a stop concerns; anything else ends the run."""
@@ -228,8 +288,13 @@ class Loop:
         bar.advance(n, **self._facts(phase))
 
 
-def _down(reason: str, times: int) -> Unreachable:
+def _down(failure: Retryable) -> Unreachable:
+    if failure.unreachable:
+        return Unreachable(
+            f"no connection: {failure.reason}",
+            hint="check the network; the same command goes on where it stopped",
+        )
     return Unreachable(
-        f"{reason}; {times} requests failed one after the other",
-        hint="the service seems to be down; the same command goes on",
+        f"{failure.reason}; no other item was answered either",
+        hint="the service seems to be down; the same command goes on where it stopped",
     )

@@ -2,11 +2,15 @@
 
 closed    a kind of which nothing more is asked in this run, and why
 above     the kinds whose answers lead to a kind, directly or by way of others
+halves    parts of batches that failed: each is asked for by itself, so that one item that always
+          fails does not keep those that were asked for with it from being read
+
+These, and what failed in an earlier run, are taken once more after everything else.
 """
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict, deque
 from collections.abc import Sequence
 from datetime import datetime
 
@@ -31,6 +35,8 @@ class Turns:
         self._limit = Limit(session.run.limit)
         self._in_hand: Counter[str] = Counter()  # fetches by kind
         self._closed: dict[str, Stopped] = {}
+        self._halves: defaultdict[str, deque[tuple[list[Item], str]]] = defaultdict(deque)
+        self._ends: dict[str, int] = {}
         self._lanes = {phase.kind: phase.lane for phase in self.phases}
         self._above = {
             phase.kind: upstream(self.phases, phase.kind) & self._lanes.keys()
@@ -41,6 +47,18 @@ class Turns:
         """In the order of their first phases."""
         return list(dict.fromkeys(self._lanes.values()))
 
+    def begin(self) -> None:
+        """The run begins: what failed by now is asked for once more, what fails from now on is
+        not, as it goes behind the end of its queue.
+        """
+        self._ends = {phase.kind: self._frontier.last(phase.kind) for phase in self.phases}
+
+    def end(self) -> None:
+        """The run is over: what was in progress is to do again."""
+        for kind, halves in self._halves.items():
+            self._frontier.release(kind, *(item.key for half, _ in halves for item in half))
+        self._halves.clear()
+
     # -- taking ------------------------------------------------------------------------------------
 
     def take(self, lane: str) -> Turn | None:
@@ -49,11 +67,44 @@ class Turns:
         if self._session.probing(lane) and any(self._in_hand[phase.kind] for phase in of_lane):
             return None
         self._close_what_is_limited()
-        for phase in of_lane:
-            turn = self._take_of(phase) if self._open(phase) else None
-            if turn is not None:
-                return turn
+        for failed in (False, True):
+            for phase in of_lane:
+                turn = self._take_of(phase, failed) if self._open(phase, failed) else None
+                if turn is not None:
+                    return turn
         return None
+
+    def split(self, phase: Phase, items: list[Item], reason: str) -> None:
+        """A batch failed: its halves are asked for later; they stay in progress until then."""
+        middle = (len(items) + 1) // 2
+        self._halves[phase.kind] += (items[:middle], reason), (items[middle:], reason)
+
+    def answered(self, lane: str, phase: Phase | None = None) -> tuple[Phase, Item] | None:
+        """An item of a lane, or of one `phase`, that the service has answered; None without one."""
+        for each in self._of(lane) if phase is None else [phase]:
+            item = self._frontier.answered(each.kind)
+            if item is not None and self._source.leave_out(each, item) is None:
+                return each, item
+        return None
+
+    def another(self, phase: Phase) -> list[Item]:
+        """One item that did not fail before, from the far end of the queue; none when there is
+        none. It belongs to the turn in hand.
+        """
+        while phase.kind not in self._closed and (not phase.limited or self._limit.room(1) > 0):
+            items = self._frontier.take(phase.kind, newest=True)
+            if not items:
+                break
+            if items := self._wanted(phase, items):
+                self._limit.take(int(phase.limited))
+                return items
+        halves = self._halves[phase.kind]
+        if not halves:
+            return []
+        (*others, last), reason = halves.pop()
+        if others:
+            halves.append((others, reason))
+        return [last]
 
     def may_come(self, lane: str) -> bool:
         """Whether a thread of this lane should wait for what is in hand, here or above."""
@@ -82,25 +133,36 @@ class Turns:
     def _close_what_is_limited(self) -> None:
         """As many were answered as the limit allows: nothing more is listed for them either."""
         for phase in self.phases:
-            if not phase.limited or phase.seeks or self._in_hand[phase.kind]:
+            kind = phase.kind
+            if not phase.limited or phase.seeks or self._in_hand[kind] or self._halves[kind]:
                 continue
             if self._limit.room(1) <= 0:
                 self.close(phase, self._limit.reached())
 
-    def _open(self, phase: Phase) -> bool:
+    def _open(self, phase: Phase, failed: bool) -> bool:
         """Whether a phase may be worked on now, as far as the others are concerned."""
         if phase.kind in self._closed or self._in_hand[phase.kind] >= phase.workers:
             return False
-        return not (phase.whole and any(self._busy(kind) for kind in self._above[phase.kind]))
+        waits = phase.whole or failed
+        return not (waits and any(self._busy(kind) for kind in self._above[phase.kind]))
 
-    def _take_of(self, phase: Phase) -> Turn | None:
+    def _take_of(self, phase: Phase, failed: bool) -> Turn | None:
         """Items of a phase, without those that the source leaves out."""
-        while self._frontier.ready(phase.kind):
+        while failed and self._halves[phase.kind]:
+            half, reason = self._halves[phase.kind].popleft()
+            if self.answered(phase.lane, phase) is not None:
+                self._in_hand[phase.kind] += 1
+                return phase, half
+            # Nothing of this kind was ever answered: it is not one item that spoils the batch.
+            self._frontier.mark(phase.kind, (item.key for item in half), "error", reason)
+        ready, take = self._frontier.ready, self._frontier.take
+        upto = self._ends[phase.kind] if failed else None
+        while ready(phase.kind, failed_upto=upto):
             room = self._limit.room(phase.batch) if phase.limited else phase.batch
-            if phase.packed and self._frontier.ready(phase.kind, room) < room and self._more(phase):
+            if phase.packed and ready(phase.kind, room) < room and self._more(phase):
                 return None
             # What is left out takes nothing of the limit, so it is looked for beyond it too.
-            items = self._wanted(phase, self._frontier.take(phase.kind, max(room, 1)))
+            items = self._wanted(phase, take(phase.kind, max(room, 1), failed_upto=upto))
             if not items:
                 continue
             if room <= 0:
@@ -131,7 +193,7 @@ class Turns:
         """Whether a phase has items in hand, or some that this run will take."""
         if self._in_hand[kind]:
             return True
-        return kind not in self._closed and bool(self._frontier.ready(kind))
+        return kind not in self._closed and bool(self._halves[kind] or self._frontier.ready(kind))
 
     def _more(self, phase: Phase) -> bool:
         """Whether the phase's own lane can be asked for more of its items first."""

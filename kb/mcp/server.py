@@ -9,10 +9,10 @@ from __future__ import annotations
 import functools
 import os
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from kb import __version__
 from kb.core.context import Run
@@ -20,12 +20,13 @@ from kb.core.errors import KbError, MissingExtra, UsageError
 from kb.core.installation import install_extra
 from kb.mcp import fence
 from kb.mcp.about import about
+from kb.mcp.arguments import one_line
 from kb.mcp.around import around
 from kb.mcp.asked import MOST_ROWS, MOST_SECONDS, ROWS, SECONDS, asked
 from kb.mcp.found import found
 from kb.mcp.places import place
-from kb.reader.places import look
 from kb.search.rank import Only, day_given
+from kb.store import catalog
 
 INSTRUCTIONS = (
     "A local knowledge base made of video transcripts, a wiki and forum threads. Ask `search`"
@@ -66,14 +67,27 @@ def make(run: Run) -> Any:
     """The server with its tools. Raises as `serve`."""
     try:
         from mcp.server import MCPServer
+        from mcp.server.mcpserver.exceptions import ToolError
         from mcp_types import ToolAnnotations
     except ImportError as error:
         raise MissingExtra(
             f"kb mcp needs the Python package {error.name}",
             hint=install_extra("mcp"),
         ) from None
-    look([run.root])
-    server = MCPServer(
+    catalog.read(run.root)
+
+    class Server(MCPServer):
+        """The SDK's server, whose answer to a wrong argument is one line."""
+
+        async def call_tool(self, name: str, arguments: dict[str, Any], context: Any = None) -> Any:
+            try:
+                return await super().call_tool(name, arguments, context)
+            except ToolError as error:
+                if isinstance(error.__cause__, ValidationError):
+                    raise ToolError(f"{name}: {one_line(error.__cause__)}") from None
+                raise
+
+    server = Server(
         "lorecrawl",
         title=f"Lorecrawl: {run.profile.title}",
         instructions=INSTRUCTIONS,
@@ -98,8 +112,12 @@ def tools(run: Run) -> list[Callable[..., Any]]:
                 " answer better; none of them has to be there."
             ),
         ],
-        source: Annotated[list[Source] | None, Field(description="From there only.")] = None,
-        kind: Annotated[list[Kind] | None, Field(description="Of that kind only.")] = None,
+        source: Annotated[
+            list[Source] | Source | None, Field(description="From there only; one or several.")
+        ] = None,
+        kind: Annotated[
+            list[Kind] | Kind | None, Field(description="Of that kind only; one or several.")
+        ] = None,
         entity: Annotated[
             str, Field(description="Out of what names that keyword only; links.entities has them.")
         ] = "",
@@ -119,14 +137,14 @@ def tools(run: Run) -> list[Callable[..., Any]]:
         the passage.
         """
         only = Only(
-            kinds=tuple(kind or ()),
+            kinds=_several(kind),
             since=day_given("since", since),
             until=day_given("until", until),
             least=least_score,
             each=each or None,
             limit=limit,
         )
-        return found(run, query, source or [], only, max_chars, entity)
+        return found(run, query, _several(source), only, max_chars, entity)
 
     @_tool
     def read(
@@ -169,6 +187,10 @@ def tools(run: Run) -> list[Callable[..., Any]]:
 
     about_.__name__ = "about"
     return [search, read, query, about_]
+
+
+def _several(given: Sequence[str] | str | None) -> tuple[str, ...]:
+    return (given,) if isinstance(given, str) else tuple(given or ())
 
 
 def _tool(function: Callable[..., str]) -> Callable[..., Awaitable[str]]:

@@ -37,11 +37,10 @@ def attempt(
 ) -> Result:
     """The result of `call`, tried again while it raises Retryable, at most `tries` times in all.
 
-    After the last try: Unreachable when there was no connection, else the Retryable itself (the
-    item failed and the next run tries it again). Raises Blocked when the service asks to wait
-    longer than `patience` seconds, or turns every try away (429). `sleep` waits between the tries
-    instead of the clock's, and may raise. `service` names a service without which nothing goes on:
-    what fails to the end is Unreachable then.
+    After the last try the Retryable itself: the item failed, and the next run tries it again.
+    Raises Blocked when the service asks to wait longer than `patience` seconds, or turns every try
+    away (429). `sleep` waits between the tries instead of the clock's, and may raise. `service`
+    names a service without which nothing goes on: what fails to the end is Unreachable then.
     """
 
     def wait(state: tenacity.RetryCallState) -> float:
@@ -61,11 +60,6 @@ def attempt(
     try:
         return retrying(call)
     except Retryable as error:
-        if error.unreachable:
-            raise Unreachable(
-                f"no connection after {tries} tries: {error.reason}",
-                hint="check the network; the same command goes on where it stopped",
-            ) from error
         if error.throttled:
             stop = blocked(
                 f"the service turns us away {tries} times in a row ({error})",
@@ -74,6 +68,11 @@ def attempt(
             )
             stop.after = error.after or min(patience, PATIENCE_S)
             raise stop from error
+        if service is not None and error.unreachable:
+            raise Unreachable(
+                f"no connection after {tries} tries: {error.reason}",
+                hint="check the network; the same command goes on where it stopped",
+            ) from error
         if service is not None:
             raise Unreachable(
                 f"{service} gives no usable answer: {error.reason}",

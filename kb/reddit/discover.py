@@ -61,7 +61,7 @@ def seed(frontier: Frontier, section: Section, span: Span, *, again: bool) -> bo
     frontier.mark("listing", ahead, "todo")
     if again and not frontier.ready("listing"):
         _new_round(frontier, names)
-    return any(frontier.ready(kind) for kind in KINDS)
+    return bool(frontier.open(*KINDS))
 
 
 def _new_round(frontier: Frontier, names: list[str]) -> None:

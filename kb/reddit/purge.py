@@ -107,11 +107,12 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
     Raises SettingError when `ids` can't be read, before anything is written; Interrupted (the same
     command goes on).
     """
-    if ids:
-        read_wanted(ids)
+    said = {}
+    if ids and (bad_lines := read_wanted(ids, run.progress.say).bad_lines):
+        said["bad_lines"] = bad_lines
     # What a killed import had not noted holds texts too. Damage is set aside and told later.
     with open_session(run, Reddit(run), asks=False, tells=False) as session:
-        keys = collected(session, lambda: Keys(collect(run, ids)))
+        keys = collected(session, lambda: Keys(collect(run, ids), said))
         purge.begin(run.root, "reddit", keys)
         if keys:
             _take_out(run, session.frontier, keys)

@@ -34,10 +34,9 @@ from kb.core.settings import REDDIT, load_settings
 from kb.core.verdict import Summary
 from kb.crawl import job
 from kb.net import redact
-from kb.reddit import byid, earlier, places, tables
+from kb.reddit import byid, dumpfiles, earlier, places, tables
 from kb.reddit.again import Rebuild, unanswered
 from kb.reddit.authors import load_key
-from kb.reddit.dumps import check_readable
 from kb.reddit.importing import different, import_jobs, summary_of
 from kb.reddit.onedump import Job
 from kb.reddit.wanted import Ids, Wanted, asked_for, released, subreddit_of
@@ -145,10 +144,10 @@ def rebuild(
     on); CredentialRefused and WriterLocked (exit 1).
     """
     if dumps:
-        check_readable(dumps)
+        dumps = dumpfiles.find(run, dumps).files
     else:
         need_key(run)
-    wanted, sources = asked_for(ids, Layout(run.root).release("reddit"))
+    wanted, sources = asked_for(ids, Layout(run.root).release("reddit"), run.progress.say)
     digest = _digest(wanted, dumps, gone)
     tables.check_place(out)
     with _writer(run.root, out):
@@ -173,6 +172,8 @@ def rebuild(
             summary = job.work(run, source, source.summary, place=work, facts=source.facts)
             left = unanswered(Layout(work).state("reddit"))
             answers = answers._replace(unanswered=left)
+        if wanted.bad_lines:
+            summary["bad_lines"] = summary.get("bad_lines", 0) + wanted.bad_lines
         try:
             done.answered.pop(digest, None)
             done.counts = tables.write(answers, out, run.profile.section("reddit").links)

@@ -102,7 +102,7 @@ def _more(frontier: Frontier, params: dict[str, Any], response: Any) -> None:
     settled = [key for key in asked if key not in again]
     frontier.done("more", *settled)
     if settled:
-        frontier.release("more", *again.intersection(asked))
+        frontier.mark("more", again.intersection(asked), "todo")
     else:
         frontier.mark("more", asked, "error", AGAIN)
 

@@ -1,15 +1,15 @@
-"""What a reconstruction or a purge is asked for: full names, a released Parquet file, the published
-`reddit.json`.
+"""What a reconstruction or a purge is asked for, by any list that kb.crawl.id_list reads.
+
+Full names (t3_…, t1_…) and addresses of posts and comments are asked for one by one. Bare ids in
+JSON are those of MineDojo's `reddit.json`, which names no comments: whole trees are fetched.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple, cast
@@ -18,22 +18,59 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
-from kb.core.profile import PROFILE_FILE
+from kb.core.resources import PROFILE_FILE
+from kb.crawl.id_list import (
+    Entry,
+    IdRules,
+    column_of,
+    files_of,
+    is_parquet,
+    read_some,
+    readable,
+)
 from kb.store import parquet
 
 Ids = Path | str | Iterable[str | Path] | None
 """A file or folder of ids, several of them, or full names; None: the data root's own release."""
 
-_NAME = re.compile(r"t[13]_[0-9a-z]{1,13}\Z")
+_NAME = re.compile(r"t[13]_[0-9a-z]{1,13}")
+_BARE = re.compile(r"[0-9a-z]{1,13}")
+_ADDRESS = re.compile(r"/comments/([0-9a-z]{1,13})(?:/[^/]*(?:/([0-9a-z]{1,13}))?)?/?(?:[?#].*)?$")
+_PREFIXES = {"comment_id": "t1_", "post_id": "t3_", "key": "", "name": "", "fullname": ""}
+
+
+def _key(entry: Entry) -> str | None:
+    """A full name, or the bare id of a post whose tree is meant."""
+    text = str(entry.value).strip().lower()
+    if match := _ADDRESS.search(text):
+        return f"t1_{match[2]}" if match[2] else f"t3_{match[1]}"
+    if entry.column in ("id", "[]"):
+        text = text.removeprefix("t3_")
+        return text if _BARE.fullmatch(text) or _NAME.fullmatch(text) else None
+    prefix = _PREFIXES.get(entry.column, "")
+    text = text if text.startswith(prefix) else prefix + text
+    return text if _NAME.fullmatch(text) else None
+
+
+RULES = IdRules(
+    option="--ids",
+    noun="full names of posts or comments",
+    hint="give --ids FILE: posts as t3_… and comments as t1_… one a line, a released Parquet file"
+    " or MineDojo's reddit.json",
+    columns=(*_PREFIXES, "id", "permalink"),
+    tables=(("posts", "comments"),),
+    parse=_key,
+)
 
 
 class Wanted(NamedTuple):
     """`names`: full names to ask for by `info`. `trees`: bare ids of posts whose whole trees are to
-    be fetched.
+    be fetched. `bad_lines` of text are neither.
     """
 
     names: list[str] | Files | Several
     trees: list[str]
+    bad_lines: int = 0
 
     def digest(self) -> str:
         """Tells what is wanted from anything else. Raises SettingError where a released file is
@@ -67,7 +104,8 @@ class Files:
     """
 
     def __init__(self, files: list[Path]) -> None:
-        self._columns = [(path, *_column(path)) for path in files]
+        columns = [(path, column_of(path, RULES.option, tuple(_PREFIXES))) for path in files]
+        self._columns = [(path, column, _PREFIXES[column]) for path, column in columns]
         self._rows = sum(parquet.footer(path).num_rows for path in files)
 
     def __len__(self) -> int:
@@ -75,15 +113,18 @@ class Files:
 
     def __iter__(self) -> Iterator[str]:
         for path, column, prefix in self._columns:
-            with _unreadable(path), parquet.open_file(path) as file:
+            with readable(path, RULES.option), parquet.open_file(path) as file:
                 for batch in file.iter_batches(columns=[column]):
                     yield from (prefix + str(key) for key in batch.column(0).to_pylist())
 
 
-def asked_for(ids: Ids, release: Path) -> tuple[Wanted, list[Path]]:
+def asked_for(
+    ids: Ids, release: Path, say: Callable[[str], None] | None = None
+) -> tuple[Wanted, list[Path]]:
     """What is wanted, and the files and folders that it stands in. `ids` as for a reconstruction.
 
-    Without `ids` it is the data root's own `release`. Raises SettingError.
+    Without `ids` it is the data root's own `release`. `say` gets one line for each list with
+    entries that are no ids. Raises SettingError.
     """
     if ids is None:
         if not release.is_dir():
@@ -92,18 +133,20 @@ def asked_for(ids: Ids, release: Path) -> tuple[Wanted, list[Path]]:
                 hint="name what to bring back, as in `kb reddit reconstruct --ids release/reddit`, "
                 "or make one first with `kb reddit export`",
             )
-        return read_wanted(release), [release]
+        return read_wanted(release, say), [release]
     if isinstance(ids, (str, Path)):
-        return read_wanted(Path(ids)), [Path(ids)]
+        return read_wanted(Path(ids), say), [Path(ids)]
     ids = list(ids)
     paths = [one for one in ids if isinstance(one, Path)]
     if not paths:
-        return read_names(cast("list[str]", ids), "ids"), []
-    found = [read_wanted(Path(one)) for one in ids]
+        return _named(cast("list[str]", ids)), []
+    found = [read_wanted(Path(one), say) for one in ids]
     if len(found) == 1:
         return found[0], paths
     trees = dict.fromkeys(key for one in found for key in one.trees)
-    return Wanted(Several([one.names for one in found]), list(trees)), [Path(one) for one in ids]
+    bad_lines = sum(one.bad_lines for one in found)
+    names = Several([one.names for one in found])
+    return Wanted(names, list(trees), bad_lines), [Path(one) for one in ids]
 
 
 def subreddit_of(sources: Sequence[Path]) -> str:
@@ -124,60 +167,30 @@ def _subreddit(folder: Path) -> str:
     return name if isinstance(name, str) else ""
 
 
-def read_wanted(path: Path) -> Wanted:
-    """The ids of a file in its order, without duplicates but for Parquet. Raises SettingError (exit
-    2).
-
-    Lines: a full name each. Parquet: `comment_id`, else `post_id`, else full names in `key`. JSON:
-    a list of objects with `id` (bare, as MineDojo published it). A folder: the Parquet files of a
-    release in it.
+def read_wanted(path: Path, say: Callable[[str], None] | None = None) -> Wanted:
+    """The ids of a list in its order, without duplicates but for Parquet. Raises SettingError (exit
+    2), also where there are none.
     """
-    with _unreadable(path):
-        if path.is_dir():
-            files = sorted(
-                [*path.glob("posts-*.parquet"), *path.glob("comments-*.parquet")],
-                key=lambda file: (file.name[0] == "c", file.name),
-            )
-            if not files:
-                raise SettingError(
-                    f"{path} holds no released posts or comments",
-                    hint="give --ids PROFILE_FILE, or run `kb reddit export` first",
-                )
-            return _some(Files(files))
-        with path.open("rb") as file:
-            start = file.read(4)
-        if start == b"PAR1":
-            return _some(Files([path]))
-        text = path.read_text(encoding="utf-8-sig")
-        if path.suffix == ".json" or text.lstrip().startswith("["):
-            return _published(path, text)
-    return read_names(text.splitlines(), str(path))
+    with readable(path, RULES.option):
+        if path.is_dir() or is_parquet(path):
+            files = Files(files_of(path, RULES))
+            if not len(files):
+                raise SettingError(f"--ids {path} holds no ids", hint=RULES.hint)
+            return Wanted(files, [])
+    listed = read_some(path, RULES, say)
+    trees = [key for key in listed.keys if not _NAME.fullmatch(key)]
+    names = [key for key in listed.keys if _NAME.fullmatch(key)]
+    return Wanted(names, trees, listed.bad_lines)
 
 
-@contextmanager
-def _unreadable(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise SettingError(f"--ids {path}: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:
-        raise SettingError(f"--ids {path} can't be read: {str(error).splitlines()[0]}") from None
-
-
-def read_names(lines: Iterable[str], where: str) -> Wanted:
-    """Full names, one a line. Raises SettingError naming the first line that is no full name."""
-    found = []
-    for number, line in enumerate(lines, 1):
-        name = line.strip().lower()
-        if not name:
-            continue
-        if not _NAME.match(name):
-            raise SettingError(
-                f"{where}, line {number}: {line.strip()[:40]!r} is no full name",
-                hint="write posts as t3_… and comments as t1_…",
-            )
-        found.append(name)
-    return _some(list(dict.fromkeys(found)))
+def _named(names: Iterable[str]) -> Wanted:
+    """Full names as they are. Raises SettingError for what is none, and for none at all."""
+    keys = {name: _key(Entry(name)) for name in names}
+    wrong = next((name for name, key in keys.items() if key is None), None)
+    if wrong is not None or not keys:
+        what = f"{wrong[:40]!r} is not a full name" if wrong is not None else "no ids to ask for"
+        raise SettingError(what, hint=RULES.hint)
+    return Wanted(list(dict.fromkeys(key for key in keys.values() if key is not None)), [])
 
 
 class Released(NamedTuple):
@@ -215,42 +228,3 @@ def _column_of(sources: Sequence[Path], short: str, key: str, name: str) -> pa.T
             rows = parquet.read_table(file, columns=[key, name])
             found.append(rows.cast(pa.schema(columns)))
     return pa.concat_tables(found) if found else None
-
-
-def _some(names: list[str] | Files) -> Wanted:
-    if not len(names):
-        raise SettingError(
-            "there are no ids to ask for",
-            hint="give --ids PROFILE_FILE with full names, a released Parquet file or reddit.json",
-        )
-    return Wanted(names, [])
-
-
-def _column(path: Path) -> tuple[str, str]:
-    """The column that names things, and what makes full names of its values."""
-    columns = pq.read_schema(path).names
-    for column, prefix in (("comment_id", "t1_"), ("post_id", "t3_"), ("key", "")):
-        if column in columns:
-            return column, prefix
-    raise SettingError(
-        f"--ids {path} has no column comment_id, post_id or key; it has {', '.join(columns)}"
-    )
-
-
-def _published(path: Path, text: str) -> Wanted:
-    data = json.loads(text)
-    if not isinstance(data, list):
-        raise SettingError(
-            f"--ids {path} is no list",
-            hint="MineDojo's reddit.json is a list of objects with an id",
-        )
-    ids = [
-        str(entry.get("id") or "" if isinstance(entry, dict) else entry).removeprefix("t3_").lower()
-        for entry in data
-    ]
-    for number, key in enumerate(ids, 1):
-        if not _NAME.match(f"t3_{key}"):
-            raise SettingError(f"--ids {path}: entry {number} has no Reddit id")
-    if not ids:
-        raise SettingError(f"--ids {path} is empty")
-    return Wanted([], list(dict.fromkeys(ids)))

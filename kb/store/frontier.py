@@ -9,20 +9,25 @@ from typing import Any
 
 import msgspec
 
-from kb.store.state import UNREADABLE, State, as_json
+from kb.store.state import PUT_BACK, UNREADABLE, State, as_json
 
 ROUND = "refresh: older than"  # the cursor of a refresh that was asked for by --older-than
 # Asked at each `add`: without an index that answers it, a million keys take hours.
+_END = 2**63 - 1
 LAST = "SELECT coalesce(max(seq), 0) FROM items WHERE kind = ?"
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One thing to fetch. `payload` is what its source wants to know about it."""
+    """One thing to fetch. `payload` is what its source wants to know about it.
+
+    `failed`: an earlier run asked for it in vain.
+    """
 
     kind: str
     key: str
     payload: Any
+    failed: bool = False
 
 
 class Frontier(State):
@@ -60,29 +65,56 @@ class Frontier(State):
             )
             return self._db.total_changes - before
 
-    def take(self, kind: str, n: int = 1) -> list[Item]:
-        """Up to `n` items to do, oldest first; they are in progress until answered."""
+    def take(
+        self, kind: str, n: int = 1, *, failed_upto: int | None = None, newest: bool = False
+    ) -> list[Item]:
+        """Up to `n` items to do, oldest first unless `newest`; they are in progress until answered.
+
+        With `failed_upto` those that failed before that place in the queue (see `last`) instead.
+        """
+        order = "DESC" if newest else "ASC"
         with self.transaction():
             rows = self._db.execute(
-                "SELECT key, payload FROM items WHERE kind = ? AND status = 'todo'"
-                " ORDER BY seq LIMIT ?",
-                (kind, n),
+                "SELECT key, payload FROM items WHERE kind = ? AND status = ? AND seq <= ?"
+                f" ORDER BY seq {order} LIMIT ?",
+                (kind, *_queue(failed_upto), n),
             ).fetchall()
             self._db.executemany(
                 "UPDATE items SET status = 'in_progress' WHERE kind = ? AND key = ?",
                 [(kind, row[0]) for row in rows],
             )
-        return [Item(kind, key, self._decode(kind, payload)) for key, payload in rows]
+        failed = failed_upto is not None
+        return [Item(kind, key, self._decode(kind, payload), failed) for key, payload in rows]
+
+    def last(self, kind: str) -> int:
+        """The last place in the queue of a kind; what fails later goes behind it."""
+        with self._lock:
+            return int(self._db.execute(LAST, (kind,)).fetchone()[0])
+
+    def answered(self, kind: str) -> Item | None:
+        """An item that the service has answered, None when there is none."""
+        with self._lock:
+            row = self._db.execute(
+                "SELECT key, payload FROM items WHERE kind = ? AND status = 'done'"
+                " ORDER BY seq DESC LIMIT 1",
+                (kind,),
+            ).fetchone()
+        return None if row is None else Item(kind, row[0], self._decode(kind, row[1]))
 
     def mark(self, kind: str, keys: Iterable[str], status: str, reason: str | None = None) -> None:
         """Set the status of known keys."""
         self.mark_each(kind, ((key, status, reason) for key in keys))
 
     def mark_each(self, kind: str, marks: Iterable[tuple[str, str, str | None]]) -> None:
-        """Set (key, status, reason) of known keys, one after the other."""
+        """Set (key, status, reason) of known keys, one after the other.
+
+        What failed goes to the end of the queue.
+        """
         with self.transaction():
             self._db.executemany(
-                "UPDATE items SET status = ?, reason = ? WHERE kind = ? AND key = ?",
+                "UPDATE items SET status = ?1, reason = ?2, seq = CASE ?1 WHEN 'error'"
+                " THEN (SELECT max(seq) + 1 FROM items WHERE kind = ?3) ELSE seq END"
+                " WHERE kind = ?3 AND key = ?4",
                 ((status, reason, kind, key) for key, status, reason in marks),
             )
 
@@ -99,15 +131,20 @@ class Frontier(State):
         self.mark(kind, [key], "skipped", reason)
 
     def release(self, kind: str, *keys: str) -> None:
-        """Give items back that were taken but not asked for."""
-        self.mark(kind, keys, "todo")
+        """Give items back that were taken but not asked for: to do, or failed as before."""
+        with self.transaction():
+            self._db.executemany(
+                f"UPDATE items SET {PUT_BACK} WHERE kind = ? AND key = ?",
+                ((kind, key) for key in keys),
+            )
 
     def reopen(self, kind: str, *statuses: str) -> int:
         """Items of these statuses become todo again; how many."""
         with self.transaction():
             marks = ", ".join("?" * len(statuses))
             return self._db.execute(
-                f"UPDATE items SET status = 'todo' WHERE kind = ? AND status IN ({marks})",
+                "UPDATE items SET status = 'todo', reason = NULL WHERE kind = ?"
+                f" AND status IN ({marks})",
                 (kind, *statuses),
             ).rowcount
 
@@ -173,15 +210,15 @@ class Frontier(State):
                 ).fetchall()
             )
 
-    def ready(self, kind: str, most: int = 1) -> int:
-        """How many items of a kind are to do,
+    def ready(self, kind: str, most: int = 1, *, failed_upto: int | None = None) -> int:
+        """How many items of a kind `take` would give,
         counted up to `most`: quick however many there are.
         """
         with self._lock:
             row = self._db.execute(
                 "SELECT count(*) FROM (SELECT 1 FROM items WHERE kind = ?"
-                " AND status = 'todo' LIMIT ?)",
-                (kind, most),
+                " AND status = ? AND seq <= ? LIMIT ?)",
+                (kind, *_queue(failed_upto), most),
             ).fetchone()
             return int(row[0])
 
@@ -189,6 +226,10 @@ class Frontier(State):
         """How many items of these kinds have no answer yet, those in progress included."""
         counts = (self.counts(kind) for kind in kinds)
         return sum(count.get("todo", 0) + count.get("in_progress", 0) for count in counts)
+
+    def open(self, *kinds: str) -> int:
+        """How many items of these kinds a run has to ask for: those that wait or have failed."""
+        return self.waiting(*kinds) + sum(self.counts(kind).get("error", 0) for kind in kinds)
 
     def kinds(self) -> dict[str, dict[str, int]]:
         """Counts by status of every kind, by name."""
@@ -209,6 +250,11 @@ def going_on(frontier: Frontier, kind: str, older_than: int | None) -> bool:
     if older_than is None or frontier.cursor(ROUND) != older_than:
         return False
     return frontier.ready(kind) > 0
+
+
+def _queue(failed_upto: int | None) -> tuple[str, int]:
+    """Status and last place of the items to take."""
+    return ("todo", _END) if failed_upto is None else ("error", failed_upto)
 
 
 def _pair(entry: str | tuple[str, Any]) -> tuple[str, str | None]:

@@ -40,6 +40,8 @@ CREATE TABLE offsets (kind TEXT NOT NULL, segment TEXT NOT NULL, offset INTEGER 
 """
 # MIGRATIONS[n] brings version n to n + 1; the file is copied aside first.
 MIGRATIONS = {1: "CREATE INDEX items_by_order ON items (kind, seq);"}
+# Of an item in progress: one that had failed before keeps its reason until it is answered.
+PUT_BACK = "status = CASE WHEN reason IS NULL THEN 'todo' ELSE 'error' END"
 SYNCHRONOUS = "FULL"  # a commit is on disk when it returns
 UNREADABLE = (msgspec.DecodeError, TypeError, RecursionError, UnicodeDecodeError)
 
@@ -65,7 +67,7 @@ class State:
             self._db.execute(f"PRAGMA cache_size = -{_CACHE_KIB}")
             self._prepare()
             # Whatever was in flight when the last writer ended is asked again.
-            self._db.execute("UPDATE items SET status = 'todo' WHERE status = 'in_progress'")
+            self._db.execute(f"UPDATE items SET {PUT_BACK} WHERE status = 'in_progress'")
         except BaseException:
             self._db.close()
             raise
@@ -171,10 +173,16 @@ class State:
             )
             return int(cursor.lastrowid or 0)
 
-    def outcome(self, row: int, outcome: str) -> None:
-        """What became of a request: an HTTP status or an error's name."""
+    def outcome(self, row: int, outcome: str, *, sent: bool = True) -> None:
+        """What became of a request: an HTTP status or an error's name.
+
+        One that was never `sent` costs no units.
+        """
         with self.transaction():
-            self._db.execute("UPDATE ledger SET outcome = ? WHERE id = ?", (outcome, row))
+            self._db.execute(
+                "UPDATE ledger SET outcome = ?, units = units * ? WHERE id = ?",
+                (outcome, int(sent), row),
+            )
 
     def spent(self, bucket: str, day: str) -> int:
         """Units of a bucket spent on a day."""

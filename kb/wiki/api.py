@@ -16,7 +16,7 @@ from urllib.parse import urljoin, urlsplit, urlunsplit
 
 import msgspec
 
-from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable, Unreachable
+from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable
 from kb.crawl.source import Answer
 from kb.net import retry
 from kb.wiki import answers
@@ -45,7 +45,7 @@ class Api:
     """Each question gives the answer to be recorded.
 
     What is no answer to the question (kb.wiki.answers) is tried again and never kept. All raise
-    Unreachable or Blocked after all tries, FatalError for a request that the API refuses.
+    Retryable or Blocked after all tries, FatalError for a request that the API refuses.
     """
 
     def __init__(self, endpoint: str, web: Web) -> None:
@@ -65,7 +65,7 @@ class Api:
     def listing(self, number: int, namespace: int, going: dict[str, str | int]) -> Answer:
         """500 pages of a namespace without redirects.
 
-        `going` is what the answer before it gave to go on. Raises Unreachable when the list goes
+        `going` is what the answer before it gave to go on. Raises Retryable when the list goes
         in a circle.
         """
         params = {
@@ -165,22 +165,21 @@ class _Circle:
         self._last: list[Any] | None = None
 
     def check(self, going: Mapping[str, str | int]) -> None:
-        """Before a step is asked for. Raises Unreachable when it was answered before."""
+        """Before a step is asked for. Raises Retryable when it was answered before."""
         if _step(going) in self._seen:
             raise _endless(_step(going))
 
     def note(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
-        """A step was answered. Raises Unreachable when the one before gave the same entries."""
+        """A step was answered. Raises Retryable when the one before gave the same entries."""
         if entries and entries == self._last:
             raise _endless(_step(going))
         self._seen.add(_step(going))
         self._last = list(entries)
 
 
-def _endless(step: str) -> Unreachable:
-    return Unreachable(
-        f"the wiki's API goes in a circle: it says again to continue at {answers.quoted(step)}",
-        hint="nothing that was read is lost; run the same command later, or use --titles",
+def _endless(step: str) -> Retryable:
+    return Retryable(
+        f"the wiki's API goes in a circle: it says again to continue at {answers.quoted(step)}"
     )
 
 
@@ -232,7 +231,7 @@ def find_endpoint(web: Web, url: str, *, known: bool = False) -> str:
     """
     web.barred(f"{url}/")
     try:
-        page = web.attempt(lambda: web.get(f"{url}/", {}))
+        page = web.attempt(lambda: web.get(f"{url}/", {}), service="the wiki")
     except Refused as error:
         raise Blocked(
             f"the wiki refuses us ({error.reason})", hint="wait and run the same command again"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from kb.core.errors import ItemFinal, Unreachable
+from kb.core.errors import ItemFinal, Retryable
 from kb.core.profile.wiki import Wiki
 from kb.store.frontier import Item
 from kb.store.layout import BELOW, Layout
@@ -44,7 +44,7 @@ def fetch_original(web: Web, section: Wiki, item: Item, page: dict[str, Any]) ->
         except ItemFinal as error:
             reason, value = reason or error.reason, value or error.value
             continue
-        except Unreachable as error:
+        except Retryable as error:
             # One image that the server can't give is no reason to stop: the next run asks again.
             return {**answer, "outcome": "failed", "reason": str(error)}
         return {

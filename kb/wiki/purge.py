@@ -12,6 +12,7 @@ from pathlib import Path
 from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.crawl import purge as frame
+from kb.crawl.id_list import IdList
 from kb.crawl.session import Session
 from kb.store import purge, purge_plan, rawlog, sidefiles, tombstones
 from kb.store.frontier import Frontier
@@ -23,7 +24,7 @@ from kb.wiki import extraction, tables
 from kb.wiki.payloads import PAYLOADS
 from kb.wiki.reduce import LEFT
 from kb.wiki.source import WikiSource
-from kb.wiki.titles import Titles, read_names
+from kb.wiki.titles import read_names
 
 _PURGED = "purged titles"  # cursor of the frontier
 ROWS = (
@@ -41,7 +42,7 @@ def purge_raw(run: Run, ids: Path | None) -> frame.Keys:
     keep them away), `bad_lines` can be no page. Raises SettingError (exit 2) when the file can't be
     read, before anything is written.
     """
-    named = read_names(ids, "--ids", ("page_id", "title")) if ids else Titles([], frozenset(), 0)
+    named = read_names(ids, run.progress.say) if ids else IdList([])
 
     def collect(session: Session) -> frame.Keys:
         known, unknown, bad = _find(named, session.frontier, session.gone)
@@ -56,7 +57,7 @@ def purge_raw(run: Run, ids: Path | None) -> frame.Keys:
 
 def plan(run: Run, ids: Path | None) -> Summary:
     """What `kb purge wiki` would remove, counted. Changes nothing."""
-    named = read_names(ids, "--ids", ("page_id", "title")) if ids else Titles([], frozenset(), 0)
+    named = read_names(ids, run.progress.say) if ids else IdList([])
     root = run.root
     with purge_plan.state(root, "wiki", PAYLOADS) as frontier:
         if frontier is None:
@@ -77,7 +78,7 @@ def _gone(frontier: Frontier) -> dict[str, str]:
 
 
 def _find(
-    named: Titles, frontier: Frontier, removed: Collection[str]
+    named: IdList, frontier: Frontier, removed: Collection[str]
 ) -> tuple[set[str], set[str], int]:
     """Keys of named pages that are or were here, names nothing bears, how many can be no page's."""
     pages = {key: page for key, _, _, page in frontier.items("pages")}
@@ -93,8 +94,8 @@ def _find(
     known: set[str] = set()
     unknown: set[str] = set()
     bad = named.bad_lines
-    for name in named.names:
-        if name in pages or name in named.ids or name in removed:  # a number is an id first
+    for name in named.keys:
+        if name in pages or name in named.numbers or name in removed:  # a number is an id first
             (known if name in pages or name in removed else unknown).add(name)
         elif held := _by_title(titles, purged, name):
             known.add(held)

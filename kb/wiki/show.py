@@ -30,7 +30,7 @@ _ENCODER = msgspec.json.Encoder()
 
 
 def show_page(web: Web, section: Wiki, pool: Pool, item: Item) -> dict[str, Any]:
-    """All tries of one page: the answer to be recorded. Raises Stopped, MissingExtra."""
+    """All tries of one page: the answer to be recorded. Raises Retryable, Stopped, MissingExtra."""
     url = web.today(item.payload.url)
     answer: dict[str, Any] = {
         "page_id": int(item.key),
@@ -102,7 +102,7 @@ def _final(web: Web, error: ItemFinal) -> dict[str, Any]:
 def _look_at_front_page(web: Web) -> None:
     """A refused page may be that page's own matter; a refused front page is not. Raises Blocked."""
     try:
-        web.attempt(lambda: web.get(f"{web.root}/", {}))
+        web.attempt(lambda: web.get(f"{web.root}/", {}), service="the wiki")
     except ItemFinal as error:
         raise Blocked(
             f"the wiki refuses us ({error.reason})", hint="wait and run the same command again"
@@ -129,7 +129,7 @@ def _ask_plainly(web: Web, url: str, error: Retryable) -> ItemFinal | None:
     """A plain request tells what the browser hides: 4xx without a body, no wiki at all.
 
     When the browser was told a time to come back, nothing is asked before. The answer that makes
-    further tries useless, if it is one. Raises Unreachable, Blocked.
+    further tries useless, if it is one. Raises Retryable, Blocked.
     """
     announced = [error] if error.after is not None else []
 

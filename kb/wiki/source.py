@@ -23,6 +23,7 @@ from requests import PreparedRequest
 from kb.core import waiting
 from kb.core.context import Run
 from kb.core.verdict import Summary
+from kb.crawl.id_list import IdList
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import Session
@@ -36,7 +37,7 @@ from kb.wiki.api import BATCH, Api, find_endpoint
 from kb.wiki.guard import Guard
 from kb.wiki.payloads import PAYLOADS
 from kb.wiki.pool import Pool
-from kb.wiki.titles import Titles, read_titles
+from kb.wiki.titles import read_titles
 from kb.wiki.web import Web
 
 _NAMED = ("robots.txt", "api.php")  # requests of the ledger that have a name of their own
@@ -54,7 +55,9 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
 
     Raises UsageError before anything is sent, Stopped when it can go on later.
     """
-    source = WikiSource(run, read_titles(titles) if titles else None)
+    spaces = run.profile.section("wiki").namespaces
+    named = read_titles(titles, spaces, run.progress.say) if titles else None
+    source = WikiSource(run, named)
     return work(run, source, source.summary, phases=source.wanted, facts=source.facts)
 
 
@@ -64,7 +67,7 @@ class WikiSource(Plain):
     name = "wiki"
     payloads = PAYLOADS
 
-    def __init__(self, run: Run, titles: Titles | None = None) -> None:
+    def __init__(self, run: Run, titles: IdList | None = None) -> None:
         section = run.profile.section("wiki")
         self.url = run.settings.kb_wiki_url or section.url
         self.section, self._run, self._titles = section, run, titles
@@ -107,14 +110,14 @@ class WikiSource(Plain):
     def discover(self, frontier: Frontier) -> None:
         """A round, and what may go well by now."""
         self._missing_before = reduce.missing(frontier)
-        names = self._titles.names if self._titles else None
+        names = self._titles.keys if self._titles else None
         discover.begin(frontier, names, self.section.namespaces, again=self._run.again)
         discover.reopen_larger(frontier, self.section)
         discover.reopen_moved(frontier, self._web.today)
         discover.reopen_lost(frontier, self._run.root)
         discover.reopen_foreign(frontier, self._run.root)
         self._removed = self.opened.gone
-        if not frontier.waiting(*(phase.kind for phase in self.wanted)):
+        if not frontier.open(*(phase.kind for phase in self.wanted)):
             said = "the wiki crawl is finished; --again looks for what changed"
             self._run.progress.say(said)
 
@@ -238,7 +241,7 @@ class WikiSource(Plain):
         """
         frontier = session.frontier
         kinds = frontier.kinds()
-        pages, files, info = (kinds.get(kind, {}) for kind in ("pages", "files", "info"))
+        files = kinds.get("files", {})
         skipped = Counter(reason for _, _, reason, _ in frontier.items("pages", "skipped"))
         robots = skipped.pop("disallowed", 0)
         gone = sum(skipped.pop(reason, 0) for reason in (*reduce.LEFT, "removed"))
@@ -253,7 +256,9 @@ class WikiSource(Plain):
             missing=missing,
             rejected=skipped.total(),
             robots=robots,
-            failed=pages.get("error", 0) + info.get("error", 0),
+            failed=sum(
+                kinds.get(kind, {}).get("error", 0) for kind in ("site", "titles", "info", "pages")
+            ),
             pending=frontier.waiting("pages"),
             gone=gone,
             **({"bad_lines": self._titles.bad_lines} if self._titles else {}),

@@ -1,118 +1,83 @@
-"""Files that name pages: titles one a line, a released Parquet file, or MineDojo's data.json."""
+"""Lists that name pages of a wiki: by title, by address, or by id."""
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Collection
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 from urllib.parse import parse_qs, unquote, urlsplit
 
-import pyarrow.parquet as pq
-
-from kb.core.errors import SettingError
-from kb.store import parquet
+from kb.crawl import id_list
+from kb.crawl.id_list import LEFT_OUT, Entry, IdList, IdRules
 
 LONGEST = 1024  # bytes; MediaWiki's own titles end at 255, and a namespace before them
 # One call asks for several titles with "|" between them, so it can stand in none. What else no
 # title may hold ("[", "#" …) the wiki says itself: such a title is asked for, and is invalid.
 _NO_TITLE = re.compile(r"[|\x00-\x1f\x7f]")
+_NUMBERED = re.compile(r"(-?\d+)\t(.*)")  # a line of a dump's list of all titles
+# What every MediaWiki calls its own namespaces, whatever its language
+# (https://www.mediawiki.org/wiki/Manual:Namespace); lists of dumps leave the name out.
+_NAMESPACES = {
+    0: "",
+    2: "User:",
+    4: "Project:",
+    6: "File:",
+    8: "MediaWiki:",
+    10: "Template:",
+    12: "Help:",
+    14: "Category:",
+}
 
 
-class Titles(NamedTuple):
-    """`names` each once, in order; `ids` those that the file says are page ids.
-
-    `bad_lines` can be no name.
-    """
-
-    names: list[str]
-    ids: frozenset[str]
-    bad_lines: int
-
-
-def read_titles(path: Path) -> Titles:
-    """The titles of `--titles FILE`. Raises SettingError (exit 2) also when there are none."""
-    titles = read_names(path, "--titles", ("title",))
-    if not titles.names:
-        bad = f", only {titles.bad_lines} lines that can't be one" if titles.bad_lines else ""
-        raise SettingError(f"--titles {path} holds no titles{bad}", hint="one title a line")
-    return titles
-
-
-def read_names(path: Path, option: str, columns: tuple[str, ...]) -> Titles:
-    """Titles and addresses of pages by lines, Parquet or JSON, ids where `columns` has them.
-
-    Of Parquet the first of `columns` that it has. A folder is that of a release: its pages.
-    Underscores are spaces, as the wiki writes titles. Raises SettingError (exit 2).
-    """
-    try:
-        entries = [entry for file in _files(path, option) for entry in _file(file, columns)]
-    except OSError as error:
-        raise SettingError(f"{option} {path} can't be read: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:
-        raise SettingError(f"{option} {path} can't be read: {error}") from None
-    names: dict[str, None] = {}
-    ids, bad = set(), 0
-    for entry in entries:
-        name = str(entry).replace("_", " ").strip() if isinstance(entry, str | int) else ""
-        if not name or _NO_TITLE.search(name) or len(name.encode("utf-8", "replace")) > LONGEST:
-            bad += 1
-            continue
-        names[name] = None
-        if isinstance(entry, int):
-            ids.add(name)
-    return Titles(list(names), frozenset(ids), bad)
-
-
-def _files(path: Path, option: str) -> list[Path]:
-    """The file itself, or the shards of a release's folder that name pages."""
-    if not path.is_dir():
-        return [path]
-    if shards := sorted(path.glob("pages-*-of-*.parquet")):
-        return shards
-    raise SettingError(
-        f"{option} {path} holds no released pages",
-        hint=f"name the folder of a release, as in `{option} release/wiki`, or a file",
+def _rules(option: str, namespaces: Collection[int] | None, columns: tuple[str, ...]) -> IdRules:
+    return IdRules(
+        option=option,
+        noun="titles",
+        hint="write one title a line, or name a list of all titles of a wiki's dumps",
+        columns=(*columns, "url", "page_title"),
+        tables=(("pages",),),
+        parse=partial(_title, namespaces),
+        files="**/data.json",  # MineDojo's wiki_full
     )
 
 
-def _file(path: Path, columns: tuple[str, ...]) -> Iterable[object]:
-    with path.open("rb") as file:
-        parquet = file.read(4) == b"PAR1"
-    return _parquet(path, columns) if parquet else _text(path)
+def read_titles(
+    path: Path, namespaces: Collection[int] = (), say: Callable[[str], None] | None = None
+) -> IdList:
+    """The titles of `--titles`; where a list says namespaces, those in `namespaces`, by default 0.
+
+    Raises SettingError (exit 2) also when there are none.
+    """
+    return id_list.read_some(path, _rules("--titles", namespaces or (0,), ("title",)), say)
 
 
-def _parquet(path: Path, columns: tuple[str, ...]) -> list[object]:
-    there = pq.read_schema(path).names
-    column = next((name for name in columns if name in there), None)
-    if column is None:
-        raise SettingError(
-            f"{path} has no column {' or '.join(columns)}", hint="give a released wiki pages file"
-        )
-    return parquet.read_table(path, columns=[column])[column].to_pylist()
+def read_names(path: Path, say: Callable[[str], None] | None = None) -> IdList:
+    """Titles, addresses and page ids (`numbers`) of `--ids`. Raises SettingError."""
+    return id_list.read(path, _rules("--ids", None, ("page_id", "pageid", "title")), say)
 
 
-def _text(path: Path) -> Iterable[object]:
-    """Lines, or JSON when the file is called so or begins with a bracket, as no title does."""
-    text = path.read_text(encoding="utf-8-sig")
-    if path.suffix == ".json" or text.lstrip()[:1] in ("[", "{"):
-        data = json.loads(text)
-        # One data.json of MineDojo's wiki, or a list of them, of titles, of addresses or of ids.
-        return [_entry(entry) for entry in (data if isinstance(data, list) else [data])]
-    lines = (line.strip() for line in text.split("\n"))
-    return [_of_address(line) for line in lines if line and not line.startswith("#")]
-
-
-def _entry(entry: object) -> object:
-    """A title, or an id as a number; None for what names no page."""
-    if isinstance(entry, dict):
-        held = entry.get("metadata", entry)
-        held = held if isinstance(held, dict) else {}
-        entry = held.get("url") or held.get("title")
-    if isinstance(entry, bool):
+def _title(namespaces: Collection[int] | None, entry: Entry) -> str | None:
+    """A title as the wiki writes it, with spaces for underscores; None: all namespaces."""
+    value, record = entry.value, entry.record
+    if isinstance(value, bool) or not isinstance(value, (str, int)):
         return None
-    return _of_address(entry) if isinstance(entry, str) else entry
+    text, space = str(value).strip(" \r\n"), record.get("ns", record.get("page_namespace"))
+    bare = entry.column == "page_title"  # without the namespace's name
+    if entry.column == "title" and isinstance(record.get("url"), str):
+        text = record["url"]  # MineDojo's titles have the wiki's name behind them
+    if not entry.column and (numbered := _NUMBERED.fullmatch(text)):
+        (space, text), bare = numbered.groups(), True
+    number = int(space) if re.fullmatch(r"-?\d{1,9}", str(space)) else None
+    if namespaces is not None and number is not None and number not in namespaces:
+        return LEFT_OUT
+    prefix = _NAMESPACES.get(number or 0) if bare else ""
+    if prefix is None:
+        return None
+    name = (prefix + _of_address(text)).replace("_", " ").strip()
+    if not name or _NO_TITLE.search(name) or len(name.encode("utf-8", "replace")) > LONGEST:
+        return None
+    return name
 
 
 def _of_address(name: str) -> str:

@@ -89,7 +89,9 @@ class Web:
     def read_robots(self) -> None:
         """Fetch robots.txt once; its crawl-delay becomes the pace. Raises Unreachable."""
         try:
-            answer = self.attempt(lambda: self._fetch(robots_url(self.root), {}))
+            answer = self.attempt(
+                lambda: self._fetch(robots_url(self.root), {}), service="the wiki"
+            )
             self._robots = Robots.of_answer(
                 answer.status, answer.body.decode("utf-8", "replace"), self.agent
             )
@@ -119,14 +121,15 @@ class Web:
         self.pace.wait()
         return self._fetch(url, params)
 
-    def attempt(self, call: Callable[[], Result]) -> Result:
+    def attempt(self, call: Callable[[], Result], *, service: str | None = None) -> Result:
         """`call` with tries, growing pauses and the server's own wish.
 
-        Raises Unreachable or Blocked at the end.
+        At the end raises Blocked, or Retryable: the item failed. With `service` nothing goes on
+        without the answer, and Unreachable is raised.
         """
         patience = math.inf if self.run.wait else retry.PATIENCE_S
         return retry.attempt(
-            call, tries=TRIES, patience=patience, service="the wiki", sleep=self.sleep
+            call, tries=TRIES, patience=patience, service=service, sleep=self.sleep
         )
 
     def rest(self, after: float | None) -> None:

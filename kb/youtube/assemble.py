@@ -89,8 +89,8 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         videos = videos.drop_columns([FROM_FILE])
     width, height, fps = _size(videos, side)
     had = pc.fill_null(pc.equal(outcome, "ok"), False)
-    open_ = pa.array(["failed", tracks.NOT_IMPORTED])
-    final = pc.and_(pc.is_valid(outcome), pc.invert(pc.is_in(outcome, value_set=open_)))
+    not_imported = pc.fill_null(pc.equal(outcome, tracks.NOT_IMPORTED), False)
+    final = pc.and_not(parse.is_final(outcome), not_imported)
     kind = pc.if_else(had, _column(side, "kind"), pc.if_else(final, "none", "unknown"))
     restricted = pc.or_(
         pc.equal(pc.fill_null(_column(videos, "yt_rating"), ""), "ytAgeRestricted"),

@@ -11,7 +11,6 @@ what the API says of a video may not be stored for long without being read again
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import re
 import shutil
@@ -21,27 +20,26 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
-import pyarrow.parquet as pq
 
 from kb.core import clock
 from kb.core.context import Run
-from kb.core.errors import SettingError
 from kb.core.plan import Phase as Step
 from kb.core.plan import plan as make_plan
 from kb.core.verdict import Summary
+from kb.crawl import id_list
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import Session
 from kb.crawl.source import Answer, Phase
 from kb.schema.coerce import durations
 from kb.schema.decode import holdable
-from kb.store import parquet, rawlog
+from kb.store import rawlog
 from kb.store.atomic import write_bytes
 from kb.store.frontier import Frontier, Item
 from kb.store.layout import Layout
 from kb.store.rawlog import Envelope
 from kb.youtube.fetch import API, PACK
-from kb.youtube.ids import released_shards, some_ids
+from kb.youtube.ids import RULES, some_ids
 from kb.youtube.parse import requested
 from kb.youtube.quota import GENERAL
 from kb.youtube.source import YouTube
@@ -52,6 +50,7 @@ UNKNOWN = "unknown"  # the year of what is gone, where the list does not say it
 _READ = Phase(
     kind=CHECKS, unit="videos", name="check", batch=PACK, lane=API, bucket=GENERAL, limited=True
 )
+_COMPARED = ("title", "duration_s", "duration", "published_at")
 _YEAR = re.compile(r"(?:19|20)[0-9]{2}")
 
 
@@ -76,7 +75,7 @@ def check(run: Run, ids: Path) -> Summary:
     A list that was checked before is not asked for again without `--again`. Raises SettingError
     and MissingCredential before anything is sent, Stopped (the same command goes on).
     """
-    listed, bad_lines = some_ids(ids)
+    listed, bad_lines = some_ids(ids, run.progress.say)
     name = hashlib.sha256("\n".join(listed).encode()).hexdigest()[:16]
     place = Layout(run.root).state_folder("youtube-check") / name
     kept = place.with_suffix(".json")
@@ -200,37 +199,17 @@ def _summary(by_year: Mapping[str, Mapping[str, int]], bad_lines: int, path: Pat
 
 
 def said(path: Path) -> dict[str, Said]:
-    """What a list says of its videos beside the ids: released Parquet, its folder, MineDojo's
-    JSON; nothing of lines. Raises SettingError.
+    """What a list says of its videos beside the ids: Parquet, CSV and JSON with such columns.
+
+    Raises SettingError.
     """
-    try:
-        if path.is_dir():
-            return {key: one for shard in released_shards(path) for key, one in _parquet(shard)}
-        if path.suffix == ".parquet":
-            return dict(_parquet(path))
-        if path.suffix == ".json":
-            entries = json.loads(path.read_text(encoding="utf-8-sig"))
-            return {
-                str(one.get("id", "")): _of(one.get("title"), one.get("duration"), None)
-                for one in entries
-                if isinstance(one, dict)
-            }
-    except (OSError, ValueError) as error:
-        raise SettingError(f"--ids {path} can't be read: {str(error).splitlines()[0]}") from None
-    return {}
-
-
-def _parquet(path: Path) -> Iterator[tuple[str, Said]]:
-    names = pq.read_schema(path).names
-    key = next((name for name in ("video_id", "id", "key") if name in names), None)
-    wanted = [name for name in ("title", "duration_s", "duration", "published_at") if name in names]
-    if key is None or not wanted:
-        return
-    with parquet.open_file(path) as file:
-        for batch in file.iter_batches(columns=[key, *wanted]):
-            for row in batch.to_pylist():
-                length = row.get("duration_s", row.get("duration"))
-                yield str(row[key]), _of(row.get("title"), length, row.get("published_at"))
+    records: dict[str, Said] = {}
+    for entry in id_list.entries(path, RULES, _COMPARED):
+        key, row = RULES.parse(entry), entry.record
+        if key is not None and any(row.get(name) is not None for name in _COMPARED):
+            length = row.get("duration_s", row.get("duration"))
+            records[key] = _of(row.get("title"), length, row.get("published_at"))
+    return records
 
 
 def _of(title: Any, duration: Any, published: Any) -> Said:

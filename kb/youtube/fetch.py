@@ -128,6 +128,8 @@ class Fetch:
         try:
             answer = fetcher.fetch(item.key, probe=self._opened.probing(WEB))
         except Retryable as error:
+            if error.unreachable:
+                raise  # no answer, so nothing to record
             answer = {"video_id": item.key, "outcome": "failed", "reason": error.reason}
         finally:
             with self._lock:

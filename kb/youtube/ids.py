@@ -1,90 +1,54 @@
-"""Video ids from a file, and the share of one machine of several."""
+"""Video ids from a list, and the share of one machine of several."""
 
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
 
-import pyarrow.parquet as pq
-
-from kb.core.errors import SettingError
-from kb.store import parquet
+from kb.crawl import id_list
+from kb.crawl.id_list import Entry, IdRules
 
 Part = tuple[int, int] | None
 """Which of how many machines, from 1; None for one that does it all."""
 
 _ID = re.compile(r"(?:^|[=/])([A-Za-z0-9_-]{11})(?:$|[?&#])")
+_ARCHIVED = re.compile(r"youtube ([A-Za-z0-9_-]{11})")  # a line of yt-dlp's download archive
 
 
-def read_ids(path: Path) -> tuple[list[str], int]:
-    """(ids in the file's order without duplicates, lines without one).
+def _video_id(entry: Entry) -> str | None:
+    value = str(entry.value).strip()
+    match = _ARCHIVED.fullmatch(value) or _ID.search(value)
+    return match[1] if match else None
 
-    Lines (ids or addresses), a Parquet file with `video_id`, MineDojo's JSON (objects with `id`),
-    or the folder of a release. Raises SettingError.
+
+RULES = IdRules(
+    option="--ids",
+    noun="video ids",
+    hint="write one a line: 11 characters, or a video's address",
+    columns=("video_id", "videoid", "youtube_id", "vid", "id", "key", "url", "link"),
+    tables=(("videos",), ("pairs",)),
+    parse=_video_id,
+)
+
+
+def read_ids(path: Path, say: Callable[[str], None] | None = None) -> tuple[list[str], int]:
+    """(ids in the list's order without duplicates, entries that are none). Raises SettingError.
+
+    Any form that kb.crawl.id_list reads; of lines ids, addresses, and yt-dlp's download archive.
+    `say` gets one line when there are entries that are no ids.
     """
-    try:
-        if path.is_dir():
-            values = [key for shard in released_shards(path) for key in _parquet(shard)]
-        elif path.suffix == ".parquet":
-            values = _parquet(path)
-        elif path.suffix == ".json":
-            values = _minedojo(path)
-        else:
-            values = [
-                line.strip()
-                for line in path.read_text(encoding="utf-8-sig").splitlines()
-                if line.strip()
-            ]
-    except OSError as error:
-        raise SettingError(f"--ids {path}: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:
-        raise SettingError(f"--ids {path} can't be read: {str(error).splitlines()[0]}") from None
-    ids = [match[1] if (match := _ID.search(value)) else None for value in values]
-    return list(dict.fromkeys(key for key in ids if key)), ids.count(None)
+    found = id_list.read(path, RULES, say)
+    return found.keys, found.bad_lines
 
 
-def some_ids(path: Path) -> tuple[list[str], int]:
+def some_ids(path: Path, say: Callable[[str], None] | None = None) -> tuple[list[str], int]:
     """The same for a crawl, which has nothing to do without one. Raises SettingError also when
     there is none.
     """
-    ids, bad_lines = read_ids(path)
-    if not ids:
-        raise SettingError(
-            f"--ids {path} holds no video id",
-            hint="write one a line: 11 characters, or a video's address",
-        )
-    return ids, bad_lines
-
-
-def released_shards(folder: Path) -> list[Path]:
-    """The shards of a release that name videos: its `videos`, else its `pairs`."""
-    for name in ("videos", "pairs"):
-        if shards := sorted(folder.glob(f"{name}-*-of-*.parquet")):
-            return shards
-    raise SettingError(
-        f"--ids {folder} holds no released videos or pairs",
-        hint="name the folder of a release, as in `--ids release/youtube`, or a file",
-    )
-
-
-def _parquet(path: Path) -> list[str]:
-    names = pq.read_schema(path).names
-    column = next((name for name in ("video_id", "id", "key") if name in names), None)
-    if column is None:
-        raise SettingError(f"--ids {path} has no column video_id; it has {', '.join(names)}")
-    return [str(value) for value in parquet.read_table(path, columns=[column])[column].to_pylist()]
-
-
-def _minedojo(path: Path) -> list[str]:
-    data = json.loads(path.read_text(encoding="utf-8-sig"))
-    if not isinstance(data, list):
-        raise SettingError(
-            f"--ids {path} is no list", hint="MineDojo's files are lists of objects with an id"
-        )
-    return [str(entry.get("id", "")) if isinstance(entry, dict) else str(entry) for entry in data]
+    found = id_list.read_some(path, RULES, say)
+    return found.keys, found.bad_lines
 
 
 def share(part: Part) -> Callable[[str], bool]:

@@ -53,7 +53,7 @@ def collect(run: Run, named: Collection[str]) -> dict[str, str]:
 
 def plan(run: Run, ids: Path | None) -> Summary:
     """What `kb purge youtube` would remove, counted. Changes nothing."""
-    named, said = _named(ids)
+    named, said = _named(run, ids)
     strip = purge.strip_of("youtube")
     counts = purge_plan.plan(run.root, "youtube", collect(run, named), strip, ROWS, finder)
     return Summary(counts, **said)
@@ -64,7 +64,7 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
 
     Raises SettingError before anything is written.
     """
-    named, said = _named(ids)
+    named, said = _named(run, ids)
     keys = purge.purge_raw(
         run,
         YouTube(run),
@@ -78,11 +78,11 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
     return keys
 
 
-def _named(ids: Path | None) -> tuple[list[str], dict[str, int]]:
+def _named(run: Run, ids: Path | None) -> tuple[list[str], dict[str, int]]:
     """The keys of a file, and what is said of it."""
     if ids is None:
         return [], {}
-    named, bad_lines = read_ids(ids)
+    named, bad_lines = read_ids(ids, run.progress.say)
     return named, {"bad_lines": bad_lines}
 
 

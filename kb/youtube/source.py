@@ -54,6 +54,7 @@ from kb.youtube.reduce import (
     Wanted,
     crawled,
     nothing,
+    with_po_token,
     without_channels,
 )
 from kb.youtube.transcripts import SITE
@@ -142,7 +143,7 @@ class YouTube(Plain):
             replace(phase, workers=max(1, min(run.workers, phase.workers))) for phase in PHASES
         ]
         self.chosen = _chosen(self.phases, only, ids)
-        given: tuple[list[str] | None, int] = some_ids(ids) if ids else (None, 0)
+        given: tuple[list[str] | None, int] = some_ids(ids, run.progress.say) if ids else (None, 0)
         self._known, self._bad_lines = given
         self._wanted, self._mine = wanted, share(part)
         self.counts: Counter[str] = Counter()
@@ -241,6 +242,7 @@ class YouTube(Plain):
             channels=kinds.get(CHANNELS, {}).get("done", 0),
             transcripts_asked=self.counts["transcripts_asked"],
             transcripts=self.counts["transcripts"],
+            po_token=with_po_token(frontier),
             requests=requests,
             units=units,
             bad_lines=self._bad_lines,

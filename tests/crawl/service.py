@@ -9,13 +9,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-PAGE = 3
-
 
 class Service:
     """`asked` counts requests by path; `fault` answers instead: (status, headers), or None."""
 
-    def __init__(self, notes: int) -> None:
+    def __init__(self, notes: int, page: int) -> None:
+        self.page = page
         self.ids = [f"n{number:03d}" for number in range(notes)]
         self.asked: Counter[str] = Counter()
         self.fault: Callable[[str], tuple[int, dict[str, str]] | None] = lambda path: None
@@ -26,11 +25,12 @@ class Service:
         self.asked[path] += 1
         planted = self.fault(path)
         if planted is not None:
-            return (*planted, b"{}")
+            status, headers = planted
+            return status, headers, headers.get("X-Body", "{}").encode()
         if path.startswith("/notes?page="):
             number = int(path.rpartition("=")[2])
-            ids = self.ids[(number - 1) * PAGE : number * PAGE]
-            following = number + 1 if number * PAGE < len(self.ids) else None
+            ids = self.ids[(number - 1) * self.page : number * self.page]
+            following = number + 1 if number * self.page < len(self.ids) else None
             return 200, {}, json.dumps({"ids": ids, "next": following}).encode()
         key = path.rpartition("/")[2]
         body = {"id": key, "text": f"the text of {key}"}
@@ -38,9 +38,9 @@ class Service:
 
 
 @contextmanager
-def serving(notes: int) -> Iterator[Service]:
-    """The service, until the block ends."""
-    service = Service(notes)
+def serving(notes: int, page: int = 3) -> Iterator[Service]:
+    """The service with so many notes, so many a page, until the block ends."""
+    service = Service(notes, page)
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:

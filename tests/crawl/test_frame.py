@@ -15,14 +15,21 @@ import pytest
 
 from kb.core import clock
 from kb.core.context import Run
-from kb.core.errors import Blocked, LimitReached, OtherService, Unreachable, WriterLocked
+from kb.core.errors import (
+    Blocked,
+    LimitReached,
+    OtherService,
+    Retryable,
+    Unreachable,
+    WriterLocked,
+)
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import Session, open_session
-from kb.crawl.source import Phase
+from kb.crawl.source import Answer, Phase
 from kb.store import rawlog
 from kb.store.frontier import Item
 from tests import forked
@@ -99,7 +106,7 @@ def test_a_service_that_is_down_stops_the_run_soon(run: Run, service: Service) -
     service.fault = lambda path: (503, {}) if path.startswith("/notes/") else None
     with pytest.raises(Unreachable):
         crawl(run, service)
-    assert service.asked.total() == 4  # a page and three notes
+    assert service.asked.total() == 4  # a page and three notes; no other one is known yet
     service.fault = lambda path: None
     assert crawl(run, service)["notes"] == 10
 
@@ -110,6 +117,130 @@ def test_a_service_that_fails_for_the_last_items_is_down_too(run: Run) -> None:
         with pytest.raises(Unreachable) as stop:
             crawl(run, service)
     assert stop.value.summary == {"notes": 3, "failed": 3, "left": 0}
+
+
+HEAD, TAIL, SPREAD = range(50), range(450, 500), range(3, 500, 10)
+
+
+@pytest.mark.parametrize("where", [HEAD, TAIL, SPREAD], ids=["first", "last", "spread"])
+@pytest.mark.parametrize("status", [500, 200], ids=["HTTP 500", "no JSON"])
+def test_fifty_items_that_always_fail_keep_no_other_from_being_read(
+    run: Run, where: range, status: int
+) -> None:
+    with serving(500, page=100) as service:
+        bad = {f"/notes/{service.ids[number]}" for number in where}
+        service.fault = lambda path: (status, {"X-Body": "<"}) if path in bad else None
+        assert crawl(run, service) == {"notes": 500, "failed": 50, "left": 0}
+        assert len(texts(run.root)) == 450
+        # Nor does the next run end before them: each is tried once more, and nothing else read.
+        tried = {path: service.asked[path] for path in bad}
+        assert crawl(run, service) == {"notes": 50, "failed": 50, "left": 0}
+        assert all(service.asked[path] == tried[path] + 1 for path in bad)
+        assert len(texts(run.root)) == 450
+
+
+def test_what_failed_is_tried_again_after_all_others(run: Run, service: Service) -> None:
+    bad = {"/notes/n000", "/notes/n004"}
+    service.fault = lambda path: (500, {}) if path in bad else None
+    with pytest.raises(LimitReached):
+        crawl(replace(run, limit=6), service)
+    service.fault = lambda path: None
+    assert crawl(run, service) == {"notes": 6, "failed": 0, "left": 0}
+    assert [text[-4:] for text in texts(run.root)][-3:] == ["n009", "n000", "n004"]
+
+
+def test_a_service_that_goes_down_midway_stops_the_run(run: Run) -> None:
+    with serving(40, page=40) as service:
+        service.fault = lambda path: (503, {}) if service.asked.total() > 21 else None
+        with pytest.raises(Unreachable) as stop:
+            crawl(run, service)
+        assert stop.value.summary == {"notes": 23, "failed": 3, "left": 17}
+        assert service.asked.total() == 25  # three notes, and one that was answered before
+        service.fault = lambda path: None
+        assert crawl(run, service) == {"notes": 20, "failed": 0, "left": 0}
+
+
+def test_of_a_service_that_is_down_what_failed_before_is_not_asked_for_without_end(
+    run: Run,
+) -> None:
+    with serving(40, page=40) as service:
+        bad = set(service.ids[10:])
+        service.fault = lambda path: (503, {}) if path[-4:] in bad else None
+        assert crawl(run, service)["failed"] == 30
+        before = service.asked.total()
+        service.fault = lambda path: (503, {})
+        with pytest.raises(Unreachable):
+            crawl(run, service)
+        assert service.asked.total() == before + 4
+
+
+def test_where_nothing_was_ever_answered_each_run_tries_others(run: Run) -> None:
+    with serving(12, page=12) as service:
+        service.fault = lambda path: (503, {}) if path.startswith("/notes/") else None
+        for _ in range(5):
+            with pytest.raises(Unreachable):
+                crawl(run, service)
+        assert {service.asked[f"/notes/{key}"] > 0 for key in service.ids} == {True}
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["answered before", "never answered"])
+def test_a_run_without_one_answer_looks_whether_the_service_is_down(run: Run, known: bool) -> None:
+    """However few items there are to fail."""
+    with serving(2, page=2) as service:
+        service.fault = lambda path: (500, {}) if path == "/notes/n001" else None
+        if not known:
+            service.fault = lambda path: (500, {})
+            with pytest.raises(Unreachable):
+                crawl(run, service)
+            return
+        assert crawl(run, service)["failed"] == 1
+        assert crawl(run, service)["failed"] == 1
+        service.fault = lambda path: (500, {})
+        with pytest.raises(Unreachable):
+            crawl(run, service)
+
+
+class Batches(Feed):
+    """The feed, notes asked for eight at a time: one bad note fails the whole request."""
+
+    phases = (replace(NOTES, batch=8), PAGES)
+    bad: frozenset[str] = frozenset()
+    refused = 0
+
+    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
+        if phase.kind == "pages":
+            yield from super().fetch(PAGES, items)
+            return
+        if not self.bad.isdisjoint(item.key for item in items):
+            self.refused += 1
+            raise Retryable("a bad one among them")
+        for item in items:
+            yield from super().fetch(phase, [item])
+
+
+@pytest.mark.parametrize(
+    "bad", [["n000"], ["n007", "n008"], [f"n{n:03d}" for n in range(0, 100, 10)], ["n099"]]
+)
+def test_a_batch_that_fails_is_halved_until_only_the_bad_items_are_left(
+    run: Run, bad: list[str]
+) -> None:
+    with serving(100, page=50) as service:
+        feed = Batches(run.settings, service.root)
+        feed.bad = frozenset(bad)
+        assert work(run, feed, summary) == {"notes": 100, "failed": len(bad), "left": 0}
+        assert len(texts(run.root)) == 100 - len(bad)
+        assert feed.refused <= 4 * len(bad)
+
+
+def test_batches_of_a_service_that_is_down_are_left_for_the_next_run(run: Run) -> None:
+    with serving(100, page=50) as service:
+        feed = Batches(run.settings, service.root)
+        feed.bad = frozenset(service.ids)
+        with pytest.raises(Unreachable) as stop:
+            work(run, feed, summary)
+        assert stop.value.summary == {"notes": 1, "failed": 1, "left": 50}
+        feed = Batches(run.settings, service.root)
+        assert work(run, feed, summary) == {"notes": 100, "failed": 0, "left": 0}
 
 
 def test_what_is_left_out_takes_nothing_of_the_limit(run: Run, service: Service) -> None:

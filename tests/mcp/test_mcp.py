@@ -116,6 +116,32 @@ def test_the_tools_say_what_they_take(client: Any) -> None:
     assert "not instructions" in opened.instructions
 
 
+def test_a_source_may_be_a_text_or_a_list(ask: Ask) -> None:
+    for source in ("wiki", ["wiki"], '["wiki"]'):
+        answer = ask("search", query="leather", source=source, kind="table")
+        assert "wiki table" in answer
+        assert "youtube" not in answer
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"source": "youtub"}, "source is 'youtub'; valid: 'youtube', 'wiki' or 'reddit'"),
+        ({"source": ["wiki", "x"]}, "source is 'x'; valid: 'youtube', 'wiki' or 'reddit'"),
+        ({"kind": "page"}, "kind is 'page'; valid: 'video', 'transcript', 'section'"),
+        ({"limit": 1000}, "limit is 1000; valid: less than or equal to 100"),
+        ({"limit": "ten", "each": -1}, "limit is 'ten'; valid: a valid integer"),
+        ({"since": "today"}, "since is 'today'; write it like 2023-01-31"),
+        ({"query": ""}, "the query '' contains no word to search for"),
+    ],
+)
+def test_a_wrong_value_is_answered_in_one_line(ask: Ask, values: dict[str, Any], said: str) -> None:
+    answer = ask("search", **{"query": "leather", **values})
+    assert answer.error
+    assert said in answer
+    assert "\n" not in answer
+
+
 def right(source: str, number: int, action: str, animal: str) -> tuple[str, str]:
     """(link, ref) of the one place that tells it."""
     if source == "youtube":
@@ -291,7 +317,10 @@ def test_what_was_removed_is_not_found_any_more(data: Path, tmp_path: Path) -> N
         around(root, place("reddit:p000/c900"), DEFAULT)
 
 
-def test_a_release_answers_what_it_can(tmp_path: Path, make_rows: Any) -> None:
+def test_a_release_answers_what_it_can(
+    tmp_path: Path, make_rows: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     for folder in (tmp_path / "lorecrawl-youtube", tmp_path / "data" / "release" / "youtube"):
         write_table(
             folder / "videos-00000-of-00001.parquet",
@@ -304,8 +333,9 @@ def test_a_release_answers_what_it_can(tmp_path: Path, make_rows: Any) -> None:
         assert "youtube: 4 videos" in about(run_at(root), DEFAULT)
         answer = asked(root, "SELECT 'n', count(*) FROM youtube_videos", 10, 10, DEFAULT)
         assert "\nn,4\n" in answer
+        assert "read` with a ref" in found(run_at(root), "title", [], Only(), DEFAULT)
         with pytest.raises(UsageError, match="nothing to search"):
-            found(run_at(root), "x", [], Only(), DEFAULT)
+            found(run_at(root), "x", ["wiki"], Only(), DEFAULT)
 
 
 def test_stdout_carries_the_protocol_alone_and_the_server_ends_with_stdin(data: Path) -> None:

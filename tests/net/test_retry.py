@@ -45,9 +45,15 @@ def test_after_the_last_try_the_item_failed(waits: list[float]) -> None:
     assert len(waits) == 2
 
 
-def test_no_connection_after_all_tries_stops_the_run(waits: list[float]) -> None:
-    with pytest.raises(Unreachable, match="3 tries"):
+def test_without_a_connection_the_item_failed_and_a_needed_service_is_down(
+    waits: list[float],
+) -> None:
+    with pytest.raises(Retryable, match="reset"):
         retry.attempt(failing(*[Retryable("reset", unreachable=True)] * 3), tries=3)
+    with pytest.raises(Unreachable, match="3 tries"):
+        retry.attempt(
+            failing(*[Retryable("reset", unreachable=True)] * 3), tries=3, service="the service"
+        )
 
 
 def test_the_services_own_wish_counts(waits: list[float]) -> None:

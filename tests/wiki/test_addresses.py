@@ -95,11 +95,11 @@ def test_read_titles(tmp_path, make_rows):
     lines.write_text("# a comment\nIron_Ore\n\nGold\nIron Ore\n")
     assert read_titles(lines)[::2] == (["Iron Ore", "Gold"], 0)
     pq.write_table(make_rows("wiki/pages", 3, released=True, title=["A", "B", "A"]), parquet)
-    assert read_titles(parquet).names == ["A", "B"]
+    assert read_titles(parquet).keys == ["A", "B"]
     with pytest.raises(SettingError, match="holds no released pages"):
         read_titles(tmp_path)
     (tmp_path / "pages-00000-of-00001.parquet").write_bytes(parquet.read_bytes())
-    assert read_titles(tmp_path).names == ["A", "B"]
+    assert read_titles(tmp_path).keys == ["A", "B"]
     minedojo.write_text(
         json.dumps(
             {
@@ -110,7 +110,7 @@ def test_read_titles(tmp_path, make_rows):
             }
         )
     )
-    assert read_titles(minedojo).names == ["Café & Bar"]
+    assert read_titles(minedojo).keys == ["Café & Bar"]
     # A byte order mark, addresses of either path, and lines that would ask for something else: two
     # titles, none.
     lines.write_text(

@@ -33,9 +33,10 @@ def test_an_odd_answer_fails_a_pack_of_videos_and_drops_none(
 ) -> None:
     no_patience(job).stopped(*CRAWL, "--limit", "5", code=3)
     job.sandbox.faults.add("/v3/videos", times=None, **what)
-    summary = job.done(*CRAWL)
-    assert (summary["failed"], summary["crawled"]) == (len(job.sandbox.world.youtube.videos) - 5, 0)
-    assert job.done("youtube", "filter")["failed"] == summary["failed"]
+    summary = job.done(*CRAWL, code=3)
+    left = len(job.sandbox.world.youtube.videos) - 5
+    assert (summary["failed"], summary["crawled"], summary["pending"]) == (0, 0, left)
+    assert len(job.sandbox.ledger.requests("/v3/videos")) == 1 + 4 * 2  # two tries each
     job.sandbox.faults.clear()
     finish(job)
 
@@ -113,7 +114,7 @@ def test_a_refresh_is_blocked_as_well_and_counts_what_failed(job: Job) -> None:
     job.sandbox.faults.add(
         "/v3/videos", times=None, status=404, body=youtube_errors.no_playlist()[1]
     )
-    assert job.done("refresh", "youtube", KB_NOW=LATER)["failed"] == total
+    assert job.done("refresh", "youtube", KB_NOW=LATER, code=3)["failed"] == total
     job.sandbox.faults.clear()
     assert job.done("refresh", "youtube", KB_NOW=LATER)["crawled"] == total
 

@@ -1,0 +1,160 @@
+"""Lists of ids in the forms that other tools write, read by the rules of each source."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from kb.core.errors import SettingError
+from kb.reddit.wanted import read_wanted
+from kb.wiki.titles import read_names, read_titles
+from kb.youtube.ids import read_ids, some_ids
+
+A, B = "aaaaaaaaaaa", "b-b_bbbbbbb"
+
+
+def written(tmp_path: Path, text: str | bytes, name: str = "list") -> Path:
+    path = tmp_path / name
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+VIDEOS = {
+    "lines": f"\ufeff{A}\r\n\r\n# a note\r\nhttps://youtu.be/{B}?t=3\r\n{A}\r\n",
+    "yt-dlp's download archive": f"youtube {A}\nyoutube {B}\n",
+    "a playlist of yt-dlp": json.dumps(
+        {"_type": "playlist", "id": "PL0", "entries": [{"id": A, "title": "x"}, {"id": B}]}
+    ),
+    "CSV": f'title,video_id\n"One, two",{A}\nx,{B}\n',
+    "CSV with semicolons": f"Video_ID;views\n{A};1\n{B};2\n",
+    "TSV": f'id\ttitle\n{A}\t"open\n{B}\tx\n',
+    "CSV of addresses": f"n,url\n1,https://www.youtube.com/watch?v={A}&t=1\n2,https://youtu.be/{B}\n",
+    "MineDojo's videos": json.dumps([{"id": A, "title": "x", "duration": 3}, {"id": B}]),
+    "MineDojo's pairs": json.dumps({"items": [[A, 1, 2], [B, 3.5, 4]], "id": [[A, 5, 6]]}),
+    "CLIP4MC's list": json.dumps(
+        [{"vid": A, "transcript clip": "x", "size": [1.0], "begin position": 1}, {"vid": B}]
+    ),
+    "NDJSON": f'{{"video_id": "{A}"}}\n{{"video_id": "{B}"}}\n',
+    "a list in JSON": json.dumps([A, B]),
+    "gzip": gzip.compress(f"{A}\n{B}\n".encode()),
+}
+
+
+@pytest.mark.parametrize("form", VIDEOS)
+def test_video_ids(tmp_path: Path, form: str) -> None:
+    assert read_ids(written(tmp_path, VIDEOS[form])) == ([A, B], 0)
+
+
+def test_entries_that_are_no_ids_are_counted_and_one_line_says_so(tmp_path: Path) -> None:
+    said: list[str] = []
+    path = written(tmp_path, f"youtube {A}\nvimeo 123456789\nnot an id\n")
+    assert read_ids(path, said.append) == ([A], 2)
+    (line,) = said
+    assert "2 bad lines" in line
+    assert "vimeo 123456789" in line
+    odd = json.dumps([{"title": "x"}, None, A, {"id": None}, [], {}])
+    assert read_ids(written(tmp_path, odd)) == ([A], 4)
+    with pytest.raises(SettingError):
+        some_ids(written(tmp_path, "vimeo 1\n"))
+
+
+TITLES = {
+    "lines": "# a note\nIron_Ore\n\nGold\nIron Ore\n",
+    "allpages": json.dumps(
+        {
+            "batchcomplete": True,
+            "query": {
+                "allpages": [
+                    {"pageid": 7, "ns": 0, "title": "Iron Ore"},
+                    {"pageid": 8, "ns": 0, "title": "Gold"},
+                    {"pageid": 9, "ns": 14, "title": "Category:Ores"},
+                ]
+            },
+        }
+    ),
+    "answers of allpages one a line": "\n".join(
+        json.dumps({"query": {"allpages": [{"pageid": 1, "ns": 0, "title": title}]}})
+        for title in ("Iron Ore", "Gold")
+    ),
+    "a dump's list of all titles": "page_namespace\tpage_title\n1\tGold\n0\tIron_Ore\n0\tGold\n",
+    "the same without a header": "1\tGold\n0\tIron_Ore\n0\tGold\n-1\tx\n",
+    "a dump's list of titles": gzip.compress(b"page_title\nIron_Ore\nGold\n"),
+    "CSV": "page_id,title\n1,Iron Ore\n2,Gold\n",
+    "MineDojo's pages": json.dumps(
+        [
+            {"metadata": {"url": "https://w.example/wiki/Iron_Ore", "title": "Iron Ore – A Wiki"}},
+            {"metadata": {"url": "https://w.example/wiki/Gold", "title": "Gold"}, "tables": []},
+        ]
+    ),
+}
+
+
+@pytest.mark.parametrize("form", TITLES)
+def test_titles(tmp_path: Path, form: str) -> None:
+    found = read_titles(written(tmp_path, TITLES[form]))
+    assert (found.keys, found.bad_lines) == (["Iron Ore", "Gold"], 0)
+
+
+def test_titles_of_the_profile_s_namespaces(tmp_path: Path) -> None:
+    path = written(tmp_path, "0\tGold\n10\tOre_box\n4000\tGuide\n2\tMe\n")
+    found = read_titles(path, (0, 10, 4000))
+    # What a wiki calls a namespace of its own, such a list does not say.
+    assert (found.keys, found.bad_lines) == (["Gold", "Template:Ore box"], 1)
+
+
+def test_a_wiki_full_folder(tmp_path: Path) -> None:
+    for place, title in (("wiki/Iron_Ore", "Iron_Ore"), ("wiki/Gold", "Gold"), (".trash/x", "No")):
+        folder = tmp_path / "wiki_full" / place
+        folder.mkdir(parents=True)
+        about = {"url": f"https://w.example/wiki/{title}", "title": "x", "time": "1/1/2022"}
+        texts = [{"text": "Not a title", "bbox": [1, 2, 3, 4]}]
+        written(folder, json.dumps({"metadata": about, "texts": texts}), "data.json")
+    assert read_titles(tmp_path / "wiki_full").keys == ["Gold", "Iron Ore"]
+
+
+@pytest.mark.parametrize("text", ["<mediawiki>\n<page>", '\ufeff\n<?xml version="1.0"?>\n<x/>'])
+def test_xml_is_refused(tmp_path: Path, text: str) -> None:
+    path = written(tmp_path, text, "dump.xml")
+    for read in (read_titles, read_names, read_ids, read_wanted):
+        with pytest.raises(SettingError, match="XML") as error:
+            read(path)
+        assert error.value.exit_code == 2
+
+
+def test_pages_by_id_are_told_from_titles_that_are_numbers(tmp_path: Path) -> None:
+    found = read_names(written(tmp_path, json.dumps([7, "2048", {"page_id": 9, "title": "x"}])))
+    assert (found.keys, found.numbers) == (["7", "2048", "9"], {"7", "9"})
+
+
+def test_reddit_names_and_trees(tmp_path: Path) -> None:
+    lines = "t3_abc\nT1_DEF\nhttps://www.reddit.com/r/x/comments/ghi/a_title/\n"
+    lines += "https://old.reddit.com/r/x/comments/ghi/a_title/jkl/?context=3\nhello\n"
+    wanted = read_wanted(written(tmp_path, lines))
+    assert wanted.names == ["t3_abc", "t1_def", "t3_ghi", "t1_jkl"]
+    assert (wanted.trees, wanted.bad_lines) == ([], 1)
+    wanted = read_wanted(written(tmp_path, "n,comment_id\n1,abc\n2,t1_def\n"))
+    assert wanted.names == ["t1_abc", "t1_def"]
+    wanted = read_wanted(written(tmp_path, json.dumps([{"id": "abc", "type": "text"}, "t3_def"])))
+    assert (wanted.names, wanted.trees) == ([], ["abc", "def"])
+
+
+@pytest.mark.parametrize("read", [some_ids, read_titles, read_wanted])
+def test_what_cannot_be_read_is_a_wrong_option(read, tmp_path: Path) -> None:
+    other = tmp_path / "other.parquet"
+    pq.write_table(pa.table({"n": [1]}), other)
+    for path in (
+        tmp_path / "nowhere",
+        tmp_path,
+        other,
+        written(tmp_path, "", "empty"),
+        written(tmp_path, "{", "cut.json"),
+        written(tmp_path, b"\xff\xfe\x00x", "binary"),
+        written(tmp_path, b"\x1f\x8b\x08cut", "cut.gz"),
+    ):
+        with pytest.raises(SettingError):
+            read(path)
