@@ -21,8 +21,8 @@ from kb.filters.chain import Clean
 from kb.filters.clean import run_clean
 from kb.filters.released import stages
 from kb.pairs import refill
+from kb.reddit import dumpfiles
 from kb.reddit import restored as reddit
-from kb.reddit.dumps import check_readable
 from kb.reddit.restored import Dumps
 from kb.release.downloaded import Folders, verify
 from kb.release.missing import write_missing
@@ -49,7 +49,7 @@ def restore(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = No
     """
     wanted, parts = choose(folders, only), Parts("restore", ROWS)
     gone = wanted.removed
-    check_readable(dumps)
+    dumps = dumpfiles.find(run, dumps).files
     needed = youtube.needs(run, wanted.videos, gone["youtube"])
     reddit.check(run, wanted.reddit, dumps, needed)
     refill.check(run, wanted.pairs)

@@ -15,9 +15,9 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from kb.annotate.cache import cache_root
 from kb.annotate.model_files import check_model_files
 from kb.annotate.published import KNOWN, PUBLISHED, Published
+from kb.core.cache import cache_root
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.installation import install_extra
 from kb.core.settings import Settings

@@ -15,12 +15,12 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from kb.annotate.cache import cache_root, making
 from kb.annotate.checkpoint import Checkpoint, sha256_of
 from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.graph import Compiled, graph_runner
 from kb.annotate.model_files import tokenizer_files
 from kb.annotate.runner import Meta
+from kb.core.cache import cache_root, making
 
 FORMAT = 6  # raise it when the folder's files change meaning
 TOLERANCE = 1e-4

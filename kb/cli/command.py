@@ -28,7 +28,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, get_type_hints
 
 import typer
 
@@ -37,8 +37,8 @@ from kb.cli.help import Command, Group
 from kb.cli.misplaced import UsageProblem
 from kb.cli.options import COMMON, SHARED, Options, shared_option
 
-if TYPE_CHECKING:
-    from pathlib import Path
+# Types that signatures name and that are imported once a command runs.
+_LATE = {"Run": object, "Summary": object, "Options": Options}
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,8 @@ def command(
     `resumable`: a signal lets the item in hand be finished; otherwise it ends the command at once
     (queries, servers).
     `main`: what the group itself does when none of its commands is named.
-    `needs_data`: it works on what was collected, so that a data root that is not there is a
-    mistake, and is not made.
+    `needs_data`: it works on what was collected, so a data root that does not exist is an error
+    (exit 2) that names the nearest one.
     `cls`: how it reads its arguments.
     `planned`: the options, own ones included, that change what its `--plan` says.
     `checks`: the profile and its keyword lists are looked through first, and an error there ends
@@ -140,13 +140,9 @@ def _wrap(
 ) -> Callable[..., Any]:
     signature = inspect.signature(function)
     _, *own = signature.parameters.values()
+    hints = get_type_hints(function, localns=_LATE, include_extras=True)
     parameters = [
-        parameter.replace(
-            kind=inspect.Parameter.KEYWORD_ONLY,
-            annotation=eval(parameter.annotation, function.__globals__)
-            if isinstance(parameter.annotation, str)
-            else parameter.annotation,
-        )
+        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=hints[parameter.name])
         for parameter in own
     ]
     parameters += shared.values()
@@ -188,9 +184,9 @@ def _call(
             planned.check(function, options, values, nature.planned)
             first: Any = options
             if not nature.raw:
-                first = options.make_run(needs=nature.needs, checks=nature.checks)
-            if nature.needs_data:
-                _existing(first.root)
+                first = options.make_run(
+                    needs=nature.needs, checks=nature.checks, exists=nature.needs_data
+                )
             try:
                 summary = function(first, **values)
             finally:
@@ -229,16 +225,6 @@ def _signals(resumable: bool) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _existing(root: Path) -> None:
-    from kb.core.errors import SettingError
-
-    if not root.is_dir():
-        raise SettingError(
-            f"there is no data root {root}",
-            hint="check --data and KB_DATA, or run a crawl first, such as `kb youtube crawl`",
-        )
 
 
 def _nothing_before(context: Any) -> None:

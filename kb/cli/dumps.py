@@ -15,27 +15,31 @@ Dumps = Annotated[
     typer.Option(
         NAME,
         metavar="FILE...",
-        help="Archive dumps (.zst) to read instead of asking Reddit, without a key or network;"
-        " those of posts and of comments alike.",
+        help="Archive dumps (zstd, zst_blocks, gzip or plain NDJSON) or a folder of them, to read"
+        " instead of asking Reddit, without a key or network; those of posts and of comments"
+        " alike.",
     ),
 ]
 
 
 class DumpsCommand(Command):
-    """Every word behind --dumps up to the next option is a file of it; a folder is not."""
+    """Every word behind --dumps up to the next option is a file of it. Where the command itself
+    takes folders, only a folder right behind --dumps belongs to it.
+    """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """The arguments with --dumps before each file."""
-        return super().parse_args(ctx, _each(args))
+        takes_folders = any(one.param_type_name == "argument" for one in self.params)
+        return super().parse_args(ctx, _each(args, takes_folders))
 
 
-def _each(args: list[str]) -> list[str]:
+def _each(args: list[str], takes_folders: bool) -> list[str]:
     words: list[str] = []
     inside = False
     for place, word in enumerate(args):
         if word.startswith("-"):
             inside = word == NAME
-        elif inside and args[place - 1] != NAME and not Path(word).is_dir():
+        elif inside and args[place - 1] != NAME and not (takes_folders and Path(word).is_dir()):
             words.append(NAME)
         elif inside and args[place - 1] != NAME:
             inside = False

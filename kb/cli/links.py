@@ -20,6 +20,7 @@ app = group("Entities, and where videos, wiki and threads speak of them.")
     uses=(*CLUSTER, "pipeline"),
     again="Match every source anew, also those whose clean tables have not changed.",
     json="entities, with_page, links, mentions, sources",
+    needs_data=True,
     checks=True,
     examples=[
         "kb links                                 what changed since the last time",

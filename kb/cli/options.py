@@ -96,6 +96,7 @@ class Options:
         dotenv: bool = True,
         needs: str = "profile",
         checks: bool = False,
+        exists: bool = False,
         **settings: object,
     ) -> Run:
         """The Run of these options; `settings` (field names) win over the environment.
@@ -103,6 +104,7 @@ class Options:
         `needs`: "profile"; "root" for a command that reads the data root without a profile's
         rules, so that it works where the remembered file is gone; "nothing" for one that looks
         at neither. `checks`: errors of the profile and its keyword lists are looked for first.
+        `exists`: a folder that does not exist is an error, which names the nearest data root.
         Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
         from kb.cli import progress
@@ -135,6 +137,10 @@ class Options:
             from kb.cli.profile_check import refuse
 
             refuse(profile)
+        if exists:
+            from kb.store.catalog import existing
+
+            existing(root)
         return Run(
             settings=loaded,
             profile=profile,
@@ -183,7 +189,7 @@ def _profile(given: str | None, root: Path, needs: str) -> Profile:
     """The profile that was named, else the data root's own, else the default."""
     from kb.cli.outcome import warn
     from kb.core.errors import ProfileError
-    from kb.core.profile import DEFAULT, Profile, load_profile
+    from kb.core.profile import Profile, load_profile
     from kb.store import belonging
 
     if needs == "nothing":
@@ -194,7 +200,7 @@ def _profile(given: str | None, root: Path, needs: str) -> Profile:
         return profile
     bound = belonging.remembered(root)
     if bound is None:
-        return load_profile(DEFAULT)
+        return _of_download(root, needs)
     try:
         profile, said = belonging.load(root, bound)
     except ProfileError as error:
@@ -205,6 +211,25 @@ def _profile(given: str | None, root: Path, needs: str) -> Profile:
     if said:
         warn(said)
     return profile
+
+
+def _of_download(root: Path, needs: str) -> Profile:
+    """The profile that came with a release, else the default."""
+    from kb.cli.outcome import warn
+    from kb.core.errors import ProfileError
+    from kb.core.profile import DEFAULT, load_profile
+    from kb.store import belonging
+
+    own = belonging.profile_of(root)
+    if own is None:
+        return load_profile(DEFAULT)
+    try:
+        return load_profile(own)
+    except ProfileError as error:
+        if needs == "profile":
+            raise
+        warn(f"{error}; {error.hint}" if error.hint else str(error))
+        return load_profile(DEFAULT)
 
 
 Plan = Annotated[

@@ -100,7 +100,17 @@ def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:
             "requests": requests,
             "units": units if source == "youtube" else 0,
             "quota": _quota(run, source, frontier),
+            **_po_token(source, frontier),
         }
+
+
+def _po_token(source: str, frontier: Any) -> dict[str, int]:
+    """Videos whose captions need a PO token. Only YouTube has such."""
+    if source != "youtube":
+        return {}
+    from kb.youtube.reduce import with_po_token
+
+    return {"po_token": with_po_token(frontier)}
 
 
 def _crawled(source: str, frontier: Any) -> int:

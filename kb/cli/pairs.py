@@ -35,6 +35,7 @@ class Format(StrEnum):
     limit="Stop after N more transcripts (exit code 3); the next run resumes.",
     again="Match all transcripts anew, also where nothing has changed.",
     json="pairs, videos, words, matches, keywords_found, ambiguous_alone, outside",
+    needs_data=True,
     checks=True,
     examples=[
         (

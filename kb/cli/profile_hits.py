@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from kb.core.errors import FatalError, MissingExtra, SettingError
+from kb.core.errors import FatalError, MissingExtra
 from kb.core.profile.finding import NOTE, Finding
 from kb.pairs.show import keyword_lines
 
@@ -20,12 +20,8 @@ _EXAMPLES = 3
 
 def run_of(options: Options, profile: Profile) -> Run:
     """A Run of the checked profile. It only reads, so the data root may be another domain's."""
-    run = replace(options, profile=None).make_run(needs="nothing")
-    if options.data is not None and not run.root.is_dir():
-        raise SettingError(
-            f"there is no data root {run.root}",
-            hint="check --data; `kb demo` makes one to try on",
-        )
+    named = options.data is not None
+    run = replace(options, profile=None).make_run(needs="nothing", exists=named)
     return replace(run, profile=profile)
 
 

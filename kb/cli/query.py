@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import sys
 from collections.abc import Iterator
 from enum import StrEnum
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from kb.cli.options import Options
-    from kb.core.context import Run
     from kb.query import Listed
 
 TIMEOUT = 600.0  # seconds
@@ -106,18 +104,20 @@ def query(
         ),
     ] = None,
 ) -> None:
-    """Run one SQL query over the data root's tables. It only reads, and these tables alone.
+    """Run one SQL query over the tables of a data root or a downloaded release. It only reads.
 
     Schemas clean and release hold one view a table (clean.reddit_posts, release.youtube_videos),
     restored what a reconstruction brought back, links the entities; a bare name is the clean one
     where it exists, else the released, else the restored one. Times are UTC. --limit N gives the
-    first N rows, with exit code 0. DIR of --data may be the folder of a reconstruction as well.
-    A query has half of the machine's memory; what does not fit is spilled below the data root.
+    first N rows, with exit code 0. --data may be a data root, a release folder, a folder above
+    several, or the folder of a reconstruction. A query has half of the machine's memory; what does
+    not fit is spilled below the data root, or to the temporary folder for a download.
     """
     from kb.core.errors import UsageError
-    from kb.query import connect, select
+    from kb.query import catalog, connect, select
     from kb.query.bounds import bounded, generous
     from kb.query.write import choose, write
+    from kb.store.catalog import read
 
     if [tables, sql is not None, file is not None].count(True) != 1:
         raise UsageError(
@@ -128,12 +128,13 @@ def query(
     chosen = choose(asked, out)
     if not tables:
         sql = _read(sql, file)
-    run = options.make_run(needs="root")
-    _there(run)
+    run = options.make_run(needs="root", exists=options.data is not None)
+    if tables:
+        read(run.root)
     limits = generous(timeout)
     with contextlib.closing(connect(run.root, limits=limits)) as db, bounded(db, limits):
         if tables:
-            answer = _listing(_catalog(run), for_people=chosen == Format.table)
+            answer = _listing(catalog(run.root), for_people=chosen == Format.table)
         else:
             answer = select(
                 db,
@@ -159,34 +160,6 @@ def _read(sql: str | None, file: Path | None) -> str:
         raise UsageError(f"--file {file}: {error.strerror}", hint="check the name") from None
     except UnicodeDecodeError:
         raise UsageError(f"{file or 'standard input'} is no text in UTF-8") from None
-
-
-def _there(run: Run) -> None:
-    """Raise UsageError for a data root that was named and is not there, with the nearest name."""
-    from kb.core.errors import UsageError
-    from kb.core.settings import Settings
-
-    if run.root.is_dir() or run.settings.kb_data == Settings.model_fields["kb_data"].default:
-        return
-    beside = run.root.parent
-    names = [path.name for path in beside.iterdir() if path.is_dir()] if beside.is_dir() else []
-    near = difflib.get_close_matches(run.root.name, names, 1)
-    raise UsageError(
-        f"there is no such folder {run.root}",
-        hint=f"did you mean {run.settings.kb_data.with_name(near[0])}?"
-        if near
-        else "check --data and KB_DATA, or run a crawl first",
-    )
-
-
-def _catalog(run: Run) -> list[Listed]:
-    from kb.query import catalog
-    from kb.query.nearest import advice
-
-    listed = catalog(run.root)
-    if not listed:
-        run.progress.say(f"no tables in {run.root} yet: {advice(run.root)}")
-    return listed
 
 
 def _listing(listed: list[Listed], *, for_people: bool) -> pa.RecordBatchReader:

@@ -40,6 +40,7 @@ class Target(StrEnum):
     main=True,
     uses=("pipeline",),
     json="folders, rows, bytes, sources, and problems where it is refused",
+    needs_data=True,
     examples=[
         (
             "kb release                               check every folder,"

@@ -13,7 +13,6 @@ from kb.cli.command import command, group
 
 if TYPE_CHECKING:
     from kb.cli.options import Options
-    from kb.core.context import Run
     from kb.core.verdict import Summary
     from kb.search.ask import SearchHit
 
@@ -104,12 +103,14 @@ def search(
     Passages with the words in the order asked come before all others, then BM25 decides. Prints
     title, source, date, licence and score, a snippet with the words marked, and the address.
     --limit N gives N answers instead of 10, with exit code 0; --json all of them in one object.
-    An index that is missing or older than the clean tables is made first, as `kb index` does.
+    An index that is missing or out of date is made first, as `kb index` does. --data may be a data
+    root, a restored one or a downloaded release, whose index is kept in the user's cache.
     """
     from kb.core import terminal
     from kb.core.verdict import Summary
     from kb.search.ask import search as ask
     from kb.search.ask import suggest
+    from kb.search.build import ensure
     from kb.search.rank import Only, day_given
 
     only = Only(
@@ -120,9 +121,9 @@ def search(
         each=None if every else each,
         limit=options.limit or LIMIT,
     )
-    run = options.make_run()
+    run = options.make_run(exists=True)
     sources = [str(one) for one in Source if not source or one in source]
-    _follow(run, sources)
+    ensure(run, sources)
     query = " ".join(words)
     answers = ask(run.root, query, sources=sources, only=only, size=size, entity=entity)
     meant = suggest(run.root, query, sources=sources)
@@ -136,20 +137,10 @@ def search(
             typer.echo(terminal.one_line(line))
     if not answers or meant:
         said = [] if answers else ["no answers"]
-        said += [f'did you mean "{meant}"?'] if meant else []
+        quoted = meant if '"' in meant else f'"{meant}"'
+        said += [f"did you mean {quoted}?"] if meant else []
         typer.echo(terminal.one_line("; ".join(said)), err=True)
     return None
-
-
-def _follow(run: Run, sources: list[str]) -> None:
-    """Make what is missing or old. Raises WriterLocked, DamagedData, DiskFull."""
-    from kb.search.build import follow
-    from kb.store import indexed
-
-    for source in sources:
-        if indexed.files(run.root, source) and not indexed.is_current(run.root, source):
-            run.progress.say(f"no index of {source} that follows clean/{source}: making it")
-            follow(run, source)
 
 
 def _lines(number: int, one: SearchHit) -> Iterator[str]:

@@ -33,6 +33,7 @@ def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Call
         uses=(*CLUSTER, "pipeline"),
         limit="Stop after scoring N more texts for toxicity (exit code 3); the next run resumes.",
         json="crawled, kept, rejected, failed, pending, missing, stages, tables",
+        needs_data=True,
         checks=True,
         examples=[f"kb {source} filter", f"kb {source} filter --profile mine.toml"],
     )(filter_)
@@ -63,5 +64,6 @@ def add_export(
         app,
         uses=("engine", "scheduler", "pipeline"),
         json="the rows of each table, and path",
+        needs_data=True,
         examples=[f"kb {source} export", f"kb {source} export --format {others[-1]}"],
     )(export)

@@ -26,7 +26,7 @@ app = group("Every byte of a data root or release: whole, damaged, missing, fore
     json="files_whole, files_damaged, files_missing, files_foreign, kinds, found",
     examples=[
         "kb verify                       the data root",
-        "kb verify release/              what was downloaded, against its checksums",
+        "kb verify release/              a download, against its checksums",
         "kb verify --repair              make and ask again for what is not whole",
     ],
 )
@@ -54,18 +54,17 @@ def verify(
     """
     from kb.core.errors import DamagedData, UsageError
     from kb.core.verdict import Summary
-    from kb.verify.root import is_root
+    from kb.store.catalog import existing, is_root
 
-    from_root = folder is None or is_root(folder.expanduser())
-    if repair and not from_root:
+    if folder is not None:
+        options = replace(options, data=existing(folder))
+    run = options.make_run(needs="profile" if repair else "root", exists=True)
+    place = run.root
+    if repair and not is_root(place):
         raise UsageError(
-            f"{folder} is no data root: there is nothing to make it again from",
+            f"{place} is not a data root: a download can't be rebuilt from raw data",
             hint="download again what is damaged, into the same folder",
         )
-    if folder is not None and from_root:
-        options = replace(options, data=folder)
-    run = options.make_run(needs="profile" if repair else "root")
-    place = run.root if folder is None or from_root else folder.expanduser().absolute()
     room = pipeline(run, "verify")
     look: Look
     done: list[str]
@@ -79,7 +78,7 @@ def verify(
             for state in ("damaged", "missing", "foreign")
             if (files := look.total(state)[0])
         )
-        way = "" if repair or not from_root else "`kb verify --repair` mends what it can"
+        way = "" if repair or not is_root(place) else "`kb verify --repair` repairs what it can"
         error = DamagedData(f"{place} is not whole: {counts}", hint=way)
         error.summary = summary
         raise error

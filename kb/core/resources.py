@@ -7,6 +7,7 @@ from pathlib import Path
 
 from kb.core.errors import DamagedData
 
+PROFILE_FILE = "profile.toml"  # its name in a folder of its own, and in a release folder
 _CHECKOUT = {"schemas": "schemas", "pipelines": "pipelines", "profiles": "data/profiles"}
 
 

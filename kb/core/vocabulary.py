@@ -56,6 +56,10 @@ WORDS: dict[str, Word] = {
     "duplicates": Word("Older or repeated answers; the newest one counts.", "{n} older answers"),
     "unknown_keys": Word("Keys of answers that schemas/ does not declare, with how often."),
     # What was asked and read.
+    "po_token": Word(
+        "Videos whose captions need a PO token; a crawl on a later day tries them again.",
+        "{n} without captions for want of a PO token",
+    ),
     "requests": Word(
         "Requests sent; without those that the browser sends for a page.", "{n} requests"
     ),
@@ -66,6 +70,9 @@ WORDS: dict[str, Word] = {
     "bad_lines": Word("Lines of a given file or dump that can't be read.", "{n} bad lines"),
     "truncated_files": Word(
         "Files that are cut off; what is whole in them was read.", "{n} files cut off"
+    ),
+    "foreign_files": Word(
+        "Other files in the folders that were searched for dumps.", "{n} other files"
     ),
     "lines": Word("Lines of the dumps that were looked through.", "{n} lines looked through"),
     # What `kb profile check` finds.

@@ -36,7 +36,7 @@ from kb.pairs import keywords as lists
 from kb.pairs.keywords import Keywords
 from kb.store import complete, linked, parquet
 from kb.store.atomic import replacing_folder, write_bytes, write_text
-from kb.store.digests import digest
+from kb.store.catalog import NO_TABLES, Catalog
 from kb.store.layout import Layout, parquet_files
 from kb.store.linked import Note, Read
 from kb.store.lock import writer
@@ -93,16 +93,22 @@ def check(run: Run) -> Keywords:
 
 
 def _files(root: Path) -> Files:
-    """The clean files of every source that has any. Raises FatalError, DamagedData."""
+    """The files of every source that has any: clean, else restored, else released ones.
+
+    Raises FatalError, DamagedData.
+    """
+    catalog = Catalog(root.absolute())
     found: Files = {}
     for source in SOURCES:
-        if held := complete.files(root, source, TABLES[source]):
+        held = {
+            f"{name}/{path.name}": path
+            for name in TABLES[source]
+            for path in catalog.texts(f"{source}/{name}")
+        }
+        if held:
             found[source] = held
     if not found:
-        raise FatalError(
-            f"nothing to link: {root} has no clean tables",
-            hint="run a crawl and its filter first, or `make demo`",
-        )
+        raise FatalError(f"nothing to link: {root} has no texts", hint=NO_TABLES)
     return found
 
 
@@ -110,7 +116,7 @@ def _reads(files: Files, keywords: Keywords, called: Mapping[str, Names]) -> dic
     rules = json.dumps([_RULES, lists.plain(keywords)], sort_keys=True)
     found = {}
     for source, held in files.items():
-        digests = {name: digest(path) for name, path in held.items()}
+        digests = {name: parquet.fingerprint(path) for name, path in held.items()}
         said = sorted(called.items()) if source == "wiki" else []
         whole = json.dumps([rules, sorted(digests.items()), said])
         mark = hashlib.sha256(whole.encode()).hexdigest()[:16]

@@ -9,11 +9,10 @@ from kb.core import terminal
 from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.mcp.fence import Fence, Unit, cut, together
-from kb.query.views import bare
 from kb.reader.opened import Opened
-from kb.reader.places import look
 from kb.reader.rows import Table
-from kb.store import indexed
+from kb.store import catalog, indexed
+from kb.store.catalog import bare
 
 _THINGS = {"youtube": "youtube_videos", "wiki": "wiki_pages", "reddit": "reddit_posts"}
 _WHEN = {
@@ -26,7 +25,7 @@ _LICENCES = 10  # of a source
 
 def about(run: Run, size: int) -> str:
     """Sources with dates and licences, the index, the views. Raises DamagedData, UsageError."""
-    opened = Opened(look([run.root]))
+    opened = Opened([catalog.read(run.root)])
     fence = Fence()
     head = (
         f"{fence.note}\n"
@@ -50,7 +49,7 @@ def _source(opened: Opened, source: str) -> str:
     ranked = opened.ranked(table)
     if not ranked:
         return ""
-    view, (when, word) = ranked[0].view.full, _WHEN[source]
+    view, (when, word) = ranked[0].full, _WHEN[source]
     row = _row(
         opened,
         f"SELECT count(*) AS n, min({when}) AS first, max({when}) AS last,"
@@ -68,7 +67,7 @@ def _licences(opened: Opened, source: str) -> str:
     ranked = opened.ranked(_THINGS[source])
     if not ranked or source == "reddit":
         return ""
-    sql = f"SELECT license, count(*) AS n FROM {ranked[0].view.full} GROUP BY 1 ORDER BY 2 DESC, 1"
+    sql = f"SELECT license, count(*) AS n FROM {ranked[0].full} GROUP BY 1 ORDER BY 2 DESC, 1"
     rows = opened.rows(sql).to_pylist()
     lines = [
         f"licence {cut(terminal.one_line(row['license'] or 'none given'), 200)}: {row['n']:,}"
@@ -98,6 +97,6 @@ def _indexed(run: Run) -> Iterator[str]:
 
 def _views(opened: Opened) -> Iterator[str]:
     short = {view.full: name for name, view in bare(opened.views).items()}
-    for name, one in sorted(opened.placed.items()):
+    for name, one in sorted(opened.named.items()):
         also = f" (also {short[name]})" if name in short else ""
-        yield f"view {name}{also}: {Table(one.view).count_rows():,} rows. {one.view.doc}"
+        yield f"view {name}{also}: {Table(one).count_rows():,} rows. {one.doc}"

@@ -16,10 +16,10 @@ from kb.mcp.found import revision
 from kb.mcp.places import Place, anchor
 from kb.reader import thread as threads
 from kb.reader.opened import Opened
-from kb.reader.places import look
 from kb.search.passage import plain
 from kb.search.sections import grid, link, sections
 from kb.search.transcripts import Talk, talk
+from kb.store import catalog
 
 _WATCH = "https://www.youtube.com/watch?v="
 
@@ -44,7 +44,7 @@ class Whole(NamedTuple):
 
 def around(root: Path, place: Place, size: int) -> str:
     """The place and as much around it as `size` characters hold. Raises UsageError, DamagedData."""
-    opened = Opened(look([root]))
+    opened = Opened([catalog.read(root)])
     whole = _READ[place.source](opened, place)
     fence = Fence()
     head = f"{fence.note}\n{whole.facts}"
@@ -92,7 +92,7 @@ def _outward(centre: int, count: int) -> list[int]:
 
 def _first(opened: Opened, short: str, where: str, values: Sequence[Any]) -> dict[str, Any] | None:
     for one in opened.ranked(short):
-        if rows := opened.rows(f"FROM {one.view.full} WHERE {where}", values).to_pylist():
+        if rows := opened.rows(f"FROM {one.full} WHERE {where}", values).to_pylist():
             return dict(rows[0])
     return None
 
@@ -152,7 +152,7 @@ def _page(opened: Opened, place: Place) -> Whole:
 
     def rows(short: str, order: str) -> list[dict[str, Any]]:
         for one in opened.ranked(f"wiki_{short}"):
-            sql = f"FROM {one.view.full} WHERE page_id = ? ORDER BY {order}"
+            sql = f"FROM {one.full} WHERE page_id = ? ORDER BY {order}"
             return opened.rows(sql, [key]).to_pylist()
         return []
 

@@ -8,7 +8,7 @@ from kb.core.errors import UsageError
 from kb.mcp.fence import Fence, cut
 from kb.query import guarded
 from kb.query.bounds import Limits
-from kb.reader.places import look
+from kb.store import catalog
 
 ROWS, MOST_ROWS = 100, 1_000
 SECONDS, MOST_SECONDS = 10, 60
@@ -19,7 +19,7 @@ _LEFT = "More rows were left out: raise max_chars or max_rows, or ask for less."
 def asked(root: Path, sql: str, rows: int, seconds: float, size: int) -> str:
     """The first rows as CSV in at most `size` characters. Raises DamagedData."""
     fence = Fence()
-    views = [one.view for one in look([root]).values()]
+    views = catalog.read(root).views
     head = f"{fence.note}\nThe answer as CSV, times in UTC."
     room = size - len(head) - len(_LEFT) - len(fence.around("")) - 6
     try:

@@ -11,9 +11,8 @@ from kb.core.sources import SOURCES
 from kb.mcp.fence import Fence, Unit, together
 from kb.mcp.places import Place, of_link
 from kb.search.ask import SearchHit, search, suggest
-from kb.search.build import follow
+from kb.search.build import ensure
 from kb.search.rank import Only
-from kb.store import indexed
 
 _ONE_AT_A_TIME = threading.Lock()  # an index is made once
 
@@ -27,9 +26,7 @@ def found(
     """
     chosen = [one for one in SOURCES if not sources or one in sources]
     with _ONE_AT_A_TIME:
-        for source in chosen:
-            if indexed.files(run.root, source) and not indexed.is_current(run.root, source):
-                follow(run, source)
+        ensure(run, chosen)
     answers = search(run.root, words, sources=chosen, only=only, size=size, entity=entity)
     fence = Fence()
     if not answers:

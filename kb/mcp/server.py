@@ -25,8 +25,8 @@ from kb.mcp.around import around
 from kb.mcp.asked import MOST_ROWS, MOST_SECONDS, ROWS, SECONDS, asked
 from kb.mcp.found import found
 from kb.mcp.places import place
-from kb.reader.places import look
 from kb.search.rank import Only, day_given
+from kb.store import catalog
 
 INSTRUCTIONS = (
     "A local knowledge base made of video transcripts, a wiki and forum threads. Ask `search`"
@@ -74,7 +74,7 @@ def make(run: Run) -> Any:
             f"kb mcp needs the Python package {error.name}",
             hint=install_extra("mcp"),
         ) from None
-    look([run.root])
+    catalog.read(run.root)
 
     class Server(MCPServer):
         """The SDK's server, whose answer to a wrong argument is one line."""

@@ -8,6 +8,7 @@ Views are in `views`, statements in `statements`, the nearest names in `nearest`
 """
 
 from kb.query.execute import select
-from kb.query.views import Listed, View, catalog, connect, found
+from kb.query.views import Listed, catalog, connect, found
+from kb.store.catalog import View
 
 __all__ = ["Listed", "View", "catalog", "connect", "found", "select"]

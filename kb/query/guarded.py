@@ -17,7 +17,7 @@ import msgspec
 import kb
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.query.bounds import Limits, too_long
-from kb.query.views import View
+from kb.store.catalog import View
 
 _START = 20.0  # seconds that a process may take beside its query
 _KINDS: dict[str, type[KbError]] = {

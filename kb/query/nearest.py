@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import difflib
-import os
 import re
-import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
 import duckdb
 
-from kb.core.errors import UsageError
+from kb.core.errors import KbError, UsageError
 from kb.core.sources import PUBLISHED, SOURCES, exported_by
-from kb.query.views import SCHEMAS, found, names
 from kb.schema.tables import tables
+from kb.store.catalog import SCHEMAS, empty, view_name
 
 _TABLE = re.compile(r'Table with name "?([^"!]+?)"? does not exist')
 _COLUMN = re.compile(r'Values list "[^"]*" does not have a column named "([^"]+)"')
@@ -23,7 +21,7 @@ _LISTS = "`kb query --tables` lists the views"
 
 def unknown(
     con: duckdb.DuckDBPyConnection, sql: str, error: Exception, root: Path | None
-) -> UsageError | None:
+) -> KbError | None:
     """What to say of a table or column that is not there; None for an error of another kind."""
     text = str(error)
     if missing := _TABLE.search(text):
@@ -52,21 +50,7 @@ def one_line(error: Exception) -> str:
     return " ".join([lines[0], *(", ".join(line.split(", ")[:3]) for line in guesses)])
 
 
-def advice(root: Path) -> str:
-    """What to type where there are no tables yet."""
-    demo = root / "demo"
-    if any(found(demo)):
-        return f"the demo's are there: kb query --data {shown(demo)} --tables"
-    return "run a crawl and its filter first, or `make demo`"
-
-
-def shown(path: Path) -> str:
-    """A path as one types it: from here where it is below here."""
-    here = os.path.relpath(path)
-    return shlex.quote(str(path) if here.startswith("..") else here)
-
-
-def _table(con: duckdb.DuckDBPyConnection, name: str, said: str, root: Path | None) -> UsageError:
+def _table(con: duckdb.DuckDBPyConnection, name: str, said: str, root: Path | None) -> KbError:
     views = list(_views(con))
     schema, _, short = name.rpartition(".")
     full = [f"{one}.{view}" for one, view in views]
@@ -76,7 +60,7 @@ def _table(con: duckdb.DuckDBPyConnection, name: str, said: str, root: Path | No
         near = close(name, {view for _, view in views})
     said = said.partition(" because ")[0].rstrip("!")
     if not views:
-        return UsageError(f"{said}!", hint=f"no tables yet: {advice(root or Path('data'))}")
+        return empty((root or Path("data")).absolute())
     return UsageError(f"{said}!{_guess(near)}", hint=(not near and _how(short, schema)) or _LISTS)
 
 
@@ -90,7 +74,7 @@ def _how(short: str, schema: str) -> str:
     """The commands that make a declared table which has no files yet."""
     if schema == "restored":
         return "`kb reddit reconstruct` makes it"
-    known = {names(one): one.source for one in tables().values() if one.source in PUBLISHED}
+    known = {view_name(one): one.source for one in tables().values() if one.source in PUBLISHED}
     if short not in known:
         return ""
     source = known[short]

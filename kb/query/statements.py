@@ -10,7 +10,7 @@ import duckdb
 import duckdb.sqltypes
 
 from kb.core.errors import UsageError
-from kb.query.views import SCHEMAS, View
+from kb.store.catalog import SCHEMAS, View
 
 # A table by a text that is put together, or by its file's name.
 _ANY = re.compile(r"\b(query|query_table|\w*parquet\w*|read_\w+|glob)\b|/|u&")

@@ -8,8 +8,8 @@
     data.clips("creeper")               clips of a keyword, with their videos and texts
     data.search("tame a wolf")          ranked answers out of the index of `kb index`
 
-Nothing is written, sent or asked for: no key, no profile, no network. Folders are in `places`,
-tables in `rows`, HTML in `html`; pages in `page` and `image`, the rest by its own name.
+Nothing is sent or asked for: no key, no network. Tables are in `rows`, HTML in `html`; pages in
+`page` and `image`, the rest by its own name.
 """
 
 from kb.reader.data import Data, load

@@ -6,9 +6,9 @@ import difflib
 from typing import cast
 
 from kb.core.errors import UsageError
-from kb.query.views import View
 from kb.reader.opened import Opened
 from kb.reader.rows import Answer, Table
+from kb.store.catalog import View
 
 _OF_VIDEO = ("title", "view_count", "like_count", "published_at")
 
@@ -20,7 +20,7 @@ def find(opened: Opened, keyword: str) -> Answer:
     start and end (s), `url` that starts there, `text` (null where it was not restored),
     token_count, transcript_kind. Raises UsageError where there are no pairs or no such keyword.
     """
-    ranked = [one.view for one in opened.ranked("pairs")]
+    ranked = opened.ranked("pairs")
     if not ranked:
         raise UsageError("no pairs here", hint="load the folder of the release that holds them")
     pairs = ranked[0]
@@ -50,9 +50,9 @@ def _sql(opened: Opened, pairs: View, ranked: list[View]) -> str:
     videos = opened.ranked("youtube_videos")
     of_video = ", ".join(f"v.{name}" if videos else f"NULL AS {name}" for name in _OF_VIDEO)
     if videos:
-        joins.append(f"LEFT JOIN {videos[0].view.full} AS v ON v.video_id = p.video_id")
+        joins.append(f"LEFT JOIN {videos[0].full} AS v ON v.video_id = p.video_id")
     gone = [
-        f"SELECT key FROM {one.view.full} WHERE source = '{source}'"
+        f"SELECT key FROM {one.full} WHERE source = '{source}'"
         for source in ("youtube", "pairs")
         for one in opened.ranked(f"{source}_tombstones")
     ]

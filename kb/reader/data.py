@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from kb import query
 from kb.core.errors import UsageError
-from kb.reader import clips, html, page, search, thread
+from kb.reader import clips, html, page, thread
 from kb.reader.hints import hinted
 from kb.reader.opened import Opened
-from kb.reader.places import Placed, look
 from kb.reader.rows import Answer, Table
 from kb.reader.tables import Tables
 from kb.search.rank import Only, day_given
+from kb.store import catalog
+from kb.store.catalog import Catalog
 
 Place = str | os.PathLike[str]
 _WAYS = ("sql", "page", "thread", "clips", "search")
@@ -30,19 +31,20 @@ def load(*places: Place | Iterable[Place]) -> Data:
 
     Without a place it is the folder `data`. Looks at file names only; what is in the files is read
     when it is asked for. Nothing is written or sent, and no key or profile is needed. Raises
-    UsageError where there are no tables, DamagedData where a file is missing.
+    UsageError for a folder that does not exist, FatalError for one without tables, DamagedData
+    where a file is missing.
     """
     paths: list[Path] = []
     for one in places or ("data",):
         paths += [Path(one)] if isinstance(one, str | os.PathLike) else map(Path, one)
-    return Data(look(paths))
+    return Data([catalog.read(path) for path in paths])
 
 
 class Data:
     """Tables, wiki pages, Reddit threads and clips; made by `kb.load`."""
 
-    def __init__(self, placed: dict[str, Placed]) -> None:
-        self._opened = Opened(placed)
+    def __init__(self, catalogs: Sequence[Catalog]) -> None:
+        self._opened = Opened(catalogs)
         self.tables = Tables(self._opened.views)
 
     @hinted
@@ -124,8 +126,11 @@ class Data:
         Columns: text, snippet, source, kind, key, title, path, score, url, licence, date, start_s.
         `entity`: a keyword of the profile; answers out of what `kb links` found to name it alone.
         `each`: answers of one video, page or thread, None for all; `size`: characters of a text.
-        Raises UsageError where there is no index, or one older than the clean tables.
+        An index that is missing or out of date is made first: below the data root, or in the
+        user's cache for a download. Raises UsageError where there are no texts.
         """
+        from kb.reader import search  # noqa: PLC0415  it needs pydantic, which takes a second
+
         days = day_given("since", since), day_given("until", until)
         only = Only(_several(kind), *days, least_score, each, limit)
         return search.find(self._opened, words, _several(source), only, size, entity)

@@ -1,4 +1,4 @@
-"""The views that were found and one connection over them: what pages, threads and clips ask."""
+"""The tables of one or more folders, and one connection over them for all that asks."""
 
 from __future__ import annotations
 
@@ -9,18 +9,24 @@ import duckdb
 import pyarrow as pa
 
 from kb import query
-from kb.query.views import SCHEMAS
-from kb.reader.places import Placed
 from kb.store import parquet
+from kb.store.catalog import SCHEMAS, Catalog, View, check_once
 from kb.store.reading import reading
 
 
 class Opened:
-    """Tables by their full names; DuckDB is opened at the first question."""
+    """Tables by their full names; DuckDB is opened at the first question.
 
-    def __init__(self, placed: dict[str, Placed]) -> None:
-        self.placed = placed
-        self.views = [one.view for one in placed.values()]
+    Raises UsageError where two of the folders hold the same table.
+    """
+
+    def __init__(self, catalogs: Sequence[Catalog]) -> None:
+        self.catalogs = catalogs
+        self.named: dict[str, View] = {}
+        for one in catalogs:
+            for view in one.views:
+                check_once(self.named, view)
+        self.views = [*self.named.values()]
         self._con: duckdb.DuckDBPyConnection | None = None
 
     @property
@@ -31,12 +37,12 @@ class Opened:
         return self._con
 
     def __contains__(self, full: str) -> bool:
-        return full in self.placed
+        return full in self.named
 
-    def ranked(self, short: str) -> list[Placed]:
+    def ranked(self, short: str) -> list[View]:
         """The tables of one name, the fullest first: clean, release, restored."""
         full = [f"{schema}.{short}" for schema in SCHEMAS]
-        return [self.placed[name] for name in full if name in self.placed]
+        return [self.named[name] for name in full if name in self.named]
 
     def rows(self, sql: str, parameters: Sequence[Any] = ()) -> pa.Table:
         """The rows of a query of our own, with values for its question marks."""
@@ -48,4 +54,4 @@ class Opened:
 
     def folders(self) -> list[str]:
         """The folders that the tables were found in."""
-        return sorted({str(one.home) for one in self.placed.values()})
+        return sorted({str(one.home) for one in self.views})

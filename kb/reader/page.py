@@ -13,8 +13,8 @@ from kb.reader import html, image
 from kb.reader.hints import hinted
 from kb.reader.image import Box
 from kb.reader.opened import Opened
-from kb.reader.places import Placed
 from kb.reader.rows import Answer
+from kb.store.catalog import View
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -33,8 +33,8 @@ class Page:
     page.facts, page.recipes                    # what its infoboxes and recipes say
     """
 
-    def __init__(self, opened: Opened, placed: Placed, row: dict[str, Any]) -> None:
-        self._opened, self._placed, self.row = opened, placed, row
+    def __init__(self, opened: Opened, view: View, row: dict[str, Any]) -> None:
+        self._opened, self._view, self.row = opened, view, row
 
     @property
     def page_id(self) -> int:
@@ -85,7 +85,7 @@ class Page:
         Raises MissingExtra without Pillow, DamagedData for a tar or image that is missing or
         not what the release says.
         """
-        return image.screenshot(self._placed.home, self.row)
+        return image.screenshot(self._view.home, self.row)
 
     @hinted
     def boxes(self, kind: str | None = None, *, hidden: bool = False) -> Boxes:
@@ -108,7 +108,7 @@ class Page:
         return Boxes(self, boxes)
 
     def _rows(self, short: str, order: str) -> Answer:
-        name = f"{self._placed.view.schema}.wiki_{short}"
+        name = f"{self._view.schema}.wiki_{short}"
         if name not in self._opened:
             raise UsageError(f"no table {name} here", hint="data.tables lists what is")
         sql = f"FROM {name} WHERE page_id = ? ORDER BY {order}"
@@ -155,14 +155,14 @@ def find(opened: Opened, wanted: int | str) -> Page:
     ranked = opened.ranked("wiki_pages")
     if not ranked:
         raise UsageError("no wiki pages here", hint="load a wiki release, or a data root with one")
-    for placed in ranked:
-        name = placed.view.full
+    for view in ranked:
+        name = view.full
         tries = [("page_id = ?", wanted)] if isinstance(wanted, int) else _by_title(wanted)
         for condition, value in tries:
             sql = f"FROM {name} WHERE {condition} ORDER BY page_id LIMIT 1"
             if rows := opened.rows(sql, [value]).to_pylist():
-                return Page(opened, placed, rows[0])
-    listed = opened.rows(f"SELECT title FROM {ranked[0].view.full}")["title"].to_pylist()
+                return Page(opened, view, rows[0])
+    listed = opened.rows(f"SELECT title FROM {ranked[0].full}")["title"].to_pylist()
     titles = cast("list[str]", listed)
     near = difflib.get_close_matches(str(wanted), titles, 3)
     raise UsageError(

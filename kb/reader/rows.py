@@ -13,10 +13,10 @@ import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
 from kb.core.errors import MissingExtra, UsageError
-from kb.query.views import View
 from kb.reader import html
 from kb.reader.hints import hinted
 from kb.store import parquet
+from kb.store.catalog import View
 from kb.store.reading import reading
 
 if TYPE_CHECKING:

@@ -1,17 +1,23 @@
-"""`data.search(words)`: ranked answers out of the index of a data root."""
+"""`data.search(words)`: ranked answers out of the indexes of the folders that were loaded."""
 
 from __future__ import annotations
 
 import msgspec
 import pyarrow as pa
 
+from kb.core.context import Run
 from kb.core.errors import UsageError
+from kb.core.profile import DEFAULT, load_profile
+from kb.core.settings import Settings
 from kb.core.sources import SOURCES
 from kb.reader.opened import Opened
 from kb.reader.rows import Answer
 from kb.search.ask import SearchHit, search
+from kb.search.build import ensure
 from kb.search.passage import KINDS
 from kb.search.rank import Only
+from kb.store import belonging, indexed
+from kb.store.catalog import Catalog
 
 _NUMBERS = ("score", "start_s")
 _SCHEMA = pa.schema(
@@ -30,21 +36,29 @@ def find(
     size: int = 1000,
     entity: str = "",
 ) -> Answer:
-    """The answers as rows, the best first. Raises UsageError without an index that is current."""
+    """The answers as rows, the best first. Makes what is missing of the indexes.
+
+    Raises UsageError where there are no texts, WriterLocked, DamagedData, DiskFull.
+    """
     for what, given, known in (("source", sources, SOURCES), ("kind", only.kinds, KINDS)):
         if wrong := [one for one in given if one not in known]:
             raise UsageError(f"no {what} {wrong[0]!r}", hint=f"one of {', '.join(known)}")
-    roots = {one.home for name, one in opened.placed.items() if name.startswith("clean.")}
-    if not roots:
-        raise UsageError(
-            f"no search index to look for {words!r} in: a release holds no texts",
-            hint='load a data root; "kb index" makes its index',
-        )
-    hits = [
-        one
-        for root in sorted(roots)
-        for one in search(root, words, sources=sources, only=only, size=size, entity=entity)
-    ]
+    hits = []
+    chosen = sources or SOURCES
+    held = [one for one in opened.catalogs if any(indexed.files(one.path, name) for name in chosen)]
+    for one in held or opened.catalogs:
+        ensure(_run(one), chosen)
+        hits += search(one.path, words, sources=sources, only=only, size=size, entity=entity)
     hits.sort(key=lambda one: -one.score)
     rows = [msgspec.to_builtins(one) for one in hits[: only.limit]]
     return Answer(pa.Table.from_pylist(rows, schema=_SCHEMA))
+
+
+def _run(held: Catalog) -> Run:
+    """What an index is made with: the folder's own profile."""
+    bound = belonging.remembered(held.path)
+    if bound is not None:
+        profile = belonging.load(held.path, bound)[0]
+    else:
+        profile = load_profile(belonging.profile_of(held.path) or DEFAULT)
+    return Run(settings=Settings(kb_data=held.path), profile=profile, root=held.path)

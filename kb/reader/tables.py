@@ -6,10 +6,10 @@ import difflib
 from collections.abc import Iterator, Mapping
 
 from kb.core.errors import UsageError
-from kb.query.views import View, bare
 from kb.reader import html
 from kb.reader.hints import hinted
 from kb.reader.rows import Table
+from kb.store.catalog import View, bare
 
 
 class Tables(Mapping[str, Table]):

@@ -131,14 +131,14 @@ def find(opened: Opened, post_id: str) -> Thread:
     # What a later release removed stays out of an older copy.
     gone = _reasons(opened, "reddit_tombstones")
     for spine in opened.ranked("reddit_posts"):
-        rows = opened.rows(f"FROM {spine.view.full} WHERE post_id = ?", [key]).to_pylist()
+        rows = opened.rows(f"FROM {spine.full} WHERE post_id = ?", [key]).to_pylist()
         if not rows:
             continue
         if f"t3_{key}" in gone:
             raise UsageError(f"the post {key} was removed: {gone[f't3_{key}']}")
         missing = _reasons(opened, "reddit_missing")
         post = _filled(opened, rows, "reddit_posts", "post_id", _POST, key)[0]
-        held = f"{spine.view.schema}.reddit_comments"
+        held = f"{spine.schema}.reddit_comments"
         comments = [
             row
             for row in (_comments(opened, held, key) if held in opened else [])
@@ -180,7 +180,7 @@ def _reasons(opened: Opened, short: str) -> dict[str, str]:
     """Keys with their reasons, of every table of this name that is here."""
     reasons: dict[str, str] = {}
     for one in opened.ranked(short):
-        for row in opened.rows(f"SELECT key, reason FROM {one.view.full}").to_pylist():
+        for row in opened.rows(f"SELECT key, reason FROM {one.full}").to_pylist():
             reasons[row["key"]] = row["reason"]
     return reasons
 

@@ -19,9 +19,9 @@ from kb.core.engine import make_executor
 from kb.core.errors import Interrupted, LimitReached, Stopped
 from kb.core.verdict import Summary
 from kb.crawl.session import open_session
-from kb.reddit import places
+from kb.reddit import dumpfiles, places
 from kb.reddit.authors import load_key
-from kb.reddit.dumps import check_readable, memory
+from kb.reddit.containers import memory
 from kb.reddit.onedump import Job, import_file, import_with, name_of
 from kb.reddit.places import KIND, Place
 from kb.reddit.source import Dumps
@@ -31,22 +31,22 @@ from kb.store import mending, rawlog
 def import_dumps(
     run: Run, files: Sequence[Path], since: datetime | None = None, until: datetime | None = None
 ) -> Summary:
-    """Import monthly dumps (`RS_*.zst` posts, `RC_*.zst` comments) or files of one subreddit. Sends
-    nothing.
+    """Import monthly dumps (RS_* posts, RC_* comments), files of one subreddit, or folders of
+    dumps, in any container of kb.reddit.containers. Sends nothing.
 
     `since` and `until` go by the date of each post and comment. Files that were imported before,
     over the same span, are left out unless `--again`. Raises SettingError (exit 2) when a file
     can't be read, LimitReached and Interrupted (exit 3; the same command goes on), DiskFull.
     """
     section = run.profile.section("reddit")
-    check_readable(files)
+    named = dumpfiles.find(run, files)
     with open_session(run, Dumps(run)) as session:
         load_key(run.root)
         span = (since.timestamp() if since else 0.0, until.timestamp() if until else math.inf)
         root = str(run.root.absolute())
         jobs = [
             Job(root, str(file.absolute()), section.subreddit, *span, run.limit or 0)
-            for file in different(run, files, span)
+            for file in different(run, named.files, span)
         ]
         try:
             found = import_jobs(run, jobs)
@@ -54,7 +54,7 @@ def import_dumps(
         finally:
             for path in rawlog.segments(run.root, "reddit", KIND):
                 session.frontier.set_offset(KIND, rawlog.base_name(path), path.stat().st_size)
-    return summary_of(found)
+    return Summary(summary_of(found), foreign_files=named.foreign)
 
 
 def different(

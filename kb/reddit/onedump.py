@@ -14,7 +14,8 @@ from pathlib import Path
 import msgspec
 
 from kb.reddit import places
-from kb.reddit.dumps import Chunk, Seen, chunks
+from kb.reddit.containers import Seen
+from kb.reddit.dumps import Chunk, chunks
 from kb.reddit.lines import Block, Looked, Rules, Taken, look, look_at_block, rules, search_of
 from kb.reddit.places import KIND, Place
 from kb.reddit.search import State

@@ -12,8 +12,8 @@ from kb.core.context import Run
 from kb.core.plan import Phase, plan
 from kb.core.verdict import Summary
 from kb.core.waiting import to_read
+from kb.reddit import dumpfiles
 from kb.reddit.client import IDS, ROOT
-from kb.reddit.dumps import check_readable
 from kb.reddit.known import known
 from kb.reddit.reduce import PAGES
 from kb.reddit.refresh import due_parts, oldest_due
@@ -79,11 +79,10 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
 
 def plan_rebuild(run: Run, ids: Ids, dumps: Sequence[Path] = ()) -> Summary:
     """What a reconstruction of these ids would ask for, or read. Raises SettingError."""
-    if dumps:
-        check_readable(dumps)
+    files = dumpfiles.find(run, dumps).files
     wanted, _ = asked_for(ids, Layout(run.root).release("reddit"))
     if dumps:
-        size = sum(file.stat().st_size for file in dumps)
+        size = sum(file.stat().st_size for file in files)
         items = len(wanted.names) + len(wanted.trees)
         hours, gb = size / DUMP_BYTES_AN_HOUR / run.workers, items * BYTES_AN_ID / 1e9
         phases = [Phase("posts and comments", items, hours=hours, gb=gb)]

@@ -7,21 +7,17 @@ looked at again then. Of the others it is seen that they begin and end as object
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from typing import Any, NamedTuple
 
-import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
 from ahocorasick_rs import BytesAhoCorasick
 
-from kb.reddit.dumps import Chunk
-from kb.reddit.tree import is_deeper
+from kb.reddit.dumps import Chunk, read_object
 
 CHECKED = 1 << 20  # decompressed bytes at the beginning of which every line is read
-DEEPEST = 200  # lists and objects within each other; what Reddit says has about ten
 
 
 class Found(NamedTuple):
@@ -84,7 +80,7 @@ class Search:
                 continue  # again in the same line
             first = data.rfind(b"\n", stop, place) + 1 or stop
             stop = data.find(b"\n", place) + 1
-            record = _read(data[first:stop])
+            record = read_object(data[first:stop])
             hits.add(first)
             if record is None:
                 bad.append(first)
@@ -99,7 +95,7 @@ class Search:
                     at not in hits
                     and (every or not _looks_whole(line))
                     and line.strip()
-                    and _read(line) is None
+                    and read_object(line) is None
                 ):
                     bad.append(at)
                 at += len(line)
@@ -194,10 +190,10 @@ def _counted(chunk: Chunk) -> tuple[int, int]:
     file = io.BytesIO(chunk.data)
     file.seek(chunk.begin)
     try:
-        whole = [line[0] == 0x7B and line[-2] == 0x7D for line in file]
+        whole = [line[0] == 0x7B and (line[-2] == 0x7D or line[-3:] == b"}\r\n") for line in file]
     except IndexError:  # an empty line, or a part of one
         file.seek(chunk.begin)
-        whole = [line[:1] == b"{" and line[-2:] == b"}\n" for line in file]
+        whole = [line[:1] == b"{" and line[-3:].rstrip(b"\r\n")[-1:] == b"}" for line in file]
     if chunk.end < len(chunk.data):
         whole.pop()  # a part of a line
     return len(whole), whole.count(True)
@@ -213,22 +209,3 @@ def _lines(chunk: Chunk) -> list[bytes]:
 def _looks_whole(line: bytes) -> bool:
     line = line.strip()
     return line.startswith(b"{") and line.endswith(b"}")
-
-
-def _read(line: bytes) -> dict[str, Any] | None:
-    """The object of a line; None when it is no object, or nested so deeply that reading it could
-    end the process.
-    """
-    try:
-        value = orjson.loads(line)
-    except orjson.JSONDecodeError:
-        try:
-            # The patient reader takes lone surrogates, which real titles hold.
-            value = json.loads(line)
-        except (ValueError, RecursionError):
-            return None
-    if not isinstance(value, dict):
-        return None
-    # Few brackets can't be nested deep, and counting them is quick.
-    brackets = line.count(b"[") + line.count(b"{")
-    return None if brackets > DEEPEST and is_deeper(value, DEEPEST) else value

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from kb.reddit import places
-from kb.reddit.dumps import Seen
+from kb.reddit.containers import Seen
 from kb.reddit.lines import Taken
 from kb.reddit.places import KIND, Place
 from kb.store import rawlog

@@ -9,9 +9,9 @@ from __future__ import annotations
 import duckdb
 
 from kb.release.columns import numbered
-from kb.release.folders import INDEX, Folder
 from kb.release.problem import Problem, damaged
 from kb.store import database
+from kb.store.release_folder import INDEX, ReleaseFolder
 
 _AGAIN = "run `kb wiki export` again"
 _COLUMNS = (
@@ -20,7 +20,7 @@ _COLUMNS = (
 _PATHS = (("pages", "screenshot_path"), ("images", "path"))
 
 
-def check(folder: Folder) -> list[Problem]:
+def check(folder: ReleaseFolder) -> list[Problem]:
     """Every problem of the archives; nothing for a source that has none."""
     if folder.source != "wiki":
         return []

@@ -21,7 +21,6 @@ from kb.core.verdict import Summary
 from kb.release import check, checksums, folders, history, measure, provenance, sample
 from kb.release.croissant import croissant
 from kb.release.facts import Facts
-from kb.release.folders import TOMBSTONES, Folder
 from kb.release.metadata import deposit
 from kb.release.pages import card, citation, datasheet, law
 from kb.release.problem import Problem
@@ -30,6 +29,7 @@ from kb.store import belonging, complete, tombstones
 from kb.store.atomic import write_text
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES
+from kb.store.release_folder import TOMBSTONES, ReleaseFolder, read
 from kb.store.shards import write_table
 
 _log = logging.getLogger(__name__)
@@ -55,7 +55,7 @@ def _release(run: Run, only: Sequence[str]) -> Summary:
             lacking.replace("a ", "").replace(" and ", " and no "),
         )
     facts = [write(run, folder) for folder in exports]
-    refuse(check.check_made(run, [folders.read(folder.path, folder.source) for folder in exports]))
+    refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
     return Summary(
         command="release",
         folders=len(exports),
@@ -75,7 +75,7 @@ def describe(run: Run, sources: Sequence[str] = ()) -> None:
             write(run, folder)
 
 
-def exported(run: Run, only: Sequence[str] = ()) -> list[Folder]:
+def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
     """The folders to release, or `only` those of some sources.
 
     Raises ReleaseRefused when nothing was exported, or a folder that was has lost its data;
@@ -121,13 +121,13 @@ def refuse(problems: Sequence[Problem]) -> None:
     raise error
 
 
-def write(run: Run, folder: Folder) -> Facts:
+def write(run: Run, folder: ReleaseFolder) -> Facts:
     """Everything around one folder's data, the checksums last."""
     with run.progress.task(f"release {folder.source}", total=12, unit="files") as task:
         return _describe(run, folder, task)
 
 
-def _describe(run: Run, folder: Folder, task: Task) -> Facts:
+def _describe(run: Run, folder: ReleaseFolder, task: Task) -> Facts:
     try:
         facts = measure.measure(run, folder)
     except duckdb.Error as error:
@@ -167,7 +167,7 @@ def _describe(run: Run, folder: Folder, task: Task) -> Facts:
     return facts
 
 
-def _tombstones(run: Run, folder: Folder) -> None:
+def _tombstones(run: Run, folder: ReleaseFolder) -> None:
     """Keys removed since collection began, of whatever the folder names."""
     declared = table("shared/tombstones")
     parts = [tombstones.read(run.root, source) for source in made_of(folder.source)]

@@ -18,9 +18,9 @@ from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
 from kb.core.licences import KNOWN, licence
-from kb.core.profile import PROFILE_FILE
+from kb.core.resources import PROFILE_FILE
 from kb.release import archives, checksums, columns, personal, scan, scored
-from kb.release.folders import DEPOSIT, TOMBSTONES, Folder, Part
+from kb.release.folders import DEPOSIT, samples, strays
 from kb.release.measure import folder_licence, page_licences
 from kb.release.metadata import Document
 from kb.release.problem import Problem, damaged
@@ -28,9 +28,10 @@ from kb.schema import Table, released_tables, table
 from kb.store import complete, database, linked, parquet
 from kb.store.digests import SUMS
 from kb.store.layout import Layout
+from kb.store.release_folder import TOMBSTONES, Part, ReleaseFolder
 
 
-def check(run: Run, folders: list[Folder]) -> list[Problem]:
+def check(run: Run, folders: list[ReleaseFolder]) -> list[Problem]:
     """Every problem of the exported data."""
     problems: list[Problem] = []
     for folder in folders:
@@ -62,7 +63,7 @@ def check(run: Run, folders: list[Folder]) -> list[Problem]:
     return problems
 
 
-def check_made(run: Run, folders: list[Folder]) -> list[Problem]:
+def check_made(run: Run, folders: list[ReleaseFolder]) -> list[Problem]:
     """Every problem of the files around the data: to be whole, right and without secrets."""
     problems: list[Problem] = []
     for folder in folders:
@@ -111,14 +112,14 @@ def _deposit(path: Path, where: str) -> list[Problem]:
     return []
 
 
-def _layout(folder: Folder) -> list[Problem]:
+def _layout(folder: ReleaseFolder) -> list[Problem]:
     """A flat folder of declared files."""
     problems = [
         Problem("layout", f"{folder.source}/{path.name}", "is a folder; a deposit is flat")
         for path in sorted(folder.path.iterdir())
         if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")
     ]
-    for path in folder.strays:
+    for path in strays(folder):
         what = (
             "is a link; a release has files of its own"
             if path.is_symlink()
@@ -128,7 +129,7 @@ def _layout(folder: Folder) -> list[Problem]:
     return problems
 
 
-def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
+def _tables(folder: ReleaseFolder) -> tuple[list[Problem], list[Part]]:
     """Problems of Parquet files and samples, and the parts whose shards read as declared."""
     found: list[Problem] = []
     whole = []
@@ -153,7 +154,7 @@ def _tables(folder: Folder) -> tuple[list[Problem], list[Part]]:
     tombstones = folder.path / TOMBSTONES
     if tombstones in folder.files():
         found += columns.check(tombstones, table("shared/tombstones"), folder.source)
-    for declared, path in folder.samples():
+    for declared, path in samples(folder):
         found += columns.check_sample(path, declared, folder.source)
     return found, whole
 
@@ -194,7 +195,7 @@ def _counts(root: Path, source: str, part: Part) -> list[Problem]:
     ]
 
 
-def _absent(root: Path, folder: Folder) -> list[Problem]:
+def _absent(root: Path, folder: ReleaseFolder) -> list[Problem]:
     """Tables that were cleaned but never exported."""
     there = {part.table.name for part in folder.parts}
     return [
@@ -214,7 +215,7 @@ def _older(root: Path) -> list[Problem]:
     return [Problem("rows", "links", what.format(one)) for one in linked.older_than(root)]
 
 
-def _licence(run: Run, folder: Folder) -> list[Problem]:
+def _licence(run: Run, folder: ReleaseFolder) -> list[Problem]:
     where = f"{folder.source}/LICENSE"
     named, unnamed = page_licences(folder)
     foreign = [name for name in named if name not in KNOWN]

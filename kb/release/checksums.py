@@ -1,51 +1,40 @@
-"""SHA256SUMS: written for `sha256sum -c`, and read back by the gate."""
+"""SHA256SUMS: written for `sha256sum -c`, and compared by the gate."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
-from kb.release.folders import Folder, is_made
-from kb.release.problem import Problem, damaged
+from kb.release.folders import is_made
+from kb.release.problem import Problem
+from kb.store import release_folder
 from kb.store.atomic import write_text
-from kb.store.digests import SUMS, digest, listed, parsed
+from kb.store.digests import SUMS, digest, listed
+from kb.store.release_folder import ReleaseFolder
 
 
-def write(folder: Folder) -> Path:
+def write(folder: ReleaseFolder) -> Path:
     """Write SHA256SUMS over every file of the folder, by name."""
     path = folder.path / SUMS
     write_text(path, listed(folder.files()))
     return path
 
 
-def read(folder: Path) -> dict[str, str]:
-    """File name → digest as SHA256SUMS says; empty when there is none.
-
-    Raises ValueError when it is damaged.
-    """
-    path = folder / SUMS
-    if not path.is_file():
-        return {}
-    sums, bad_lines = parsed(path.read_text(encoding="utf-8"))
-    if bad_lines:
-        raise ValueError("a line is no checksum and name")
-    return sums
-
-
-def check(folder: Folder, files: Sequence[Path], *, all_listed: bool = False) -> list[Problem]:
+def check(
+    folder: ReleaseFolder, files: Sequence[Path], *, all_listed: bool = False
+) -> list[Problem]:
     """A line for each file that differs from SHA256SUMS or is gone; `all_listed`: also for files it
     does not know.
 
     Without `all_listed` what `kb release` makes may be gone: it is made again.
     """
-    try:
-        sums = read(folder.path)
-    except (OSError, ValueError) as error:
+    sums, invalid = release_folder.sums(folder.path)
+    if invalid:
         return [
-            damaged(
+            Problem(
+                "damaged",
                 f"{folder.source}/{SUMS}",
-                error,
-                "what was exported can't be compared with it: export it again",
+                "can't be read as a list of checksums to compare the export with; export it again",
             )
         ]
     problems = []

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from duckdb import DuckDBPyConnection
 
-from kb.release.folders import Folder
 from kb.store.reading import scan
+from kb.store.release_folder import ReleaseFolder
 
 # The longest chain of comments that can be walked from a post, each by its parent.
 _WALK = """
@@ -19,13 +19,13 @@ _WALK = """
     SELECT max(steps) FROM walk"""
 
 
-def gaps(con: DuckDBPyConnection, folder: Folder) -> tuple[str, ...]:
+def gaps(con: DuckDBPyConnection, folder: ReleaseFolder) -> tuple[str, ...]:
     """One sentence a gap, of tables that say of themselves what is not in them."""
     checks = {"reddit": (_threads, _unread), "youtube": (_views,)}.get(folder.source, ())
     return tuple(sentence for check in checks if (sentence := check(con, folder)))
 
 
-def _views(con: DuckDBPyConnection, folder: Folder) -> str:
+def _views(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
     scan = _scan(folder, "videos")
     if not scan:
         return ""
@@ -45,7 +45,7 @@ def _views(con: DuckDBPyConnection, folder: Folder) -> str:
     return f"Views (`view_rule`): {', '.join(parts)}{mixed}."
 
 
-def _threads(con: DuckDBPyConnection, folder: Folder) -> str:
+def _threads(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
     scan = _scan(folder, "comments")
     if not scan:
         return ""
@@ -64,7 +64,7 @@ def _threads(con: DuckDBPyConnection, folder: Folder) -> str:
     )
 
 
-def _unread(con: DuckDBPyConnection, folder: Folder) -> str:
+def _unread(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
     scan = _scan(folder, "posts")
     if not scan:
         return ""
@@ -79,7 +79,7 @@ def _unread(con: DuckDBPyConnection, folder: Folder) -> str:
     )
 
 
-def _scan(folder: Folder, short: str) -> str:
+def _scan(folder: ReleaseFolder, short: str) -> str:
     shards = [shard for part in folder.parts if part.table.short == short for shard in part.shards]
     return scan(shards) if shards else ""
 

@@ -16,10 +16,10 @@ import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
 from kb.release.facts import Facts
-from kb.release.folders import Folder
 from kb.store import database, parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout, parquet_files
+from kb.store.release_folder import ReleaseFolder
 
 _ABOUT = b"lorebase"  # a name on disk, kept from the time before the project was renamed
 
@@ -41,7 +41,7 @@ class Changes(msgspec.Struct, frozen=True):
     tombstones: int = 0  # keys that were removed since
 
 
-def changes(root: Path, folder: Folder, facts: Facts, version: str) -> Changes:
+def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Changes:
     """What is new and what is gone. Raises DamagedData for a note that can't be read."""
     before = _before(root, folder.source, version)
     if before is None:
@@ -71,7 +71,7 @@ def changes(root: Path, folder: Folder, facts: Facts, version: str) -> Changes:
     )
 
 
-def note(root: Path, folder: Folder, facts: Facts, version: str) -> None:
+def note(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> None:
     """Keep what this version holds, for the next one."""
     about = {"built": facts.built.strftime("%Y-%m-%d"), "tombstones": facts.tombstones}
     keys = _keys(folder).replace_schema_metadata({_ABOUT: json.dumps(about).encode()})
@@ -91,7 +91,7 @@ def _number(version: str) -> tuple[int, ...]:
     return tuple(int(part) for part in version.split(".") if part.isdigit())
 
 
-def _keys(folder: Folder) -> pa.Table:
+def _keys(folder: ReleaseFolder) -> pa.Table:
     """table, key (a digest of the row's key) of every row, sorted."""
     parts = []
     with database.asking() as con:

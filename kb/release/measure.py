@@ -17,7 +17,6 @@ from kb.core.context import Run
 from kb.core.licences import KNOWN
 from kb.core.sources import made_of
 from kb.release.facts import ColumnFacts, Facts, File, TableFacts
-from kb.release.folders import Folder, Part
 from kb.release.gaps import gaps
 from kb.release.personal import personal_counts
 from kb.schema import Column, released_tables
@@ -25,6 +24,7 @@ from kb.store import complete, database, parquet, tombstones
 from kb.store.digests import digest
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import filtered
+from kb.store.release_folder import Part, ReleaseFolder
 from kb.store.tally import VERDICTS
 
 _TOPS = 8
@@ -32,7 +32,7 @@ _TOPS = 8
 _LOW, _HIGH = "min({} AT TIME ZONE 'UTC')", "max({} AT TIME ZONE 'UTC')"
 
 
-def measure(run: Run, folder: Folder) -> Facts:
+def measure(run: Run, folder: ReleaseFolder) -> Facts:
     """Read the folder, and what clean/ says about how it came to be."""
     shards = [shard for part in folder.parts for shard in part.shards]
     verdicts = [complete.rows(run.root, f"{folder.source}/{verdict}") for verdict in VERDICTS]
@@ -42,7 +42,7 @@ def measure(run: Run, folder: Folder) -> Facts:
         return _facts(con, run, folder)
 
 
-def _facts(con: DuckDBPyConnection, run: Run, folder: Folder) -> Facts:
+def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
     tables = tuple(_table(con, part) for part in folder.parts)
     read = _span(con, folder, ("fetched_at",)) or _clean_span(con, run.root, made_of(folder.source))
     made = _span(con, folder, ("published_at", "created_utc", "revision_timestamp"))
@@ -67,13 +67,13 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: Folder) -> Facts:
     )
 
 
-def folder_licence(run: Run, folder: Folder) -> str:
+def folder_licence(run: Run, folder: ReleaseFolder) -> str:
     """SPDX id of the folder's licence; empty when neither data nor profile give one."""
     with database.asking() as con:
         return _choose(con, run, folder)
 
 
-def page_licences(folder: Folder) -> tuple[list[str], int]:
+def page_licences(folder: ReleaseFolder) -> tuple[list[str], int]:
     """Licences that the wiki's pages name,
     and how many rows name none; nothing for other sources.
     """
@@ -133,7 +133,7 @@ def _built(run: Run, *spans: tuple[datetime, datetime] | None) -> datetime:
     return next((span[1] for span in spans if span), datetime(1970, 1, 1, tzinfo=UTC))
 
 
-def _choose(con: DuckDBPyConnection, run: Run, folder: Folder) -> str:
+def _choose(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> str:
     """The wiki's own licence where its pages name one that is known, else the profile's."""
     if folder.source == "wiki":
         named = [name for name, _ in _licences(con, folder, "pages") if name in KNOWN]
@@ -144,7 +144,9 @@ def _choose(con: DuckDBPyConnection, run: Run, folder: Folder) -> str:
     return given.get(folder.source) or (given.get("pairs", "") if folder.source == "links" else "")
 
 
-def _licences(con: DuckDBPyConnection, folder: Folder, *tables: str) -> tuple[tuple[str, int], ...]:
+def _licences(
+    con: DuckDBPyConnection, folder: ReleaseFolder, *tables: str
+) -> tuple[tuple[str, int], ...]:
     """Licences that the rows of these tables name, the most frequent first within each."""
     counts: dict[str, int] = {}
     for short in tables:
@@ -231,7 +233,7 @@ def _top(con: DuckDBPyConnection, names: list[str], column: Column) -> tuple[Any
 
 
 def _span(
-    con: DuckDBPyConnection, folder: Folder, columns: tuple[str, ...]
+    con: DuckDBPyConnection, folder: ReleaseFolder, columns: tuple[str, ...]
 ) -> tuple[datetime, datetime] | None:
     spans = [
         _extremes(con, [str(shard) for shard in part.shards], name)

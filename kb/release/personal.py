@@ -23,9 +23,9 @@ import pyarrow.compute as pc
 
 from kb.core.errors import DamagedData
 from kb.core.profile.release import Release
-from kb.release.folders import Folder
 from kb.release.problem import Problem
 from kb.store import parquet
+from kb.store.release_folder import ReleaseFolder
 
 # Arrow's expressions (RE2) know letters of every script as \pL.
 EMAIL = r"[\pL\pN._%+\-]+@[\pL\pN\-]+(?:\.[\pL\pN\-]+)*\.[A-Za-z]{2,}"
@@ -66,7 +66,7 @@ def _is_number(text: str) -> bool:
     return not digits.endswith("000") and not all(group.endswith("0") for group in groups)
 
 
-def personal(folder: Folder, section: Release) -> list[Problem]:
+def personal(folder: ReleaseFolder, section: Release) -> list[Problem]:
     """A line for each column with more e-mail addresses or phone numbers than the profile
     tolerates.
     """
@@ -90,7 +90,7 @@ def personal(folder: Folder, section: Release) -> list[Problem]:
     return problems
 
 
-def personal_counts(folder: Folder) -> dict[tuple[str, str], tuple[int, int, int]]:
+def personal_counts(folder: ReleaseFolder) -> dict[tuple[str, str], tuple[int, int, int]]:
     """(table, column) → rows, rows with an e-mail address, rows with a phone number;
     what people wrote only.
     """

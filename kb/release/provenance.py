@@ -18,7 +18,8 @@ from kb import __version__
 from kb.core.context import Run
 from kb.core.errors import ProfileError
 from kb.core.installation import lock_digest, software_address
-from kb.core.profile import PROFILE_FILE, Profile
+from kb.core.profile import Profile
+from kb.core.resources import PROFILE_FILE
 from kb.core.sources import SOURCES
 from kb.release.history import Changes
 

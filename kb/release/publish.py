@@ -14,15 +14,14 @@ from kb.core.addresses import is_loopback
 from kb.core.contact import is_placeholder
 from kb.core.context import Run
 from kb.core.errors import KbError, ProfileError
-from kb.core.profile import PROFILE_FILE
 from kb.core.profile.release import Release
+from kb.core.resources import PROFILE_FILE
 from kb.core.sources import exported_by, made_by, made_of
 from kb.core.verdict import Summary
 from kb.net.session import Session, host_of
 from kb.release import check
 from kb.release.build import exported, refuse
 from kb.release.deposit import Zenodo
-from kb.release.folders import Folder
 from kb.release.measure import models
 from kb.release.problem import Problem
 from kb.release.service import TIMEOUT_S, stray
@@ -31,6 +30,7 @@ from kb.store import belonging
 from kb.store.digests import SUMS
 from kb.store.lock import RELEASES, writer
 from kb.store.reading import SANDBOX_MODEL
+from kb.store.release_folder import ReleaseFolder
 
 HOSTS = {"zenodo-sandbox": "https://sandbox.zenodo.org", "zenodo": "https://zenodo.org"}
 MOST_FILES, MOST_BYTES = 100, 50 * 10**9  # a record at Zenodo
@@ -51,8 +51,6 @@ def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str]
     exports = exported(run, only or ())
     loopback = is_loopback(endpoint)
     _signed(run, exports)
-    if not loopback:
-        _reachable(run)
     refuse(
         [
             *_marked(run, exports, loopback),
@@ -61,6 +59,8 @@ def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str]
             *check.check_made(run, exports),
         ]
     )
+    if not loopback:
+        _reachable(run)
     deposits: dict[str, Any] = {}
     with writer(run.root, "deposits"):
         service = Zenodo(_session(run, endpoint), endpoint, token, wait=run.wait)
@@ -75,7 +75,7 @@ def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str]
     return _summary(deposits)
 
 
-def _signed(run: Run, exports: list[Folder]) -> None:
+def _signed(run: Run, exports: list[ReleaseFolder]) -> None:
     """Raises ProfileError where profile or folders don't say who made them and whom to write to."""
     lacking = run.profile.release.unsigned()
     if lacking:
@@ -130,7 +130,7 @@ def _summary(deposits: dict[str, dict[str, Any]]) -> Summary:
     )
 
 
-def _told(folder: Folder, error: KbError, deposits: dict[str, dict[str, Any]]) -> str:
+def _told(folder: ReleaseFolder, error: KbError, deposits: dict[str, dict[str, Any]]) -> str:
     """The error with the folder it is about, and with what is public already."""
     public = [
         f"{source} ({one['doi'] or one['id']})"
@@ -148,7 +148,7 @@ def _again(source: str) -> str:
     return f"{', '.join(filters)} and `{exported_by(source)}`"
 
 
-def _marked(run: Run, exports: list[Folder], loopback: bool) -> list[Problem]:
+def _marked(run: Run, exports: list[ReleaseFolder], loopback: bool) -> list[Problem]:
     """Scores of the sandbox's tiny model may go to a loopback service only."""
     if loopback:
         return []
@@ -167,7 +167,7 @@ def _marked(run: Run, exports: list[Folder], loopback: bool) -> list[Problem]:
     ]
 
 
-def _limits(exports: list[Folder]) -> list[Problem]:
+def _limits(exports: list[ReleaseFolder]) -> list[Problem]:
     problems = []
     for folder in exports:
         files = [*folder.files(), folder.path / SUMS]

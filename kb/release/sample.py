@@ -17,15 +17,16 @@ import orjson
 import pyarrow as pa
 from duckdb import DuckDBPyConnection
 
-from kb.release.folders import Folder, Part, sample_name
+from kb.release.folders import sample_name
 from kb.store import database
 from kb.store.atomic import writing
+from kb.store.release_folder import Part, ReleaseFolder
 from kb.store.shards import order
 
 _MOST = 5_000  # groups: a sample is for reading
 
 
-def write(folder: Folder, megabytes: float) -> list[Path]:
+def write(folder: ReleaseFolder, megabytes: float) -> list[Path]:
     """Write one sample file a table, together at most `megabytes`.
 
     Bytes follow from the data alone.
@@ -51,7 +52,9 @@ def write(folder: Folder, megabytes: float) -> list[Path]:
             take = max(1, min(take - 1, int(take * 0.9 * budget / size)))
 
 
-def _part(con: DuckDBPyConnection, folder: Folder, part: Part, shared: str, take: int) -> Path:
+def _part(
+    con: DuckDBPyConnection, folder: ReleaseFolder, part: Part, shared: str, take: int
+) -> Path:
     rows = con.sql(
         f'SELECT t.* FROM read_parquet(?) t WHERE t."{shared}" IN (SELECT k FROM chosen'
         f" ORDER BY h LIMIT {take})",

@@ -15,9 +15,9 @@ import pyarrow.parquet as pq
 from ahocorasick_rs import BytesAhoCorasick, MatchKind
 
 from kb.core.errors import DamagedData
-from kb.release.folders import Folder
 from kb.release.problem import Problem
 from kb.store import parquet
+from kb.store.release_folder import ReleaseFolder
 
 KEY_SHAPES = {
     "a Google API key": r"AIza[0-9A-Za-z_\-]{35}",
@@ -50,7 +50,7 @@ _CHUNK = 8 << 20
 _OVERLAP = 4096  # bytes of a piece that the next one begins with: more than any shape needs
 
 
-def secrets(folder: Folder, values: Sequence[str]) -> list[Problem]:
+def secrets(folder: ReleaseFolder, values: Sequence[str]) -> list[Problem]:
     """A line for each file and column that holds a secret; the value itself is never shown."""
     wanted = Wanted(values)
     problems = []

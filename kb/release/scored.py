@@ -9,14 +9,14 @@ import duckdb
 
 from kb.core.context import Run
 from kb.core.sources import SOURCES, made_by
-from kb.release.folders import Folder, Part
 from kb.release.problem import Problem, damaged
 from kb.schema import Table, released_tables
 from kb.store import database
 from kb.store.layout import Layout
+from kb.store.release_folder import Part, ReleaseFolder
 
 
-def check(run: Run, folder: Folder, whole: list[Part]) -> list[Problem]:
+def check(run: Run, folder: ReleaseFolder, whole: list[Part]) -> list[Problem]:
     """Every text that the source has must have been scored,
     in clean/ and as released; `toxicity_<text>` belongs to `<text>`.
     """

@@ -18,15 +18,16 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.release.answers import doi, page
 from kb.release.deposit import Zenodo, md5
-from kb.release.folders import DEPOSIT, Folder
+from kb.release.folders import DEPOSIT
 from kb.release.metadata import Document
 from kb.release.service import Forbidden, Gone
 from kb.store.atomic import write_text
 from kb.store.digests import SUMS, digest
 from kb.store.layout import Layout
+from kb.store.release_folder import ReleaseFolder
 
 
-def document_of(folder: Folder) -> dict[str, Any]:
+def document_of(folder: ReleaseFolder) -> dict[str, Any]:
     """What `kb release` wrote for the deposit; empty where it is not there or can't be read."""
     try:
         return dict(json.loads((folder.path / DEPOSIT).read_text(encoding="utf-8")))
@@ -37,7 +38,7 @@ def document_of(folder: Folder) -> dict[str, Any]:
 class Upload:
     """One folder on its way to one service."""
 
-    def __init__(self, run: Run, service: Zenodo, folder: Folder) -> None:
+    def __init__(self, run: Run, service: Zenodo, folder: ReleaseFolder) -> None:
         self.run, self.service, self.folder = run, service, folder
         self.path = Layout(run.root).deposits
         host = urlsplit(service.root)

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import NamedTuple, cast
 
 from kb.core.errors import SettingError
-from kb.release.downloaded import Downloaded
 from kb.store import parquet
 from kb.store.reading import reading
+from kb.store.release_folder import ReleaseFolder
 
 COLUMNS = ("video_id", "transcript_kind")
 
@@ -24,7 +24,7 @@ class Wanted(NamedTuple):
     removed: dict[str, set[str]]  # tombstones of the releases, by source
 
 
-def choose(folders: Sequence[Downloaded], only: str | None) -> Wanted:
+def choose(folders: Sequence[ReleaseFolder], only: str | None) -> Wanted:
     """What these folders need, of the source `only` if one is named. Raises SettingError."""
     mine = [one for one in folders if only is None or one.source == only]
     if only and not mine:

@@ -19,7 +19,7 @@ from kb.search.snippet import snippet
 from kb.search.suggest import corrected
 from kb.search.words import question
 from kb.store import indexed
-from kb.store.layout import Layout
+from kb.store.catalog import NO_TABLES
 
 
 class SearchHit(msgspec.Struct):
@@ -77,20 +77,20 @@ def suggest(root: Path, words: str, *, sources: Sequence[str] = ()) -> str:
 
 
 def usable(root: Path, sources: Sequence[str]) -> list[str]:
-    """Those of the sources that have clean tables; their index is current.
+    """Those of the sources that have texts here; their index is current.
 
-    Raises UsageError for one whose index is not, and where there are no clean tables.
+    Raises UsageError for one whose index is not, and where there are no texts.
     """
     with_rows = [source for source in sources if indexed.files(root, source)]
     if not with_rows:
         raise UsageError(
-            f"nothing to search: {root} has no clean tables of {' or '.join(sources)}",
-            hint="run a crawl and its filter first, or `make demo`",
+            f"nothing to search: {root} has no texts of {' or '.join(sources)}",
+            hint=f"`kb restore` brings back a release's texts; for a data root {NO_TABLES}",
         )
     for source in with_rows:
         if not indexed.is_current(root, source):
             raise UsageError(
-                f"the index of {source} is not there, or older than clean/{source}",
+                f"the index of {source} is missing or out of date",
                 hint="run `kb index`",
             )
     return with_rows
@@ -99,7 +99,7 @@ def usable(root: Path, sources: Sequence[str]) -> list[str]:
 def _opened(root: Path, source: str) -> PassageIndex:
     indexed.check(root, source)
     note = indexed.read(root, source)
-    return PassageIndex(Layout(root).index(source), str(note.rules["stemmer"]) if note else "")
+    return PassageIndex(indexed.folder(root, source), str(note.rules["stemmer"]) if note else "")
 
 
 def _answer(

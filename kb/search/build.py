@@ -1,12 +1,12 @@
-"""`kb index`: clean rows of a source to index/<source>.
+"""`kb index`: the rows of a source to index/<source>, in the cache for a download.
 
 The folder is written anew and takes the old one's place whole, so no file of it ever held anything
-else; it is made again where clean/ or the rules are others than noted in it (kb.store.indexed).
+else; it is made again where the rows or the rules are others than noted in it (kb.store.indexed).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +21,7 @@ from kb.search.analysis import STEMMERS
 from kb.search.passage import MOST_WORDS, Passage
 from kb.store import belonging, indexed
 from kb.store.atomic import replacing_folder
+from kb.store.catalog import NO_TABLES, Catalog
 from kb.store.indexed import Note
 from kb.store.layout import Layout
 
@@ -33,29 +34,29 @@ class Made(NamedTuple):
 
 
 def index(run: Run) -> Summary:
-    """Every source's index that does not say what clean/ says.
+    """Every source's index that is missing or out of date.
 
-    Raises FatalError where nothing was filtered yet, WriterLocked, DamagedData, DiskFull.
+    Raises FatalError where there are no texts, WriterLocked, DamagedData, DiskFull.
     """
     made = {source: found for source in SOURCES if (found := follow(run, source)) is not None}
     if not made:
         raise FatalError(
-            f"nothing to index: {run.root} has no clean tables",
-            hint="run a crawl and its filter first, or `make demo`",
+            f"nothing to index: {run.root} has no texts",
+            hint=NO_TABLES,
         )
     return Summary(
         command="index",
         passages=sum(one.passages for one in made.values()),
         indexed=sorted(source for source, one in made.items() if one.fresh),
         sources={source: one.passages for source, one in made.items()},
-        path=str(Layout(run.root).indexes),
+        path=str(Layout(Catalog(run.root.absolute()).workplace).indexes),
     )
 
 
 def follow(run: Run, source: str) -> Made | None:
     """Make the source's index again where it has to be, or where the run says `again`.
 
-    None where the source has no clean tables: then no index stays either. Raises as `index`.
+    None where the source has no texts: then no index stays either. Raises as `index`.
     """
     with belonging.writing(run, f"index-{source}"):
         paths = indexed.files(run.root, source)
@@ -63,16 +64,16 @@ def follow(run: Run, source: str) -> Made | None:
             indexed.forget(run.root, source)
             return None
         rules, note = _rules(run.profile, source), indexed.read(run.root, source)
-        now = indexed.stamps(paths, note.files if note else None)
-        current = note is not None and note.rules == rules and indexed.same(note.files, now)
+        now, place = indexed.prints(paths), indexed.folder(run.root, source)
+        current = note is not None and note.rules == rules and note.files == now
         if note and current and not run.again and indexed.is_whole(run.root, source):
-            own = indexed.own(Layout(run.root).index(source))
-            if (note.files, note.own) != (now, own):  # the same bytes, copied
+            own = indexed.own(place)
+            if note.own != own:  # the same bytes, copied
                 indexed.write(run.root, source, Note(rules, now, own, note.passages))
             return Made(note.passages, fresh=False)
         with (
             run.progress.task(f"index {source}", unit="passages") as task,
-            replacing_folder(Layout(run.root).index(source)) as fresh,
+            replacing_folder(place) as fresh,
         ):
             passages = _READ[source](run.profile)(run.root)
             count = writer.write(fresh, rules["stemmer"], passages, task.advance)
@@ -80,8 +81,16 @@ def follow(run: Run, source: str) -> Made | None:
     return Made(count, fresh=True)
 
 
+def ensure(run: Run, sources: Sequence[str]) -> None:
+    """Make the indexes of these sources that are missing or out of date. Raises as `index`."""
+    for source in sources:
+        if indexed.files(run.root, source) and not indexed.is_current(run.root, source):
+            run.progress.say(f"the index of {source} is missing or out of date; building it")
+            follow(run, source)
+
+
 def _rules(profile: Profile, source: str) -> dict[str, Any]:
-    """All that decides what an index holds, besides clean/."""
+    """All that decides what an index holds, besides the rows."""
     language = "en" if profile.youtube is None else profile.youtube.language
     return {
         "stemmer": STEMMERS.get(language, ""),

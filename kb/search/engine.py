@@ -98,6 +98,11 @@ class PassageIndex:
             return Query.term_query(self.schema, WORDS, words[0], "position")
         return Query.phrase_query(self.schema, WORDS, list(words))
 
+    def in_order(self, places: list[tuple[int, str]]) -> Query:
+        """Passages with these words (place, word) so far apart, or one place more or less."""
+        # With one place to spare no two words change places.
+        return Query.phrase_query(self.schema, WORDS, list(places), slop=1)
+
     def beginning(self, words: list[str]) -> Query:
         """Passages with these words side by side, the last of which is how a word begins."""
         patterns = [_SPECIAL.sub(r"\\\g<0>", word) for word in words]

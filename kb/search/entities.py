@@ -11,7 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.errors import UsageError
-from kb.store import complete, indexed, linked, parquet
+from kb.store import indexed, linked, parquet
+from kb.store.catalog import Catalog
 from kb.store.reading import reading
 
 
@@ -21,11 +22,7 @@ def restrict(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[st
     Raises UsageError where there are no entity tables, they are older than the clean tables that
     are searched, or no entity has that name; DamagedData.
     """
-    stamps = {source: note.files for source in sources if (note := indexed.read(root, source))}
-    now = {
-        source: {file: stamp.sha256 for file, stamp in files.items()}
-        for source, files in stamps.items()
-    }
+    now = {source: note.files for source in sources if (note := indexed.read(root, source))}
     linked.check(root, now)
     return keys(root, entity(root, name), sources)
 
@@ -34,7 +31,7 @@ def entity(root: Path, name: str) -> str:
     """The entity of that name, or whose other form it is. Raises UsageError with the nearest."""
     wanted = " ".join(name.split()).casefold()
     rows: list[dict[str, Any]] = []
-    files = complete.rows(root, "links/entities")
+    files = Catalog(root.absolute()).files("links/entities")
     with reading(files):
         for path in files:
             rows += parquet.read_table(path, columns=["entity", "aliases"]).to_pylist()
@@ -52,7 +49,7 @@ def entity(root: Path, name: str) -> str:
 def keys(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[str]]:
     """The keys that are linked to an entity, sorted. Only row groups that may name it are read."""
     held: dict[str, set[str]] = {source: set() for source in sources}
-    files = complete.rows(root, "links/links")
+    files = Catalog(root.absolute()).files("links/links")
     with reading(files):
         for path in files:
             with parquet.open_file(path) as file:

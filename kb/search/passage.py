@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from kb.schema import table
-from kb.store import complete
+from kb.store.catalog import Catalog
 from kb.store.merge import Merge
+from kb.store.reading import reading
 from kb.store.shards import order
 
 KINDS = ("video", "transcript", "section", "table", "post", "comment")
@@ -61,18 +63,36 @@ def day(when: Any) -> str | None:
 
 
 def rows(root: Path, name: str, columns: list[str]) -> Iterator[dict[str, Any]]:
-    """The rows of a declared clean table in its order, a few at a time. Raises DamagedData."""
+    """The rows of a declared table in its order, a few at a time.
+
+    Those of clean/, else the restored, else the released ones, with nulls for columns that these
+    lack. Raises DamagedData.
+    """
     for part in batches(root, name, columns):
         yield from part.to_pylist()
 
 
 def batches(root: Path, name: str, columns: list[str]) -> Iterator[pa.Table]:
     """The same as Arrow tables of a few rows."""
-    files, declared = complete.rows(root, name), table(name)
-    with closing(Merge(files, order(declared), columns, ahead=_AHEAD)) as merged:
+    held, declared = Catalog(root.absolute()), table(name)
+    files = held.texts(name)
+    with reading(files):
+        names = set(columns).intersection(*(pq.read_schema(path).names for path in files))
+    there = [column for column in columns if column in names]
+    scratch = held.workplace if held.is_download else None
+    merge = Merge(files, order(declared), there, ahead=_AHEAD, scratch=scratch)
+    with closing(merge) as merged:
         for part in merged:
             for start in range(0, part.num_rows, _AT_ONCE):
-                yield part.slice(start, _AT_ONCE)
+                yield _filled(part.slice(start, _AT_ONCE), declared.arrow(), columns)
+
+
+def _filled(rows: pa.Table, declared: pa.Schema, columns: list[str]) -> pa.Table:
+    for column in columns:
+        if column not in rows.column_names:
+            kind = declared.field(column).type
+            rows = rows.append_column(column, pa.nulls(rows.num_rows, kind))
+    return rows.select(columns)
 
 
 class Beside:

@@ -10,8 +10,9 @@ source is larger: tantivy weighs each term by its own source, and that is divide
 like a prefix counts once, as if all such words were one.
 
 `order`: for each two neighbours of the words asked that a passage has side by side, the mean of
-their rarities; and where it has all of them in the order asked, more than everything else can sum
-up to. So such a passage ranks above all others.
+their rarities; where it has all that are not small in the order asked, with the same gaps give or
+take a word, more than all this can sum up to; and where it has all of them side by side, as much
+again. So such passages rank above all that only share the words.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from tantivy import Occur, Query
 
 from kb.core.errors import UsageError
 from kb.search.engine import PassageIndex
-from kb.search.words import Question, Term
+from kb.search.words import Question, Term, is_small
 
 _HIGHEST = 2.2  # k + 1: what a term adds at most, as a multiple of its rarity
 _MARKED = 0.3  # of the rarest term's rarity
@@ -132,6 +133,7 @@ class Weights:
             for source, index in indexes.items()
         }
         self.runs = {source: IndexedTerm(index, run) for source, index in indexes.items()}
+        self.large = {source: _large(index, question) for source, index in indexes.items()}
         self.terms = self._rarities(question.terms)
         self.pairs = {term: one / 2 for term, one in self._rarities(question.pairs).items()}
         self.order = _HIGHEST * sum(self.terms.values()) + sum(self.pairs.values())
@@ -183,6 +185,18 @@ def rarity(passages: int, having: int) -> float:
     return math.log(1 + (passages - having + 0.5) / (having + 0.5))
 
 
+def _large(index: PassageIndex, question: Question) -> list[tuple[int, str]]:
+    """Words of the run that are not small, as the index has them, with their places in it."""
+    found: list[tuple[int, str]] = []
+    place = 0
+    for word in question.run:
+        analyzed = index.analyzer.analyze(word)
+        if not is_small(word):
+            found += enumerate(analyzed, place)
+        place += len(analyzed)
+    return found
+
+
 def _query(
     index: PassageIndex,
     source: str,
@@ -197,6 +211,9 @@ def _query(
     parts += [(Occur.Should, terms[term].constant(one)) for term, one in weights.pairs.items()]
     if run.words:
         parts.append((Occur.Should, run.constant(weights.order)))
+    if len(large := weights.large[source]) > 1:
+        in_order = Query.const_score_query(index.in_order(large), weights.order)
+        parts.append((Occur.Should, in_order))
     needed, barred = (
         [terms[term].constant(0.0) for term in given if terms[term].words]
         for given in (question.needed, question.barred)

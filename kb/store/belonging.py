@@ -18,9 +18,11 @@ import msgspec
 from kb.core.context import Run
 from kb.core.errors import OtherService, ProfileError
 from kb.core.profile import Profile, is_shipped, load_profile
+from kb.core.resources import PROFILE_FILE
 from kb.core.sources import SOURCES
 from kb.store import identity, leftovers, lock, notes, rawlog
 from kb.store.atomic import write_bytes
+from kb.store.catalog import Catalog, is_root
 from kb.store.layout import Layout
 
 
@@ -36,6 +38,14 @@ def remembered(root: Path) -> Remembered | None:
     """The profile that binds the data root; None while nothing is stored. Raises DamagedData."""
     profile = _read(root)
     return profile if profile is not None and _holds_data(root) else None
+
+
+def profile_of(root: Path) -> Path | None:
+    """The profile that came with a download or with what was restored of one."""
+    restored = Layout(root).restored() / PROFILE_FILE
+    if restored.is_file():
+        return restored
+    return next((one.profile for one in Catalog(root).releases if one.profile), None)
 
 
 def check(root: Path, profile: Profile) -> None:
@@ -113,20 +123,24 @@ def _of(root: Path, profile: Profile) -> Remembered:
 
 @contextmanager
 def writing(run: Run, *locks: str) -> Iterator[None]:
-    """Hold these locks of the run's data root, which remembers the run's profile from then on.
+    """Hold these locks of the run's data root, which remembers the run's profile from then on; of a
+    download, those of its workplace.
 
     Every command that works on stored data writes inside this block, and looks for the
     credential, model or extra that it needs before it. A root without data is left as it is.
     Raises WriterLocked, OtherService.
     """
-    with lock.taking(run.root, *locks):
+    held = Catalog(run.root.absolute())
+    if held.is_download:
+        held.workplace.mkdir(parents=True, exist_ok=True)
+    with lock.taking(held.workplace, *locks):
         note_if_stored(run.root, run.profile)
         yield
 
 
 def note_if_stored(root: Path, profile: Profile) -> None:
     """The same as `note` where data is stored; else nothing is written."""
-    if _holds_data(root):
+    if is_root(root) and _holds_data(root):
         note(root, profile)
 
 
@@ -138,7 +152,7 @@ def _read(root: Path) -> Remembered | None:
 def _holds_data(root: Path) -> bool:
     made = (at := Layout(root)).clean(), at.pairs, at.release()
     return any(rawlog.any_answer(root, source) for source in SOURCES) or any(
-        folder.is_dir() for folder in made
+        folder.is_dir() for folder in made if is_root(root)
     )
 
 

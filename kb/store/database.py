@@ -8,6 +8,7 @@ may have been purged since, so kb.store.leftovers asks `abandoned` and clears it
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import tempfile
@@ -72,7 +73,9 @@ def _own(pid: int) -> duckdb.DuckDBPyConnection:
 
 def _set(con: duckdb.DuckDBPyConnection) -> None:
     con.execute("SET TimeZone = 'UTC'")
-    con.execute("SET enable_progress_bar = false")
+    # In a notebook without ipywidgets DuckDB shows no progress, and refuses to be told so.
+    with contextlib.suppress(duckdb.InvalidInputException):
+        con.execute("SET enable_progress_bar = false")
 
 
 def _spill(root: Path | None) -> Path:

@@ -1,11 +1,12 @@
-"""Which clean files an index of `kb search` was made of, and whether it still says what they say.
+"""Which files an index of `kb search` was made of, and whether it still says what they say.
 
     index/youtube/             passages and their words (kb.search writes and reads them)
-    index/youtube/note.json    the files of clean/youtube it was made of, by size, time and digest,
-                               and so its own
+    index/youtube/note.json    the fingerprints of the files it was made of, and stamps of its own
 
-An index is made again at any time, so whoever changes clean/ removes one that does not follow it
-any more: a purge at once (`forget`), a filter where its files are others than before (`follow`).
+The files are those of clean/, else what was restored or released (kb.store.catalog); the index of a
+download is in the user's cache. An index is made again at any time, so whoever changes clean/
+removes one that is out of date: a purge at once (`forget`), a filter where its files are others
+than before (`follow`).
 Call both under the source's lock (kb.store.lock.of_clean).
 """
 
@@ -18,8 +19,9 @@ from typing import Any
 import msgspec
 
 from kb.core.errors import DamagedData
-from kb.store import complete, notes
+from kb.store import notes, parquet
 from kb.store.atomic import followed, write_bytes
+from kb.store.catalog import Catalog
 from kb.store.digests import digest
 from kb.store.layout import Layout
 
@@ -48,26 +50,38 @@ class Stamp(msgspec.Struct):
 
 
 class Note(msgspec.Struct):
-    """What an index was made of: `files` by "<table>/<name>", and `rules`, whatever else decides
-    what is in it; `own`: the index itself.
+    """What an index was made of: fingerprints of `files` by "<table>/<name>", and `rules`, whatever
+    else decides what is in it; `own`: the index itself.
     """
 
     rules: dict[str, Any]
-    files: dict[str, Stamp]
+    files: dict[str, str]
     own: dict[str, Stamp]
     passages: int
     form: int = FORM
 
 
 def files(root: Path, source: str) -> dict[str, Path]:
-    """The clean files that an index of the source is made of. Raises DamagedData for a lost one."""
-    return complete.files(root, source, TABLES[source])
+    """The files that an index of the source is made of, by "<table>/<name>": those of clean/, else
+    the restored, else the released ones. Raises DamagedData for a lost one.
+    """
+    held = Catalog(root.absolute())
+    return {
+        f"{table}/{path.name}": path
+        for table in TABLES[source]
+        for path in held.texts(f"{source}/{table}")
+    }
+
+
+def folder(root: Path, source: str) -> Path:
+    """Where the index is: below the data root, or in the cache for a download."""
+    return Layout(Catalog(root.absolute()).workplace).index(source)
 
 
 def read(root: Path, source: str) -> Note | None:
     """The index's note; None where there is none, or it can't be read."""
     try:
-        note = notes.read(Layout(root).indexed(source), Note, mend="")
+        note = notes.read(folder(root, source) / NAME, Note, mend="")
     except DamagedData:
         return None  # as good as none: the index is made again
     return note if note is not None and note.form == FORM else None
@@ -75,46 +89,32 @@ def read(root: Path, source: str) -> Note | None:
 
 def write(root: Path, source: str, note: Note) -> None:
     """Note what the index was made of. Raises DiskFull."""
-    write_into(Layout(root).index(source), note)
+    write_into(folder(root, source), note)
 
 
-def write_into(folder: Path, note: Note) -> None:
+def write_into(place: Path, note: Note) -> None:
     """The same for an index that is on its way in another folder."""
-    write_bytes(folder / NAME, msgspec.json.encode(note, order="sorted"))
-
-
-def stamps(paths: dict[str, Path], known: dict[str, Stamp] | None = None) -> dict[str, Stamp]:
-    """Stamps of files; one with the size and time of a known stamp is not read again."""
-    read = {}
-    for name, path in paths.items():
-        about = path.stat()
-        old = (known or {}).get(name)
-        if old is None or (old.size, old.changed) != (about.st_size, about.st_mtime_ns):
-            old = stamp(path)
-        read[name] = old
-    return read
+    write_bytes(place / NAME, msgspec.json.encode(note, order="sorted"))
 
 
 def is_current(root: Path, source: str) -> bool:
-    """Whether there is an index and it was made of what is in clean/ now. Raises DamagedData."""
+    """Whether there is an index of the rows that are there now. Raises DamagedData."""
     note = read(root, source)
-    return note is not None and same(note.files, stamps(files(root, source), note.files))
+    return note is not None and note.files == prints(files(root, source))
 
 
-def same(one: dict[str, Stamp], other: dict[str, Stamp]) -> bool:
-    """Whether the files have the same names and bytes, whenever they were written."""
-    return {name: stamp.sha256 for name, stamp in one.items()} == {
-        name: stamp.sha256 for name, stamp in other.items()
-    }
+def prints(paths: dict[str, Path]) -> dict[str, str]:
+    """The files' fingerprints, which a copy keeps."""
+    return {name: parquet.fingerprint(path) for name, path in paths.items()}
 
 
 def forget(root: Path, source: str) -> None:
     """Remove the index: no byte of it stays."""
-    folder = Layout(root).index(source)
-    Layout(root).indexed(source).unlink(missing_ok=True)  # from here on there is none
-    shutil.rmtree(followed(folder), ignore_errors=True)
-    if folder.is_symlink():
-        folder.unlink()
+    place = folder(root, source)
+    (place / NAME).unlink(missing_ok=True)  # from here on there is none
+    shutil.rmtree(followed(place), ignore_errors=True)
+    if place.is_symlink():
+        place.unlink()
 
 
 def follow(root: Path, source: str) -> None:
@@ -129,12 +129,12 @@ def check(root: Path, source: str) -> None:
     It is read once a process, which is not worth it for a large one that nobody has written to
     since: of that `kb verify` tells.
     """
-    folder, note = Layout(root).index(source), read(root, source)
+    place, note = folder(root, source), read(root, source)
     if note is None:
         return
-    there = {path.name: path.stat() for path in _files(folder)}
+    there = {path.name: path.stat() for path in _files(place)}
     mark = (
-        str(folder),
+        str(place),
         frozenset((name, one.st_ino, one.st_size, one.st_mtime_ns) for name, one in there.items()),
     )
     touched = {name: (one.st_size, one.st_mtime_ns) for name, one in there.items()} != {
@@ -143,7 +143,7 @@ def check(root: Path, source: str) -> None:
     size = sum(one.st_size for one in there.values())
     if mark in _checked or (size > _LARGE and not touched):
         return
-    if what := next((what for name in note.own if (what := _problem(folder, note, name))), ""):
+    if what := next((what for name in note.own if (what := _problem(place, note, name))), ""):
         if read(root, source) == note:
             raise DamagedData(what, hint="run `kb index --again`")
         check(root, source)  # it was made again meanwhile
@@ -152,19 +152,19 @@ def check(root: Path, source: str) -> None:
 
 def is_whole(root: Path, source: str) -> bool:
     """Whether an index has the files and bytes that its note says, and no other."""
-    folder, note = Layout(root).index(source), read(root, source)
-    if note is None or {path.name for path in _files(folder)} != set(note.own):
+    place, note = folder(root, source), read(root, source)
+    if note is None or {path.name for path in _files(place)} != set(note.own):
         return False
-    return not any(_problem(folder, note, name) for name in note.own)
+    return not any(_problem(place, note, name) for name in note.own)
 
 
-def own(folder: Path) -> dict[str, Stamp]:
+def own(place: Path) -> dict[str, Stamp]:
     """The files of an index as they are now."""
-    return {path.name: stamp(path) for path in _files(folder)}
+    return {path.name: stamp(path) for path in _files(place)}
 
 
-def _files(folder: Path) -> list[Path]:
-    there = sorted(folder.iterdir()) if folder.is_dir() else []
+def _files(place: Path) -> list[Path]:
+    there = sorted(place.iterdir()) if place.is_dir() else []
     return [path for path in there if path.name not in (NAME, *LOCKS)]
 
 
@@ -176,16 +176,16 @@ def stamp(path: Path) -> Stamp:
 
 def problem(root: Path, source: str, name: str) -> str:
     """What is wrong with a file of an index, "" when every byte of it is whole."""
-    folder, note = Layout(root).index(source), read(root, source)
+    place, note = folder(root, source), read(root, source)
     if note is None:
         return NO_NOTE
     if name not in note.own:
         return FOREIGN
-    return _problem(folder, note, name).removeprefix(f"{folder / name} ")
+    return _problem(place, note, name).removeprefix(f"{place / name} ")
 
 
-def _problem(folder: Path, note: Note, name: str) -> str:
-    path, wanted = folder / name, note.own[name]
+def _problem(place: Path, note: Note, name: str) -> str:
+    path, wanted = place / name, note.own[name]
     if not path.is_file():
         return f"{path} is missing"
     if path.stat().st_size != wanted.size or digest(path) != wanted.sha256:
@@ -195,8 +195,8 @@ def _problem(folder: Path, note: Note, name: str) -> str:
 
 def missing(root: Path, source: str) -> list[Path]:
     """Files of an index that were written and are not there."""
-    folder, note = Layout(root).index(source), read(root, source)
+    place, note = folder(root, source), read(root, source)
     if note is None:
-        place = Layout(root).indexed(source)
-        return [place] if folder.is_dir() and _files(folder) and not place.exists() else []
-    return [folder / name for name in sorted(note.own) if not (folder / name).is_file()]
+        written = place / NAME
+        return [written] if place.is_dir() and _files(place) and not written.exists() else []
+    return [place / name for name in sorted(note.own) if not (place / name).is_file()]

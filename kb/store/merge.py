@@ -28,7 +28,8 @@ _LEAST = 64  # the part of them that a file is read ahead, however many files th
 class Merge:
     """Iterates tables of `columns` in the order of `by`; the first of `by` is never null.
 
-    `ahead` are the rows that all files together are read ahead: few where rows are large. Raises
+    `ahead` are the rows that all files together are read ahead: few where rows are large.
+    `scratch`: the folder in which unsorted files are sorted, by default their own. Raises
     DamagedData for a file that can't be read. `close()` closes the files.
     """
 
@@ -38,6 +39,7 @@ class Merge:
         by: Sequence[str],
         columns: Sequence[str],
         ahead: int | None = None,
+        scratch: Path | None = None,
     ) -> None:
         ahead = ahead or ROWS_AHEAD
         self._ahead = max(1, ahead // _LEAST, ahead // max(1, len(parts)))
@@ -49,6 +51,7 @@ class Merge:
         self._wanted = list(columns)
         self._parts = parts
         self._cursors: list[_Cursor] = []
+        self._place = scratch
         self._scratch: str | None = None
 
     def __iter__(self) -> Iterator[pa.Table]:
@@ -83,7 +86,7 @@ class Merge:
         if _is_sorted(path, [name for name, _ in self._by]):
             return path
         if self._scratch is None:
-            self._scratch = tempfile.mkdtemp(prefix=".sort-", dir=path.parent)
+            self._scratch = tempfile.mkdtemp(prefix=".sort-", dir=self._place or path.parent)
         copy = Path(self._scratch, f"{len(self._cursors)}-{path.name}")
         rows = parquet.read_table(path, columns=self._columns).sort_by(self._by)
         parquet.write(copy, rows)

@@ -27,6 +27,7 @@ import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
 from kb.store.advice import advice
+from kb.store.digests import digest
 
 # Names on disk, kept from the time before the project was renamed.
 KEY = b"lorebase.crc32"
@@ -157,6 +158,18 @@ def holds(path: Path, advance: Callable[[int], None] | None = None) -> bool:
         file.seek(at)
         said = file.read(len(_ZEROS))
         return said == _crc_of(file, at, advance)
+
+
+def fingerprint(path: Path) -> str:
+    """What tells a file from one with other content, wherever and whenever it was copied: its size
+    and the checksum in its footer, else its SHA-256.
+    """
+    with path.open("rb") as file:
+        at = _whole(file)
+        if at is not None:
+            file.seek(at)
+            return f"{path.stat().st_size}-{file.read(len(_ZEROS)).decode(errors='replace')}"
+    return digest(path)
 
 
 def has_checksum(path: Path) -> bool:

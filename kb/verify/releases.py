@@ -8,26 +8,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from kb.store import complete, digests, sidefiles
+from kb.store import complete, digests, release_folder
 from kb.verify import tables
 from kb.verify.found import Look
 
 CROISSANT = "croissant.json"
-_INDEX = "index.ndjson"
 _PLAIN = {".gitkeep"}
-
-
-def is_release(folder: Path) -> bool:
-    """Whether a folder holds a release: shards, or their checksums."""
-    return (folder / digests.SUMS).is_file() or any(folder.glob("*-*-of-*.parquet"))
 
 
 def folder(look: Look, path: Path, advice: Callable[[Path], str], *, described: bool) -> None:
     """Every file of a release folder; `described`: it should have SHA256SUMS."""
     sums = path / digests.SUMS
-    known = sidefiles.sums(path)
-    if sums.is_file() and (not known or len(known) != len(_lines(sums))):
-        look.damaged("release", sums, "is no list of checksums", advice(sums))
+    known, invalid = release_folder.sums(path)
+    if sums.is_file() and (not known or invalid):
+        look.damaged("release", sums, "is not a list of checksums", advice(sums))
     elif sums.is_file():
         look.whole("release", sums)
     elif described:
@@ -67,7 +61,7 @@ def _file(look: Look, path: Path, wanted: str | None, advice: str) -> None:
 
 def _tar(path: Path) -> str:
     """What is wrong with a tar by the index beside it, "" when nothing is."""
-    index = path.parent / _INDEX
+    index = path.parent / release_folder.INDEX
     if not index.is_file():
         return ""
     with path.open("rb") as tar, index.open(encoding="utf-8") as lines:
@@ -77,9 +71,9 @@ def _tar(path: Path) -> str:
                 if entry["tar"] != path.name:
                     continue
                 if not _holds(tar, int(entry["offset"]), int(entry["size"]), entry["sha256"]):
-                    return f"{entry['member']} in it is not what {_INDEX} says"
+                    return f"{entry['member']} in it is not what {release_folder.INDEX} says"
             except (ValueError, KeyError, TypeError):
-                return f"{_INDEX} beside it can't be read"
+                return f"{release_folder.INDEX} beside it can't be read"
     return ""
 
 
@@ -111,7 +105,3 @@ def _metadata(look: Look, path: Path, known: dict[str, str], advice: Callable[[P
         if known.get(name, value) != value:
             what = f"says another digest of {name} than {digests.SUMS}"
             look.damaged("release", path, what, advice(path))
-
-
-def _lines(path: Path) -> list[str]:
-    return path.read_text(encoding="utf-8", errors="replace").splitlines()

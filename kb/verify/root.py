@@ -6,14 +6,13 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from kb.core.errors import UsageError
 from kb.core.progress import Progress
+from kb.store.catalog import Catalog, empty, existing, is_root
+from kb.store.release_folder import DOWNLOAD
 from kb.verify import releases, together
 from kb.verify.busy import Busy
 from kb.verify.files import NEIGHBOURS, Files
 from kb.verify.found import Look
-
-_DOWNLOAD = "download it again, into the same folder"
 
 
 def verify(folder: Path, progress: Progress) -> Look:
@@ -21,13 +20,13 @@ def verify(folder: Path, progress: Progress) -> Look:
 
     Changes nothing and takes no lock: what other processes write to meanwhile is looked at once
     more, and what is on its way there is not told. Memory is bounded by a piece of a file and the
-    names of files. Raises UsageError for a folder that is none of these.
+    names of files. Raises SettingError for a folder that does not exist, FatalError for one that is
+    none of these.
     """
-    folder = folder.absolute()
-    if not folder.is_dir():
-        raise UsageError(f"there is no folder {folder}", hint="check --data or the folder's name")
-    several = [one for one in sorted(folder.iterdir()) if one.is_dir() and releases.is_release(one)]
-    of_root = is_root(folder)
+    folder = existing(folder)
+    held = Catalog(folder)
+    if not is_root(folder) and not held.releases:
+        raise empty(folder)
     busy = Busy(folder)  # before the list: what was on its way in it may be finished at once
     files = list(_files(folder))
     size = sum(map(_size, files))
@@ -40,19 +39,12 @@ def verify(folder: Path, progress: Progress) -> Look:
             task.advance(n)
 
         look = Look(advance)
-        if releases.is_release(folder) and not of_root:
-            releases.folder(look, folder, lambda path: _DOWNLOAD, described=True)
-        elif several and not of_root:
-            for one in several:
-                releases.folder(look, one, lambda path: _DOWNLOAD, described=True)
-        elif of_root:
+        if is_root(folder):
             _root(look, folder, files)
             _look_again(look, folder, busy, progress)
         else:
-            raise UsageError(
-                f"{folder} is neither a data root nor a release",
-                hint="give the folder with SHA256SUMS, one that holds such folders, or a data root",
-            )
+            for one in held.releases:
+                releases.folder(look, one.path, lambda path: DOWNLOAD, described=True)
         task.advance(max(0, size - read))  # locks and lists
     return look
 
@@ -87,11 +79,6 @@ def _size(path: Path) -> int:
         return path.stat().st_size if path.is_file() else 0
     except FileNotFoundError:
         return 0  # replaced meanwhile
-
-
-def is_root(folder: Path) -> bool:
-    """Whether a folder is a data root; a folder of releases may have one named "pairs"."""
-    return any((folder / name).is_dir() for name in ("raw", "state", "clean", "release"))
 
 
 def _files(folder: Path) -> Iterator[Path]:

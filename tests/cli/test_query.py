@@ -364,11 +364,11 @@ def test_one_query_from_one_place(kb: Any, arguments: list[str], words: str) -> 
 
 
 def test_a_mistyped_data_root_is_told_with_the_nearest(kb: Any, tmp_path: Path) -> None:
-    (tmp_path / "demo").mkdir()
+    (tmp_path / "demo" / "state").mkdir(parents=True)
     answer = kb("query", "--tables", "--data", "dmeo")
     assert answer.returncode == 2
-    assert "no such folder" in answer.stderr
-    assert "did you mean demo?" in answer.stderr
+    assert "there is no data root" in answer.stderr
+    assert "did you mean --data demo?" in answer.stderr
 
 
 def test_after_the_demo_its_own_tables_are_named(kb: Any, root: Path, tmp_path: Path) -> None:
@@ -377,7 +377,7 @@ def test_after_the_demo_its_own_tables_are_named(kb: Any, root: Path, tmp_path: 
     (tmp_path / "demo").rename(root / "demo")
     for words in (["--tables"], ["FROM youtube_videos"]):
         said = kb("query", *words).stderr
-        assert said.endswith("kb query --data data/demo --tables\n")
+        assert said.endswith("did you mean --data data/demo?\n")
     assert "youtube_rejected" in kb("query", "--data", "data/demo", "--tables").stdout
 
 

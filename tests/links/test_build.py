@@ -470,4 +470,4 @@ def test_a_search_within_what_names_an_entity(run: Run, here: Here) -> None:
     made.fill(run.root, comments=["a dragon and a creeper"], posts=[("Dragon", "", [])])
     done = here(*asked)
     assert done.code == 2
-    assert "are older than clean/reddit" in done.err
+    assert "are older than the texts of reddit" in done.err

@@ -317,7 +317,10 @@ def test_what_was_removed_is_not_found_any_more(data: Path, tmp_path: Path) -> N
         around(root, place("reddit:p000/c900"), DEFAULT)
 
 
-def test_a_release_answers_what_it_can(tmp_path: Path, make_rows: Any) -> None:
+def test_a_release_answers_what_it_can(
+    tmp_path: Path, make_rows: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     for folder in (tmp_path / "lorecrawl-youtube", tmp_path / "data" / "release" / "youtube"):
         write_table(
             folder / "videos-00000-of-00001.parquet",
@@ -330,8 +333,9 @@ def test_a_release_answers_what_it_can(tmp_path: Path, make_rows: Any) -> None:
         assert "youtube: 4 videos" in about(run_at(root), DEFAULT)
         answer = asked(root, "SELECT 'n', count(*) FROM youtube_videos", 10, 10, DEFAULT)
         assert "\nn,4\n" in answer
+        assert "read` with a ref" in found(run_at(root), "title", [], Only(), DEFAULT)
         with pytest.raises(UsageError, match="nothing to search"):
-            found(run_at(root), "x", [], Only(), DEFAULT)
+            found(run_at(root), "x", ["wiki"], Only(), DEFAULT)
 
 
 def test_stdout_carries_the_protocol_alone_and_the_server_ends_with_stdin(data: Path) -> None:

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb import query
-from kb.core.errors import DamagedData, UsageError
+from kb.core.errors import DamagedData, FatalError, UsageError
 from kb.query.bounds import Limits, bounded
 from kb.store import tombstones
 from kb.store.layout import Layout
@@ -250,9 +250,10 @@ def test_a_changed_bit_never_changes_an_answer(root: Path, sql: str) -> None:
 
 
 def test_an_empty_root_says_what_to_do(tmp_path: Path) -> None:
-    with pytest.raises(UsageError) as caught:
-        rows(tmp_path, "FROM youtube_videos")
-    assert "no tables yet" in caught.value.hint
+    (tmp_path / "data" / "state").mkdir(parents=True)
+    with pytest.raises(FatalError, match="no tables in ") as caught:
+        rows(tmp_path / "data", "FROM youtube_videos")
+    assert "kb demo" in caught.value.hint
     assert query.catalog(tmp_path) == []
 
 

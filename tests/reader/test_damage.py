@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import kb
-from kb.core.errors import DamagedData, MissingExtra, UsageError
+from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
 from kb.store.shards import write_table
 from tests.cli.test_help import NOT_FOR_HELP, imports_of
 
@@ -140,15 +140,15 @@ def test_no_path_in_data_leads_out_of_its_folder(demo: Path, tmp_path: Path, pat
 
 def test_a_folder_of_no_tables_and_no_folder(tmp_path: Path, folder: Path) -> None:
     (tmp_path / "empty").mkdir()
-    with pytest.raises(UsageError, match="neither a release nor a data root"):
+    with pytest.raises(FatalError, match=r"no tables in .*, and it is not a release"):
         kb.load(tmp_path / "empty")
     shutil.copytree(folder, tmp_path / "empty" / "demo" / "release" / "reddit")
-    with pytest.raises(UsageError, match="neither a release nor a data root") as caught:
+    with pytest.raises(UsageError, match="is not a data root or a release") as caught:
         kb.load(tmp_path / "empty")
     assert str(tmp_path / "empty" / "demo") in caught.value.hint
     with pytest.raises(UsageError, match="there is no "):
         kb.load(tmp_path / "nowhere")
-    with pytest.raises(UsageError, match="is a file"):
+    with pytest.raises(UsageError, match="is not a folder"):
         kb.load(folder / "posts-00000-of-00003.parquet")
 
 

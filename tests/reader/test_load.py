@@ -273,10 +273,19 @@ def test_clips_join_pairs_videos_and_texts(release: Path, root: Path) -> None:
         kb.load(release).clips("crepeer")
 
 
-def test_search_says_what_is_to_be_made_first(release: Path) -> None:
-    with pytest.raises(KbError, match="no search index") as caught:
-        kb.load(release).search("foxes")
-    assert "kb index" in caught.value.hint
+def test_a_download_is_searched_and_nothing_is_written_into_it(
+    release: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    for place in (release, release / "wiki"):
+        answers = kb.load(place).search("saltstone", source="wiki").to_pylist()
+        assert answers[0]["title"] == "Saltstone"
+        assert "**" in answers[0]["snippet"]
+    assert kb.load(release).search("the", source="youtube").to_pylist()  # titles
+    assert any(tmp_path.rglob("note.json"))
+    with pytest.raises(KbError, match="has no texts of reddit") as caught:
+        kb.load(release / "reddit").search("saltstone", source="reddit")
+    assert "kb restore" in caught.value.hint
 
 
 def test_everything_shows_itself_in_a_notebook(release: Path, root: Path) -> None:

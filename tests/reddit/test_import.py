@@ -20,11 +20,11 @@ from kb.core.profile import load_profile
 from kb.core.profile.toxicity import Toxicity
 from kb.core.progress import Plain
 from kb.filters.clean import run_clean
-from kb.reddit import dumps, parse, places
-from kb.reddit.dumps import Chunk
+from kb.reddit import containers, dumps, parse, places
+from kb.reddit.dumps import DEEPEST, Chunk
 from kb.reddit.importing import import_dumps
 from kb.reddit.onedump import Job, import_file
-from kb.reddit.search import CHECKED, DEEPEST, Search
+from kb.reddit.search import CHECKED, Search
 from kb.store import rawlog, tombstones
 from tests import forked
 from tests.reddit.dumped import imported, post, run_in, write
@@ -166,9 +166,9 @@ def test_a_line_without_end_is_not_held_and_counts_as_damaged(tmp_path, monkeypa
     long = b'{"subreddit": "Minecraft", "id": "' + b"x" * 40_000_000
     lines = [post("a"), long, *([] if last else [post("b")])]
     dump = write(tmp_path / "RS.zst", lines, frames=len(lines))
-    held = max_held(dumps.chunks(dump, dumps.Seen()))
+    held = max_held(dumps.chunks(dump, containers.Seen()))
     assert held < 5_000_000
-    assert max(len(piece) for piece in dumps.pieces(dump, dumps.Seen())) < 5_000_000
+    assert max(len(piece) for piece in containers.pieces(dump, containers.Seen())) < 5_000_000
     done = import_dumps(run_in(tmp_path), [dump])
     assert (done["lines"], done["bad_lines"]) == (len(lines), 1)
     assert [data["id"] for _, data in imported(tmp_path)] == ["a"] + ["b"] * (not last)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from kb.reddit import importing
-from kb.reddit.dumps import memory
+from kb.reddit.containers import memory
 from kb.reddit.onedump import Job
 from tests.reddit.dumped import imported, post, write
 

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.core.errors import UsageError
+from kb.core.errors import FatalError, UsageError
 from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
 from kb.store import parquet
@@ -253,9 +253,9 @@ def test_a_shard_that_its_neighbours_speak_of(folders: Path) -> None:
 
 
 def test_a_folder_that_is_neither(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="neither a data root nor a release"):
+    with pytest.raises(FatalError, match=r"no tables in .*, and it is not a release"):
         verify(tmp_path)
-    with pytest.raises(UsageError, match="there is no folder"):
+    with pytest.raises(UsageError, match="there is no data root"):
         verify(tmp_path / "nowhere")
 
 

@@ -22,10 +22,9 @@ from kb.core.profile.report import Report
 from kb.core.profile.toxicity import Toxicity
 from kb.core.profile.wiki import Wiki
 from kb.core.profile.youtube import YouTube
-from kb.core.resources import folder
+from kb.core.resources import PROFILE_FILE, folder
 
 DEFAULT = "minecraft"
-PROFILE_FILE = "profile.toml"  # its name in a folder of its own, and in a release folder
 
 
 class Profile(Section):

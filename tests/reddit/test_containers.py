@@ -1,0 +1,285 @@
+"""The same records in every container give the same things, also cut off, empty or killed."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import signal
+import struct
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zstandard
+
+from kb.core.errors import LimitReached, SettingError
+from kb.core.progress import Plain
+from kb.reddit import containers
+from kb.reddit.containers import Seen
+from kb.reddit.dumpfiles import find
+from kb.reddit.importing import import_dumps
+from kb.reddit.onedump import Job, import_file
+from kb.store import rawlog
+from tests import forked
+from tests.reddit.dumped import imported, post, run_in
+
+Pack = Callable[[bytes], bytes]
+
+
+def plain(data: bytes) -> bytes:
+    return data
+
+
+def zstd(data: bytes) -> bytes:
+    """Two frames."""
+    half = data.find(b"\n", len(data) // 2) + 1
+    return b"".join(map(frame, filter(None, (data[:half], data[half:]))))
+
+
+def frame(data: bytes) -> bytes:
+    """With a checksum, as `zstd` writes it."""
+    return zstandard.ZstdCompressor(write_checksum=True).compress(data)
+
+
+def members(data: bytes) -> bytes:
+    """Two members, the first of which ends in the middle of a line."""
+    half = len(data) // 2
+    return gzip.compress(data[:half]) + gzip.compress(data[half:])
+
+
+def blocks(data: bytes, rows: int = 100) -> bytes:
+    lines = data.splitlines()
+    return b"".join(block(lines[at : at + rows]) for at in range(0, len(lines), rows))
+
+
+def block(rows: list[bytes]) -> bytes:
+    at, table = 0, [len(rows)]
+    for row in rows:
+        table += [at, len(row)]
+        at += len(row)
+    made = frame(struct.pack(f"<{len(table)}I", *table) + b"".join(rows))
+    return struct.pack("<I", len(made)) + made
+
+
+PACKS = [plain, zstd, members, blocks]
+each = pytest.mark.parametrize("pack", PACKS)
+
+
+def joined(records: list[Any], end: bytes = b"\n") -> bytes:
+    return b"".join(json.dumps(record).encode() + end for record in records)
+
+
+def records(number: int, size: int = 40) -> list[dict[str, Any]]:
+    chance = os.urandom(size * number)
+    return [
+        post(
+            f"p{n:05d}",
+            selftext=chance[n * size : (n + 1) * size].hex(),
+            subreddit="Minecraft" if n % 3 else "gardening",
+        )
+        for n in range(number)
+    ]
+
+
+def took(root: Path, files: list[Path], **options: Any) -> dict[str, Any]:
+    return import_dumps(run_in(root, **options), files)
+
+
+def raw(root: Path) -> list[Any]:
+    """What an import wrote, but for the dump's name and place, which are the container's."""
+    return [
+        (envelope.fetched_at, envelope.response)
+        for envelope in rawlog.read(root, "reddit", "dumps")
+    ]
+
+
+@each
+def test_every_container_is_known_by_its_content(tmp_path: Path, pack: Pack) -> None:
+    """Under names that say something else, several in one command."""
+    data = joined(records(700))
+    (tmp_path / "a.gz").write_bytes(data)
+    (tmp_path / "b.jsonl").write_bytes(pack(data))
+    key = "0123456789abcdef" * 4
+    for name in ("a.gz", "b.jsonl"):
+        state = tmp_path / name[0] / "state"
+        state.mkdir(parents=True)
+        (state / "reddit.key").write_text(key)
+        done = took(tmp_path / name[0], [tmp_path / name])
+        assert (done["crawled"], done["lines"]) == (466, 700)
+        assert (done["bad_lines"], done["truncated_files"]) == (0, 0)
+    assert raw(tmp_path / "b") == raw(tmp_path / "a")
+    assert took(tmp_path / "c", [tmp_path / "a.gz", tmp_path / "b.jsonl"])["crawled"] == 932
+
+
+@each
+@pytest.mark.parametrize(
+    ("start", "end", "last"),
+    [
+        (b"", b"\r\n", b"\r\n"),
+        (b"\xef\xbb\xbf", b"\n", b"\n"),
+        (b"", b"\n", b""),
+        (b"\n ", b"\n", b"\n\n"),
+    ],
+    ids=["CRLF", "byte order mark", "no last line end", "blank lines"],
+)
+def test_line_ends_and_marks_change_nothing(
+    tmp_path: Path, pack: Pack, start: bytes, end: bytes, last: bytes
+) -> None:
+    made = records(30)
+    data = start + joined(made, end).removesuffix(end) + last
+    (tmp_path / "x").write_bytes(pack(data))
+    done = took(tmp_path, [tmp_path / "x"])
+    assert [data["id"] for _, data in imported(tmp_path)] == [
+        one["id"] for one in made if one["subreddit"] == "Minecraft"
+    ]
+    assert (done["bad_lines"], done["truncated_files"]) == (0, 0)
+
+
+@each
+def test_an_empty_dump_holds_nothing(tmp_path: Path, pack: Pack) -> None:
+    (tmp_path / "x").write_bytes(pack(b""))
+    done = took(tmp_path, [tmp_path / "x"])
+    assert (done["crawled"], done["lines"], done["truncated_files"]) == (0, 0, 0)
+
+
+@each
+@pytest.mark.parametrize("cut", [1, 300, 9_000])
+def test_a_file_that_is_cut_off_is_counted_and_completed_later(
+    tmp_path: Path, pack: Pack, cut: int
+) -> None:
+    whole, place = pack(joined(records(900))), tmp_path / "x"
+    if pack is plain:
+        cut += 1  # without its last line end alone it is whole
+    place.write_bytes(whole[:-cut])
+    done = took(tmp_path, [place])
+    assert done["truncated_files"] == 1
+    assert 300 <= done["crawled"] < 601
+    place.write_bytes(whole)
+    assert took(tmp_path, [place])["truncated_files"] == 0
+    assert len({data["id"] for _, data in imported(tmp_path)}) == 600
+
+
+@each
+def test_damage_in_the_middle_is_counted_and_never_fatal(tmp_path: Path, pack: Pack) -> None:
+    whole = pack(joined(records(900)))
+    broken = whole[: len(whole) * 2 // 3] + b"\xff" * 40 + whole[len(whole) * 2 // 3 + 40 :]
+    (tmp_path / "x").write_bytes(broken)
+    done = took(tmp_path, [tmp_path / "x"])
+    assert done["truncated_files"] + done["bad_lines"] > 0
+    assert 200 < done["crawled"] < 601
+
+
+@each
+def test_a_limit_stops_anywhere_and_the_next_run_resumes(tmp_path: Path, pack: Pack) -> None:
+    (tmp_path / "x").write_bytes(pack(joined(records(450))))
+    for _ in range(2):
+        with pytest.raises(LimitReached):
+            took(tmp_path, [tmp_path / "x"], limit=130)
+    assert took(tmp_path, [tmp_path / "x"])["crawled"] == 40
+    assert len(imported(tmp_path)) == 300
+
+
+@each
+def test_a_killed_import_takes_each_record_once(tmp_path: Path, pack: Pack) -> None:
+    dump = tmp_path / "x"
+    dump.write_bytes(pack(joined(records(6_000, 300))))
+    program = (
+        "import sys; from kb.reddit.onedump import Job, import_file; print('go', flush=True);"
+        "import_file(Job(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'), 0, 60_000))"
+    )
+    folder = rawlog.folder(tmp_path, "reddit", "dumps")
+    for segments in (1, 4):
+        child = forked.program(program, dump, tmp_path)
+        while child.poll() is None and len(list(folder.glob("*.zst"))) < segments:
+            time.sleep(0.001)
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+    assert import_file(
+        Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
+    ).done
+    ids = [data["id"] for _, data in imported(tmp_path)]
+    assert len(ids) == len(set(ids)) == 4_000
+
+
+@each
+def test_pieces_stay_small(tmp_path: Path, pack: Pack) -> None:
+    """One letter 40 million times swells from a few KB in every container."""
+    (tmp_path / "x").write_bytes(pack(joined([post("a")]) + b'{"b": "' + b"x" * 40_000_000))
+    if pack is blocks:
+        return  # a row comes whole: its block says where it ends
+    sizes = [len(piece) for piece in containers.pieces(tmp_path / "x", Seen())]
+    assert max(sizes) < 5_000_000
+    assert sum(sizes) > 40_000_000
+
+
+def test_zeros_behind_the_last_gzip_member_are_padding(tmp_path: Path) -> None:
+    (tmp_path / "x").write_bytes(members(joined([post("a")])) + bytes(70_000))
+    done = took(tmp_path, [tmp_path / "x"])
+    assert (done["crawled"], done["truncated_files"]) == (1, 0)
+    (tmp_path / "x").write_bytes(members(joined([post("a")])) + b"something else")
+    assert took(tmp_path, [tmp_path / "x"])["truncated_files"] == 1
+
+
+def test_a_block_that_would_fill_the_memory_is_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(containers, "_LARGEST", 1 << 20)
+    large = block([b"x" * 3_000_000])
+    overlap = zstandard.compress(struct.pack("<5I", 2, 0, 700_000, 0, 700_000) + b"x" * 700_000)
+    for data in (large, struct.pack("<I", len(overlap)) + overlap):
+        (tmp_path / "x").write_bytes(block([json.dumps(post("a")).encode()]) + data)
+        seen = Seen()
+        assert len(list(containers.pieces(tmp_path / "x", seen))) == 1
+        assert "damaged block" in seen.problem
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"plain text\n", b"[1, 2]\n", b"\xff\xfe{\0", b"PK\x03\x04", b"\x89PNG\r\n\x1a\n"],
+)
+def test_a_named_file_that_is_no_dump_is_wrong_usage(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "x.zst").write_bytes(data)
+    with pytest.raises(SettingError, match=r"x\.zst is not a dump"):
+        took(tmp_path / "data", [tmp_path / "x.zst"])
+    assert not (tmp_path / "data").exists()
+
+
+def test_folders_are_searched_and_other_files_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = tmp_path / "dumps"
+    data = joined(records(30))
+    for name, made in {
+        "comments/RC_2020-01.zst": zstd(data),
+        "submissions/RS_2020-01.zst_blocks": blocks(data),
+        "submissions/RS_2020-02": members(data),
+        "mine.ndjson": data,
+        "cut.zst": zstd(data)[:9],
+        "SHA256SUMS": b"0123 *RC_2020-01.zst\n",
+        "about.json": b'{"name": "Minecraft"}\n',
+        "empty": b"",
+        "backup.tar.gz": gzip.compress(b"ustar"),
+        ".part": data,
+    }.items():
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        (place / name).write_bytes(made)
+    root = place / "data"  # the data root's own raw answers are no dumps
+    run = run_in(root, progress=Plain())
+    assert [file.name for file in find(run, [place]).files] == [
+        "cut.zst",
+        "mine.ndjson",
+        "RC_2020-01.zst",
+        "RS_2020-01.zst_blocks",
+        "RS_2020-02",
+    ]
+    done = import_dumps(run, [place])
+    assert (done["crawled"], done["foreign_files"], done["truncated_files"]) == (80, 4, 1)
+    said = "skipped 4 files without posts: SHA256SUMS, about.json, backup.tar.gz, …"
+    assert said in capsys.readouterr().err
+    assert import_dumps(run, [place])["crawled"] == 0
+    (tmp_path / "none").mkdir()
+    with pytest.raises(SettingError, match="holds no dumps"):
+        find(run, [tmp_path / "none"])
