@@ -444,7 +444,7 @@ def test_a_run_of_words_ranks_above_passages_that_only_share_them(tmp_path: Path
 
 
 def test_words_in_order_rank_higher_with_other_small_words_between(tmp_path: Path) -> None:
-    apart = "one wolf, two wolf, a wolf to tame; it is tame, so tame, but no wolf"
+    apart = "one wolf, two wolf, a wolf to tame; it is tame, so tame"
     bodies = ["you tame a wolf", "you tame your new wolf", "wolf tame", apart]
     posts(tmp_path, *bodies, *["nothing of it"] * 20)
     index(run_at(tmp_path))
