@@ -88,7 +88,7 @@ def domain_of(profile: Profile) -> Domain:
         subreddit=reddit.subreddit if reddit else "sandbox",
         min_score=reddit.min_score if reddit else 5,
         channels=tuple(
-            template.format(names[place % len(names)].title())
+            template.format(names[place % len(names)].removeprefix("The "))
             for place, template in enumerate(grammar().channels)
         ),
         channel_kinds=_kinds(searches, len(grammar().channels)),
