@@ -19,8 +19,9 @@ from kb.core.errors import (
     Unreachable,
 )
 from kb.reddit import parse
+from kb.sandbox.made_ids import PEOPLE
 from kb.sandbox.reddit import CLIENT, SECRET, TOKEN
-from kb.sandbox.subreddit import _PEOPLE, CASES
+from kb.sandbox.subreddit import CASES
 from kb.store import rawlog
 from tests.reddit.work import Work
 
@@ -99,7 +100,7 @@ def test_odd_text_stays_as_far_as_arrow_can_hold_it(whole: Work) -> None:
 def test_no_name_key_or_secret_in_any_file(whole: Work) -> None:
     key = (whole.root / "state" / "reddit.key").read_text()
     for path, text in whole.text().items():
-        named = [name for name in (*_PEOPLE, SECRET, TOKEN, CLIENT) if name in text]
+        named = [name for name in (*PEOPLE, SECRET, TOKEN, CLIENT) if name in text]
         assert named == [], path
         assert (key in text) == (path == "state/reddit.key"), path
     assert oct((whole.root / "state" / "reddit.key").stat().st_mode & 0o777) == "0o600"
@@ -243,11 +244,16 @@ def test_stubs_that_lead_nowhere_are_missing(work: Work) -> None:
     assert {rejected[f"t1_{key}"] for key in lost} == {("missing", "missing")}
 
 
-def test_a_refused_app_ends_after_the_first_answer(work: Work) -> None:
-    work.sandbox.faults.add("access_token", status=401, times=None)
-    with pytest.raises(CredentialRefused):
+@pytest.mark.parametrize("status", [400, 401, 403])
+def test_a_refused_app_ends_after_the_first_answer(work: Work, status: int) -> None:
+    """What a revoked key looks like; of one post, 403 is a fact about the post."""
+    body = {"message": "Forbidden", "error": status}
+    work.sandbox.faults.add("access_token", status=status, body=body, times=None)
+    with pytest.raises(CredentialRefused, match="the key is wrong, or Reddit has revoked it") as no:
         work.crawl()
     assert len(work.sandbox.ledger) == 1
+    assert "Responsible Builder Policy" in no.value.hint
+    assert "kb reddit import" in no.value.hint
 
 
 def test_a_token_that_is_refused_again_and_again_ends(work: Work) -> None:
