@@ -5,6 +5,7 @@ nothing that was removed.
 from __future__ import annotations
 
 import hashlib
+import json
 import shutil
 import signal
 from collections.abc import Iterator
