@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.cli.as_typed import completed
@@ -21,24 +20,28 @@ def next_steps(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, An
 
     `sources` and `links` are those of the overview.
     """
-    steps = [step for name, about in sources.items() if (step := _step(run.root, name, about))]
+    steps = [step for name, about in sources.items() if (step := _step(run, name, about))]
     if sources and not steps:
         steps = _of_all(run, sources, links)[:1]
     return [completed(step) for step in steps]
 
 
-def _step(root: Path, source: str, about: dict[str, Any]) -> str:
-    """What a source's data need next: to be read to the end, sorted, kept fresh, exported."""
+def _step(run: Run, source: str, about: dict[str, Any]) -> str:
+    """What a source's data need next: to be read to the end, sorted, kept fresh, exported.
+
+    Reddit is asked for nothing without a key, which few people can have.
+    """
     if about["running_pid"]:
         return ""
-    if set(about["left_by"]) == {waiting.noun(source, _REFRESHED.get(source, ""))}:
+    root, asks = run.root, source != "reddit" or run.settings.reddit_client_id is not None
+    if asks and set(about["left_by"]) == {waiting.noun(source, _REFRESHED.get(source, ""))}:
         return f"refresh {source}"
     failed = sum(counts.get("error", 0) for counts in about["phases"].values())
-    if about["left"] or failed:
+    if asks and (about["left"] or failed):
         return f"{source} crawl"
     if Layout(root).raw(source).is_dir() and not inputs.is_filtered(root, source):
         return f"{source} filter"
-    if about["too_old"]:
+    if asks and about["too_old"]:
         return f"refresh {source}"
     if Layout(root).summary(source).is_file() and not inputs.is_exported(root, source):
         return f"{source} export"

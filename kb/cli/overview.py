@@ -32,6 +32,7 @@ def overview(run: Run) -> dict[str, Any]:
     links = _links(catalog)
     folders = [one.path for one in catalog.releases] if catalog.is_download else []
     disk = {path.name: _size(path) for path in folders or _folders(run.root)}
+    collected = any(about["rows"] or about["phases"] for about in sources.values())
     return {
         "data": str(run.root),
         "profile": run.profile.name,
@@ -46,7 +47,7 @@ def overview(run: Run) -> dict[str, Any]:
             schema: held.rows_of(catalog, schema, "pairs").get("pairs", 0)
             for schema in ("clean", "restored", "release")
         },
-        "next": [] if catalog.is_download else next_steps(run, sources, links),
+        "next": next_steps(run, sources, links) if collected else [],
     }
 
 
@@ -109,7 +110,17 @@ def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:
             "requests": requests,
             "units": units if source == "youtube" else 0,
             "quota": _quota(run, source, frontier),
+            **_po_token(source, frontier),
         }
+
+
+def _po_token(source: str, frontier: Any) -> dict[str, int]:
+    """Videos whose captions need a PO token. Only YouTube has such."""
+    if source != "youtube":
+        return {}
+    from kb.youtube.reduce import with_po_token
+
+    return {"po_token": with_po_token(frontier)}
 
 
 def _crawled(source: str, frontier: Any) -> int:

@@ -50,7 +50,8 @@ def _lines(about: dict[str, Any]) -> list[str]:
             *lines,
             (
                 "nothing collected yet; `kb demo` shows the whole job,"
-                " `kb youtube crawl --plan` what a crawl costs"
+                " `kb youtube crawl --plan` what a crawl costs,"
+                " and `kb reddit import FILE…` reads archive dumps without a key"
             ),
         ]
     for source, facts in about["sources"].items():
@@ -127,6 +128,11 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
             else ""
         )
         lines.append(f"  read between {facts['oldest']} and {facts['newest']}{old}")
+    if facts.get("po_token"):
+        lines.append(
+            f"  {vocabulary.phrase('po_token', facts['po_token'], {})};"
+            " a crawl on a later day tries them again"
+        )
     if facts.get("incomplete_posts"):
         names = ", ".join(facts["incomplete"])
         rest = ", …" if facts["incomplete_posts"] > len(facts["incomplete"]) else ""

@@ -56,6 +56,10 @@ WORDS: dict[str, Word] = {
     "duplicates": Word("Older or repeated answers; the newest one counts.", "{n} older answers"),
     "unknown_keys": Word("Keys of answers that schemas/ does not declare, with how often."),
     # What was asked and read.
+    "po_token": Word(
+        "Videos whose captions need a PO token; a crawl on a later day tries them again.",
+        "{n} without captions for want of a PO token",
+    ),
     "requests": Word(
         "Requests sent; without those that the browser sends for a page.", "{n} requests"
     ),

@@ -9,7 +9,9 @@ NONE = ("none", "disabled", "unavailable", "age_restricted")
 
 
 def required() -> tuple[Predicate, ...]:
-    """Without one it is dropped; not asked for yet it waits; not had after all tries it failed."""
+    """Without one it is dropped; not asked for yet, or not to be had without a PO token, it waits;
+    not had after all tries it failed.
+    """
     return (
         Waits(
             "transcript_outcome",
@@ -18,6 +20,7 @@ def required() -> tuple[Predicate, ...]:
             reason="transcript",
             verdict="failed",
         ),
+        Waits("transcript_outcome", ("po_token",), stage="transcript", reason="po_token"),
         Waits("transcript_kind", ("unknown",), stage="transcript", reason="transcript"),
         NotIn("transcript_outcome", NONE, stage="transcript"),
     )

@@ -14,6 +14,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import requests
+import urllib3
 from requests.adapters import HTTPAdapter
 
 from kb import __version__
@@ -195,6 +196,22 @@ def failure(error: Exception, url: str) -> KbError:
         return ItemFinal("bad_address", type(error).__name__)
     what = f"{type(error).__name__} at {place(url)}"
     return Retryable(what, unreachable=isinstance(error, _BROKEN))
+
+
+def never_sent(error: Exception) -> bool:
+    """Whether no connection was made (refused, no address, a proxy, a handshake, a time-out), so
+    that the service knows nothing of the request.
+    """
+    cause = error.args[0] if error.args else None
+    return isinstance(
+        getattr(cause, "reason", cause),
+        (
+            urllib3.exceptions.ConnectTimeoutError,
+            urllib3.exceptions.NewConnectionError,
+            urllib3.exceptions.ProxyError,
+            urllib3.exceptions.SSLError,
+        ),
+    )
 
 
 def refusal(response: requests.Response, url: str) -> Retryable | None:

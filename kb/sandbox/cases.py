@@ -13,11 +13,12 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Track:
-    """A caption track."""
+    """A caption track. `po_token`: empty for whoever sends no proof-of-origin token."""
 
     language: str
     kind: str = ""  # "asr" or ""
     translatable: bool = True
+    po_token: bool = False
 
 
 @dataclass(frozen=True)

@@ -120,6 +120,7 @@ def _track(video: Video, track: Track) -> Any:
         "signature": signature(video.id),
         "key": "yt8",
         **({"kind": track.kind} if track.kind else {}),
+        **({"exp": "xpe"} if track.po_token else {}),
     }
     automatic = " (auto-generated)" if track.kind else ""
     values = {

@@ -61,10 +61,12 @@ class Web:
             if video
             else None
         )
-        if video is None or track is None or request.args.get("signature") != signature(key):
+        locked = track is not None and track.po_token and "pot" not in request.args
+        altered = request.args.get("signature") != signature(key)
+        if video is None or track is None or locked or altered:
             return Response(
                 "", 200, mimetype="text/html"
-            )  # what the real service answers to an unknown or altered address
+            )  # what the real service answers to an unknown or altered address, or without a token
         cues = self.world.youtube.cues(video, track, request.args.get("tlang"))
         return Response(
             timed_text(cues, rich=request.args.get("fmt") == "srv3"),

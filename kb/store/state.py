@@ -173,10 +173,16 @@ class State:
             )
             return int(cursor.lastrowid or 0)
 
-    def outcome(self, row: int, outcome: str) -> None:
-        """What became of a request: an HTTP status or an error's name."""
+    def outcome(self, row: int, outcome: str, *, sent: bool = True) -> None:
+        """What became of a request: an HTTP status or an error's name.
+
+        One that was never `sent` costs no units.
+        """
         with self.transaction():
-            self._db.execute("UPDATE ledger SET outcome = ? WHERE id = ?", (outcome, row))
+            self._db.execute(
+                "UPDATE ledger SET outcome = ?, units = units * ? WHERE id = ?",
+                (outcome, int(sent), row),
+            )
 
     def spent(self, bucket: str, day: str) -> int:
         """Units of a bucket spent on a day."""

@@ -16,7 +16,7 @@ from kb.core.errors import Retryable
 from kb.core.profile.youtube import YouTube
 from kb.crawl.source import Opened
 from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
-from kb.net.session import Session, failure, host_of, user_agent
+from kb.net.session import Session, failure, host_of, never_sent, user_agent
 from kb.youtube import quota
 from kb.youtube.errors import meaning
 from kb.youtube.transport import Transport
@@ -105,7 +105,7 @@ class Api:
             after = retry_after(error.resp.get("retry-after"), error.resp.get("date"))
             raise meaning(int(error.resp.status), _json(error.content), bucket, after) from None
         except (requests.RequestException, OSError, ValueError, RecursionError) as error:
-            self._frontier.outcome(row, type(error).__name__)
+            self._frontier.outcome(row, type(error).__name__, sent=not never_sent(error))
             broken = failure(error, endpoint)
             unreachable = isinstance(broken, Retryable) and broken.unreachable
             raise Retryable(

@@ -74,7 +74,7 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         pc.is_valid(_column(side, "player_width")), pc.is_valid(_column(side, "player_height"))
     )
     had = pc.fill_null(pc.equal(outcome, "ok"), False)
-    final = pc.fill_null(pc.not_equal(outcome, "failed"), False)
+    final = parse.is_final(outcome)
     kind = pc.if_else(had, _column(side, "kind"), pc.if_else(final, "none", "unknown"))
     restricted = pc.or_(
         pc.equal(pc.fill_null(_column(videos, "yt_rating"), ""), "ytAgeRestricted"),

@@ -6,15 +6,18 @@ import logging
 from collections.abc import Callable, Collection
 from pathlib import Path
 
+from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.profile.youtube import YouTube
 from kb.store.frontier import Frontier
 from kb.youtube import errors
+from kb.youtube.parse import PO_TOKEN
 from kb.youtube.reduce import (
     BEYOND,
     CHANNELS,
     SEARCHES,
+    TRANSCRIPTS,
     UPLOADS,
     VIDEOS,
     Search,
@@ -27,7 +30,16 @@ _log = logging.getLogger("kb.youtube")
 
 
 def reopen(frontier: Frontier, profile: YouTube) -> None:
-    """What was taken as final without being a fact, or lay beyond fewer search_pages."""
+    """What was taken as final without being a fact, or lay beyond fewer search_pages; and tracks
+    that asked for a PO token on an earlier day: these come last, as what failed.
+    """
+    today = clock.stamp()[:10]
+    asked_before = [
+        key
+        for key, _, reason, track in frontier.items(TRANSCRIPTS, "skipped")
+        if reason == PO_TOKEN and (track is None or track.po_token != today)
+    ]
+    frontier.mark(TRANSCRIPTS, asked_before, "error", PO_TOKEN)
     most = profile.search_pages
     pages = [
         key

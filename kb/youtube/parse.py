@@ -21,6 +21,8 @@ from kb.schema.records import records
 from kb.schema.tables import table
 from kb.store.rawlog import Envelope
 
+PO_TOKEN = "po_token"  # outcome: the track can be had only with a proof-of-origin token
+AGAIN = pa.array(["failed", PO_TOKEN])  # outcomes that are tried again
 ROWS = 8_192  # about 50 MB while a batch is made
 
 
@@ -74,9 +76,12 @@ def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
     for got, _ in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(
         lines, rows
     ):
-        yield got.append_column(
-            "final", pc.fill_null(pc.not_equal(got["outcome"], "failed"), False)
-        )
+        yield got.append_column("final", is_final(got["outcome"]))
+
+
+def is_final(outcome: Any) -> Any:
+    """Which outcomes are not tried again; no outcome is none of these."""
+    return pc.and_(pc.is_valid(outcome), pc.invert(pc.is_in(outcome, AGAIN)))
 
 
 def with_cues(rows: pa.Table) -> pa.Table:

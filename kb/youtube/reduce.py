@@ -23,6 +23,7 @@ from kb.core.profile.youtube import YouTube
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 from kb.youtube import parse
+from kb.youtube.parse import PO_TOKEN
 
 SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS = (
     "searches",
@@ -78,7 +79,17 @@ class Uploads(msgspec.Struct):
     mark: str | None = None
 
 
-PAYLOADS: dict[str, type[msgspec.Struct]] = {SEARCHES: Search, UPLOADS: Uploads}
+class Transcript(msgspec.Struct):
+    """`po_token`: the day (UTC) on which the track asked for a PO token, "2026-11-20"."""
+
+    po_token: str | None = None
+
+
+PAYLOADS: dict[str, type[msgspec.Struct]] = {
+    SEARCHES: Search,
+    UPLOADS: Uploads,
+    TRANSCRIPTS: Transcript,
+}
 
 
 def uploads_list(channel_id: str, profile: YouTube) -> str:
@@ -221,17 +232,33 @@ class Reducer:
         frontier.add(TRANSCRIPTS, keys)
 
     def _transcript(self, frontier: Frontier, envelope: Envelope) -> None:
-        mark = outcome(envelope.response)
-        frontier.add(TRANSCRIPTS, [mark[0]])
-        frontier.mark_each(TRANSCRIPTS, [mark])
+        note_transcripts(frontier, [envelope])
 
 
-def outcome(response: Any) -> tuple[str, str, str | None]:
+def note_transcripts(frontier: Frontier, envelopes: Sequence[Envelope]) -> None:
+    """Take outcomes of transcripts in, many at a time."""
+    marks = [_outcome(envelope.response) for envelope in envelopes]
+    frontier.add(TRANSCRIPTS, [key for key, *_ in marks])
+    frontier.mark_each(TRANSCRIPTS, marks)
+    for envelope, (key, _, reason) in zip(envelopes, marks, strict=True):
+        if reason == PO_TOKEN:
+            frontier.payload(TRANSCRIPTS, key, Transcript((envelope.fetched_at or "")[:10]))
+
+
+def with_po_token(frontier: Frontier) -> int:
+    """Videos whose transcript asks for a PO token, as far as they were asked for."""
+    items = frontier.items(TRANSCRIPTS, "skipped")
+    return sum(reason == PO_TOKEN for _, _, reason, _ in items)
+
+
+def _outcome(response: Any) -> tuple[str, str, str | None]:
     """What an answer about a transcript says of its item: (key, status, reason)."""
     answer = response if isinstance(response, dict) else {}
     key = str(answer.get("video_id", ""))
     if answer.get("outcome") in FINAL:
         return key, "done", None
+    if answer.get("outcome") == PO_TOKEN:
+        return key, "skipped", PO_TOKEN
     return key, "error", str(answer.get("reason") or "failed")
 
 

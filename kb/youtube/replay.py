@@ -6,7 +6,7 @@ a state that is made again costs little more than reading.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypedDict
@@ -25,11 +25,10 @@ from kb.youtube.reduce import (
     RAW_TRANSCRIPTS,
     RAW_VIDEOS,
     REFRESH,
-    TRANSCRIPTS,
     UNJUDGED,
     VIDEOS,
     Reducer,
-    outcome,
+    note_transcripts,
 )
 
 _AT_ONCE = 1_000  # answers; they are not held, only what they say
@@ -58,10 +57,9 @@ def take_in(reducer: Reducer, frontier: Frontier, kind: str, lines: Iterable[byt
     Raises DamagedData for a line that is no envelope.
     """
     if kind == RAW_TRANSCRIPTS:
-        said = (outcome(typed.decode(_transcripts, line).response) for line in lines)
-        while marks := list(islice(said, _AT_ONCE)):
-            frontier.add(TRANSCRIPTS, [key for key, *_ in marks])
-            frontier.mark_each(TRANSCRIPTS, marks)
+        envelopes: Iterator[Any] = (typed.decode(_transcripts, line) for line in lines)
+        while some := list(islice(envelopes, _AT_ONCE)):
+            note_transcripts(frontier, some)
         return True
     if kind != RAW_VIDEOS or reducer.wants:
         return False

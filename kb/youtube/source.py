@@ -54,6 +54,7 @@ from kb.youtube.reduce import (
     Wanted,
     crawled,
     nothing,
+    with_po_token,
     without_channels,
 )
 from kb.youtube.transcripts import SITE
@@ -241,6 +242,7 @@ class YouTube(Plain):
             channels=kinds.get(CHANNELS, {}).get("done", 0),
             transcripts_asked=self.counts["transcripts_asked"],
             transcripts=self.counts["transcripts"],
+            po_token=with_po_token(frontier),
             requests=requests,
             units=units,
             bad_lines=self._bad_lines,

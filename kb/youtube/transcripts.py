@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from typing import Any
-from urllib.parse import SplitResult, urljoin, urlsplit
+from urllib.parse import SplitResult, parse_qs, urljoin, urlsplit
 from xml.etree.ElementTree import ParseError
 
 import requests
@@ -58,7 +58,7 @@ class Fetcher:
         self._session.max_redirects = REDIRECTS
         self._session.mount("", Site(settings.kb_youtube_web, before))
         self._session.hooks["response"].append(self._look)
-        self._page, self._answer = "", None
+        self._page, self._answer, self._needs_token = "", None, False
         self._api = YouTubeTranscriptApi(http_client=self._session)
 
     def close(self) -> None:
@@ -88,7 +88,7 @@ class Fetcher:
         )
 
     def _once(self, video_id: str) -> dict[str, Any]:
-        self._page, self._answer = "", None
+        self._page, self._answer, self._needs_token = "", None, False
         answer: dict[str, Any] = {
             "video_id": video_id,
             "outcome": "ok",
@@ -115,15 +115,18 @@ class Fetcher:
                 "outcome": "unavailable",
                 "reason": getattr(error, "reason", None) or type(error).__name__,
             }
+        except lib.PoTokenRequired:
+            answer |= {"outcome": "po_token"}
         except (
             lib.YouTubeRequestFailed,
             lib.YouTubeDataUnparsable,
-            lib.PoTokenRequired,
             ParseError,
             requests.JSONDecodeError,
         ) as error:
             # An empty body of the timed text raises the parser's own error.
-            raise Retryable(_reason(error)) from None
+            if not (self._needs_token and isinstance(error, ParseError)):
+                raise Retryable(_reason(error)) from None
+            answer |= {"outcome": "po_token"}
         except (requests.RequestException, urllib3.exceptions.HTTPError) as error:
             # Of an address that leads nowhere the site's own answers are to blame, not the video.
             broken = failure(error, SITE)
@@ -198,7 +201,7 @@ class Fetcher:
             else response.url
         )
         _no_wall(urlsplit(shown))
-        path = urlsplit(response.url).path
+        path, query = urlsplit(response.url).path, urlsplit(response.url).query
         if path == "/watch":
             self._page = response.text
         elif path == "/youtubei/v1/player":
@@ -206,6 +209,9 @@ class Fetcher:
                 self._answer = response.json()
             except ValueError:
                 self._answer = None
+        elif path == "/api/timedtext":
+            # The body of such a track is empty for whoever sends no token.
+            self._needs_token = "xpe" in parse_qs(query).get("exp", ()) and not response.content
 
 
 def _no_wall(target: SplitResult) -> None:
