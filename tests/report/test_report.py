@@ -22,7 +22,7 @@ import duckdb
 import pytest
 
 from kb.core.context import Run
-from kb.core.errors import DamagedData
+from kb.core.errors import DamagedData, FatalError
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.core.sources import PUBLISHED
@@ -248,9 +248,26 @@ def test_word_cloud_counts_rows_not_mentions(root: Path) -> None:
     assert found["honey"] == sum("honey" in words for words in texts)
 
 
-def test_an_empty_root_gives_a_page_that_says_so(tmp_path: Path) -> None:
-    report(a_run(tmp_path))
-    assert "No data yet." in (tmp_path / "report" / "index.html").read_text()
+def test_an_empty_root_gives_no_page_and_says_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(FatalError, match="no tables in ") as caught:
+        report(a_run(tmp_path))
+    assert (caught.value.exit_code, "kb demo" in caught.value.hint) == (1, True)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("no_pdf")
+def test_a_download_has_a_report_outside_of_it(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    download = shutil.copytree(root / "release", tmp_path / "download")
+    before = sorted(download.rglob("*"))
+    page = Path(report(a_run(download))["page"])
+    assert page.is_relative_to(tmp_path / "cache")
+    assert "No data of YouTube" not in page.read_text()
+    report(a_run(download), tmp_path / "out")
+    assert (tmp_path / "out" / "index.html").is_file()
+    assert sorted(download.rglob("*")) == before
 
 
 def test_what_people_wrote_is_text_and_never_markup(of_one: Callable[[str], OfOne]) -> None:
