@@ -35,6 +35,7 @@ from kb.report.style import readable
 from kb.report.toxicity import toxicity
 from kb.schema import table
 from kb.store.frontier import Frontier
+from kb.store.shards import write_table
 from tests.release.made import START, build, rows
 
 FIGURES = {
@@ -257,10 +258,14 @@ def test_an_empty_root_gives_no_page_and_says_what_to_do(tmp_path: Path) -> None
 
 @pytest.mark.usefixtures("no_pdf")
 def test_a_download_has_a_report_outside_of_it(
-    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, make_rows: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    download = shutil.copytree(root / "release", tmp_path / "download")
+    download = tmp_path / "download"
+    for name in ("youtube/videos", "reddit/posts", "pairs/pairs"):
+        source, _, short = name.partition("/")
+        path = download / source / f"{short}-00000-of-00001.parquet"
+        write_table(path, make_rows(name, 5, released=True), name, released=True)
     before = sorted(download.rglob("*"))
     page = Path(report(a_run(download))["page"])
     assert page.is_relative_to(tmp_path / "cache")
