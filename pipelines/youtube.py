@@ -25,6 +25,7 @@ from kb.filters.transcripts import required
 from kb.youtube.assemble import HELPERS, KINDS, assemble, unanswered
 from kb.youtube.ids import Part
 from kb.youtube.view_rule import kept_rules
+from kb.youtube.ytdlp.tracks import TrackLanguage
 
 TOLD = ("title", "channel_id", "channel_title")  # of a video that is left out
 SCORES = {"title": "toxicity_title", "description": "toxicity_description"}
@@ -68,7 +69,11 @@ def clean(p: Profile) -> Clean:
     return Clean(
         source="youtube",
         kinds=KINDS,
-        assemble=partial(assemble, words=word_count_of_lists),
+        assemble=partial(
+            assemble,
+            words=word_count_of_lists,
+            language=TrackLanguage(p.section("youtube").language, p.section("youtube").translate),
+        ),
         chains=(rows,),
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),
         scorer=toxicity,

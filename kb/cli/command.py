@@ -28,7 +28,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_type_hints
 
 import typer
 
@@ -36,6 +36,9 @@ from kb.cli import outcome
 from kb.cli.help import Command, Group
 from kb.cli.misplaced import UsageProblem
 from kb.cli.options import COMMON, SHARED, Options, shared_option
+
+# Types that signatures name and that are imported once a command runs.
+_LATE = {"Run": object, "Summary": object, "Options": Options}
 
 
 @dataclass(frozen=True)
@@ -137,13 +140,9 @@ def _wrap(
 ) -> Callable[..., Any]:
     signature = inspect.signature(function)
     _, *own = signature.parameters.values()
+    hints = get_type_hints(function, localns=_LATE, include_extras=True)
     parameters = [
-        parameter.replace(
-            kind=inspect.Parameter.KEYWORD_ONLY,
-            annotation=eval(parameter.annotation, function.__globals__)
-            if isinstance(parameter.annotation, str)
-            else parameter.annotation,
-        )
+        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=hints[parameter.name])
         for parameter in own
     ]
     parameters += shared.values()

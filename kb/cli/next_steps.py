@@ -20,7 +20,7 @@ def next_steps(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, An
 
     `sources` and `links` are those of the overview.
     """
-    steps = [step for name, about in sources.items() if (step := _step(run.root, name, about))]
+    steps = [step for name, about in sources.items() if (step := _step(run, name, about))]
     if sources and not steps:
         steps = _of_all(run, sources, links)[:1]
     return [completed(step) for step in steps]
@@ -32,20 +32,24 @@ def changed(path: Path) -> float:
     return max((file.stat().st_mtime for file in files if file.is_file()), default=0.0)
 
 
-def _step(root: Path, source: str, about: dict[str, Any]) -> str:
-    """What a source's data need next: to be read to the end, sorted, kept fresh, exported."""
+def _step(run: Run, source: str, about: dict[str, Any]) -> str:
+    """What a source's data need next: to be read to the end, sorted, kept fresh, exported.
+
+    Reddit is asked for nothing without a key, which few people can have.
+    """
     if about["running_pid"]:
         return ""
-    if set(about["left_by"]) == {waiting.noun(source, _REFRESHED.get(source, ""))}:
+    root, asks = run.root, source != "reddit" or run.settings.reddit_client_id is not None
+    if asks and set(about["left_by"]) == {waiting.noun(source, _REFRESHED.get(source, ""))}:
         return f"refresh {source}"
     failed = sum(counts.get("error", 0) for counts in about["phases"].values())
-    if about["left"] or failed:
+    if asks and (about["left"] or failed):
         return f"{source} crawl"
     at = Layout(root)
     clean = at.summary(source)
     if changed(at.raw(source)) > changed(clean):
         return f"{source} filter"
-    if about["too_old"]:
+    if asks and about["too_old"]:
         return f"refresh {source}"
     if changed(clean) > changed(at.release(source)):
         return f"{source} export"

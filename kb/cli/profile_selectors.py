@@ -9,6 +9,7 @@ import zstandard
 
 from kb.core.errors import MissingExtra, Retryable
 from kb.core.profile.finding import ERROR, NOTE, WARNING, Finding
+from kb.core.profile.wiki import Markup
 from kb.store.layout import Layout
 from kb.wiki.selectors import SelectorMatches, count_matches
 
@@ -40,7 +41,11 @@ def findings_of(profile: Profile, pages: list[str]) -> list[Finding]:
     if profile.wiki is None:
         return []
     markup = profile.wiki.markup
-    own = {f"wiki.markup.{name}" for name in markup.model_fields_set}
+    own = {
+        f"wiki.markup.{name}"
+        for name in markup.model_fields_set
+        if getattr(markup, name) != getattr(Markup(), name)
+    }
     try:
         counted = count_matches(markup, pages)
     except (MissingExtra, Retryable) as error:

@@ -50,7 +50,9 @@ Until = Annotated[
 def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False) -> Summary:
     """Crawl posts and whole comment trees, as raw JSON.
 
-    Needs REDDIT_CLIENT_ID, REDDIT_CLIENT_SECRET (empty for an installed app) and KB_CONTACT.
+    Archive dumps (`kb reddit import`) need no key. The live API needs REDDIT_CLIENT_ID,
+    REDDIT_CLIENT_SECRET (empty for an installed app) and KB_CONTACT; since November 2025 Reddit
+    gives keys only to apps that it has approved under its Responsible Builder Policy.
     Names of people are hashed before anything is written. What lies outside of --since and --until
     is left out of the tables too (`outside` in the summary); a later crawl with another span, or
     none, reads it.
@@ -105,7 +107,8 @@ def import_(
 ) -> Summary:
     """Take posts and comments of the subreddit out of archive dumps. Sends nothing; needs no key.
 
-    Damaged lines and cut-off files are counted. Cut off, the same command goes on.
+    A folder is searched for dumps. Damaged lines, cut-off files and a folder's other files are
+    counted. Interrupted, the same command resumes.
     """
     from kb.reddit.importing import import_dumps
 
@@ -126,16 +129,16 @@ export = add_export(app, "reddit", "minedojo", "convokit")
     planned=("ids", "dumps"),
     cls=DumpsCommand,
     examples=[
+        (
+            "kb reddit reconstruct --ids release/reddit --dumps RS_*.zst RC_*.zst"
+            "    without a key or network"
+        ),
         "kb reddit reconstruct                                 the data root's own release",
         "kb reddit reconstruct --ids release/reddit            a release, posts and comments",
         "kb reddit reconstruct --ids posts-00000-of-00001.parquet --out full",
         (
             "kb reddit reconstruct --ids reddit.json --out full    MineDojo's published list:"
             " whole trees"
-        ),
-        (
-            "kb reddit reconstruct --ids release/reddit --dumps RS_*.zst RC_*.zst"
-            "    without a key or network"
         ),
     ],
 )
@@ -162,7 +165,7 @@ def reconstruct(
     dumps: Dumps = None,
     plan: Plan = False,
 ) -> Summary:
-    """Bring back full posts and comments from released ids, with your own app's key or from dumps.
+    """Bring back full posts and comments from released ids, from dumps or with your own app's key.
 
     100 ids a request. What is gone is listed in missing.parquet. What is in --out already is added
     to; what was removed stays removed, whatever an older dump holds. Cut off, the same command goes

@@ -59,7 +59,8 @@ def restore(
 ) -> Summary:
     """Bring back the content of downloaded releases: videos, transcripts, posts, comments, texts.
 
-    Needs YOUTUBE_API_KEY for videos and a key of Reddit, or archive dumps, for posts and comments.
+    Needs YOUTUBE_API_KEY for videos, and for posts and comments archive dumps (--dumps) or a key of
+    Reddit.
     The folders are compared with SHA256SUMS first; the profile is theirs. Everything goes to
     restored/ in the data root, to be queried as restored.*; what could not be had is in
     restored.missing with the reason. Cut off, the same command goes on.

@@ -50,7 +50,8 @@ def _lines(about: dict[str, Any]) -> list[str]:
             *lines,
             (
                 "nothing collected yet; `kb demo` shows the whole job,"
-                " `kb youtube crawl --plan` what a crawl costs"
+                " `kb youtube crawl --plan` what a crawl costs,"
+                " and `kb reddit import FILE…` reads archive dumps without a key"
             ),
         ]
     for source, facts in about["sources"].items():

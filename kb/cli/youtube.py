@@ -127,5 +127,37 @@ def check(
     return summary
 
 
+@command(
+    app,
+    name="import",
+    limit="Stop after N more files (exit code 3); the next run resumes.",
+    json="crawled, subtitles, playlists, files, known_files, left_out_by, null_columns",
+    checks=True,
+    examples=[
+        "kb youtube import ~/Videos/minecraft          what yt-dlp wrote there",
+        "kb youtube import disk1 disk2 && kb youtube filter",
+    ],
+)
+def import_(
+    run: Run,
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="Folders that yt-dlp wrote to.")
+    ],
+) -> Summary:
+    """Take videos and subtitles out of folders of yt-dlp. Sends nothing; needs no key.
+
+    Reads *.info.json (videos, playlists, channels) and subtitles as .vtt, .srv3 and .json3, in all
+    folders below. Files that were imported before are skipped; stopped, the same command goes on.
+    Columns that files cannot tell stay null, and are named at the end. Without the game's label,
+    which no file has, keywords decide the topic.
+    """
+    from kb.youtube.ytdlp.importer import import_folders, told
+
+    summary = import_folders(run, folders)
+    for line in told(summary):
+        typer.echo(line)
+    return summary
+
+
 filter_ = add_filter(app, "youtube")
 export = add_export(app, "youtube", "minedojo")

@@ -53,6 +53,12 @@ WORDS: dict[str, Word] = {
     "left": Word("Everything that waits for the next run, of all phases together."),
     "left_by": Word("The same by phase."),
     "view_rules": Word("Kept videos by how their views were counted (view_rule)."),
+    "subtitles": Word("Subtitle files that were imported.", "{n} subtitle files"),
+    "playlists": Word("Playlists and channels that were imported.", "{n} playlists"),
+    "youtube import.files": Word("Files that were imported in this run."),
+    "known_files": Word("Files that were imported before.", "{n} files imported before"),
+    "left_out_by": Word("Files that were left out, by reason."),
+    "null_columns": Word("Columns that imported files leave null, with the number of videos."),
     "duplicates": Word("Older or repeated answers; the newest one counts.", "{n} older answers"),
     "unknown_keys": Word("Keys of answers that schemas/ does not declare, with how often."),
     # What was asked and read.

@@ -144,7 +144,7 @@ def files_of(path: Path, rules: IdRules) -> list[Path]:
     names = " or ".join(chain.from_iterable(rules.tables))
     raise SettingError(
         f"{rules.option} {path} holds no released {names}",
-        hint=f"name the folder of a release, as in `{rules.option} release/…`, or a file",
+        hint=f"give {rules.option} FILE, or the folder of a release",
     )
 
 

@@ -13,8 +13,9 @@ from typing import Any
 
 import prawcore.exceptions as wrong
 
-from kb.core.errors import Blocked, CredentialRefused, FatalError, ItemFinal, KbError, Retryable
+from kb.core.errors import Blocked, FatalError, ItemFinal, KbError, Retryable
 from kb.net.session import refusal
+from kb.reddit.credentials import refused
 
 FACTS = {403: "forbidden", 404: "not_found", 410: "gone", 451: "legal"}
 STATUS = {reason: status for status, reason in FACTS.items()}
@@ -30,9 +31,9 @@ _NO_SUBREDDIT = {
 def consequence(error: wrong.PrawcoreException, path: str) -> Exception:
     """What follows from what PRAW's core raised for a request of `path`."""
     if isinstance(error, wrong.OAuthException):
-        return _refused(f"credentials ({error.error})")
+        return refused(f"credentials ({error.error})")
     if isinstance(error, wrong.InvalidToken):
-        return _refused("token")
+        return refused("token")
     if isinstance(error, wrong.RequestException):
         broken = error.original_exception
         if isinstance(broken, KbError):  # of the ledger, the pace or the door
@@ -58,19 +59,12 @@ def no_subreddit(name: str, fact: ItemFinal) -> FatalError:
     return FatalError(f"{name} {why}", hint="check [reddit] subreddit in the profile")
 
 
-def _refused(what: str) -> CredentialRefused:
-    return CredentialRefused(
-        f"Reddit refuses the app's {what}",
-        hint="check REDDIT_CLIENT_ID and REDDIT_CLIENT_SECRET",
-    )
-
-
 def _of_status(response: Any, path: str) -> KbError:
     """Of an answer that is no 200. Of the token's own requests none is a fact about an item."""
     status, token = response.status_code, "access_token" in (response.url or "")
-    refused = refusal(response, path)
-    if refused is not None:
-        return refused
+    later = refusal(response, path)
+    if later is not None:
+        return later
     if status == 403 and b"<html" in response.content[:2_000].lower():
         # The API answers in JSON; a page comes from what guards it.
         return Blocked(
@@ -79,7 +73,7 @@ def _of_status(response: Any, path: str) -> KbError:
         )
     if token:
         if status in (400, 401, 403):
-            return _refused(f"credentials (HTTP {status})")
+            return refused(f"credentials (HTTP {status})")
         return FatalError(f"Reddit answers HTTP {status} at {path}")
     if status in FACTS:
         return ItemFinal(FACTS[status], path)

@@ -28,13 +28,13 @@ from typing import Any, NamedTuple
 import msgspec
 
 from kb.core.context import Run
-from kb.core.errors import KbError, MissingCredential
+from kb.core.errors import KbError
 from kb.core.profile import DEFAULT, load_profile
-from kb.core.settings import REDDIT, load_settings
+from kb.core.settings import load_settings
 from kb.core.verdict import Summary
 from kb.crawl import job
 from kb.net import redact
-from kb.reddit import byid, dumpfiles, earlier, places, tables
+from kb.reddit import byid, credentials, dumpfiles, earlier, places, tables
 from kb.reddit.again import Rebuild, unanswered
 from kb.reddit.authors import load_key
 from kb.reddit.importing import different, import_jobs, summary_of
@@ -46,6 +46,7 @@ from kb.store.lock import writer
 
 LOCK = ".lock"  # in a folder of tables outside of the data root: one run at a time adds to them
 NOT_THERE = "not in these dumps"
+WITHOUT_KEY = "archive dumps need no key: --dumps FILE…"
 
 
 class Post(NamedTuple):
@@ -146,7 +147,7 @@ def rebuild(
     if dumps:
         dumps = dumpfiles.find(run, dumps).files
     else:
-        need_key(run)
+        credentials.require(run, without=WITHOUT_KEY)
     wanted, sources = asked_for(ids, Layout(run.root).release("reddit"), run.progress.say)
     digest = _digest(wanted, dumps, gone)
     tables.check_place(out)
@@ -199,18 +200,6 @@ def _writer(root: Path, out: Path) -> AbstractContextManager[None]:
     if out.is_relative_to(at.restored()):
         return writer(root, "restored")
     return writer(out / LOCK, "reddit")
-
-
-def need_key(run: Run, *others: str) -> None:
-    """Raise MissingCredential for all that is not set, of the `others` too, naming the way without
-    a key.
-    """
-    try:
-        run.settings.require(*others, *REDDIT)
-    except MissingCredential as error:
-        way = "or read archive dumps instead, without a key: --dumps FILE…"
-        error.hint = f"{error.hint}; {way}" if error.hint else way
-        raise
 
 
 def _digest(wanted: Wanted, dumps: Sequence[Path], gone: Collection[str]) -> str:

@@ -8,8 +8,9 @@ from pathlib import Path
 from kb.core.context import Run
 from kb.core.plan import Part, Phase
 from kb.core.verdict import Summary
+from kb.reddit import credentials
 from kb.reddit.plan import plan_rebuild
-from kb.reddit.reconstruction import need_key, rebuild
+from kb.reddit.reconstruction import WITHOUT_KEY, rebuild
 from kb.store.layout import Layout
 
 Dumps = Sequence[Path]  # archive files that are read instead of asking Reddit
@@ -22,7 +23,7 @@ def check(run: Run, folders: Sequence[Path], dumps: Dumps, others: Sequence[str]
     if folders:
         run.profile.section("reddit")
     if folders and not dumps:
-        need_key(run, *others)
+        credentials.require(run, *others, without=WITHOUT_KEY)
     else:
         run.settings.require(*others)
 

@@ -12,9 +12,8 @@ from functools import cached_property
 
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
-from kb.core.settings import REDDIT
 from kb.crawl.source import Answer, Opened, Phase, Plain
-from kb.reddit import discover, places, reduce, replay, tree
+from kb.reddit import credentials, discover, places, reduce, replay, tree
 from kb.reddit.authors import Scrubber, load_key
 from kb.reddit.client import IDS, ROOT, Client
 from kb.reddit.fetch import Fetch
@@ -58,7 +57,7 @@ class Reddit(Plain):
 
     def identity(self) -> dict[str, str]:
         """The host and the subreddit. Raises MissingCredential."""
-        self.run.settings.require(*REDDIT)
+        credentials.require(self.run)
         host = self.run.settings.kb_reddit_endpoint or ROOT
         return {"host": host, "subreddit": self.section.subreddit.lower()}
 

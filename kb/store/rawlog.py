@@ -256,16 +256,16 @@ class Segment:
         self.path: Path | None = None
         self.size = 0
 
-    def append(self, line: bytes) -> tuple[str, int]:
-        """Write one frame and return (segment, offset behind it). Raises DiskFull.
+    def append(self, *lines: bytes) -> tuple[str, int]:
+        """Write a frame for each line, synced together; (segment, offset behind them).
 
-        A frame that could only be written in part is cut away again.
+        What could only be written in part is cut away again. Raises DiskFull.
         """
         with full_disk_is_resumable(self._base):
             if self._file is None:
                 self._open()
             try:
-                self._file.write(self._compressor.compress(line))
+                self._file.write(b"".join(map(self._compressor.compress, lines)))
                 self._file.flush()
                 os.fsync(self._file.fileno())
             except OSError:

@@ -93,6 +93,23 @@ class Recorder:
                 self._frontier.set_offset(kind, name, offset)
         return envelope
 
+    def record_all(self, kind: str, answers: Iterable[Envelope]) -> list[bytes]:
+        """Keep answers that came together, with times of their own; their lines as they are kept.
+
+        Raises DiskFull, with nothing half-kept.
+        """
+        kept = [rawlog.storable(answer) for answer in answers]
+        lines = [line for _, line in kept]
+        with self._lock:
+            if kind not in self._segments:
+                self._segments[kind] = Segment(rawlog.folder(self._root, self._source, kind))
+            name, offset = self._segments[kind].append(*lines)
+            with self._frontier.transaction():
+                for envelope, _ in kept:
+                    self._apply(self._frontier, kind, envelope)
+                self._frontier.set_offset(kind, name, offset)
+        return lines
+
     def close(self) -> None:
         """Close the open segments."""
         with self._lock:

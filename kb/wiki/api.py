@@ -141,7 +141,9 @@ class Api:
             value = msgspec.json.decode(answer.body)
         except (msgspec.DecodeError, RecursionError):
             what = answers.quoted(answer.body[:1000].decode("utf-8", "replace"))
-            raise Retryable(f"{self.endpoint} gives no JSON but {what}") from None
+            # A page in place of an answer that does not end is a challenge: we are turned away.
+            page = answer.body.lstrip()[:1] == b"<"
+            raise Retryable(f"{self.endpoint} gives no JSON but {what}", throttled=page) from None
         refusal = value.get("error") if isinstance(value, dict) else None
         if isinstance(refusal, dict) and refusal:
             code = str(refusal.get("code"))
@@ -240,7 +242,7 @@ def find_endpoint(web: Web, url: str, *, known: bool = False) -> str:
         raise FatalError(f"{url} does not answer as a wiki: {error}") from None
     front = _FrontPage()
     front.feed(page.body.decode("utf-8", "replace"))
-    if not front.href and (known or front.unlisted):
+    if not front.href and (known or front.unlisted or web.foreign_robots):
         raise retry.blocked(f"{url} shows a page that is not the wiki's, as a challenge does")
     if not front.href:
         raise FatalError(

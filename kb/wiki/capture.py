@@ -236,8 +236,8 @@ def _has_no_end(network: Network) -> bool:
     return text is not None and "</html" not in text[-1000:].lower()
 
 
-def check_front_page(browser: Browser, url: str) -> None:
-    """Load the wiki's front page. Raises Challenge when it is none, and as `capture` does."""
+def check_shown(browser: Browser, url: str) -> None:
+    """Load any page of the wiki. Raises Challenge when another one comes, and as `capture` does."""
     network = Network(browser)
     browser.go(url)
     network.read()

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import msgspec
 
+from kb.core import clock
 from kb.core.errors import DamagedData
 from kb.core.profile.wiki import Wiki
 from kb.store import rawlog, sidefiles, tombstones
@@ -18,6 +19,7 @@ from kb.store.layout import BELOW, Layout
 from kb.wiki import extraction, reduce
 from kb.wiki.payloads import Site, Title
 
+COMPARED = 3  # pages that are loaded before a challenge is one to all of them
 _IDENTIFIED = "identified"  # cursor: all captures are of the pages that they were stored for
 
 
@@ -113,6 +115,20 @@ def bury(frontier: Frontier, root: Path) -> None:
     rows = [row for row in rows if row[0] not in titles]
     if rows:
         tombstones.add(root, "wiki", rows)
+
+
+def others(frontier: Frontier, key: str, front: str) -> list[str]:
+    """Addresses of pages to compare a challenged one with.
+
+    One that was captured, else some that wait, drawn anew each time; the front page where there is
+    no other.
+    """
+    rng = clock.rng("others", key, clock.monotonic())
+    for status, most in (("done", 1), ("todo", COMPARED)):
+        pages = sorted(page.url for _, _, _, page in frontier.items("pages", status))
+        if pages:
+            return rng.sample(pages, min(most, len(pages)))
+    return [front]
 
 
 def reopen_larger(frontier: Frontier, section: Wiki) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from itertools import takewhile
 from pathlib import Path
@@ -95,9 +95,19 @@ def _replaced(api: Api, frontier: Frontier, root: Path) -> Iterator[Answer]:
     frontier.mark("files", changed, "todo")
 
 
-def page(api: Api, web: Web, section: Wiki, pool: Pool, item: Item) -> Iterator[Answer]:
-    """One page in the browser, with the facts of a revision that the wiki had not named yet."""
-    shown = show_page(web, section, pool, item)
+def page(
+    api: Api,
+    web: Web,
+    section: Wiki,
+    pool: Pool,
+    item: Item,
+    others: Callable[[], Iterable[str]],
+) -> Iterator[Answer]:
+    """One page in the browser, with the facts of a revision that the wiki had not named yet.
+
+    `others` as for `show_page`.
+    """
+    shown = show_page(web, section, pool, item, others)
     revision = shown.get("revision_id")
     if revision and revision != item.payload.revision_id:
         yield api.revision(revision)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import shutil
 import tempfile
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,7 @@ from kb.store.atomic import full_disk_is_resumable, replacing_folder
 from kb.store.frontier import Item
 from kb.store.layout import Layout
 from kb.wiki import addresses
-from kb.wiki.capture import Captured, capture, check_front_page
+from kb.wiki.capture import Captured, capture, check_shown
 from kb.wiki.errors import Challenge, NotNow, NotShown, Refused
 from kb.wiki.pool import Pool
 from kb.wiki.screenshot import snapped
@@ -29,8 +31,12 @@ SCRATCH = ".shot-"
 _ENCODER = msgspec.json.Encoder()
 
 
-def show_page(web: Web, section: Wiki, pool: Pool, item: Item) -> dict[str, Any]:
-    """All tries of one page: the answer to be recorded. Raises Retryable, Stopped, MissingExtra."""
+def show_page(
+    web: Web, section: Wiki, pool: Pool, item: Item, others: Callable[[], Iterable[str]]
+) -> dict[str, Any]:
+    """All tries of one page: the answer to be recorded. `others` are addresses of pages to compare
+    it with when it is challenged. Raises Retryable, Stopped, MissingExtra.
+    """
     url = web.today(item.payload.url)
     answer: dict[str, Any] = {
         "page_id": int(item.key),
@@ -64,7 +70,7 @@ def show_page(web: Web, section: Wiki, pool: Pool, item: Item) -> dict[str, Any]
                 elif not last:
                     clock.sleep(0.1 * number)
                 elif isinstance(error, Challenge):
-                    _show_front_page(web, pool)
+                    _compare_with_others(web, pool, others())
     failed = {"outcome": "failed", "reason": reason, "value": value or None}
     return {**answer, **failed, "tries": section.max_tries}
 
@@ -109,20 +115,24 @@ def _look_at_front_page(web: Web) -> None:
         ) from None
 
 
-def _show_front_page(web: Web, pool: Pool) -> None:
-    """A challenge instead of one page may be about that page; instead of the front page it is
-    about us. It is shown in the browser, as challenges tell browsers from plain clients. Raises
-    Blocked.
+def _compare_with_others(web: Web, pool: Pool, others: Iterable[str]) -> None:
+    """A challenge instead of one page may be about that page; instead of others, too, it is about
+    us. They are loaded in the browser, as challenges tell browsers from plain clients, until one
+    is shown. Raises Blocked.
     """
-    front = f"{web.root}/"
-    try:
-        pool.use(lambda browser: check_front_page(browser, front), first=web.pace.wait)
-    except (Challenge, ItemFinal) as error:
-        raise retry.blocked(
-            f"the wiki answers with pages that are not its own, as a challenge does ({error})"
-        ) from None
-    except Retryable:
-        return  # it says nothing about the page
+    challenged = False
+    for url in others:
+        show = partial(check_shown, url=web.today(url))
+        try:
+            pool.use(show, first=web.pace.wait)
+        except (Challenge, Refused):
+            challenged = True
+        except (ItemFinal, Retryable):
+            continue  # it says nothing about challenges
+        else:
+            return
+    if challenged:
+        raise retry.blocked("the wiki answers with a challenge instead of its pages")
 
 
 def _ask_plainly(web: Web, url: str, error: Retryable) -> ItemFinal | None:

@@ -146,7 +146,9 @@ class WikiSource(Plain):
             self._removed = tombstones.keys(root, "wiki")
         elif phase.kind == "pages":
             pool = self._browsers()
-            for answer in fetch.page(api, self._web, self.section, pool, items[0]):
+            item, frontier = items[0], self.opened.frontier
+            others = partial(discover.others, frontier, item.key, f"{self.url}/")
+            for answer in fetch.page(api, self._web, self.section, pool, item, others):
                 yield answer
                 if answer.kind == "renders" and answer.response["outcome"] != "failed":
                     with self._lock:

@@ -70,6 +70,7 @@ class Web:
         self._files = Pace(0.0 if is_loopback(root) else min(pause, FILE_PAUSE))
         self._counting = threading.Lock()
         self.requests = 0
+        self.foreign_robots = False  # robots.txt was answered with a page, as challenges do
         self.ledger: Ledger | None = None  # set as soon as the data root is open
         self.sleep: Callable[[float], None] = clock.sleep  # between two tries
 
@@ -92,6 +93,7 @@ class Web:
             answer = self.attempt(
                 lambda: self._fetch(robots_url(self.root), {}), service="the wiki"
             )
+            self.foreign_robots = answer.body.lstrip()[:1] == b"<"
             self._robots = Robots.of_answer(
                 answer.status, answer.body.decode("utf-8", "replace"), self.agent
             )

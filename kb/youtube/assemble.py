@@ -14,31 +14,43 @@ from kb.store.buckets import Kind
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 from kb.youtube import parse
-from kb.youtube.merge import one_row_each
+from kb.youtube.merge import FROM_FILE, one_row_each
 from kb.youtube.view_rule import view_rule
+from kb.youtube.ytdlp import info, tracks
+from kb.youtube.ytdlp.tracks import ENGLISH, TrackLanguage
 
 VIDEOS = "videos"  # kind in the frontier
 HELPERS = ("missing", "game_label_id", "game_label", "transcript_outcome")
 KINDS = {
     "videos": Kind(parse.videos, key=("video_id",), bucket="video_id"),
     "statistics": Kind(parse.statistics, key=("video_id",), bucket="video_id"),
+    "ytdlp_info": Kind(info.rows, key=("video_id",), bucket="video_id"),
+    "ytdlp_subtitles": Kind(tracks.rows, key=("video_id", "track", "format"), bucket="video_id"),
     "transcripts": Kind(parse.transcripts, key=("video_id",), bucket="video_id", prefer="final"),
 }
 WATCH = "https://www.youtube.com/watch?v="
 
 
 def assemble(
-    newest: dict[str, pa.Table], words: Callable[[Any], pa.Array[Any]]
+    newest: dict[str, pa.Table],
+    words: Callable[[Any], pa.Array[Any]],
+    language: TrackLanguage = ENGLISH,
 ) -> dict[str, pa.Table]:
     """Videos joined with what is known of their transcripts, and the transcripts that were had.
 
-    `words` counts the words of each list of texts. Adds to the parsed columns: `link`, `width`,
-    `height` (px; the largest stream's when known, else the embed frame's), `fps`,
-    `view_rule`, `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null: not
-    asked), `transcript_kind`, `word_count`.
+    `words` counts the words of each list of texts; `language` chooses among imported tracks.
+    Adds to the parsed columns: `link`, `width`, `height` (px; the largest stream's when known, else
+    the embed frame's), `fps`, `view_rule`, `age_restricted`, `game_label_id`, `game_label`,
+    `transcript_outcome` (null: not asked), `transcript_kind`, `word_count`.
     """
     videos = one_row_each(newest.get("videos"), newest.get("ytdlp_info"), newest.get("statistics"))
-    transcripts = _usable(newest.get("transcripts"), words)
+    outcomes = tracks.with_imported(
+        newest.get("transcripts"),
+        newest.get("ytdlp_subtitles"),
+        newest.get("ytdlp_info"),
+        language,
+    )
+    transcripts = _usable(outcomes, words)
     if videos is None:
         return {"youtube/transcripts": _tracks(transcripts)}
     return {
@@ -70,11 +82,15 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         else _nothing(transcripts, videos.num_rows)
     )
     outcome = _column(side, "outcome")
-    sized = pc.and_(
-        pc.is_valid(_column(side, "player_width")), pc.is_valid(_column(side, "player_height"))
-    )
+    if FROM_FILE in videos.column_names:
+        # Nobody will read the label of a video that only a file tells of: keywords decide.
+        alone = pc.and_(_column(videos, FROM_FILE), pc.is_null(outcome))
+        outcome = pc.if_else(alone, tracks.NOT_IMPORTED, outcome)
+        videos = videos.drop_columns([FROM_FILE])
+    width, height, fps = _size(videos, side)
     had = pc.fill_null(pc.equal(outcome, "ok"), False)
-    final = parse.is_final(outcome)
+    not_imported = pc.fill_null(pc.equal(outcome, tracks.NOT_IMPORTED), False)
+    final = pc.and_not(parse.is_final(outcome), not_imported)
     kind = pc.if_else(had, _column(side, "kind"), pc.if_else(final, "none", "unknown"))
     restricted = pc.or_(
         pc.equal(pc.fill_null(_column(videos, "yt_rating"), ""), "ytAgeRestricted"),
@@ -82,11 +98,9 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
     )
     own: dict[str, Any] = {
         "link": pc.binary_join_element_wise(WATCH, _column(videos, "video_id"), ""),
-        "width": pc.if_else(sized, _column(side, "player_width"), _column(videos, "embed_width")),
-        "height": pc.if_else(
-            sized, _column(side, "player_height"), _column(videos, "embed_height")
-        ),
-        "fps": _column(side, "player_fps"),
+        "width": width,
+        "height": height,
+        "fps": fps,
         "age_restricted": restricted,
         "game_label_id": _column(side, "game_label_id"),
         "game_label": _column(side, "game_label"),
@@ -101,6 +115,22 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         else:
             videos = videos.append_column(name, column)
     return videos.append_column("view_rule", view_rule(videos))
+
+
+def _size(videos: pa.Table, side: pa.Table) -> tuple[Any, Any, Any]:
+    """Width and height in px, from one place, and the frame rate: of the watch page's largest
+    stream, else of an imported file's, else the embed frame's, which has no rate.
+    """
+    width, height = _column(videos, "embed_width"), _column(videos, "embed_height")
+    fps: Any = pa.nulls(videos.num_rows, pa.int64())
+    for rows, prefix in ((videos, "stream"), (side, "player")):
+        if f"{prefix}_width" not in rows.column_names:
+            continue
+        own = [_column(rows, f"{prefix}_{name}") for name in ("width", "height", "fps")]
+        sized = pc.and_(pc.is_valid(own[0]), pc.is_valid(own[1]))
+        width, height = pc.if_else(sized, own[0], width), pc.if_else(sized, own[1], height)
+        fps = pc.coalesce(own[2], fps)
+    return width, height, fps
 
 
 def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.Table:

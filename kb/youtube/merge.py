@@ -17,6 +17,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+FROM_FILE = "from_file"  # true for a video that only an imported file tells of
 COUNTS = ("view_count", "like_count", "comment_count", "fetched_at")
 
 
@@ -31,7 +32,7 @@ def one_row_each(
     if files is None:
         rows = videos
     elif videos is None:
-        rows = files
+        rows = files.append_column(FROM_FILE, pa.repeat(pa.scalar(True), files.num_rows))
     else:
         rows = _joined(videos, files)
     if rows is None or statistics is None:
@@ -70,6 +71,7 @@ def _joined(videos: pa.Table, files: pa.Table) -> pa.Table:
         a, f = _one(api, name), _one(file, name)
         made[name] = pc.coalesce(pc.if_else(newest_first, f, a), pc.if_else(newest_first, a, f))
     rows = pa.table({**made, "video_id": keys, "missing": _missing(api)})
+    rows = rows.append_column(FROM_FILE, pc.is_null(_one(api, "fetched_at")))
     counted = pc.or_(_newer(file, api), pc.is_null(_one(api, "view_count")))
     for name in COUNTS:
         either = pc.if_else(counted, _one(file, name), _one(api, name))

@@ -29,7 +29,7 @@ def facts(answer: Any, page: str, game_ids: tuple[str, ...] = ()) -> dict[str, A
     places as well.
     """
     answer = answer if isinstance(answer, dict) else {}
-    width, height, fps = _largest(answer.get("streamingData"))
+    width, height, fps = largest_stream(answer.get("streamingData"))
     length = inner(answer, "videoDetails", "lengthSeconds")
     playability = answer.get("playabilityStatus")
     tracks = inner(answer, "captions", "playerCaptionsTracklistRenderer", "captionTracks")
@@ -82,7 +82,7 @@ def page_data(page: str) -> Any:
         return None
 
 
-def _largest(streams: Any) -> tuple[int | None, int | None, int | None]:
+def largest_stream(streams: Any) -> tuple[int | None, int | None, int | None]:
     """Width and height in px and frames a second of the largest stream; the higher rate of two
     alike.
     """

@@ -24,6 +24,7 @@ from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 from kb.youtube import parse
 from kb.youtube.parse import PO_TOKEN
+from kb.youtube.ytdlp.tracks import TrackLanguage
 
 SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS = (
     "searches",
@@ -109,12 +110,16 @@ class Reducer:
         self, profile: YouTube, wanted: Wanted, mine: Callable[[str], bool], gone: Collection[str]
     ) -> None:
         self._profile, self._wanted, self._mine, self._gone = profile, wanted, mine, gone
+        self._language = TrackLanguage(profile.language, profile.translate)
         self._ways = {
             RAW_SEARCH: self._search,
             RAW_LIST: self._list,
             RAW_VIDEOS: self._videos,
             RAW_TRANSCRIPTS: self._transcript,
             RAW_STATISTICS: self._statistics,
+            RAW_INFO: self._info,
+            RAW_SUBTITLES: self._subtitles,
+            RAW_PLAYLISTS: self._playlist,
         }
 
     @property
@@ -225,6 +230,23 @@ class Reducer:
         frontier.done(STATISTICS, *asked)
         # Counts alone decide nothing: a crawl judges them with the metadata.
         frontier.set_cursor(UNJUDGED, True)
+
+    def _info(self, frontier: Frontier, envelope: Envelope) -> None:
+        """An imported video is not asked for; a crawl judges whether its transcript is."""
+        key = str(envelope.response["id"])
+        frontier.add(VIDEOS, [key])
+        frontier.done(VIDEOS, key)
+        frontier.set_cursor(UNJUDGED, True)
+
+    def _subtitles(self, frontier: Frontier, envelope: Envelope) -> None:
+        key, language = str(envelope.response["video_id"]), str(envelope.response["language"])
+        if self._language.spoken(language):
+            frontier.add(TRANSCRIPTS, [key])
+            frontier.done(TRANSCRIPTS, key)
+
+    def _playlist(self, frontier: Frontier, envelope: Envelope) -> None:
+        keys = (str(entry["id"]) for entry in envelope.response["entries"])
+        frontier.add(VIDEOS, [key for key in keys if key not in self._gone])
 
     def judge(self, frontier: Frontier, videos: pa.Table) -> None:
         """Add the transcripts that are worth asking for, of parsed videos."""

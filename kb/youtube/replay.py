@@ -21,6 +21,7 @@ from kb.store.rawlog import Envelope
 from kb.youtube import parse
 from kb.youtube.merge import COUNTS, with_statistics
 from kb.youtube.reduce import (
+    RAW_INFO,
     RAW_STATISTICS,
     RAW_TRANSCRIPTS,
     RAW_VIDEOS,
@@ -30,6 +31,7 @@ from kb.youtube.reduce import (
     Reducer,
     note_transcripts,
 )
+from kb.youtube.ytdlp import info
 
 _AT_ONCE = 1_000  # answers; they are not held, only what they say
 
@@ -86,6 +88,9 @@ def judge(reducer: Reducer, root: Path, frontier: Frontier) -> None:
             for _, line in rawlog.Frames(path, 0, checked=True):
                 for rows in parse.videos_of(rawlog.decode(line)):
                     reducer.judge(frontier, with_statistics(rows, counts))
+    for path in rawlog.segments(root, "youtube", RAW_INFO):
+        for rows in info.rows(line for _, line in rawlog.Frames(path, 0, checked=True)):
+            reducer.judge(frontier, with_statistics(rows, counts))
     frontier.set_cursor(UNJUDGED, None)
 
 

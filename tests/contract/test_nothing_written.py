@@ -4,6 +4,7 @@ optional package leaves a data root as it was, which remembers no profile either
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -78,6 +79,36 @@ def test_what_is_missing_is_named_and_nothing_is_written(
     assert missing in done.said
     assert listing(stored) == before
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "way"),
+    [
+        ("reddit crawl", "kb reddit import FILE"),
+        ("reddit reconstruct", "--dumps FILE"),
+        ("restore {root}/release/reddit", "--dumps FILE"),
+    ],
+)
+def test_without_a_key_of_reddit_the_way_through_dumps_is_named_first(
+    stored: Path, here: Here, words: str, way: str
+) -> None:
+    done = here(*words.format(root=stored).split(), "--data", str(stored), env=CONTACT)
+    said = done.err
+    assert said.index(way) < said.index(".env.example") < said.index("Responsible Builder Policy")
+
+
+def test_status_advises_nothing_that_needs_a_key_of_reddit_where_there_is_none(
+    stored: Path, here: Here, tmp_path: Path
+) -> None:
+    later = {"KB_NOW": "2027-06-01T00:00:00Z"}  # what was read is too old by then
+    key = {"REDDIT_CLIENT_ID": "an-id", "REDDIT_CLIENT_SECRET": "a-secret"}
+    steps = {}
+    for name, env in (("none", later), ("key", {**later, **key})):
+        steps[name] = json.loads(here("status", "--json", "--data", str(stored), env=env).out)[
+            "next"
+        ]
+    assert any("refresh reddit" in step for step in steps["key"])
+    assert not any("refresh reddit" in step for step in steps["none"])
 
 
 def test_a_root_remembers_the_profile_of_the_first_command_that_writes(

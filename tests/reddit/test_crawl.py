@@ -243,11 +243,16 @@ def test_stubs_that_lead_nowhere_are_missing(work: Work) -> None:
     assert {rejected[f"t1_{key}"] for key in lost} == {("missing", "missing")}
 
 
-def test_a_refused_app_ends_after_the_first_answer(work: Work) -> None:
-    work.sandbox.faults.add("access_token", status=401, times=None)
-    with pytest.raises(CredentialRefused):
+@pytest.mark.parametrize("status", [400, 401, 403])
+def test_a_refused_app_ends_after_the_first_answer(work: Work, status: int) -> None:
+    """What a revoked key looks like; of one post, 403 is a fact about the post."""
+    body = {"message": "Forbidden", "error": status}
+    work.sandbox.faults.add("access_token", status=status, body=body, times=None)
+    with pytest.raises(CredentialRefused, match="the key is wrong, or Reddit has revoked it") as no:
         work.crawl()
     assert len(work.sandbox.ledger) == 1
+    assert "Responsible Builder Policy" in no.value.hint
+    assert "kb reddit import" in no.value.hint
 
 
 def test_a_token_that_is_refused_again_and_again_ends(work: Work) -> None:

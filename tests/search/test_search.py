@@ -444,14 +444,15 @@ def test_a_run_of_words_ranks_above_passages_that_only_share_them(tmp_path: Path
 
 
 def test_words_in_order_rank_higher_with_other_small_words_between(tmp_path: Path) -> None:
-    apart = "one wolf, two wolf, a wolf to tame; it is tame, so tame, but no wolf"
+    apart = "one wolf, two wolf, a wolf to tame; it is tame, so tame"
     bodies = ["you tame a wolf", "you tame your new wolf", "wolf tame", apart]
     posts(tmp_path, *bodies, *["nothing of it"] * 20)
     index(run_at(tmp_path))
-    for words in ("how to tame a wolf", "tame wolf", "tame the wolf?"):
+    for words in ("how to tame a wolf", "tame the wolf?"):
         assert set(found(tmp_path, words)[:2]) == set(bodies[:2])
         assert set(found(tmp_path, words)[2:]) == set(bodies[2:])
-    assert found(tmp_path, "wolf tame")[0] == "wolf tame"
+    assert found(tmp_path, "tame wolf")[0] == bodies[0]
+    assert found(tmp_path, "wolf tame")[0] == bodies[2]
 
 
 def test_a_snippet_is_of_the_passage_and_not_the_title_again(tmp_path: Path) -> None:

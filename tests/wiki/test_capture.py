@@ -80,14 +80,25 @@ def test_a_wiki_that_challenges_the_browser_blocks_us(wiki, run):
     with pytest.raises(Blocked) as error:
         crawl(run)
     assert error.value.exit_code == 3
-    assert wiki.shown() == ["Alpha"] * run.profile.wiki.max_tries
+    assert wiki.shown()[:3] == ["Alpha"] * run.profile.wiki.max_tries
     assert verdicts(run) == ([], {})
     wiki.hook = lambda request: None
     assert crawl(run)["crawled"] == 3
 
 
+def test_pages_that_are_all_challenged_block_us_whatever_the_front_page_shows(wiki, run):
+    wiki.hook = challenges(*(f"/wiki/{page['title']}" for page in wiki.pages.values()))
+    with pytest.raises(Blocked):
+        crawl(run)
+    assert verdicts(run) == ([], {})
+
+
 def test_a_front_page_that_is_a_challenge_blocks_us(wiki, run):
     wiki.hook = challenges("/")
+    with pytest.raises(Blocked):
+        crawl(run)
+    wait = Response("<html><title>Please wait</title></html>", content_type=AS_HTML)
+    wiki.hook = lambda request: wait
     with pytest.raises(Blocked):
         crawl(run)
     shop = Response("<!DOCTYPE html><p>Welcome to our shop.</p>", content_type=AS_HTML)
@@ -100,6 +111,14 @@ def test_a_front_page_that_is_a_challenge_blocks_us(wiki, run):
     wiki.hook = lambda request: shop if request.path == "/" else None
     with pytest.raises(Blocked):
         crawl(dataclasses.replace(run, again=True))
+
+
+def test_an_api_that_answers_with_challenges_blocks_us(wiki, run):
+    wiki.hook = challenges("/w/api.php")
+    with pytest.raises(Blocked):
+        crawl(run)
+    wiki.hook = lambda request: None
+    assert crawl(run)["crawled"] == 3
 
 
 @pytest.mark.parametrize("header", ["cf-mitigated", "x-amzn-waf-action"])

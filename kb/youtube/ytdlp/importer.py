@@ -1,0 +1,292 @@
+"""`kb youtube import`: folders of yt-dlp → raw answers. Sends nothing.
+
+A file is known by its name, size and time of change, which its raw answer names: what is in the raw
+log is not read again, so the same command goes on after a kill and repeats nothing. Files are taken
+as the disk lists them, a few at a time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from kb.core import clock, signals
+from kb.core.context import Run
+from kb.core.errors import FatalError, KbError, LimitReached, SettingError
+from kb.core.verdict import Summary
+from kb.crawl.session import Session, open_session
+from kb.schema.tables import table
+from kb.store import rawlog
+from kb.store.rawlog import Envelope, Request
+from kb.youtube.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
+from kb.youtube.source import YouTube
+from kb.youtube.ytdlp import files, info, subtitles
+
+AT_ONCE = 256  # answers that are written and synced together
+AT_ONCE_BYTES = 8 << 20
+LARGEST = 1 << 30  # bytes of a file; one larger is not yt-dlp's
+BROKEN_INFO, BROKEN_SUBTITLES = "broken_info", "broken_subtitles"
+NAMELESS, FOREIGN, PURGED, UNREADABLE = "without_video_id", "other_sites", "purged", "unreadable"
+
+
+class _Params(msgspec.Struct):
+    file: Any = None
+    bytes: Any = None
+    changed: Any = None
+
+
+class _Request(msgspec.Struct):
+    params: _Params
+
+
+class _Head(msgspec.Struct):
+    """Of an envelope, which file it was."""
+
+    request: _Request
+
+
+def import_folders(run: Run, folders: Sequence[Path]) -> Summary:
+    """Import every info.json and subtitle file below the folders that was not imported before.
+
+    Raises SettingError when a folder is none, FatalError when nothing in them can be used,
+    LimitReached and Interrupted (the same command goes on), DiskFull.
+    """
+    for folder in folders:
+        if not folder.is_dir():
+            raise SettingError(
+                f"{folder} is not a folder", hint="give the folders that yt-dlp wrote to"
+            )
+    with open_session(run, YouTube(run), asks=False) as session:
+        work = _Import(run, session)
+        try:
+            work.read(folders)
+        except KbError as error:
+            error.summary = work.summary()
+            raise
+        if not (work.counts["imported_files"] or work.counts["known_files"]):
+            nothing = FatalError(
+                f"nothing to import in {', '.join(map(str, folders))}: {work.why()}",
+                hint="yt-dlp writes what is needed with --write-info-json --write-subs"
+                " --write-auto-subs",
+            )
+            nothing.summary = work.summary()
+            raise nothing
+        return work.summary()
+
+
+class _Import:
+    """One run: what is known, what waits to be written, and the counts."""
+
+    def __init__(self, run: Run, session: Session) -> None:
+        self._run, self._session = run, session
+        self._known = _known(run.root)
+        self._waiting: list[tuple[str, Envelope]] = []
+        self._bytes = 0
+        self.counts: Counter[str] = Counter()
+        self.left_out: Counter[str] = Counter()
+        self.null: Counter[str] = Counter()
+
+    def read(self, folders: Sequence[Path]) -> None:
+        """Take in every file. Raises what ends the run, with all that was read written."""
+        with self._run.progress.task("import", unit="files") as task:
+            try:
+                for entry in files.walk(folders):
+                    signals.stop.check()
+                    self._take(entry)
+                    self._flush(at_least=AT_ONCE)
+                    task.advance(1, videos=self.counts["crawled"])
+                    if self._run.limit and self.counts["imported_files"] >= self._run.limit:
+                        raise LimitReached(
+                            f"--limit {self._run.limit} reached",
+                            hint="run the same command to go on",
+                        )
+            finally:
+                self._flush(at_least=1)
+
+    def _take(self, entry: os.DirEntry[str]) -> None:
+        name = entry.name
+        named = files.subtitles(name)
+        if named is None and not name.endswith(files.INFO):
+            if (reason := files.reason(name)) is not None:
+                self.left_out[reason] += 1
+            return
+        try:
+            about = entry.stat()
+            params = _params(name, about)
+            if (key := _key(**params)) in self._known:
+                self.counts["known_files"] += 1
+                return
+            if about.st_size > LARGEST:
+                raise ValueError("too large")
+            data = Path(entry.path).read_bytes()
+            changed = _time(about)
+            if named is None:
+                made = list(self._info(data, params, changed))
+            else:
+                made = [self._subtitles(entry, named, data, params, changed)]
+        except OSError:
+            self.left_out[UNREADABLE] += 1
+        except ValueError:
+            self.left_out[BROKEN_INFO if named is None else BROKEN_SUBTITLES] += 1
+        except _LeftOut as reason:
+            self.left_out[str(reason)] += 1
+        else:
+            self._waiting += made
+            self._bytes += len(data)
+            self._known.add(key)
+            self.counts["imported_files"] += 1
+
+    def _info(
+        self, data: bytes, params: dict[str, Any], changed: datetime
+    ) -> Iterator[tuple[str, Envelope]]:
+        """A playlist's own answer is the last one: only it says that the file was read."""
+        found = info.read(data)
+        if not (found.videos or found.playlists):
+            raise _LeftOut(FOREIGN)
+        gone = self._session.gone
+        videos = [one for one in found.videos if one["id"] not in gone]
+        if not (videos or found.playlists):
+            raise _LeftOut(PURGED)
+        for one in videos:
+            named = {"playlist_file": params["file"]} if found.playlists else params
+            yield RAW_INFO, _envelope(info.read_at(one) or changed, named, one)
+        for one in found.playlists:
+            one["entries"] = [each for each in one["entries"] if each["id"] not in gone]
+            yield RAW_PLAYLISTS, _envelope(info.read_at(one) or changed, params, one)
+
+    def _subtitles(
+        self,
+        entry: os.DirEntry[str],
+        named: files.SubtitleName,
+        data: bytes,
+        params: dict[str, Any],
+        changed: datetime,
+    ) -> tuple[str, Envelope]:
+        text = data.decode("utf-8-sig")  # UnicodeDecodeError is a ValueError
+        if not subtitles.read(named.format, text).cues:
+            raise ValueError("no cue in it")
+        video_id = named.video_id or _id_beside(Path(entry.path), named.stem)
+        if video_id is None:
+            raise _LeftOut(NAMELESS)
+        if video_id in self._session.gone:
+            raise _LeftOut(PURGED)
+        answer = {
+            "video_id": video_id,
+            "language": named.language,
+            "format": named.format,
+            "text": text,
+        }
+        return RAW_SUBTITLES, _envelope(changed, params, answer)
+
+    def _flush(self, *, at_least: int) -> None:
+        """Write what waits, by kind: what is known to be read is on disk before it counts."""
+        if len(self._waiting) < at_least and self._bytes < AT_ONCE_BYTES:
+            return
+        for kind in (RAW_INFO, RAW_SUBTITLES, RAW_PLAYLISTS):
+            made = [envelope for of, envelope in self._waiting if of == kind]
+            if made:
+                lines = self._session.recorder.record_all(kind, made)
+                self._count(kind, lines)
+        self._waiting, self._bytes = [], 0
+
+    def _count(self, kind: str, lines: list[bytes]) -> None:
+        name = {RAW_INFO: "crawled", RAW_SUBTITLES: "subtitles", RAW_PLAYLISTS: "playlists"}[kind]
+        self.counts[name] += len(lines)
+        if kind != RAW_INFO:
+            return
+        names = [column.name for column in table("youtube/videos").columns]
+        for rows in info.rows(lines):
+            nulls = {name: rows[name].null_count for name in names if name in rows.column_names}
+            nulls["fps"] = rows["stream_fps"].null_count
+            self.null.update({name: count for name, count in nulls.items() if count})
+
+    def why(self) -> str:
+        """Why nothing could be used: the most frequent reason."""
+        if not self.left_out:
+            return "there is no info.json and no subtitle file"
+        reason, count = self.left_out.most_common(1)[0]
+        return f"{reason.replace('_', ' ')} ({count:,} files)"
+
+    def summary(self) -> Summary:
+        """What was imported, what was left out by reason, and which columns stay null."""
+        return Summary(
+            command="youtube import",
+            source="youtube",
+            counted="videos",
+            crawled=self.counts["crawled"],
+            subtitles=self.counts["subtitles"],
+            playlists=self.counts["playlists"],
+            files=self.counts["imported_files"],
+            known_files=self.counts["known_files"],
+            left_out_by=dict(self.left_out.most_common()),
+            null_columns=dict(sorted(self.null.items())),
+            requests=0,
+        )
+
+
+class _LeftOut(Exception):
+    """A file that is not imported; its text is the reason."""
+
+
+def told(summary: Summary) -> list[str]:
+    """Lines for a person: files left out by reason, and columns that files leave null."""
+    lines = []
+    if left_out := summary["left_out_by"]:
+        counts = (f"{name.replace('_', ' ')} {n:,}" for name, n in left_out.items())
+        lines.append(f"files left out: {', '.join(counts)}")
+    if nulls := summary["null_columns"]:
+        videos = summary["crawled"]
+        every = [name for name, n in nulls.items() if n == videos]
+        some = [f"{name} ({n:,})" for name, n in nulls.items() if n < videos]
+        lines.append(
+            f"columns that these files leave null, of {videos:,} videos:"
+            f" {', '.join([*([f'{name} (all)' for name in every]), *some])}"
+        )
+    return lines
+
+
+def _known(root: Path) -> set[bytes]:
+    """The files whose answers are in the raw log, as digests."""
+    decoder = msgspec.json.Decoder(_Head)
+    known = set()
+    for kind in (RAW_INFO, RAW_SUBTITLES, RAW_PLAYLISTS):
+        for path in rawlog.segments(root, "youtube", kind):
+            for _, line in rawlog.Frames(path):
+                params = decoder.decode(line).request.params
+                if params.file is not None:
+                    known.add(_key(params.file, params.bytes, params.changed))
+    return known
+
+
+def _key(file: str, bytes: int, changed: str) -> bytes:
+    return hashlib.blake2b(f"{file}\0{bytes}\0{changed}".encode(), digest_size=12).digest()
+
+
+def _params(name: str, about: os.stat_result) -> dict[str, Any]:
+    """What tells one file from another; never the folder, which is of this machine alone."""
+    file = name.encode(errors="surrogateescape").decode(errors="replace")
+    return {"file": file, "bytes": about.st_size, "changed": _time(about).isoformat()}
+
+
+def _time(about: os.stat_result) -> datetime:
+    return datetime.fromtimestamp(about.st_mtime_ns // 1000 / 1e6, UTC)
+
+
+def _envelope(at: datetime, params: dict[str, Any], response: Any) -> Envelope:
+    return Envelope(clock.stamp(at), Request("file", params), 200, response)
+
+
+def _id_beside(path: Path, stem: str) -> str | None:
+    """The video's id by the info.json of the same name; None where there is none."""
+    try:
+        found = info.read(path.with_name(f"{stem}{files.INFO}").read_bytes())
+    except (OSError, ValueError):
+        return None
+    return found.videos[0]["id"] if len(found.videos) == 1 else None

@@ -1,0 +1,205 @@
+"""A yt-dlp info.json: what is kept of it, and the rows that it makes.
+
+It is full of signed addresses and holds the visitor's own; only the fields that
+schemas/raw/youtube/ytdlp_info.json declares are kept, as they are in the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
+from functools import cache
+from typing import Any, NamedTuple
+
+import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.schema import raw
+from kb.schema.decode import Reader
+from kb.schema.tables import table
+from kb.youtube import player
+from kb.youtube.ytdlp.files import VIDEO_ID
+
+ROWS = 8_192
+LIVE_CHAT = "live_chat"  # yt-dlp lists it among the subtitles
+# https://developers.google.com/youtube/v3/docs/videoCategories/list; yt-dlp gives names alone.
+_CATEGORIES = {
+    "Film & Animation": 1,
+    "Autos & Vehicles": 2,
+    "Music": 10,
+    "Pets & Animals": 15,
+    "Sports": 17,
+    "Travel & Events": 19,
+    "Gaming": 20,
+    "People & Blogs": 22,
+    "Comedy": 23,
+    "Entertainment": 24,
+    "News & Politics": 25,
+    "Howto & Style": 26,
+    "Education": 27,
+    "Science & Technology": 28,
+    "Nonprofits & Activism": 29,
+    "Movies": 30,
+    "Shows": 43,
+    "Trailers": 44,
+}
+_LIVE = {
+    "is_live": "live",
+    "is_upcoming": "upcoming",
+    "not_live": "none",
+    "was_live": "none",
+    "post_live": "none",
+}
+
+
+class InfoContents(NamedTuple):
+    """What one info.json holds: videos and playlists as raw answers keep them."""
+
+    videos: list[dict[str, Any]]
+    playlists: list[dict[str, Any]]
+
+
+def read(data: bytes) -> InfoContents:
+    """The videos and playlists of YouTube in a file; none in one of another site.
+
+    Raises ValueError for what is no JSON object, or cut off.
+    """
+    try:
+        found = msgspec.json.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ValueError(f"not JSON: {error}") from None
+    if not isinstance(found, dict):
+        raise ValueError("no JSON object")  # noqa: TRY004 (a fact about the file)
+    contents = InfoContents([], [])
+    _collect(found, contents)
+    return contents
+
+
+def _collect(found: dict[str, Any], into: InfoContents) -> None:
+    kind = found.get("_type") or "video"
+    if not _of_youtube(found):
+        return
+    if kind in ("playlist", "multi_video"):
+        entries = [one for one in found.get("entries") or () if isinstance(one, dict)]
+        listed = [_kept(one, _entry_fields()) for one in entries if _is_id(one.get("id"))]
+        if isinstance(found.get("id"), str):
+            into.playlists.append({**_kept(found, _fields("ytdlp_playlists")), "entries": listed})
+        for one in entries:
+            _collect(one, into)
+    elif kind == "video" and _is_id(found.get("id")) and "title" in found:
+        into.videos.append(_video(found))
+
+
+def _of_youtube(found: dict[str, Any]) -> bool:
+    site = found.get("extractor_key") or found.get("ie_key") or found.get("extractor")
+    return site is None or str(site).lower().startswith("youtube")
+
+
+def _is_id(value: Any) -> bool:
+    return isinstance(value, str) and VIDEO_ID.fullmatch(value) is not None
+
+
+def _video(found: dict[str, Any]) -> dict[str, Any]:
+    width, height, fps = player.largest_stream({"formats": found.get("formats")})
+    if width is None:  # of the stream that was chosen for download
+        width, height, fps = (found.get(name) for name in ("width", "height", "fps"))
+    manual, automatic = found.get("subtitles"), found.get("automatic_captions")
+    return {
+        **_kept(found, _fields("ytdlp_info")),
+        "largest_stream": {"width": width, "height": height, "fps": fps},
+        "lists_tracks": isinstance(manual, dict) and isinstance(automatic, dict),
+        "manual_tracks": _languages(manual),
+        "automatic_tracks": _languages(automatic),
+    }
+
+
+def _languages(tracks: Any) -> list[str]:
+    return [name for name in tracks if name != LIVE_CHAT] if isinstance(tracks, dict) else []
+
+
+def _kept(found: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: found[name] for name in names if name in found}
+
+
+@cache
+def _fields(kind: str) -> tuple[str, ...]:
+    return tuple(raw.raw(f"youtube/{kind}")["properties"])
+
+
+@cache
+def _entry_fields() -> tuple[str, ...]:
+    declared = raw.at("youtube/ytdlp_playlists", "entries[]") or {}
+    return tuple(declared["properties"])
+
+
+def read_at(found: dict[str, Any]) -> datetime | None:
+    """When yt-dlp read a video or playlist: `epoch`."""
+    epoch = found.get("epoch")
+    if isinstance(epoch, bool) or not isinstance(epoch, (int, float)):
+        return None
+    try:
+        return datetime.fromtimestamp(epoch, UTC)
+    except (ValueError, OverflowError, OSError):
+        return None
+
+
+# -- rows ------------------------------------------------------------------------------------------
+
+
+def rows(lines: Iterable[bytes], most: int = ROWS) -> Iterator[pa.Table]:
+    """Envelopes of ytdlp_info → one row a video, with the columns of kb.youtube.parse.videos.
+
+    Null is what a file can't tell. Besides: `stream_width`, `stream_height` (px), `stream_fps`,
+    `lists_tracks`, `manual_tracks`, `automatic_tracks`.
+    """
+    for got, _ in _reader().tables(lines, most):
+        yield _as_videos(got.filter(pc.is_valid(got["video_id"])))
+
+
+@cache
+def _reader() -> Reader:
+    return Reader(table("youtube/videos"), "ytdlp_info")
+
+
+def _as_videos(got: pa.Table) -> pa.Table:
+    categories: list[Any] = got["categories"].to_pylist()
+    statuses: list[Any] = got["live_status"].to_pylist()
+    own: dict[str, Any] = {
+        "published_at": pc.coalesce(got["published_at"], _days(got["upload_date"])),
+        "category_id": pa.array(
+            [_CATEGORIES.get(str(next(iter(names or ()), ""))) for names in categories], pa.int64()
+        ),
+        "live_broadcast_content": pa.array([_LIVE.get(status) for status in statuses], pa.string()),
+        # The standard licence has no name on the page, and neither has one that was not read.
+        "license": pc.if_else(
+            pc.match_substring(got["license_name"], "creative commons", ignore_case=True),
+            "creativeCommon",
+            pa.scalar(None, pa.string()),
+        ),
+        "yt_rating": pc.if_else(
+            pc.greater_equal(got["age_limit"], 18), "ytAgeRestricted", pa.scalar(None, pa.string())
+        ),
+        "missing": pa.repeat(pa.scalar(False), got.num_rows),
+    }
+    done = ("upload_date", "categories", "live_status", "license_name", "age_limit", *own)
+    got = got.drop_columns([name for name in done if name in got.column_names])
+    for name, column in own.items():
+        got = got.append_column(name, column)
+    declared = table("youtube/videos")
+    for column in (*declared.columns, *declared.inputs):
+        if column.source.kind == "videos" and column.name not in got.column_names:
+            kind: Any = column.parsed.arrow()
+            got = got.append_column(column.name, pa.nulls(got.num_rows, kind))
+    return got
+
+
+def _days(column: pa.ChunkedArray[Any]) -> pa.Array[Any]:
+    """Days as "20260131" → midnight UTC; null for anything else."""
+    days: list[datetime | None] = []
+    for text in column.to_pylist():
+        try:
+            days.append(datetime.strptime(text or "", "%Y%m%d").replace(tzinfo=UTC))
+        except ValueError:
+            days.append(None)
+    return pa.array(days, pa.timestamp("us", "UTC"))

@@ -1,0 +1,226 @@
+"""Imported subtitles → the transcript of each video, in the form of a crawl's outcomes.
+
+What a track is, in this order: yt-dlp's `-orig` is what speech recognition heard; then the lists of
+the video's info.json; then the times of words, which automatic tracks alone have. A track without
+them that no info.json lists counts as manual.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from functools import cache
+from typing import Any, NamedTuple
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.schema.decode import Reader, problems
+from kb.schema.tables import table
+from kb.store import rawlog
+from kb.store.newest import newest
+from kb.youtube.merge import aligned
+from kb.youtube.ytdlp import subtitles
+
+ORIGINAL = "-orig"
+NOT_IMPORTED = "not_imported"  # outcome of a video that only a file tells of, without a track
+_RICHEST = ("json3", "srv3", "vtt")
+_FACTS = ("player_width", "player_height", "player_fps", "game_label_id", "game_label")
+
+
+class TrackLanguage(NamedTuple):
+    """The profile's language, and whether translations to it are taken."""
+
+    name: str = "en"
+    translate: bool = True
+
+    def spoken(self, name: str) -> bool:
+        """Whether a track's language is the wanted one, or a variant of it."""
+        return name == self.name or name.startswith(f"{self.name}-")
+
+
+ENGLISH = TrackLanguage()
+
+
+class TrackKind(NamedTuple):
+    """What a track is: manual, asr or translated; its language, and what it was made from."""
+
+    kind: str
+    language: str
+    original: str
+
+
+class ListedTracks(NamedTuple):
+    """The tracks that an info.json lists."""
+
+    manual: frozenset[str] = frozenset()
+    automatic: frozenset[str] = frozenset()
+
+    @property
+    def heard(self) -> frozenset[str]:
+        """Languages that speech recognition heard."""
+        marked = (name for name in self.automatic if name.endswith(ORIGINAL))
+        return frozenset(name.removesuffix(ORIGINAL) for name in marked)
+
+
+def kind_of(name: str, timed: bool, listed: ListedTracks | None) -> TrackKind:
+    """What the track `name` is; `timed`: it has the times of words."""
+    if name.endswith(ORIGINAL):
+        return TrackKind("asr", name.removesuffix(ORIGINAL), "asr")
+    known = listed or ListedTracks()
+    # Where both lists have it, yt-dlp writes the automatic one if it was asked for no other.
+    if name in known.manual and not (timed and name in known.automatic):
+        return TrackKind("manual", name, "manual")
+    if name in known.automatic and name not in known.heard:
+        for manual in sorted(known.manual):
+            if name.endswith(f"-{manual}"):
+                return TrackKind("translated", manual, "manual")
+        if known.heard:
+            return TrackKind("translated", min(known.heard), "asr")
+    if timed or name in known.automatic:
+        return TrackKind("asr", name, "asr")
+    # Regions are written in capitals ("en-GB"); "en-de" is yt-dlp's name of a translation.
+    if match := re.fullmatch(r"[a-z]{2,3}-([a-z]{2,3}(?:-[A-Za-z0-9]+)?)", name):
+        return TrackKind("translated", match[1], "manual")
+    return TrackKind("manual", name, "manual")
+
+
+def rows(lines: Iterable[bytes], most: int = 512) -> Iterator[pa.Table]:
+    """Envelopes of ytdlp_subtitles → `video_id`, `track` (yt-dlp's name of the language), `format`,
+    `timed`, `cues` (JSON text) and `fetched_at` of each file.
+    """
+    made: list[tuple[str, str, str, bool, str]] = []
+    times: list[str | None] = []
+    for line in lines:
+        envelope = rawlog.decode(line)
+        answer = envelope.response
+        try:
+            track = subtitles.read(answer["format"], answer["text"])
+        except ValueError:  # text that a purge or an older version left; the import counted others
+            continue
+        cues = subtitles.as_json(track.cues)
+        made.append((answer["video_id"], answer["language"], answer["format"], track.timed, cues))
+        times.append(envelope.fetched_at)
+        if len(made) >= most:
+            yield _table(made, times)
+            made, times = [], []
+    if made:
+        yield _table(made, times)
+
+
+def _table(made: list[tuple[str, str, str, bool, str]], times: list[str | None]) -> pa.Table:
+    names = ("video_id", "track", "format", "timed", "cues")
+    kinds = (pa.string(), pa.string(), pa.string(), pa.bool_(), pa.string())
+    columns = [pa.array([row[place] for row in made], kind) for place, kind in enumerate(kinds)]
+    moments = pc.cast(pa.array(times, pa.string()), pa.timestamp("us", "UTC"))
+    return pa.table([*columns, moments], names=[*names, "fetched_at"])
+
+
+def with_imported(
+    crawled: pa.Table | None,
+    imported: pa.Table | None,
+    files: pa.Table | None,
+    wanted: TrackLanguage,
+) -> pa.Table | None:
+    """Outcomes of a crawl (newest of each video), and of files where these are newer or the crawl
+    has had no final one.
+
+    A file replaces the track alone: size, frame rate and label of the watch page stay, and an age
+    restriction that the page named does. A video whose info.json (`files`) lists no track in the
+    language has none, unless an answer says other.
+    """
+    listed = _listed(files)
+    found = [*_chosen(imported, listed, wanted), *_none(listed, wanted)]
+    if not found:
+        return crawled
+    made = _outcomes(found)
+    if crawled is None:
+        return newest(made, ("video_id",), ("final", "fetched_at"))
+    restricted = crawled.filter(pc.equal(crawled["outcome"], "age_restricted"))["video_id"]
+    made = made.filter(pc.invert(pc.is_in(made["video_id"], value_set=restricted.combine_chunks())))
+    every = pa.concat_tables([crawled, made.select(crawled.column_names)])
+    best = newest(every.combine_chunks(), ("video_id",), ("final", "fetched_at"))
+    page = aligned(crawled, best["video_id"].combine_chunks())
+    for name in _FACTS:
+        both = pc.coalesce(best[name].combine_chunks(), page[name].combine_chunks())
+        best = best.set_column(best.column_names.index(name), name, both)
+    return best
+
+
+_Found = tuple[str, str, "TrackKind | None", str | None, Any]
+"""Video, outcome, what the track is, its cues as JSON text, and when it was read."""
+
+
+def _chosen(
+    imported: pa.Table | None, listed: dict[str, ListedTracks], wanted: TrackLanguage
+) -> Iterator[_Found]:
+    """The best track of each video: manual, automatic, translated; the plain language before its
+    variants; the richest file.
+    """
+    best: dict[str, tuple[Any, TrackKind, int]] = {}
+    names = ("video_id", "track", "format", "timed")
+    columns = [imported[name].to_pylist() for name in names] if imported is not None else [[]] * 4
+    for row, (video, name, form, timed) in enumerate(zip(*columns, strict=True)):
+        kind = kind_of(name, timed, listed.get(video))
+        if not wanted.spoken(name) or (kind.kind == "translated" and not wanted.translate):
+            continue
+        order = (kind.kind == "translated", kind.original == "asr", name != wanted.name)
+        rank = (*order, name, _RICHEST.index(form))
+        if video not in best or rank < best[video][0]:
+            best[video] = (rank, kind, row)
+    for video, (_, kind, row) in sorted(best.items()):
+        assert imported is not None
+        cues, at = imported["cues"][row].as_py(), imported["fetched_at"][row].as_py()
+        yield video, "ok", kind, cues, at
+
+
+def _none(listed: dict[str, ListedTracks], wanted: TrackLanguage) -> Iterator[_Found]:
+    """Videos without any track that could be read: older than anything else that is known."""
+    for video, tracks in listed.items():
+        names = tracks.manual | (tracks.automatic if wanted.translate else tracks.heard)
+        if not any(map(wanted.spoken, names)):
+            yield video, "none", None, None, None
+
+
+def _listed(files: pa.Table | None) -> dict[str, ListedTracks]:
+    if files is None:
+        return {}
+    files = files.filter(pc.fill_null(files["lists_tracks"], False))
+    columns = (
+        files[name].to_pylist() for name in ("video_id", "manual_tracks", "automatic_tracks")
+    )
+    return {
+        video: ListedTracks(frozenset(manual), frozenset(automatic))
+        for video, manual, automatic in zip(*columns, strict=True)
+    }
+
+
+def _outcomes(found: list[_Found]) -> pa.Table:
+    """Rows with the columns of kb.youtube.parse.transcripts."""
+    kinds = [one[2] for one in found]
+    own: dict[str, list[Any]] = {
+        "video_id": [one[0] for one in found],
+        "outcome": [one[1] for one in found],
+        "kind": [kind and kind.kind for kind in kinds],
+        "language": [kind and kind.language for kind in kinds],
+        "original_kind": [kind and kind.original for kind in kinds],
+        "cues": [one[3] if one[3] is not None else "null" for one in found],
+        "fetched_at": [one[4] for one in found],
+        "final": [True] * len(found),
+    }
+    columns: dict[str, pa.Array[Any]] = {}
+    for name, arrow in _types().items():
+        if name == "problems":
+            columns[name] = problems({}, len(found))
+        else:
+            columns[name] = pa.array(own.get(name, [None] * len(found)), arrow)
+    return pa.table(columns)
+
+
+@cache
+def _types() -> dict[str, Any]:
+    """Column → type of the rows that parsing makes of a crawl's outcomes."""
+    reader = Reader(table("youtube/transcripts"), "transcripts", note_absent=False)
+    empty = reader.table([])
+    types: dict[str, Any] = {field.name: field.type for field in empty.schema}
+    return {**types, "final": pa.bool_()}

@@ -1,0 +1,270 @@
+"""Folders of yt-dlp in place of a crawl: what is taken in, what is counted, what comes of it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from typing import Any
+
+import pytest
+
+from kb.youtube.ytdlp.tracks import ListedTracks, TrackKind, kind_of
+from tests.youtube.job import Job
+from tests.youtube.test_faults import CRAWL
+from tests.youtube.ytdlp.folder import FORMS, info, spoken, video_id, vtt, write_video
+
+VIDEOS = "SELECT * FROM clean.youtube_videos ORDER BY video_id"
+TRACKS = "SELECT * FROM clean.youtube_transcripts ORDER BY video_id"
+
+
+def test_a_root_of_files_alone_goes_through_every_stage(job: Job) -> None:
+    folder = job.place / "videos"
+    for number, form in enumerate(FORMS):
+        write_video(folder / form, number, (form,))
+    before = len(job.sandbox.ledger)
+    summary = job.done("youtube", "import", str(folder))
+    assert (summary["crawled"], summary["subtitles"], summary["left_out_by"]) == (3, 3, {})
+    assert {"license", "made_for_kids", "definition"} <= set(summary["null_columns"])
+    assert "view_count" not in summary["null_columns"]
+    filtered = job.done("youtube", "filter")
+    assert (filtered["kept"], filtered["unknown_keys"]) == (3, {})
+    rows, tracks = job.rows(VIDEOS), job.rows(TRACKS)
+    for row in rows:
+        assert (row["width"], row["height"], row["fps"]) == (1920, 1080, 60)
+        assert (row["category_id"], row["topic_evidence"]) == (20, "keywords")
+        assert (row["transcript_kind"], row["word_count"]) == ("asr", 16)
+        assert (row["view_count"], row["license"]) == (54_321, None)
+        assert row["view_rule"] == "playback_start"
+        assert f"{row['fetched_at']:%Y-%m-%d}" == "2026-09-21"
+    assert tracks[0]["cues"] == tracks[1]["cues"] == tracks[2]["cues"]
+    assert [cue["text"] for cue in tracks[0]["cues"]][:2] == [
+        "so today we build a farm",
+        "with a water bucket and",
+    ]
+    job.done("youtube", "export")
+    assert job.done("pairs")["pairs"] > 0
+    assert len(job.sandbox.ledger) == before  # nothing was sent
+
+
+def test_the_order_and_names_of_a_folder_do_not_matter(job: Job) -> None:
+    folder = job.place / "videos"
+    keys = [write_video(folder, number, ()) for number in range(4)]
+    track = vtt(spoken("we build a farm", "in minecraft today"), automatic=True)
+    (folder / f"{keys[0]}.en.vtt").write_text(track)
+    (folder / f"Title 1 [{keys[1]}].en-orig.vtt").write_text(track)
+    (folder / f"Title 2 [{keys[2]}].info.json").rename(folder / "Any name.info.json")
+    (folder / "Any name.en-US.vtt").write_text(track)
+    (folder / f"Title 3 [{keys[3]}].de.vtt").write_text(track)  # no English one
+    assert job.done("youtube", "import", str(folder))["subtitles"] == 4
+    filtered = job.done("youtube", "filter")
+    assert {row["video_id"] for row in job.rows(VIDEOS)} == set(keys[:3])
+    assert (filtered["kept"], filtered["pending"]) == (3, 1)
+
+
+def test_what_cannot_be_used_is_counted_by_reason_and_never_fatal(job: Job) -> None:
+    folder = job.place / "videos"
+    key = write_video(folder, 1)
+    text = json.dumps(info(video_id(2)))
+    for name, content in {
+        "a.info.json": text[: len(text) // 2],
+        "b.info.json": "",
+        "c.info.json": "[]",
+        "d.info.json": json.dumps(info(video_id(3), extractor_key="Vimeo", extractor="vimeo")),
+        "e [test0000041].mp4.part": "x",
+        "e [test0000041].f137.mp4.ytdl": "x",
+        "e [test0000041].temp.mp4": "x",
+        f"{key}.en-GB.vtt": "WEBVTT\n\nnot a cue",
+        f"{key}.en-GB.srv3": "<timedtext><body><p>",
+        f"{key}.en-GB.json3": b"\xff\xfe\x00",
+        f"{key}.live_chat.json": "{}",
+        f"{key}.en.srt": "1",
+        "nameless.en.vtt": vtt(spoken("a b"), automatic=True),
+        "notes.txt": "x",
+    }.items():
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    (folder / "gone.info.json").symlink_to(folder / "nowhere")
+    summary = job.done("youtube", "import", str(folder))
+    assert (summary["crawled"], summary["subtitles"]) == (1, 1)
+    assert summary["left_out_by"] == {
+        "broken_info": 3,
+        "other_sites": 1,
+        "unfinished_downloads": 3,
+        "broken_subtitles": 3,
+        "other_subtitles": 1,
+        "without_video_id": 1,
+        "other_files": 2,
+    }
+    lines = job.kb("youtube", "import", str(folder), "--data", str(job.place / "b")).stdout
+    (line,) = [one for one in lines.splitlines() if one.startswith("files left out:")]
+    assert "broken info 3" in line
+    assert "made_for_kids (all)" in lines
+
+
+def test_nothing_to_import_is_exit_1_with_the_reason_and_no_folder_is_exit_2(job: Job) -> None:
+    folder = job.place / "videos"
+    folder.mkdir()
+    (folder / "a.info.json").write_text("{")
+    assert "broken info (1 files)" in job.stopped("youtube", "import", str(folder), code=1)
+    nowhere = str(job.place / "nowhere")
+    other = job.place / "other"
+    assert nowhere in job.stopped("youtube", "import", nowhere, "--data", str(other), code=2)
+    assert not other.exists()
+
+
+def test_an_import_is_resumed_after_a_kill_and_repeats_nothing(job: Job) -> None:
+    folder = job.place / "videos"
+    for number in range(40):
+        write_video(folder / str(number % 3), number)
+    assert job.done("youtube", "import", str(folder), "--limit", "10", code=3)["files"] == 10
+    process = job.start("youtube", "import", str(folder))
+    process.kill()
+    process.wait()
+    job.done("youtube", "import", str(folder))
+    again = job.done("youtube", "import", str(folder))
+    assert (again["files"], again["known_files"]) == (0, 80)
+    kinds = ("ytdlp_info", "ytdlp_subtitles")
+    files = [one["request"]["params"]["file"] for kind in kinds for one in job.raw(kind)]
+    assert len(files) == len(set(files)) == 80
+    assert job.done("youtube", "filter")["kept"] == 40
+
+
+def test_raw_keeps_subtitles_verbatim_and_no_address_of_an_info_json(job: Job) -> None:
+    folder = job.place / "videos"
+    key = write_video(folder, 1, tuple(FORMS))
+    job.done("youtube", "import", str(folder))
+    for answer in job.raw("ytdlp_subtitles"):
+        name = f"Title 1 [{key}].en.{answer['response']['format']}"
+        assert answer["response"]["text"] == (folder / name).read_text()
+        assert answer["request"]["params"]["file"] == name
+    (one,) = job.raw("ytdlp_info")
+    text = json.dumps(one)
+    for secret in ("SECRET", "203.0.113.7", "signed.example", "VISITOR", str(job.place)):
+        assert secret not in text
+    kept = one["response"]
+    assert kept["automatic_tracks"] == ["en-orig", "en", "de"]
+    assert kept["chapters"] == [{"start_time": 0.0, "title": "Intro", "end_time": 20.0}]
+
+
+@pytest.mark.parametrize("with_entries", [True, False])
+def test_playlists_give_their_videos(job: Job, with_entries: bool) -> None:
+    folder = job.place / "channel"
+    folder.mkdir()
+    flat = {"_type": "url", "ie_key": "Youtube", "id": video_id(7), "title": "flat", "url": "x"}
+    inner = {
+        "_type": "playlist",
+        "id": "UCchannel",
+        "title": "Videos",
+        "extractor_key": "YoutubeTab",
+        "entries": [info(video_id(5)), info(video_id(6)), flat, None, {"id": None}],
+    }
+    playlist: dict[str, Any] = {**inner, "title": "A channel", "entries": [inner]}
+    if not with_entries:  # what yt-dlp writes without --no-clean-info-json
+        del playlist["entries"]
+    (folder / "A channel [UCchannel].info.json").write_text(json.dumps(playlist))
+    summary = job.done("youtube", "import", str(folder))
+    assert (summary["crawled"], summary["playlists"]) == ((2, 2) if with_entries else (0, 1))
+    assert job.done("youtube", "import", str(folder))["known_files"] == 1
+    if with_entries:
+        assert job.done("youtube", "filter")["crawled"] == 2
+        assert job.done("status")["sources"]["youtube"]["left_by"] == {"videos": 1}
+
+
+def test_files_beside_a_crawl_replace_nothing_by_null(job: Job) -> None:
+    job.done(*CRAWL)
+    job.done("youtube", "filter")
+    before = {row["video_id"]: row for row in job.rows(VIDEOS)}
+    tracks = {row["video_id"]: row for row in job.rows(TRACKS)}
+    newer, older = sorted(before)[:2]
+    folder = job.place / "videos"
+    folder.mkdir()
+    late = {"epoch": 1_800_000_000, "like_count": None, "description": None, "view_count": 999_999}
+    for key, changes in ((newer, late), (older, {"epoch": 1_700_000_000, "title": "old"})):
+        (folder / f"{key}.info.json").write_text(json.dumps(info(key, **changes)))
+    assert job.done("youtube", "import", str(folder))["crawled"] == 2
+    job.done("youtube", "filter")
+    rows = {row["video_id"]: row for row in job.rows(VIDEOS)}
+    assert rows[older] == before[older]
+    row = rows[newer]
+    assert (row["view_count"], row["like_count"]) == (999_999, None)
+    assert f"{row['fetched_at']:%Y}" == "2027"
+    for name in ("license", "made_for_kids", "definition", "topic_evidence", "word_count"):
+        assert row[name] == before[newer][name], name
+    assert row["description"] == before[newer]["description"]
+    assert {row["video_id"]: row for row in job.rows(TRACKS)} == tracks
+
+
+def test_a_file_does_not_bring_back_what_the_service_has_removed(job: Job) -> None:
+    job.done(*CRAWL)
+    world = job.sandbox.world.youtube.videos
+    gone = next(key for key, video in world.items() if not video.in_api)
+    folder = job.place / "videos"
+    folder.mkdir()
+    (folder / f"{gone}.info.json").write_text(json.dumps(info(gone, epoch=1_900_000_000)))
+    job.done("youtube", "import", str(folder))
+    job.done("youtube", "filter")
+    sql = f"SELECT stage FROM clean.youtube_rejected WHERE key = '{gone}'"
+    assert job.rows(sql) == [{"stage": "missing"}]
+    job.done("purge", "youtube")
+    assert job.raw("ytdlp_info") == []
+    shutil.rmtree(job.root / "state")
+    assert job.done("youtube", "import", str(folder), code=1)["left_out_by"] == {"purged": 1}
+
+
+def test_a_crawl_asks_for_what_files_lack_and_for_nothing_else(job: Job) -> None:
+    videos = job.sandbox.world.youtube.videos
+    ours = sorted(
+        key
+        for key, one in videos.items()
+        if one.in_api and any(t.kind == "asr" for t in one.tracks)
+    )[:2]
+    folder = job.place / "videos"
+    folder.mkdir()
+    for key in ours:
+        (folder / f"{key}.info.json").write_text(json.dumps(info(key)))
+    text = vtt(spoken("we build a farm", "in minecraft today"), automatic=True)
+    (folder / f"{ours[0]}.en.vtt").write_text(text)
+    job.done("youtube", "import", str(folder))
+    before = len(job.sandbox.ledger)
+    job.done(*CRAWL, "--only", "transcripts")
+    asked = {seen.args["v"] for seen in job.sandbox.ledger.requests("/watch", since=before)}
+    assert asked == {ours[1]}
+
+
+@pytest.mark.parametrize(
+    ("name", "timed", "manual", "automatic", "kind"),
+    [
+        ("en-orig", True, "", "en-orig en", ("asr", "en", "asr")),
+        ("en", True, "", "en-orig en de", ("asr", "en", "asr")),
+        ("en", False, "en", "", ("manual", "en", "manual")),
+        ("en", False, "en", "en-orig en", ("manual", "en", "manual")),
+        ("en", True, "en", "en-orig en", ("asr", "en", "asr")),
+        ("en-GB", False, "en-GB", "en-orig en", ("manual", "en-GB", "manual")),
+        ("en", False, "", "de-orig de en", ("translated", "de", "asr")),
+        ("en", True, "", "de-orig de en", ("translated", "de", "asr")),
+        ("en-de", False, "de", "en-de fr-de", ("translated", "de", "manual")),
+        ("en", True, None, None, ("asr", "en", "asr")),
+        ("en", False, None, None, ("manual", "en", "manual")),
+        ("en-US", False, None, None, ("manual", "en-US", "manual")),
+        ("en-de", False, None, None, ("translated", "de", "manual")),
+    ],
+)
+def test_what_a_track_is(
+    name: str, timed: bool, manual: str | None, automatic: str | None, kind: tuple[str, str, str]
+) -> None:
+    listed = None
+    if manual is not None and automatic is not None:
+        listed = ListedTracks(frozenset(manual.split()), frozenset(automatic.split()))
+    assert kind_of(name, timed, listed) == TrackKind(*kind)
+
+
+def test_a_video_without_any_english_track_is_rejected_as_one(job: Job) -> None:
+    folder = job.place / "videos"
+    write_video(folder, 1, (), automatic_captions={}, subtitles={"de": [], "live_chat": []})
+    write_video(folder, 2, (), automatic_captions={}, subtitles={"en": []})
+    job.done("youtube", "import", str(folder))
+    job.done("youtube", "filter")
+    rejected = job.rows("SELECT key, stage, reason FROM clean.youtube_rejected")
+    assert rejected == [{"key": video_id(1), "stage": "transcript", "reason": "none"}]
+    assert [row["key"] for row in job.rows("SELECT key FROM clean.youtube_pending")] == [
+        video_id(2)
+    ]

@@ -1,0 +1,121 @@
+"""One track in yt-dlp's three forms gives what the crawl's client reads in the plain form."""
+
+from __future__ import annotations
+
+import pytest
+from youtube_transcript_api._transcripts import _TranscriptParser
+
+from kb.youtube.ytdlp import subtitles
+from tests.youtube.ytdlp.folder import FORMS, Line, plain, spoken, vtt
+
+AUTOMATIC = {
+    "flowing": spoken("we're no strangers to", "love you know the rules", "and so do I", "a full"),
+    "pause": spoken("first line here", "second line", "third after the pause", "x", pause_after=1),
+    "pause at once": spoken("alone", "then some words", "more", pause_after=0),
+    "marks": spoken("[Music]", ">> hello & welcome", "a < b", "[Applause]", "and it's done"),
+    "single words": spoken("yeah", "no", "yeah", "yeah", "well then"),
+    "one line": spoken("only this"),
+}
+MANUAL = [
+    Line(0, 1_500, [(0, "Hello there")]),
+    Line(1_500, 2_000, [(0, "two rows\nof text")]),
+    Line(4_000, 10, [(0, "two rows\nof text & more")]),
+    Line(4_010, 990, [(0, "it's <fine>")]),
+    Line(3_600_000, 1_234, [(0, "an hour later")]),
+]
+
+
+def crawled(lines: list[Line]) -> list[tuple[float, float, str]]:
+    """The cues that the crawl's client makes of the plain form."""
+    return [(cue.start, cue.duration, cue.text) for cue in _TranscriptParser().parse(plain(lines))]
+
+
+def shown(cues: list[tuple[float, float, str]]) -> list[tuple[float, float, str]]:
+    """With the lengths that automatic cues have in the clean table: until the next one starts."""
+    ends = [*(cue[0] for cue in cues[1:]), float("inf")]
+    return [
+        (start, round(min(length, end - start), 3), text)
+        for (start, length, text), end in zip(cues, ends, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", AUTOMATIC)
+def test_automatic_tracks_have_the_cues_of_the_plain_form(form: str, name: str) -> None:
+    lines = AUTOMATIC[name]
+    track = subtitles.read(form, FORMS[form](lines, automatic=True))
+    cues = [cue[:3] for cue in track.cues]
+    assert shown(cues) == shown(crawled(lines))
+    if form != "vtt":  # which does not tell how long a line stays beside the next one
+        assert cues == crawled(lines)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", AUTOMATIC)
+def test_automatic_tracks_keep_the_start_of_every_word(form: str, name: str) -> None:
+    lines = AUTOMATIC[name]
+    track = subtitles.read(form, FORMS[form](lines, automatic=True))
+    expected = [[(line.start + offset) / 1000 for offset, _ in line.words] for line in lines]
+    if track.timed:
+        assert [cue.word_start_s for cue in track.cues] == expected
+    for cue in track.cues:
+        assert cue.word_start_s is None or len(cue.word_start_s) == len(cue.text.split())
+    many = any(len(line.words) > 1 for line in lines)
+    assert track.timed or (form == "vtt" and not many)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_manual_tracks_are_as_they_are(form: str) -> None:
+    track = subtitles.read(form, FORMS[form](MANUAL, automatic=False))
+    assert [cue[:3] for cue in track.cues] == crawled(MANUAL)
+    assert not track.timed
+    assert {cue.word_start_s for cue in track.cues} == {None}
+
+
+def test_a_translated_track_rolls_without_times_of_words() -> None:
+    lines = AUTOMATIC["flowing"]
+    track = subtitles.read("vtt", vtt(lines, automatic=True, words=False))
+    assert shown([cue[:3] for cue in track.cues]) == shown(crawled(lines))
+    assert not track.timed
+
+
+def test_windows_ends_of_lines_and_a_mark_at_the_beginning_change_nothing() -> None:
+    text = vtt(AUTOMATIC["flowing"], automatic=True)
+    assert subtitles.read("vtt", "\ufeff" + text.replace("\n", "\r\n")) == subtitles.read(
+        "vtt", text
+    )
+
+
+def test_colours_of_older_files_are_no_words() -> None:
+    text = (
+        "WEBVTT\nKind: captions\nLanguage: en\nStyle:\n"
+        "::cue(c.colorCCCCCC) { color: rgb(204,204,204);\n }\n##\n\n"
+        "00:00:00.030 --> 00:00:01.610 align:start position:0%\n \n"
+        "all<00:00:00.240><c> right</c><c.colorCCCCCC><00:00:00.719><c> here</c></c>\n\n"
+        "00:00:01.610 --> 00:00:01.620 align:start position:0%\n"
+        "all right<c.colorCCCCCC> here\n </c>\n"
+    )
+    track = subtitles.read("vtt", text)
+    assert [(cue.text, cue.word_start_s) for cue in track.cues] == [
+        ("all right here", [0.03, 0.24, 0.719])
+    ]
+
+
+@pytest.mark.parametrize(
+    ("form", "text"),
+    [
+        ("vtt", ""),
+        ("vtt", "<html>"),
+        ("vtt", "WEBVTT\n\n0:0 --> 1\nx"),
+        ("srv3", '<timedtext format="3"><body><p t="1" d="2">cut o'),
+        ("srv3", "<transcript/>"),
+        ("srv3", '<timedtext><body><p t="x">a</p></body></timedtext>'),
+        ("json3", '{"events": [{"tStartMs": 0, "segs": [{"utf8": "a'),
+        ("json3", "{}"),
+        ("json3", "[]"),
+        ("json3", '{"events": [{"tStartMs": "soon", "segs": [{"utf8": "a"}]}]}'),
+    ],
+)
+def test_what_cannot_be_read_says_so(form: str, text: str) -> None:
+    with pytest.raises(ValueError, match=r".+"):
+        subtitles.read(form, text)
