@@ -21,7 +21,7 @@ def job(tmp_path: Path) -> Iterator[Job]:
 
 def test_where_all_rows_are_rejected_the_most_frequent_reason_is_named(job: Job) -> None:
     job.done("youtube", "crawl")
-    job.profile(("min_views = 100\n", "min_views = 100000000000\n"))
+    job.profile(("min_views = 100\n", "min_views = 1000000000\n"))
     summary = job.done("youtube", "filter", code=1)
     assert (summary["kept"], summary["pending"]) == (0, 0)
     assert "nothing was kept" in summary["error"]
