@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.cli.command import command, group
+from kb.cli.demo_root import FINISHED, without_scores
 from kb.cli.options import CLUSTER
 from kb.cli.options import pipeline as shipped
 
@@ -26,7 +27,6 @@ app = group("The whole job on the sandbox: no key, no network, minutes.")
 # sight.
 _KEPT = {"kb_data", "kb_now", "source_date_epoch"}
 _DUMPS = "dumps"
-_FINISHED = "demo-finished"
 
 
 @command(
@@ -62,13 +62,14 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     from kb.sandbox.domain import domain_of
     from kb.sandbox.reddit import dumps
     from kb.sandbox.server import Sandbox
+    from kb.sandbox.wiki_named import PAGES
     from kb.sandbox.world import World
 
     for name in set(Settings.model_fields) - _KEPT:
         os.environ.pop(name.upper(), None)
     profile = load_profile(options.profile or DEFAULT)
     refuse(profile)
-    with Sandbox(World(domain=domain_of(profile), **size)) as services:
+    with Sandbox(World(domain=domain_of(profile), n_named=PAGES, **size)) as services:
         settings = services.settings() | _model(options)
         os.environ |= settings  # worker processes read them too
         _begin(_root(options))
@@ -109,23 +110,23 @@ def _run(options: Options, settings: dict[str, str]) -> Run:
     given = options.profile or DEFAULT
     # So small a world is done before worker processes have imported what they need.
     alone = 1 if options.engine == "local" else None
-    run = replace(
+    made = replace(
         options, data=_root(options), profile=given, workers=options.workers or alone
     ).make_run(dotenv=False)
+    run = replace(made, asked=options.workers is not None)
     if "KB_TOXICITY_MODEL" in settings:
         return run
-    off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
-    return replace(run, profile=run.profile.model_copy(update={"toxicity": off}))
+    return replace(run, profile=without_scores(run.profile))
 
 
 def _begin(root: Path) -> None:
     """Room for a new demo where the last one was finished; one that was stopped goes on."""
     from kb.store.layout import TOP
 
-    if (root / _FINISHED).exists():
+    if (root / FINISHED).exists():
         for name in (_DUMPS, *TOP):
             shutil.rmtree(root / name, ignore_errors=True)
-        (root / _FINISHED).unlink()
+        (root / FINISHED).unlink()
 
 
 def _all(
@@ -148,7 +149,7 @@ def _all(
             continue
         print(f"\n== kb {step}", flush=True)
         try:
-            summary = Summary(_command(step)(run, **given.get(step, {})) or {})
+            summary = Summary(_command(step)(_at_work(run, step), **given.get(step, {})) or {})
         except MissingExtra as error:
             # An optional part of the installation: the other steps go on without it.
             summary = Summary(left_out=f"{error}; {error.hint}")
@@ -157,7 +158,7 @@ def _all(
     _queries(queries, run.root)
     page = Layout(run.root).page
     print(f"\nTables, figures and releases are in {run.root}; open {page}")
-    write_text(run.root / _FINISHED, "")
+    write_text(run.root / FINISHED, "")
     return Summary(
         {
             "command": "demo",
@@ -167,6 +168,13 @@ def _all(
             **done,
         }
     )
+
+
+def _at_work(run: Run, step: str) -> Run:
+    """A page of the wiki is mostly waited for, so two browsers take half the time of one."""
+    from dataclasses import replace
+
+    return replace(run, workers=2) if step == "wiki crawl" and not run.asked else run
 
 
 def _lacking(run: Run, step: str) -> str | None:

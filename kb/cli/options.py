@@ -141,6 +141,10 @@ class Options:
             from kb.store.catalog import existing
 
             existing(root)
+        if needs == "profile":
+            from kb.cli.demo_root import carried_on
+
+            loaded, profile = carried_on(root, loaded, profile)
         return Run(
             settings=loaded,
             profile=profile,

@@ -137,8 +137,8 @@ def profile_keys() -> str:
             "A profile is everything that Lorecrawl knows about a domain, in one TOML file."
             " `minecraft` and `cooking` ship; `--profile FILE.toml` takes your own."
             " A section whose source you don't collect may be left out."
-            " `world.toml` beside one holds words of its own for `kb sandbox` and `kb demo`, whose"
-            " world is made of the keywords where there is none.\n"
+            " `world.toml` beside one lists the keywords that the invented world of `kb sandbox`"
+            " and `kb demo` speaks of; without one it is a random choice of them.\n"
         ),
     ]
     return "\n".join([*lines, *_section("", Profile), ""])

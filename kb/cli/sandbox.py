@@ -77,9 +77,11 @@ def sandbox(
     run until SIGTERM.
     """
     from kb.sandbox.server import Sandbox
+    from kb.sandbox.wiki_named import PAGES
     from kb.sandbox.world import World
 
-    world = World(seed, n_channels=channels, n_videos=videos, domain=_domain(options))
+    domain = _domain(options)
+    world = World(seed, n_channels=channels, n_videos=videos, n_named=PAGES, domain=domain)
     with Sandbox(world) as services:
         given = {
             "KB_DATA": options.data and str(options.data.absolute()),

@@ -13,7 +13,6 @@ from typing import Any
 from kb.core.profile import Profile
 from kb.core.profile.youtube import YouTube
 from kb.sandbox.cases import CASES, Case, Track
-from kb.sandbox.speech import Words
 
 MUSIC, NEWS = 10, 25  # categories of what is off topic
 
@@ -23,7 +22,7 @@ class Rules:
     """What a profile says of videos, as far as the cases turn on it."""
 
     topic: str
-    words: Words
+    tags: tuple[str, str, str]  # the first one names the topic, the others don't
     language: str = "en"
     category: int = 20
     other_category: int = MUSIC
@@ -36,14 +35,14 @@ class Rules:
     toxicity: bool = True
 
 
-def rules_of(profile: Profile, words: Words) -> Rules:
+def rules_of(profile: Profile, tags: tuple[str, str, str]) -> Rules:
     """The rules of a profile; the usual ones where it has no [youtube]."""
     section = profile.youtube
     if section is None:
-        return Rules(profile.title, words)
+        return Rules(profile.title, tags)
     return Rules(
         topic=section.words[0],
-        words=words,
+        tags=tags,
         language=section.language,
         category=section.category_ids[0],
         other_category=_other(section),
@@ -111,11 +110,10 @@ def _by_numbers(stage: str | None, change: dict[str, Any], rules: Rules) -> str 
 
 def _filled(change: dict[str, Any], rules: Rules) -> Iterator[tuple[str, Any]]:
     """The fields with the domain's words, category and languages in them."""
-    tags = dict(enumerate(rules.words.tags, start=1))
+    tags = dict(enumerate(rules.tags, start=1))
     held = {
         "{topic}": rules.topic,
         "{joined}": "".join(rules.topic.split()),
-        "{rtl}": rules.words.rtl_name,
         **{f"{{tag {n}}}": tag for n, tag in tags.items()},
     }
     for name, value in change.items():

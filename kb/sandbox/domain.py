@@ -1,11 +1,12 @@
 """What an invented world speaks of: made of a profile.
 
-domain_of(profile)     its words, labels, subreddit, wiki and thresholds; the same each time
+domain_of(profile)     its names, labels, subreddit, wiki and thresholds; the same each time
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -13,17 +14,18 @@ from typing import Any
 
 import msgspec
 
+from kb.core import clock
 from kb.core.errors import ProfileError
 from kb.core.profile import DEFAULT, Profile, load_profile
 from kb.pairs import keywords
-from kb.sandbox import made_words
+from kb.pairs.listed import NEVER, Keyword
 from kb.sandbox.case_rules import Rules, cases_by, rules_of
 from kb.sandbox.cases import Case
-from kb.sandbox.speech import Speech, Words
+from kb.sandbox.speech import Speech, grammar, names_topic
 
-OWN = "world.toml"  # words of a profile's own, beside it
+OWN = "world.toml"  # a profile's own choice of names, beside it
 OTHER_LABEL = "UCsandboxOtherGame00001a"
-
+_CERTAIN, _EVERYDAY = 45, 15  # most keywords of each kind that are spoken of
 
 # The classes of what facts and recipes are read from, by the profile's names of their selectors.
 CLASSES = {
@@ -34,6 +36,13 @@ CLASSES = {
     "slot_output": "mcui-output",
     "quantity": "invslot-stacksize",
 }
+
+
+class Choice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A profile's `world.toml`: keywords, the most frequent first."""
+
+    names: tuple[str, ...] = ()
+    recorded_wiki: bool = False
 
 
 @dataclass(frozen=True)
@@ -47,35 +56,44 @@ class Domain:
     labels: dict[str, tuple[str, str]]
     subreddit: str
     min_score: int
-    names: tuple[str, ...] = ()  # keywords, for the titles of wiki pages
+    channels: tuple[str, ...]  # their names
+    channel_kinds: tuple[str, ...]  # what each says that it is about
+    keywords: tuple[Keyword, ...] = ()  # what is spoken of, the most frequent first
+    recorded_wiki: bool = False
     namespace: int = 0  # of the wiki's pages
     sprite: str = "sprite"  # classes of the wiki's markup
     sprite_image: str = "sprite-file"
     animation: str = "animated"
     active: str = "animated-active"
     classes: Mapping[str, str] = field(default_factory=lambda: dict(CLASSES))
-    words: Words = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "words", self.speech.words)
 
 
 def domain_of(profile: Profile) -> Domain:
     """The domain of a profile. Raises ProfileError for a keyword list that can't be read."""
+    choice = _choice(profile.beside(OWN))
+    youtube, reddit = profile.youtube, profile.reddit
+    topic = tuple(youtube.words) if youtube else (profile.title,)
     listed = keywords.load(profile).every if profile.pairs else ()
-    words = _own(profile.beside(OWN)) or made_words.words_of(profile, listed)
-    rules = rules_of(profile, words)
-    reddit, youtube = profile.reddit, profile.youtube
+    spoken = [one for one in _spoken(listed, choice.names) if not names_topic(topic, one.name)]
+    names = [one.name for one in spoken] or list(grammar().nouns)
+    rules = rules_of(profile, _tags(topic))
     game = youtube.game_ids[0] if youtube and youtube.game_ids else ""
+    searches = youtube.keywords if youtube else (profile.title,)
     return Domain(
         title=profile.title,
-        speech=Speech(words, rules.topic),
+        speech=Speech(names, topic, rules.language),
         rules=rules,
         cases=cases_by(rules),
-        labels={"topic": (game, profile.title), "other": (OTHER_LABEL, words.other_label)},
+        labels={"topic": (game, profile.title), "other": (OTHER_LABEL, "Something Else")},
         subreddit=reddit.subreddit if reddit else "sandbox",
         min_score=reddit.min_score if reddit else 5,
-        names=made_words.names(profile, listed),
+        channels=tuple(
+            template.format(names[place % len(names)].removeprefix("The "))
+            for place, template in enumerate(grammar().channels)
+        ),
+        channel_kinds=_kinds(searches, len(grammar().channels)),
+        keywords=tuple(spoken),
+        recorded_wiki=choice.recorded_wiki,
         **_wiki(profile),
     )
 
@@ -86,13 +104,42 @@ def usual() -> Domain:
     return domain_of(load_profile(DEFAULT))
 
 
-def _own(path: Path) -> Words | None:
+def _choice(path: Path) -> Choice:
     try:
-        return msgspec.toml.decode(path.read_bytes(), type=Words)
+        return msgspec.toml.decode(path.read_bytes(), type=Choice)
     except FileNotFoundError:
-        return None
+        return Choice()
     except (msgspec.DecodeError, OSError, UnicodeDecodeError) as error:
         raise ProfileError(f"the words of the invented world, {path}: {error}") from None
+
+
+def _spoken(listed: Sequence[Keyword], names: Sequence[str]) -> list[Keyword]:
+    """The keywords of these names, or else some of the list, everyday words last."""
+    if names:
+        by_name = {one.name: one for one in listed}
+        return [by_name[name] for name in names if name in by_name]
+    rng = clock.rng("words of the invented world")
+    # What is in no sentence of ours: a brace would be read as a slot.
+    fit = [one for one in listed if not re.search(r"[{}]", one.name)]
+    certain = [one for one in fit if one.reach is None]
+    everyday = [one for one in fit if one.reach not in (None, NEVER)]
+    return [
+        *rng.sample(certain, min(len(certain), _CERTAIN)),
+        *rng.sample(everyday, min(len(everyday), _EVERYDAY)),
+    ]
+
+
+def _tags(topic: Sequence[str]) -> tuple[str, str, str]:
+    """Tags of a video: the topic, and two that don't name it."""
+    free = [tag for tag in grammar().tags if not names_topic(topic, tag)]
+    return (topic[0].lower(), *(free if len(free) > 1 else grammar().tags)[:2])
+
+
+def _kinds(searches: Sequence[str], channels: int) -> tuple[str, ...]:
+    """What each channel says that it is about: every search finds some."""
+    if len(searches) <= channels:
+        return tuple(searches)
+    return tuple(" ".join(searches[n::channels]) for n in range(channels))
 
 
 def _wiki(profile: Profile) -> dict[str, Any]:
@@ -101,14 +148,20 @@ def _wiki(profile: Profile) -> dict[str, Any]:
         return {}
     markup = profile.wiki.markup
     values = {
-        "sprite": made_words.first_class(markup.sprite),
-        "sprite_image": made_words.first_class(markup.sprite_image),
-        "animation": made_words.first_class(markup.animation),
+        "sprite": _first_class(markup.sprite),
+        "sprite_image": _first_class(markup.sprite_image),
+        "animation": _first_class(markup.animation),
         "active": markup.animation_active,
     }
     named: dict[str, Any] = {name: value for name, value in values.items() if value}
     selectors = {**markup.model_dump(), "infobox": markup.regions.get("infobox", "")}
-    given = {name: made_words.first_class(selectors[name]) for name in CLASSES}
+    given = {name: _first_class(selectors[name]) for name in CLASSES}
     named["classes"] = {name: given[name] or plain for name, plain in CLASSES.items()}
     read = profile.wiki.namespaces
     return {**named, "namespace": read[0] if read and 0 not in read else 0}
+
+
+def _first_class(selector: str) -> str:
+    """The first class that a CSS selector names, if it does."""
+    match = re.search(r"\.([A-Za-z_][\w-]*)", selector)
+    return match[1] if match else ""

@@ -5,10 +5,13 @@ written down in data/reddit/posts.json.
 from __future__ import annotations
 
 import random
+import re
 from functools import partial
 from typing import Any
 
 from kb.sandbox.domain import Domain
+from kb.sandbox.made_ids import ELSEWHERE, PEOPLE, video_id
+from kb.sandbox.speech import Cast
 from kb.sandbox.written import written
 
 RUDE = [
@@ -55,11 +58,12 @@ _CHANGED = (  # cases that are written down
 _written = partial(written, "reddit/posts.json")
 
 
-def shape(post: dict[str, Any], case: str, domain: Domain, rng: random.Random) -> None:
+def shape(post: dict[str, Any], case: str, domain: Domain, cast: Cast, rng: random.Random) -> None:
     """Make an ordinary post one of that case."""
     key = post["id"]
-    links = _written("links", {"key": key, "word": domain.speech.link_word(rng)})
-    values: dict[str, Any] = {"key": key}
+    word = "-".join(re.findall(r"\w+", cast.subject.name))
+    links = _written("links", {"key": key, "word": word, "video": video_id(rng)})
+    values: dict[str, Any] = {"key": key, "elsewhere": ELSEWHERE, "person": PEOPLE[-1]}
     if case in links:
         url, is_video = links[case], case == "video_hosted"
         post |= _written("linked", {"url": url, "host": url.split("/")[2], "is_video": is_video})
@@ -67,13 +71,14 @@ def shape(post: dict[str, Any], case: str, domain: Domain, rng: random.Random) -
         media = {"status": "valid", "e": "Image", "m": "image/png"}
         values["media"] = {f"{key}{part}": dict(media) for part in "ab"}
     elif case == "poll":
+        first, second = cast.subject.name, cast.others[0].name
         values["options"] = [
-            {"text": word, "id": str(n), "vote_count": 3 * n}
-            for n, word in enumerate(domain.words.poll)
+            {"text": text, "id": str(n), "vote_count": 3 * n}
+            for n, text in enumerate((first, f"{first} & {second}"))
         ]
         values["end"] = int(post["created_utc"] * 1_000) + 86_400_000
     elif case == "crosspost":
-        values["parent"] = {**post, **_written("parent", {})}
+        values["parent"] = {**post, **_written("parent", values)}
     if case in _CHANGED:
         post |= _written(case, values)
     elif case == "low_score":

@@ -17,6 +17,7 @@ from typing import Any
 import zstandard
 from werkzeug.wrappers import Request, Response
 
+from kb.sandbox.made_ids import ELSEWHERE, OTHER_SUBREDDIT, PEOPLE
 from kb.sandbox.reddit_pages import permalink
 from kb.sandbox.subreddit import START, Subreddit
 from kb.sandbox.world import World
@@ -108,7 +109,7 @@ class Service:
         if name.lower() != self.subreddit.name.lower():
             return _json(b"", 302, {**room, "Location": f"/subreddits/search?q={name}"})
         about = {
-            "id": "2r05i",
+            "id": "z300000000sub",
             "display_name": self.subreddit.name,
             "display_name_prefixed": f"r/{self.subreddit.name}",
             "title": self.subreddit.name,
@@ -244,16 +245,16 @@ def dumps(subreddit: Subreddit, folder: Path) -> list[Path]:
     with two bad lines; their paths.
     """
     other = {
-        "id": "abc123",
-        "subreddit": "gardening" if subreddit.name.lower() != "gardening" else "pottery",
-        "author": "tidy_pebble29",
+        "id": ELSEWHERE,
+        "subreddit": OTHER_SUBREDDIT,
+        "author": PEOPLE[-1],
         "title": "A fern",
         "created_utc": START,
         "score": 9,
     }
     posts, comments = (
         [json.dumps(other)],
-        [json.dumps({**other, "body": "nice", "link_id": "t3_abc123", "parent_id": "t3_abc123"})],
+        [json.dumps({**other, "body": "nice", "link_id": f"t3_{ELSEWHERE}"})],
     )
     old_posts, old_comments = subreddit.archive
     for number, post in enumerate(old_posts.values()):

@@ -1,113 +1,229 @@
-"""What people in the invented world say and write: sentences put together from word lists.
+"""What people in the invented world say and write: a small grammar over a domain's nouns.
 
-The lists are a profile's own (`world.toml` beside it), or made from its keywords
-(kb/sandbox/made_words.py).
+The rules are in data/speech.toml, and each line of a rule has further rules and nouns in it. A
+video, a post and a wiki page have a cast, a subject and what goes with it, which all their texts
+name; so a title, a transcript and the comments speak of the same things. The same random numbers
+give the same words.
 """
 
 from __future__ import annotations
 
 import random
 import re
+from collections.abc import Iterator, Sequence
+from functools import cache
+from itertools import accumulate
+from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
+import pyarrow.compute as pc
+
+from kb.filters.topic import whole_words
+from kb.sandbox.nouns import Noun
+
+ROLLING = 1.9  # how long an automatic cue is shown, in times of what is said in it
+MUSIC = "[Music]"
+_TRIES = 50
+_BEGINNING = re.compile(r"(?:^|(?<=[.?!] ))[a-zà-ÿ]")
+_SLOT = re.compile(r"\{(\w+)(?:\.(\w+))?\}")
+_FILE = Path(__file__).with_name("data") / "speech.toml"
 
 
-class Sayings(msgspec.Struct, frozen=True):
-    """What people say, as sentences and templates. `foreign`: sentences by language."""
+class Grammar(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """data/speech.toml. `foreign`: sentences by language."""
 
-    poll: tuple[str, ...]
+    nouns: tuple[str, ...]
+    tags: tuple[str, ...]
     channels: tuple[str, ...]
-    sayings: tuple[str, ...]
-    endings: tuple[str, ...]
-    titles: tuple[str, ...]
-    plain_titles: tuple[str, ...]
-    about: tuple[str, ...]
-    posts: tuple[str, ...]
+    mass: str
+    singular: str
     foreign: dict[str, tuple[str, ...]]
+    rules: dict[str, tuple[str, ...]]
 
 
-class Words(Sayings, frozen=True, forbid_unknown_fields=True):
-    """The lists of a domain.
+@cache
+def grammar() -> Grammar:
+    """The grammar of every domain."""
+    return msgspec.toml.decode(_FILE.read_bytes(), type=Grammar)
 
-    Sentences are templates: {topic}, {n} and one name for each of `slots`. A slot takes a word of
-    the list in `words` with its name, a number behind it aside.
-    """
 
-    tags: tuple[str, str, str]  # the first one names the topic, the others don't
-    slots: tuple[str, ...]
-    link_words: str
-    channel_kinds: tuple[str, ...]
-    words: dict[str, tuple[str, ...]]
-    rtl_name: str = "مرحبا"
-    other_label: str = "Something Else"
-    recorded_wiki: bool = False
+@cache
+def _lines(rule: str) -> list[list[str]]:
+    """The lines of a rule in parts: text, name and form of a slot, text …"""
+    return [[part or "" for part in _SLOT.split(line)] for line in grammar().rules[rule]]
+
+
+class Cast(NamedTuple):
+    """What a text is about, and what else it names."""
+
+    subject: Noun
+    others: tuple[Noun, ...]
+
+
+class Sentence(NamedTuple):
+    """Something said in a video. `seconds`: how long it takes."""
+
+    start: float
+    seconds: float
+    text: str
 
 
 class Speech:
-    """Titles, descriptions and talk of one domain."""
+    """The texts of one domain.
 
-    def __init__(self, words: Words, topic: str) -> None:
-        self.words, self.topic = words, topic
-        self._slots = [(slot, words.words[re.sub(r"\d+$", "", slot)]) for slot in words.slots]
+    `names`: what is spoken of, the most frequent first. `topic`: the domain's words, of which the
+    first stands in titles, and none in the other texts. `language`: what tracks of the domain's
+    own language say is English.
+    """
 
-    def fill(self, template: str, rng: random.Random, topic: str = "") -> str:
-        """A template with words chosen by `rng`."""
-        number = rng.randint(2, 99)
-        chosen = {slot: rng.choice(held) for slot, held in self._slots}
-        return template.format(topic=topic, n=number, **chosen)
+    def __init__(self, names: Sequence[str], topic: Sequence[str], language: str = "en") -> None:
+        given = grammar()
+        mass, singular = set(given.mass.split()), set(given.singular.split())
+        self.topics, self.topic = tuple(topic), topic[0]
+        self.nouns = [Noun.of(name, mass, singular) for name in names]
+        self._weights = [1 / (place + 4) ** 0.8 for place in range(len(names))]
+        self._foreign = {code: said for code, said in given.foreign.items() if code != language}
 
-    def title(self, rng: random.Random) -> str:
+    def cast(self, rng: random.Random, size: int = 6) -> Cast:
+        """A subject and up to `size` - 1 other nouns, the frequent ones more often."""
+        drawn = rng.choices(self.nouns, self._weights, k=3 * size)
+        subject, *others = list(dict.fromkeys(drawn))[:size]
+        return Cast(subject, tuple(others) or (subject,))
+
+    def line(self, rule: str, rng: random.Random, cast: Cast) -> str:
+        """One line by a rule, in which {y} and {z} stay the same two nouns."""
+        first, second = rng.sample((*cast.others, cast.subject)[: max(2, len(cast.others))], 2)
+        # Half of what is said in a video is about its subject.
+        if rule in ("step", "say") and rng.random() < 0.5:
+            first = cast.subject
+        return self._filled(rule, rng, {"x": cast.subject, "y": first, "z": second})
+
+    def _filled(self, rule: str, rng: random.Random, nouns: dict[str, Noun]) -> str:
+        parts = list(rng.choice(_lines(rule)))
+        for place in range(1, len(parts), 3):
+            name, form = parts[place], parts[place + 1]
+            parts[place + 1] = ""
+            if name in nouns:
+                parts[place] = nouns[name].form(form)
+            elif name == "topic":
+                parts[place] = self.topic
+            elif name in ("n", "k"):
+                parts[place] = str(rng.randint(2, 99 if name == "n" else 12))
+            else:
+                parts[place] = self._filled(name, rng, nouns)
+        return "".join(parts)
+
+    def free(self, rule: str, rng: random.Random, cast: Cast) -> str:
+        """A line that doesn't name the topic, as the planted cases turn on that."""
+        lines = (self.line(rule, rng, cast) for _ in range(_TRIES))
+        return next(
+            (line for line in lines if not names_topic(self.topics, line)), cast.subject.title
+        )
+
+    def title(self, rng: random.Random, cast: Cast) -> str:
         """A video's title with the topic in it."""
-        return _cased(self.fill(rng.choice(self.words.titles), rng, self.topic))
+        return _title_case(self.line("title", rng, cast))
 
-    def plain_title(self, rng: random.Random) -> str:
+    def plain_title(self, rng: random.Random, cast: Cast) -> str:
         """A title that doesn't name the topic."""
-        return _cased(self.fill(rng.choice(self.words.plain_titles), rng))
+        return _title_case(self.free("plain_title", rng, cast))
 
-    def about(self, rng: random.Random, sentences: int = 3) -> str:
-        """A description without the topic's name."""
-        return "\n".join(self.fill(rng.choice(self.words.about), rng) for _ in range(sentences))
+    def text(self, rule: str, rng: random.Random, cast: Cast, sentences: int = 1) -> str:
+        """Different sentences by a rule, without the topic's name, a line each."""
+        lines = (sentence_case(self.free(rule, rng, cast)) for _ in range(2 * sentences))
+        return "\n".join(list(dict.fromkeys(lines))[:sentences])
 
-    def post(self, rng: random.Random) -> str:
-        """A post's title."""
-        return self.fill(rng.choice(self.words.posts), rng)
+    def talk(self, rng: random.Random, cast: Cast, seconds: float, language: str) -> list[Sentence]:
+        """What is said in a video, from its first seconds to its last ones.
 
-    def link_word(self, rng: random.Random) -> str:
-        """A word for an address."""
-        return "-".join(re.findall(r"\w+", rng.choice(self.words.words[self.words.link_words])))
+        At a speaker's own pace, with pauses; in a video of hours these are long.
+        """
+        said: list[Sentence] = []
+        pace = rng.uniform(0.048, 0.062)  # seconds a letter
+        pause = 0.6 * max(1.0, seconds / 2_400) ** 1.5
+        clock = rng.uniform(0.1, 2.0)
+        closing = self._closing(rng, cast, language)
+        ends = seconds - 0.3 - pace * _letters(closing)
+        for text in self._sentences(rng, cast, language):
+            length = pace * _letters(text)
+            if clock + length > ends:
+                break
+            said.append(Sentence(round(clock, 2), round(length, 2), text))
+            clock += length + rng.uniform(0.3, 1.7) * pause
+            if rng.random() < 0.02 and clock + 3 < ends:
+                said.append(Sentence(round(clock, 2), 2.5, MUSIC))
+                clock += 3
+        if ends > 0.1:
+            said.append(Sentence(round(ends, 2), round(pace * _letters(closing), 2), closing))
+        return said
 
-    def sentence(self, rng: random.Random, language: str) -> str:
-        """Something said in a video."""
-        if language in self.words.foreign:
-            return rng.choice(self.words.foreign[language])
-        said = self.fill(rng.choice(self.words.sayings), rng)
-        return f"{said} {rng.choice(self.words.endings)}" if rng.random() < 0.3 else said
+    def _closing(self, rng: random.Random, cast: Cast, language: str) -> str:
+        if language in self._foreign:
+            return rng.choice(self._foreign[language])
+        return self.line("closing", rng, cast)
+
+    def _sentences(self, rng: random.Random, cast: Cast, language: str) -> Iterator[str]:
+        """Without end: an opening, then steps, each with statements about it."""
+        if language in self._foreign:
+            while True:
+                yield rng.choice(self._foreign[language])
+        yield self.line("opening", rng, cast)
+        yield self.line("plan", rng, cast)
+        while True:
+            yield self.line("step", rng, cast)
+            for _ in range(rng.randint(2, 6)):
+                yield self.line("say", rng, cast)
 
     def cues(
-        self, rng: random.Random, language: str, seconds: float, *, rolling: bool
+        self, rng: random.Random, cast: Cast, seconds: float, language: str, *, automatic: bool
     ) -> list[tuple[float, float, str]]:
-        """(start s, duration s, text) of a caption track.
+        """A caption track of the talk: (start s, duration s, text).
 
-        `rolling`: as automatic captions are, five to seven words a cue, each shown until the next
-        but one begins; otherwise whole sentences one after the other.
+        A manual one has sentences with capitals and stops, an automatic one lower case without
+        punctuation, five to seven words a cue, each shown until the next but one begins.
         """
         made: list[tuple[float, float, str]] = []
-        clock, end = round(rng.uniform(0.1, 2.0), 2), min(seconds, 120.0)
-        while clock < end - 3:
-            if rng.random() < 0.04:
-                made.append((clock, 2.5, "[Music]"))
-                clock = round(clock + 2.5, 2)
+        for start, length, said in self.talk(rng, cast, seconds, language):
+            if said == MUSIC:
+                made.append((start, length, said))
                 continue
-            words = self.sentence(rng, language).split()
-            size = rng.randint(5, 7) if rolling else len(words)
+            words = (_spoken(said) if automatic else f"{sentence_case(said)}.").split()
+            size = rng.randint(5, 7) if automatic else 14
+            starts = word_starts(words, length)
             for at in range(0, len(words), size):
                 piece = words[at : at + size]
-                length = round(0.4 + 0.38 * len(piece), 2)
-                made.append((clock, round(length * (1.9 if rolling else 1.0), 2), " ".join(piece)))
-                clock = round(clock + length, 2)
-            clock = round(clock + rng.uniform(0.0, 0.8), 2)
+                until = starts[at + size] if at + size < len(words) else length
+                shown = (until - starts[at]) * (ROLLING if automatic else 1.0)
+                cue = (round(start + starts[at], 2), round(shown, 2), " ".join(piece))
+                made.append(cue)
         return made
 
 
-def _cased(text: str) -> str:
+def names_topic(topic: Sequence[str], text: str) -> bool:
+    """Whether the topic filter sees one of the topic's words in a text."""
+    return bool(pc.match_substring_regex(text, whole_words(topic)).as_py())
+
+
+def word_starts(words: Sequence[str], seconds: float) -> list[float]:
+    """When each word of a piece begins that takes so long: a long word takes longer."""
+    ends = list(accumulate(len(word) + 2 for word in words))
+    return [seconds * end / ends[-1] for end in (0, *ends[:-1])]
+
+
+def sentence_case(text: str) -> str:
+    """With a capital at the beginning of each sentence."""
+    return _BEGINNING.sub(lambda begin: begin[0].upper(), text)
+
+
+def _letters(text: str) -> int:
+    """Letters, and two for the end of each word."""
+    return len(text) + text.count(" ") + 2
+
+
+def _spoken(text: str) -> str:
+    return re.sub(r"[^\w\s'%-]", "", text).lower()
+
+
+def _title_case(text: str) -> str:
     return " ".join(word[:1].upper() + word[1:] for word in text.split())

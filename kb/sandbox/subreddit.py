@@ -13,24 +13,19 @@ from typing import Any
 
 from kb.core import clock
 from kb.sandbox.domain import Domain, usual
+from kb.sandbox.made_ids import PEOPLE, comment_id, person_id, post_id
 from kb.sandbox.post_cases import CASES, RUDE, shape
+from kb.sandbox.speech import Cast
 
 START = 1_700_000_000  # 2023-11-14
 _YEAR = 31_536_000
-_PEOPLE = [
-    f"{first}_{second}{n}"
-    for n, (first, second) in enumerate(
-        (first, second)
-        for first in ("brisk", "quiet", "sunny", "rusty", "tidy", "mossy")
-        for second in ("otter", "lantern", "anvil", "heron", "pebble")
-    )
-]
 
 
 class Subreddit:
     """`posts` and `comments` by bare id.
 
     `n_posts` in all; `width` replies below the "wide" post, `depth` below the "deep" one.
+    `archived`: of a year before.
     """
 
     def __init__(
@@ -42,7 +37,9 @@ class Subreddit:
         depth: int = 40,
         name: str | None = None,
         domain: Domain | None = None,
+        archived: bool = False,
     ) -> None:
+        self.archived = archived
         self.seed, self.n_posts, self.width, self.depth = seed, n_posts, width, depth
         self.domain = domain or usual()
         self.name = name or self.domain.subreddit
@@ -76,29 +73,16 @@ class Subreddit:
         """Posts and comments of a year before, which no listing reaches: dumps hold them,
         and info knows all but the last three posts.
         """
-        past = Subreddit(self.seed + 1, 60, width=30, depth=12, name=self.name, domain=self.domain)
-        posts, comments = {}, {}
-        for post in past.posts.values():
-            key, page = f"d{post['id']}", f"/r/{self.name}/comments/d{post['id']}/post/"
-            posts[key] = {
-                **post,
-                "id": key,
-                "name": f"t3_{key}",
-                "permalink": page,
-                "created_utc": post["created_utc"] - _YEAR,
-                **({"url": f"https://www.reddit.com{page}"} if post["is_self"] else {}),
-            }
-        for comment in past.comments.values():
-            key, parent = f"d{comment['id']}", comment["parent_id"]
-            comments[key] = {
-                **comment,
-                "id": key,
-                "name": f"t1_{key}",
-                "link_id": f"t3_d{comment['link_id'][3:]}",
-                "parent_id": f"{parent[:3]}d{parent[3:]}",
-                "created_utc": comment["created_utc"] - _YEAR,
-            }
-        return posts, comments
+        past = Subreddit(
+            self.seed + 1,
+            60,
+            width=30,
+            depth=12,
+            name=self.name,
+            domain=self.domain,
+            archived=True,
+        )
+        return past.posts, past.comments
 
     def shown(self, name: str) -> dict[str, Any] | None:
         """A post or comment as the service gives it now; None when it is gone."""
@@ -106,7 +90,7 @@ class Subreddit:
             return None
         kind, _, key = name.partition("_")
         data = (self.posts if kind == "t3" else self.comments).get(key)
-        if data is None and key.startswith("d"):
+        if data is None:
             posts, comments = self.archive
             data = (
                 None if key in list(posts)[-3:] else (posts if kind == "t3" else comments).get(key)
@@ -126,17 +110,19 @@ class Subreddit:
 
     def _post(self, number: int) -> dict[str, Any]:
         rng = clock.rng("subreddit", self.seed, number)
-        key, made = _base36(40_000_000 + 7 * number), START + 3_600 * number
+        key, made = post_id(40_000_000 + 7 * number, self.archived), START + 3_600 * number
+        made -= _YEAR if self.archived else 0
         speech, least = self.domain.speech, self.domain.min_score
-        title = speech.post(rng)
+        cast = self._cast(number)
+        title = speech.text("post", rng, cast)
         post: dict[str, Any] = {
             "id": key,
             "name": f"t3_{key}",
             "subreddit": self.name,
             "subreddit_name_prefixed": f"r/{self.name}",
             "title": title,
-            "author": rng.choice(_PEOPLE),
-            "author_fullname": f"t2_{_base36(9_000 + rng.randrange(900))}",
+            "author": rng.choice(PEOPLE),
+            "author_fullname": f"t2_{person_id(rng)}",
             "author_flair_text": None,
             "created_utc": float(made),
             "score": rng.randrange(least, least + 3_995),
@@ -144,7 +130,7 @@ class Subreddit:
             "num_comments": 0,
             "over_18": False,
             "is_self": True,
-            "selftext": speech.about(rng, 2),
+            "selftext": speech.text("post_body", rng, cast, rng.randint(1, 4)),
             "url": f"https://www.reddit.com/r/{self.name}/comments/{key}/post/",
             "permalink": f"/r/{self.name}/comments/{key}/post/",
             "domain": f"self.{self.name}",
@@ -164,19 +150,24 @@ class Subreddit:
                 (5, 6, 2, 2, 1, 3),
             )[0]
         )
-        shape(post, case, self.domain, rng)
+        shape(post, case, self.domain, cast, rng)
         return post
+
+    def _cast(self, number: int) -> Cast:
+        """What a post and its comments are about."""
+        return self.domain.speech.cast(clock.rng("thread of", self.seed, number))
 
     def _thread(self, number: int, post: dict[str, Any]) -> list[dict[str, Any]]:
         rng = clock.rng("thread", self.seed, number)
         case = CASES[number] if number < len(CASES) else ""
         made: list[dict[str, Any]] = []
+        cast = self._cast(number)
         if case == "deep":
             for _ in range(self.depth):
-                made.append(self._comment(post, made[-1] if made else None, len(made), rng))
+                made.append(self._comment(post, made[-1] if made else None, len(made), rng, cast))
         elif case == "wide":
             for _ in range(self.width):
-                made.append(self._comment(post, None, len(made), rng))
+                made.append(self._comment(post, None, len(made), rng, cast))
         else:
             for _ in range(rng.choice((0, 1, 2, 4, 7, 15))):
                 made.append(
@@ -185,24 +176,30 @@ class Subreddit:
                         rng.choice(made) if made and rng.random() < 0.6 else None,
                         len(made),
                         rng,
+                        cast,
                     )
                 )
         post["num_comments"] = len(made)
         return made
 
     def _comment(
-        self, post: dict[str, Any], parent: dict[str, Any] | None, number: int, rng: random.Random
+        self,
+        post: dict[str, Any],
+        parent: dict[str, Any] | None,
+        number: int,
+        rng: random.Random,
+        cast: Cast,
     ) -> dict[str, Any]:
-        key = f"{post['id']}{_base36(number).rjust(3, '0')}"
+        key = comment_id(post["id"], number)
         comment = {
             "id": key,
             "name": f"t1_{key}",
             "link_id": post["name"],
             "parent_id": parent["name"] if parent else post["name"],
             "subreddit": self.name,
-            "author": rng.choice(_PEOPLE),
-            "author_fullname": f"t2_{_base36(9_000 + rng.randrange(900))}",
-            "body": self.domain.speech.about(rng, 1),
+            "author": rng.choice(PEOPLE),
+            "author_fullname": f"t2_{person_id(rng)}",
+            "body": self.domain.speech.text("reply" if parent else "comment", rng, cast),
             "created_utc": post["created_utc"] + 60 * (number + 1),
             "score": rng.randrange(-3, 90),
             "edited": False,
@@ -221,11 +218,3 @@ class Subreddit:
         elif roll < 0.12:
             comment["body"] = rng.choice(RUDE)
         return comment
-
-
-def _base36(number: int) -> str:
-    digits = ""
-    while number:
-        number, rest = divmod(number, 36)
-        digits = "0123456789abcdefghijklmnopqrstuvwxyz"[rest] + digits
-    return digits or "0"

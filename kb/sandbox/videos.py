@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import math
-import random
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
@@ -13,6 +11,8 @@ from typing import Any
 from kb.core import clock
 from kb.sandbox.cases import Case, Track
 from kb.sandbox.domain import Domain
+from kb.sandbox.made_ids import channel_id, video_id
+from kb.sandbox.speech import Cast
 
 PAGE = 50
 
@@ -27,6 +27,7 @@ class Video:
     channel: Channel
     case: Case
     number: int
+    cast: Cast  # what it is about
     title: str
     description: str
     published_at: str
@@ -143,9 +144,13 @@ class Catalogue:
         self, video: Video, track: Track, translated_to: str | None = None
     ) -> list[tuple[float, float, str]]:
         """What a caption track says: (start s, duration s, text)."""
-        rng = clock.rng(self.seed, "cues", video.id, track.language, track.kind)
+        # The tracks of a video say the same, each in its form.
+        rng = clock.rng(self.seed, "talk", video.id)
         language = (translated_to or track.language).split("-")[0]
-        return self.domain.speech.cues(rng, language, video.seconds, rolling=track.kind == "asr")
+        automatic = track.kind == "asr"
+        return self.domain.speech.cues(
+            rng, video.cast, video.seconds, language, automatic=automatic
+        )
 
     def _sizes(self, n_channels: int, n_videos: int) -> list[int]:
         if n_channels < 8:
@@ -157,15 +162,16 @@ class Catalogue:
 
     def _channel(self, number: int) -> Channel:
         rng = clock.rng(self.seed, "channel", number)
-        words, speech = self.domain.words, self.domain.speech
-        names, kinds = words.channels, words.channel_kinds[number % len(words.channel_kinds)]
+        speech, names = self.domain.speech, self.domain.channels
+        kinds = self.domain.channel_kinds[number % len(self.domain.channel_kinds)]
         name = names[number % len(names)] + (
             f" {number // len(names) + 1}" if number >= len(names) else ""
         )
-        description = f"{speech.topic} {kinds}. {speech.about(rng, 2)}".replace("\n", " ")
+        description = f"{speech.topic} {kinds}. {speech.text('about', rng, speech.cast(rng), 2)}"
+        description = description.replace("\n", " ")
         made = datetime(2010, 1, 1, tzinfo=UTC) + timedelta(hours=rng.randrange(60_000))
         return Channel(
-            "UC" + _token(rng, 22),
+            channel_id(rng),
             name,
             description,
             f"{name} {description}".lower(),
@@ -182,35 +188,34 @@ class Catalogue:
         )
         # Ordinary videos pass every threshold: from 125 views and 75 seconds on, or the profile's.
         views = int(10 ** rng.uniform(2.1, 6.5)) * max(1, math.ceil(rules.min_views / 125))
+        cast = speech.cast(rng)
         values: dict[str, Any] = {
-            "title": speech.title(rng),
-            "description": speech.about(rng, rng.randint(1, 4)),
+            "title": speech.title(rng, cast),
+            "description": speech.text("about", rng, cast, rng.randint(1, 4)),
             "published_at": clock.stamp(
                 datetime(2012, 1, 1, tzinfo=UTC) + timedelta(minutes=rng.randrange(7_000_000))
             ),
             "view_count": str(views),
             "like_count": str(views // rng.randint(15, 90)),
             "comment_count": str(views // 400),
-            "seconds": rng.randint(75, 2_400) + max(0, rules.min_seconds - 60),
-            "tags": list(self.domain.words.tags),
+            # From 75 seconds to 40 minutes, most of them about ten.
+            "seconds": int(75 * 32 ** rng.random()) + max(0, rules.min_seconds - 60),
+            "tags": [*rules.tags, cast.subject.name],
             "category_id": str(rules.category),
             "language": rules.language,
             "tracks": [Track(rules.language)],
             "game": "topic",
         }
-        plain = speech.plain_title(rng)
+        plain = speech.plain_title(rng, cast)
         values |= case.change
         if values["title"] == "plain":
             values["title"] = plain
         label = self.domain.labels.get(values["game"])
-        key = _token(rng, 11)
-        return Video(id=key, channel=channel, case=case, number=number, label=label, **values)
+        key = video_id(rng)
+        return Video(
+            id=key, channel=channel, case=case, number=number, cast=cast, label=label, **values
+        )
 
 
 def _shared(total: int, parts: int) -> list[int]:
     return [total // parts + (number < total % parts) for number in range(parts)]
-
-
-def _token(rng: random.Random, length: int) -> str:
-    """An id in YouTube's alphabet."""
-    return base64.urlsafe_b64encode(rng.randbytes(length)).decode()[:length]

@@ -1,5 +1,5 @@
 """The sandbox's wiki: pages and pictures, and the part of `api.php` that a crawl asks. The pages
-are recorded ones (kb/sandbox/wiki_recorded.py), or made for a domain (kb/sandbox/wiki_made.py).
+are recorded ones (kb/sandbox/wiki_recorded.py) and made for a domain (kb/sandbox/wiki_named.py).
 
 `app(world, faults)` serves the state `world.wiki_state`, "first" (the default) or "later": after
 some edits, a deletion, a move and a new page.
@@ -14,7 +14,7 @@ from typing import Any
 from werkzeug.utils import redirect
 from werkzeug.wrappers import Request, Response
 
-from kb.sandbox.wiki_made import Made
+from kb.sandbox.wiki_named import PAGES, Named
 from kb.sandbox.wiki_recorded import DATA, HOST, Recorded
 
 
@@ -32,7 +32,11 @@ def app(world: Any = None, faults: Any = None) -> Any:
 
 def _application(world: Any) -> Any:
     domain = getattr(world, "domain", None)
-    site = Recorded() if domain is None or domain.words.recorded_wiki else Made(domain)
+    named = getattr(world, "n_named", None)
+    if domain is None or (domain.recorded_wiki and not named):
+        site = Recorded()
+    else:
+        site = Named(domain, PAGES if named is None else named)
 
     @Request.application
     def serve(request: Request) -> Response:

@@ -1,7 +1,7 @@
 """One small invented world, the same for a seed on every machine. Services show parts of it.
 
 Nothing in it was taken from a real site: channels, titles, descriptions and speech are put together
-here from the word lists of a domain, the default profile's where none is given.
+here from the nouns of a domain, the default profile's where none is given.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ class World:
 
     `n_channels`, `n_videos`: size of the YouTube part (the first videos cover every case once, see
     kb/sandbox/cases.py). `n_posts`, `width`, `depth`: of Reddit's (kb/sandbox/subreddit.py).
-    `n_pages`: how many of the wiki's pages are listed, by title; None for all.
+    `n_pages`: how many of the wiki's pages are listed, by title; None for all. `n_named`: how many
+    are about the domain's names (kb/sandbox/wiki_named.py); None for as many as a domain needs that
+    has no recorded ones.
     `wiki_state`: "first" or "later". `quota`: YouTube's units a Pacific day
     by bucket.
     """
@@ -36,6 +38,7 @@ class World:
         width: int = 1_200,
         depth: int = 40,
         n_pages: int | None = None,
+        n_named: int | None = None,
         wiki_state: str = "first",
         domain: Domain | None = None,
     ) -> None:
@@ -44,7 +47,7 @@ class World:
         self.n_channels = n_channels
         self.n_videos = n_videos
         self.n_posts, self.width, self.depth = n_posts, width, depth
-        self.n_pages, self.wiki_state = n_pages, wiki_state
+        self.n_pages, self.n_named, self.wiki_state = n_pages, n_named, wiki_state
         self.quota = {"search": 100, "general": 10_000, "stats": 10_000}
         self.used: Counter[tuple[str, str]] = Counter()  # (Pacific day, bucket) -> units
         self.now: datetime | None = None  # None: the clock's own time

@@ -12,6 +12,7 @@ import json
 
 from werkzeug.wrappers import Request, Response
 
+from kb.sandbox.speech import MUSIC, ROLLING, word_starts
 from kb.sandbox.world import World
 from kb.sandbox.youtube_pages import PAGE_KEY, watch_page
 from kb.sandbox.youtube_player import player_answer, signature
@@ -69,7 +70,9 @@ class Web:
             )  # what the real service answers to an unknown or altered address, or without a token
         cues = self.world.youtube.cues(video, track, request.args.get("tlang"))
         return Response(
-            timed_text(cues, rich=request.args.get("fmt") == "srv3"),
+            word_timed(cues, automatic=track.kind == "asr")
+            if request.args.get("fmt") == "srv3"
+            else timed_text(cues),
             content_type="text/xml; charset=UTF-8",
         )
 
@@ -79,20 +82,8 @@ def _refusal(message: str) -> Response:
     return Response(json.dumps({"error": error}), 400, mimetype="application/json")
 
 
-def timed_text(cues: list[tuple[float, float, str]], *, rich: bool = False) -> str:
-    """Cues as XML; text is escaped twice, as YouTube's is.
-
-    `rich`: the srv3 form (milliseconds, <p>).
-    """
-    if rich:
-        lines = "".join(
-            f'<p t="{round(start * 1000)}" d="{round(length * 1000)}">{html.escape(text)}</p>\n'
-            for start, length, text in cues
-        )
-        return (
-            '<?xml version="1.0" encoding="utf-8" ?><timedtext'
-            f' format="3">\n<body>\n{lines}</body>\n</timedtext>\n'
-        )
+def timed_text(cues: list[tuple[float, float, str]]) -> str:
+    """Cues as XML in the plain form; text is escaped twice, as YouTube's is."""
     lines = "".join(
         (
             f'<text start="{start:g}"'
@@ -101,3 +92,24 @@ def timed_text(cues: list[tuple[float, float, str]], *, rich: bool = False) -> s
         for start, length, text in cues
     )
     return f'<?xml version="1.0" encoding="utf-8" ?><transcript>{lines}</transcript>'
+
+
+def word_timed(cues: list[tuple[float, float, str]], *, automatic: bool) -> str:
+    """Cues as XML in the form `srv3`: times in ms, and of an automatic track each word's own."""
+    lines = []
+    for start, length, text in cues:
+        inner = html.escape(text)
+        if automatic and text != MUSIC:
+            words = text.split()
+            at = [round(second * 1000) for second in word_starts(words, length / ROLLING)]
+            first, *rest = (html.escape(word) for word in words)
+            inner = f'<s ac="0">{first}</s>' + "".join(
+                f'<s t="{ms}" ac="0"> {word}</s>' for ms, word in zip(at[1:], rest, strict=True)
+            )
+        mark = ' w="1"' if automatic else ""
+        start_ms, shown_ms = round(start * 1000), round(length * 1000)
+        lines.append(f'<p t="{start_ms}" d="{shown_ms}"{mark}>{inner}</p>\n')
+    return (
+        '<?xml version="1.0" encoding="utf-8" ?><timedtext'
+        f' format="3">\n<body>\n{"".join(lines)}</body>\n</timedtext>\n'
+    )

@@ -48,13 +48,8 @@ def check(runner, texts):
 def said(count):
     """Things that are said and written in the sandbox's world, in lower case."""
     speech, rng = World().domain.speech, clock.rng("examples of speech")
-    kinds = (
-        lambda: speech.about(rng, rng.randint(1, 2)).replace("\n", " "),
-        lambda: speech.title(rng),
-        lambda: speech.plain_title(rng),
-        lambda: speech.sentence(rng, "en"),
-    )
-    return [rng.choice(kinds)().lower() for _ in range(count)]
+    kinds = ("title", "about", "say", "step", "post", "post_body", "comment", "reply")
+    return [speech.line(rng.choice(kinds), rng, speech.cast(rng)).lower() for _ in range(count)]
 
 
 def test_every_phrase_of_the_lists_and_every_plain_one(runner):

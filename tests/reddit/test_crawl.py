@@ -19,8 +19,9 @@ from kb.core.errors import (
     Unreachable,
 )
 from kb.reddit import parse
+from kb.sandbox.made_ids import PEOPLE
 from kb.sandbox.reddit import CLIENT, SECRET, TOKEN
-from kb.sandbox.subreddit import _PEOPLE, CASES
+from kb.sandbox.subreddit import CASES
 from kb.store import rawlog
 from tests.reddit.work import Work
 
@@ -99,7 +100,7 @@ def test_odd_text_stays_as_far_as_arrow_can_hold_it(whole: Work) -> None:
 def test_no_name_key_or_secret_in_any_file(whole: Work) -> None:
     key = (whole.root / "state" / "reddit.key").read_text()
     for path, text in whole.text().items():
-        named = [name for name in (*_PEOPLE, SECRET, TOKEN, CLIENT) if name in text]
+        named = [name for name in (*PEOPLE, SECRET, TOKEN, CLIENT) if name in text]
         assert named == [], path
         assert (key in text) == (path == "state/reddit.key"), path
     assert oct((whole.root / "state" / "reddit.key").stat().st_mode & 0o777) == "0o600"

@@ -21,7 +21,7 @@ from kb.core.errors import LimitReached, SettingError
 from kb.reddit.byid import ById, Kept, keep
 from kb.reddit.dumps import Chunk
 from kb.reddit.reconstruction import rebuild
-from kb.sandbox.subreddit import _PEOPLE
+from kb.sandbox.made_ids import PEOPLE
 from kb.store import tombstones
 from tests.reddit.dumped import post, write
 from tests.reddit.test_reconstruct import plain, released
@@ -106,7 +106,7 @@ def test_rows_are_those_of_the_api_at_the_same_moment(
     assert missing(far) == {}
     assert (summary["requests"], summary["missing"], summary["bad_lines"]) == (0, 0, 0)
     for path, text in texts(far.place).items():
-        assert not [name for name in _PEOPLE if name in text], path
+        assert not [name for name in PEOPLE if name in text], path
 
 
 def test_without_a_key_the_way_with_dumps_is_named(whole: Work, far: Work) -> None:

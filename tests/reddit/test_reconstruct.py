@@ -19,8 +19,8 @@ import pytest
 import kb.reddit
 from kb.core.errors import LimitReached, SettingError, Unreachable, WriterLocked
 from kb.reddit.wanted import read_wanted
+from kb.sandbox.made_ids import PEOPLE
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import _PEOPLE
 from kb.schema import table
 from tests import forked
 from tests.reddit.conftest import small_world
@@ -79,7 +79,7 @@ def test_hashes_are_of_this_root_alone_and_no_name_is_written(whole: Work, far: 
     assert len(mine) == len(theirs)
     assert not mine & theirs
     for path, text in texts(far.place).items():
-        assert not [name for name in _PEOPLE if name in text], path
+        assert not [name for name in PEOPLE if name in text], path
 
 
 def test_what_is_gone_is_named_with_its_reason_and_no_failure(tmp_path: Path) -> None:

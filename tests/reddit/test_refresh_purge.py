@@ -13,6 +13,7 @@ from kb.reddit import purge
 from kb.reddit.plan import plan_refresh
 from kb.reddit.purge import purge_raw
 from kb.reddit.strip import strip
+from kb.sandbox.made_ids import ELSEWHERE
 from kb.sandbox.reddit import dumps
 from kb.sandbox.server import Sandbox
 from kb.sandbox.subreddit import CASES
@@ -357,7 +358,7 @@ def test_a_purge_that_was_cut_off_goes_on(tiny: Work, monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("known_from", ["raw", "address"])
 def test_a_crosspost_shows_nothing_of_a_purged_parent(tiny: Work, known_from: str) -> None:
-    crosspost, parent = list(tiny.world.posts)[CASES.index("crosspost")], "zz9zz9"
+    crosspost, parent = list(tiny.world.posts)[CASES.index("crosspost")], ELSEWHERE
     shown = {
         "raw": f"https://v.redd.it/{parent}",
         "address": f"https://www.reddit.com/gallery/{parent}",

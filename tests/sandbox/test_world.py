@@ -64,7 +64,8 @@ def test_channels_of_every_kind() -> None:
     assert sizes[:5] == [130, 50, 51, 0, 0]
     assert sum(sizes) == len(world.videos) == 300
     assert [channel.listed for channel in world.channels].count(False) == 1
-    assert {len(world.search(word)) for word in ("Minecraft", "Minecraft Guide")} == {12, 6}
+    assert len(world.search("Minecraft")) == 12
+    assert 0 < len(world.search("Minecraft Guide")) < 12
 
 
 def test_the_world_has_any_size() -> None:
