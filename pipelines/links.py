@@ -20,6 +20,7 @@ from kb.export import layouts
 from kb.links.build import build, check
 from kb.links.named import Names
 from kb.store import belonging
+from kb.store.catalog import Catalog
 from kb.store.layout import Layout
 from kb.wiki import named
 
@@ -29,6 +30,8 @@ def links(run: Run) -> Summary:
     check(run)
     with belonging.writing(run, "links", "release-links"):
         made = tables(run)
+        if Catalog(run.root.absolute()).is_download:
+            return made
         layouts.export(run, "links")
     return Summary(made, release=str(Layout(run.root).release("links")))
 

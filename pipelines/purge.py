@@ -26,7 +26,7 @@ from kb.export import layouts
 from kb.filters.clean import texts
 from kb.release.build import describe
 from kb.report.build import report_again
-from kb.store import belonging, indexed, lock
+from kb.store import belonging, indexed, inputs, lock
 from kb.store import purge as store
 from kb.store.layout import Layout
 
@@ -38,6 +38,7 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
     """
     with belonging.writing(run, *lock.of_purge(source)):
         room = _room(source)
+        current = inputs.is_filtered(run.root, source)
         keys = room.purge_raw(run, ids)
         said, rows, scores = getattr(keys, "said", {}), 0, 0
         if keys:
@@ -45,6 +46,8 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
             rows = store.drop_rows(run.root, source, room.ROWS, keys)
             if hasattr(room, "mend"):
                 room.mend(run.root, keys)
+            if current:  # what was removed left raw/ and clean/ alike
+                inputs.note_raw(Layout(run.root).clean(source), inputs.of_raw(run.root, source))
             scores = drop_unused(run.root, source, texts(run, source))
             _made(run, source)
         named = sum(reason != "post" for reason in keys.values()) - said.get("unknown", 0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from datetime import timedelta
 from pathlib import Path
@@ -10,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from kb.core import clock, vocabulary
 from kb.core.sources import SORTED
+from kb.schema.tables import tables as declared
 from kb.store import parquet
+from kb.store.catalog import Catalog, view_name
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import filtered, reading
-from kb.store.tally import VERDICTS, rows, span, tally
+from kb.store.tally import rows, span, tally
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -36,26 +37,25 @@ def tables(root: Path, source: str) -> dict[str, int]:
     return _in_order({folder.name: rows(folder) for folder in folders})
 
 
-def released(root: Path, source: str) -> dict[str, int]:
-    """Rows by table of release/<source>."""
-    files = parquet_files(Layout(root).release(source), "*-of-*.parquet")  # tombstones are no rows
-    counts: Counter[str] = Counter()
-    with reading(files):
-        for file in files:
-            counts[file.name.split("-", 1)[0]] += parquet.footer(file).num_rows
+def rows_of(catalog: Catalog, schema: str, source: str) -> dict[str, int]:
+    """Rows by table of a source in one schema of the catalog: what was released or restored."""
+    named = {f"{schema}.{view_name(one)}": one for one in declared().values()}
+    counts: dict[str, int] = {}
+    for view in catalog.views:
+        one = named.get(view.full)
+        if one is not None and one.source == source and one.short != "missing":
+            with reading(view.files):
+                counts[one.short] = sum(parquet.footer(file).num_rows for file in view.files)
     return _in_order(counts)
 
 
-def age(run: Run, source: str) -> dict[str, Any]:
-    """How old the kept rows are, and how many are older than the profile allows."""
+def age(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
+    """How old the kept, restored or released rows are, and how many are too old for the profile."""
     max_age = getattr(getattr(run.profile, source), "max_age_days", None)
     limit = clock.now() - timedelta(days=max_age or 0)
-    files = [
-        file
-        for folder in _folders(run.root, source)
-        if folder.name not in VERDICTS
-        for file in parquet_files(folder)
-    ]
+    schema = catalog.schema_of(source)
+    shown = {f"{schema}.{source}_{short}" for short in SORTED[source]}
+    files = [file for view in catalog.views if view.full in shown for file in view.files]
     with reading(files):
         oldest, newest, old = span(files, "fetched_at", limit)
     return {

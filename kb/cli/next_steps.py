@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.cli.as_typed import completed
 from kb.core import waiting
+from kb.store import inputs
 from kb.store.layout import Layout, parquet_files
 
 if TYPE_CHECKING:
@@ -26,12 +26,6 @@ def next_steps(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, An
     return [completed(step) for step in steps]
 
 
-def changed(path: Path) -> float:
-    """When a file, or any file of a folder, was changed last; 0 for none."""
-    files = path.rglob("*.*") if path.is_dir() else [path] if path.is_file() else []
-    return max((file.stat().st_mtime for file in files if file.is_file()), default=0.0)
-
-
 def _step(run: Run, source: str, about: dict[str, Any]) -> str:
     """What a source's data need next: to be read to the end, sorted, kept fresh, exported.
 
@@ -45,13 +39,11 @@ def _step(run: Run, source: str, about: dict[str, Any]) -> str:
     failed = sum(counts.get("error", 0) for counts in about["phases"].values())
     if asks and (about["left"] or failed):
         return f"{source} crawl"
-    at = Layout(root)
-    clean = at.summary(source)
-    if changed(at.raw(source)) > changed(clean):
+    if Layout(root).raw(source).is_dir() and not inputs.is_filtered(root, source):
         return f"{source} filter"
     if asks and about["too_old"]:
         return f"refresh {source}"
-    if changed(clean) > changed(at.release(source)):
+    if Layout(root).summary(source).is_file() and not inputs.is_exported(root, source):
         return f"{source} export"
     return ""
 

@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.cli import held
-from kb.cli.next_steps import changed, next_steps
+from kb.cli.next_steps import next_steps
 from kb.core import clock, waiting
 from kb.core.sources import SOURCES
 from kb.store import linked, lock, reading
+from kb.store.catalog import Catalog
 from kb.store.layout import TOP, Layout
 
 if TYPE_CHECKING:
@@ -26,9 +27,12 @@ _LEFT = ("todo", "in_progress")  # what failed is counted by itself, as in a cra
 
 def overview(run: Run) -> dict[str, Any]:
     """All about the data root: by source, disk use in bytes by folder, what to type next."""
-    sources = {source: about for source in SOURCES if (about := _source(run, source))}
-    links = _links(run.root)
-    disk = {path.name: _size(path) for path in _folders(run.root)}
+    catalog = Catalog(run.root)
+    sources = {source: about for source in SOURCES if (about := _source(run, source, catalog))}
+    links = _links(catalog)
+    folders = [one.path for one in catalog.releases] if catalog.is_download else []
+    disk = {path.name: _size(path) for path in folders or _folders(run.root)}
+    collected = any(about["rows"] or about["phases"] for about in sources.values())
     return {
         "data": str(run.root),
         "profile": run.profile.name,
@@ -38,15 +42,21 @@ def overview(run: Run) -> dict[str, Any]:
         "links": links,
         "disk_bytes": disk,
         "disk_bytes_total": sum(disk.values()),
-        "next": next_steps(run, sources, links),
+        "download": catalog.is_download,
+        "pairs": {
+            schema: held.rows_of(catalog, schema, "pairs").get("pairs", 0)
+            for schema in ("clean", "restored", "release")
+        },
+        "next": next_steps(run, sources, links) if collected else [],
     }
 
 
-def _source(run: Run, source: str) -> dict[str, Any]:
-    """Progress, quota, age and rows of one source; empty when nothing was collected."""
+def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
+    """Progress, quota, age and rows of one source; empty when there is nothing of it."""
     state = Layout(run.root).state(source)
     tables = held.tables(run.root, source)
-    if not state.is_file() and not tables:
+    released, restored = (held.rows_of(catalog, one, source) for one in ("release", "restored"))
+    if not (state.is_file() or tables or released or restored):
         return {}
     about: dict[str, Any] = {
         "running_pid": _writer(run.root, source),
@@ -63,8 +73,8 @@ def _source(run: Run, source: str) -> dict[str, Any]:
     about["left"] = sum(counts["left"] for counts in about["phases"].values())
     about["rows"] = tables
     about |= held.answers(run.root, source)
-    about["released"] = held.released(run.root, source)
-    about |= held.age(run, source)
+    about |= {"released": released, "restored": restored}
+    about |= held.age(run, source, catalog)
     about["unknown_keys"] = held.unknown_keys(run.root, source)
     if source == "reddit":
         about |= _incomplete(run.root)
@@ -118,14 +128,15 @@ def _crawled(source: str, frontier: Any) -> int:
     return int(importlib.import_module(f"kb.{source}.reduce").crawled(frontier))
 
 
-def _links(root: Path) -> dict[str, Any]:
-    """The entity tables, and which clean tables are newer than they; empty when there are none."""
-    note = linked.read(root)
-    if note is None:
+def _links(catalog: Catalog) -> dict[str, Any]:
+    """The entity tables, and which sources' tables differ from those that they were made of; empty
+    when there are none.
+    """
+    counts = held.rows_of(catalog, "links", "links")
+    if not counts:
         return {}
-    made, at = changed(linked.path(root)), Layout(root)
-    newer = [source for source in SOURCES if changed(at.summary(source)) > made]
-    return {"entities": note.entities, "links": note.links, "older_than": newer}
+    older = [] if catalog.is_download else linked.older_than(catalog.path)
+    return {"entities": 0, "links": 0, **counts, "older_than": older}
 
 
 def _quota(run: Run, source: str, frontier: Any) -> dict[str, Any]:

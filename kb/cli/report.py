@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from kb.cli.command import command, group
 
@@ -22,11 +25,22 @@ app = group("Figures and one HTML page of what was collected.")
         "kb report                                what is there so far; open report/index.html"
     ],
 )
-def report(run: Run) -> Summary:
+def report(
+    run: Run,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            help="Write there. [default: report/ under the data root; for a download the cache]",
+        ),
+    ] = None,
+) -> Summary:
     """Figures (SVG, PNG, PDF) and one page that needs no network, in report/ under the data root.
 
-    Works at any time on what was filtered so far; a source without data is named in a line.
+    Works at any time on what was filtered so far, on a restored root and on a downloaded release;
+    a source without data is named in a line.
     """
     from kb.report.build import report
 
-    return report(run)
+    return report(run, out)

@@ -29,7 +29,7 @@ def status(options: Options) -> None:
     """
     from kb.cli.overview import overview
 
-    about = overview(options.make_run(needs="root"))
+    about = overview(options.make_run(needs="root", exists=options.data is not None))
     if options.json:
         print(json.dumps(about, default=str))
     else:
@@ -41,11 +41,11 @@ def status(options: Options) -> None:
 def _lines(about: dict[str, Any]) -> list[str]:
     lines = [
         (
-            f"data root {about['data']}, profile {about['profile']},"
-            f" {sizes.shown(about['disk_bytes_total'])}"
+            f"{'download' if about['download'] else 'data root'} {about['data']},"
+            f" profile {about['profile']}, {sizes.shown(about['disk_bytes_total'])}"
         )
     ]
-    if not about["sources"]:
+    if not (about["sources"] or any(about["pairs"].values()) or about["links"]):
         return [
             *lines,
             (
@@ -56,12 +56,18 @@ def _lines(about: dict[str, Any]) -> list[str]:
         ]
     for source, facts in about["sources"].items():
         lines += ["", *_source(source, facts)]
+    if made := [f"{n:,} {schema}" for schema, n in about["pairs"].items() if n]:
+        lines += ["", f"pairs: {', '.join(made)}"]
     if links := about["links"]:
         lines += ["", f"links: {_linked(links)}"]
     disk = ", ".join(f"{name} {sizes.shown(n)}" for name, n in about["disk_bytes"].items())
     lines += ["", f"disk: {disk}"]
     lines += [f"next: {step}" for step in about["next"]]
-    if not about["next"]:
+    if about["download"]:
+        lines.append(
+            "next: `kb restore` brings back what it names; `kb search` and `kb query` read it"
+        )
+    elif not about["next"]:
         running = any(facts["running_pid"] for facts in about["sources"].values())
         lines.append("next: wait for what runs" if running else "nothing is left to do")
     return lines
@@ -88,6 +94,7 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
     for title, numbers in (
         ("left", facts["left_by"]),
         ("kept with them", {k: n for k, n in facts["rows"].items() if _beside(k, facts)}),
+        ("restored", facts["restored"]),
         ("released", facts["released"]),
     ):
         if numbers:

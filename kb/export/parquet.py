@@ -20,7 +20,7 @@ from kb.core.errors import FatalError
 from kb.core.sources import SOURCES, made_by
 from kb.core.verdict import Summary
 from kb.schema.tables import released_tables
-from kb.store import complete, shards
+from kb.store import complete, inputs, shards
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 
@@ -56,6 +56,7 @@ def export(
             f"nothing to export: {place.parent if source in SOURCES else place} has no rows",
             hint=f"run `{made_by(source)}` first",
         )
+    made_from = inputs.of_clean(run.root, source) if source in SOURCES else ""
     summary: dict[str, int] = {}
     size = run.profile.release.rows_per_shard
     folder = Layout(run.root.absolute()).release(source)
@@ -98,7 +99,7 @@ def export(
                 task.advance(1, rows=rows)
         if beside is not None:
             beside(fresh)
-        complete.note_export(run.root, source)
+        complete.note_export(run.root, source, made_from)
     return Summary(
         command=f"{source} export" if source in SOURCES else source,
         source=source,

@@ -30,7 +30,17 @@ from kb.filters.chain import VERDICTS, Clean
 from kb.filters.lost import unanswered
 from kb.filters.tasks import Job, parse_segment, sort_bucket, spec_of, texts_of
 from kb.schema.tables import table
-from kb.store import belonging, buckets, complete, indexed, mending, rawlog, tally, tombstones
+from kb.store import (
+    belonging,
+    buckets,
+    complete,
+    indexed,
+    inputs,
+    mending,
+    rawlog,
+    tally,
+    tombstones,
+)
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
@@ -51,6 +61,7 @@ def run_clean(run: Run, source: str) -> Summary:
     _segments(run.root, spec)  # without any, nothing is written
     with belonging.writing(run, *of_clean(source)), _work(job) as work:
         segments = _segments(run.root, spec)
+        raw = inputs.of_raw(run.root, source)
         tombstones.heal(run.root, source)
         mending.check(run.root, source)
         size = _size(run.root, spec, segments)
@@ -71,6 +82,7 @@ def run_clean(run: Run, source: str) -> Summary:
                 summary |= spec.figures(fresh) if spec.figures is not None else {}
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
                 complete.write_list(fresh)
+                inputs.note_raw(fresh, raw)
         indexed.follow(run.root, source)
     return summary
 

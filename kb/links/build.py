@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
@@ -56,28 +55,28 @@ def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:
     clean tables, Interrupted, WriterLocked, DamagedData, DiskFull.
     """
     keywords = check(run)
-    with writer(run.root, "links"):
+    place = Catalog(run.root.absolute()).workplace
+    with writer(place, "links"):
         files = _files(run.root)
         called = names() if "wiki" in files else {}
         reads = _reads(files, keywords, called)
         known = None if run.again else linked.read(run.root)
         if known is not None and _marks(known.sources) == _marks(reads):
-            shutil.rmtree(Layout(run.root).linking, ignore_errors=True)
-            os.utime(linked.path(run.root))  # looked at: `kb status` compares times
-            run.progress.say("links are made of all that is clean; nothing is new")
-            return _summary(run.root, known)
-        work = _work(run, reads)
+            shutil.rmtree(Layout(place).linking, ignore_errors=True)
+            run.progress.say("links are up to date")
+            return _summary(place, known)
+        work = _work(run, place, reads)
         write_text(work / _PLAN, json.dumps(lists.plain(keywords), sort_keys=True))
         own = named.own_pages(keywords, _titles(files.get("wiki", {})), called)
         taken = [one for one in reads if known is not None and _same(known, reads, one)]
         if taken:
-            _take_over(run.root, work, taken)
+            _take_over(place, work, taken)
         _match(run, work, {one: held for one, held in files.items() if one not in taken})
         if "wiki" in files and "wiki" not in taken:
             _title_rows(work, keywords, own)
-        note = _finish(run, work, keywords, own, reads)
-        shutil.rmtree(Layout(run.root).linking)
-    return _summary(run.root, note)
+        note = _finish(run, place, work, keywords, own, reads)
+        shutil.rmtree(Layout(place).linking)
+    return _summary(place, note)
 
 
 def check(run: Run) -> Keywords:
@@ -132,11 +131,11 @@ def _same(known: Note, reads: Mapping[str, Read], source: str) -> bool:
     return source in known.sources and known.sources[source].mark == reads[source].mark
 
 
-def _work(run: Run, reads: Mapping[str, Read]) -> Path:
+def _work(run: Run, place: Path, reads: Mapping[str, Read]) -> Path:
     """The folder of what is done so far of these very files; those of others go."""
     mark = hashlib.sha256(json.dumps(_marks(reads)).encode()).hexdigest()[:16]
-    work = Layout(run.root).linking / mark
-    for other in Layout(run.root).linking.glob("*"):
+    work = Layout(place).linking / mark
+    for other in Layout(place).linking.glob("*"):
         if other != work or run.again:
             shutil.rmtree(other, ignore_errors=True)
     return work
@@ -232,11 +231,16 @@ def _title_rows(work: Path, keywords: Keywords, own: Mapping[int, Own]) -> None:
 
 
 def _finish(
-    run: Run, work: Path, keywords: Keywords, own: Mapping[int, Own], reads: dict[str, Read]
+    run: Run,
+    place: Path,
+    work: Path,
+    keywords: Keywords,
+    own: Mapping[int, Own],
+    reads: dict[str, Read],
 ) -> Note:
     """Merge what is done into links/, with the note beside it."""
     size = run.profile.release.rows_per_shard
-    with replacing_folder(Layout(run.root).links) as fresh:
+    with replacing_folder(Layout(place).links) as fresh:
         every = pa.table(
             {
                 "entity": pa.array([one.name for one in keywords.every], pa.string()),

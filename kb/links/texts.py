@@ -53,7 +53,8 @@ def _transcripts(path: Path) -> Iterator[Part]:
 def _videos(path: Path) -> Iterator[Part]:
     for rows in _batches(path, ["video_id", "title", "description"]):
         for part, column in (("title", "title"), ("body", "description")):
-            yield from _texts(part, rows["video_id"], (rows[column],))
+            if column in rows.column_names:  # a release has no descriptions
+                yield from _texts(part, rows["video_id"], (rows[column],))
 
 
 def _posts(path: Path) -> Iterator[Part]:
@@ -135,7 +136,8 @@ def tops(rows: pa.Table, page: np.ndarray) -> np.ndarray:
 
 def _batches(path: Path, columns: list[str]) -> Iterator[pa.Table]:
     with parquet.open_file(path, pre_buffer=False, buffer_size=1 << 20) as file:
-        for batch in file.iter_batches(batch_size=_ROWS, columns=columns, use_threads=False):
+        there = [name for name in columns if name in file.schema_arrow.names]
+        for batch in file.iter_batches(batch_size=_ROWS, columns=there, use_threads=False):
             yield pa.Table.from_batches([batch]).combine_chunks()
 
 

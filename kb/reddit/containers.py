@@ -17,6 +17,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from operator import add
 from pathlib import Path
 from typing import BinaryIO
 
@@ -178,8 +179,11 @@ def _rows(engine: zstandard.ZstdDecompressor, block: bytes) -> tuple[list[bytes]
     size = zstandard.frame_content_size(block)
     if size > _LARGEST:
         raise zstandard.ZstdError(f"it has {size} bytes")
-    with engine.stream_reader(block) as reader:
-        data = reader.read(size if size >= 0 else _LARGEST)
+    try:
+        data = engine.decompress(block, max_output_size=_LARGEST)
+    except zstandard.ZstdError:
+        with engine.stream_reader(block) as reader:  # gives what comes before a cut
+            data = reader.read(size if size >= 0 else _LARGEST)
     number = int.from_bytes(data[:4], "little")
     begin = 4 + 8 * number
     if len(data) < begin:
@@ -188,12 +192,11 @@ def _rows(engine: zstandard.ZstdDecompressor, block: bytes) -> tuple[list[bytes]
     starts, sizes = places[::2], places[1::2]
     if sum(sizes) > _LARGEST:
         raise zstandard.ZstdError("its rows overlap")
-    there = [
-        data[begin + start : begin + start + length]
-        for start, length in zip(starts, sizes, strict=True)
-        if begin + start + length <= len(data)
-    ]
-    return there, len(there) == number
+    data, ends = data[begin:], list(map(add, starts, sizes))
+    rows = [data[start:end] for start, end in zip(starts, ends, strict=True)]
+    if max(ends, default=0) <= len(data):
+        return rows, True
+    return [row for row, end in zip(rows, ends, strict=True) if end <= len(data)], False
 
 
 def _of_zstd(file: BinaryIO, seen: Seen) -> Iterator[bytes]:

@@ -6,10 +6,11 @@ import importlib.util
 import shutil
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 from kb.core import signals
 from kb.core.context import Run
-from kb.core.errors import MissingExtra
+from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
 from kb.core.installation import install_extra
 from kb.core.profile import Profile
 from kb.core.sources import SOURCES
@@ -27,10 +28,12 @@ from kb.report.toxicity import toxicity
 from kb.schema import table
 from kb.store import belonging
 from kb.store.atomic import replacing_folder
+from kb.store.catalog import Catalog, empty
 from kb.store.layout import Layout
 from kb.store.reading import SANDBOX_MODEL, filtered
 
 Maker = Callable[[Data, "Profile"], "Figure | tuple[Figure, ...] | None"]
+PAGE = "index.html"
 SAMPLES = {
     "youtube/videos": (
         "title",
@@ -115,8 +118,12 @@ MAKERS: dict[str, list[Maker]] = {  # the figures of a source, in the order of t
 }
 
 
-def report(run: Run) -> Summary:
-    """Write `report/` anew. Raises MissingExtra without the figures' packages, and DamagedData."""
+def report(run: Run, out: Path | None = None) -> Summary:
+    """Write `report/` anew, or `out`; of a download it goes to the user's cache by default.
+
+    Raises MissingExtra without the figures' packages, FatalError where there is nothing to show,
+    DamagedData.
+    """
     missing = [
         name
         for name in ("matplotlib", "wordcloud", "PIL")
@@ -124,8 +131,10 @@ def report(run: Run) -> Summary:
     ]
     if missing:
         raise MissingExtra(f"figures need {', '.join(missing)}", hint=install_extra("figures"))
+    if not Catalog(run.root.absolute()).views:  # before anything is written
+        raise empty(run.root)
     with belonging.writing(run, "report"):
-        return _report(run)
+        return _report(run, out)
 
 
 def report_again(run: Run) -> None:
@@ -135,12 +144,16 @@ def report_again(run: Run) -> None:
         return
     try:
         report(run)
-    except MissingExtra:
+    except (MissingExtra, FatalError) as error:
+        if isinstance(error, DamagedData):
+            raise
         shutil.rmtree(place)
 
 
-def _report(run: Run) -> Summary:
+def _report(run: Run, out: Path | None) -> Summary:
     with Data(run) as data:
+        if not any(data.files(name) for names in TABLES.values() for name in names):
+            raise empty(run.root)
         sections = [_section(run, data, source) for source in TITLES]
         cards = [
             (f"{name.partition('/')[2]}", data.count(name), TITLES[source])
@@ -152,16 +165,19 @@ def _report(run: Run) -> Summary:
         html = page(
             f"{run.profile.title}: what was collected", data.newest(), cards, sections, notes
         )
-    with replacing_folder(Layout(run.root).report) as folder:
+        place = (out or Layout(data.catalog.workplace).report).expanduser().absolute()
+    if out is not None and place.exists() and not (place / PAGE).is_file():
+        raise UsageError(f"--out {out} exists and is not a report", hint="name a new folder")
+    with replacing_folder(place) as folder:
         for section in sections:
             for figure in section.figures:
                 for suffix, content in figure.files.items():
                     (folder / f"{figure.name}.{suffix}").write_bytes(content)
-        (folder / "index.html").write_text(html, encoding="utf-8")
+        (folder / PAGE).write_text(html, encoding="utf-8")
     return Summary(
         command="report",
         figures=sum(len(section.figures) for section in sections),
-        page=str(Layout(run.root).page),
+        page=str(place / PAGE),
         without=", ".join(section.title for section in sections if section.missing) or None,
     )
 

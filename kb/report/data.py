@@ -1,4 +1,5 @@
-"""What the figures show, aggregated by DuckDB over clean/, pairs/, links/ and the ledgers.
+"""What the figures show, aggregated by DuckDB over the tables of a data root or a download, and
+over the ledgers.
 
 Only aggregates and a few sample rows are held in memory, whatever the size of the data.
 """
@@ -11,9 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from kb.core.context import Run
-from kb.schema import table
-from kb.store import complete, database, parquet
+from kb.schema import table, tables
+from kb.store import database, parquet
+from kb.store.catalog import Catalog
 from kb.store.layout import Layout
 from kb.store.reading import reading, scan, state
 
@@ -65,7 +70,9 @@ class Data:
 
     def __init__(self, run: Run) -> None:
         self.root = run.root
-        self.con = database.connect(run.root, threads=max(1, run.workers))
+        self.catalog = Catalog(run.root.absolute())
+        spill = None if self.catalog.is_download else run.root
+        self.con = database.connect(spill, threads=max(1, run.workers))
 
     def __enter__(self) -> Self:
         return self
@@ -74,8 +81,10 @@ class Data:
         self.con.close()
 
     def files(self, name: str) -> list[str]:
-        """The clean files of a table ("youtube/videos", "pairs/pairs", "youtube/rejected")."""
-        return [str(path) for path in complete.rows(self.root, name)]
+        """The files of a table ("youtube/videos", "pairs/pairs", "youtube/rejected"): the clean
+        ones, else the restored, else the released.
+        """
+        return [str(path) for path in self.catalog.files(name)]
 
     def rows(self, name: str, sql: str, *values: object) -> list[tuple[Any, ...]]:
         """Rows of a query in which {t} stands for the table; nothing when there are no files.
@@ -87,7 +96,20 @@ class Data:
             return []
         with reading(files):
             parquet.check(*files)
-            return self.con.execute(sql.replace("{t}", scan(files)), list(values)).fetchall()
+            rows = self._filled(name, files)
+            return self.con.execute(sql.replace("{t}", rows), list(values)).fetchall()
+
+    def _filled(self, name: str, files: list[str]) -> str:
+        """SQL for the rows of a table, with nulls for declared columns that a release lacks."""
+        source, _, short = name.partition("/")
+        declared = table(name if name in tables() else f"shared/{short}").arrow()
+        there = set(pq.read_schema(files[0]).names)
+        lacking = [field for field in declared if field.name not in there]
+        if not lacking:
+            return scan(files)
+        view = f"lacking_{source}_{short}"
+        self.con.register(view, pa.schema(lacking).empty_table())
+        return f"(SELECT * FROM {scan(files)} UNION ALL BY NAME SELECT * FROM {view})"
 
     def count(self, name: str) -> int:
         """Rows of a table."""

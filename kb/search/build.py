@@ -21,7 +21,7 @@ from kb.search.analysis import STEMMERS
 from kb.search.passage import MOST_WORDS, Passage
 from kb.store import belonging, indexed
 from kb.store.atomic import replacing_folder
-from kb.store.catalog import NO_TABLES, Catalog
+from kb.store.catalog import NO_TABLES, Catalog, empty
 from kb.store.indexed import Note
 from kb.store.layout import Layout
 
@@ -38,6 +38,8 @@ def index(run: Run) -> Summary:
 
     Raises FatalError where there are no texts, WriterLocked, DamagedData, DiskFull.
     """
+    if not Catalog(run.root.absolute()).views:  # before anything is written
+        raise empty(run.root)
     made = {source: found for source in SOURCES if (found := follow(run, source)) is not None}
     if not made:
         raise FatalError(

@@ -331,10 +331,13 @@ def _reconstructed(root: Path) -> Iterator[View]:
 
 
 def _links(root: Path, work: Path, releases: Iterable[ReleaseFolder]) -> Iterator[View]:
-    """The tables of `kb links` if it has run here, else those of a release."""
+    """The tables of `kb links` or of a release: of a data root its own first, of a download the
+    released ones, which were made of more.
+    """
     shards: dict[str, list[Path]] = {}
-    places = [(Layout(work).links, root)] if is_root(root) or work != root else []
-    for place, home in [*places, *((one.path, one.path) for one in releases)]:
+    made = [(Layout(work).links, root)] if is_root(root) or work != root else []
+    released = [(one.path, one.path) for one in releases]
+    for place, home in [*made, *released] if is_root(root) else [*released, *made]:
         for path in parquet_files(place):
             named = _SHARD.fullmatch(path.name)
             if named and f"links/{named[1]}" in tables():

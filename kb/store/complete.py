@@ -2,7 +2,8 @@
 
 clean/<source>/files.json          the files of each table and verdict, as the filter wrote them
 <table>-00000-of-0000N.parquet     the name says how many there are
-state/release-<source>.exported    an export has filled release/<source>
+state/release-<source>.exported    an export has filled release/<source>: the digest of
+                                   what it was made of (kb.store.inputs)
 """
 
 from __future__ import annotations
@@ -83,11 +84,16 @@ def write_list(clean: Path) -> None:
     write_text(clean / LIST, json.dumps(files, indent=1) + "\n")
 
 
-def note_export(root: Path, source: str) -> None:
-    """Remember that release/<source> is to be there."""
+def note_export(root: Path, source: str, inputs: str = "") -> None:
+    """Remember that release/<source> is to be there, and the digest of what it was made of."""
+    if exported_from(root, source) != inputs:
+        write_text(_exported(root, source), inputs)
+
+
+def exported_from(root: Path, source: str) -> str | None:
+    """The digest that the last export noted, "" for one that noted none; None before the first."""
     place = _exported(root, source)
-    if not place.exists():
-        write_text(place, "")
+    return place.read_text(encoding="utf-8", errors="replace") if place.is_file() else None
 
 
 def exported(root: Path, source: str) -> bool:

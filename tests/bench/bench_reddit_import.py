@@ -5,6 +5,7 @@ same run.
     orjson      the same with orjson
     DuckDB      read_json with explicit columns on the same file, one thread
     ours        names searched in chunks, orjson on hits, names hashed, envelopes written
+    as …        ours, the same lines in another container
     ids of …    the same things by their full names: of a release, which names its subreddit, or of
                 a list, whose ids may be of any
 
@@ -13,6 +14,7 @@ Half a percent of the lines are wanted, as in a monthly file of all subreddits.
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import subprocess
@@ -28,6 +30,7 @@ import zstandard
 from kb.core import clock
 from kb.reddit.byid import keep
 from kb.reddit.onedump import Job, import_file
+from tests.reddit.test_containers import blocks
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]
 LINES = int(os.environ.get("KB_BENCH_LINES", "400000"))
@@ -212,6 +215,14 @@ def test_six_times_json(tmp_path, record_property, later):
         "ids of a release": lambda turn: by_id(path, tmp_path / f"some{turn}", ids, "Minecraft"),
         "ids of a list": lambda turn: by_id(path, tmp_path / f"any{turn}", ids, ""),
     }
+    text = b"".join(line + b"\n" for line in lines_of(path))
+    for name, pack in {"plain": bytes, "gzip": gzip.compress, "zst_blocks": blocks}.items():
+        packed = tmp_path / name
+        packed.write_bytes(pack(text))
+        ways[f"as {name}"] = lambda turn, packed=packed: ours(
+            packed, tmp_path / f"{packed.name}{turn}"
+        )
+    del text
     rates: dict[str, list[float]] = {name: [] for name in ways}
     for turn in range(ROUNDS):
         for name, call in ways.items():

@@ -22,7 +22,7 @@ import duckdb
 import pytest
 
 from kb.core.context import Run
-from kb.core.errors import DamagedData
+from kb.core.errors import DamagedData, FatalError
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.core.sources import PUBLISHED
@@ -35,6 +35,7 @@ from kb.report.style import readable
 from kb.report.toxicity import toxicity
 from kb.schema import table
 from kb.store.frontier import Frontier
+from kb.store.shards import write_table
 from tests.release.made import START, build, rows
 
 FIGURES = {
@@ -248,9 +249,30 @@ def test_word_cloud_counts_rows_not_mentions(root: Path) -> None:
     assert found["honey"] == sum("honey" in words for words in texts)
 
 
-def test_an_empty_root_gives_a_page_that_says_so(tmp_path: Path) -> None:
-    report(a_run(tmp_path))
-    assert "No data yet." in (tmp_path / "report" / "index.html").read_text()
+def test_an_empty_root_gives_no_page_and_says_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(FatalError, match="no tables in ") as caught:
+        report(a_run(tmp_path))
+    assert (caught.value.exit_code, "kb demo" in caught.value.hint) == (1, True)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("no_pdf")
+def test_a_download_has_a_report_outside_of_it(
+    tmp_path: Path, make_rows: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    download = tmp_path / "download"
+    for name in ("youtube/videos", "reddit/posts", "pairs/pairs"):
+        source, _, short = name.partition("/")
+        path = download / source / f"{short}-00000-of-00001.parquet"
+        write_table(path, make_rows(name, 5, released=True), name, released=True)
+    before = sorted(download.rglob("*"))
+    page = Path(report(a_run(download))["page"])
+    assert page.is_relative_to(tmp_path / "cache")
+    assert "No data of YouTube" not in page.read_text()
+    report(a_run(download), tmp_path / "out")
+    assert (tmp_path / "out" / "index.html").is_file()
+    assert sorted(download.rglob("*")) == before
 
 
 def test_what_people_wrote_is_text_and_never_markup(of_one: Callable[[str], OfOne]) -> None:
