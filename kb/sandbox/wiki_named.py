@@ -155,7 +155,7 @@ class Named(Recorded):
             ]
         if "categories" in asked:
             kinds = ("All", entry.kind)
-            said["categories"] = [{"ns": 14, "title": f"Category:{one}"} for one in kinds]
+            said["categories"] = [{"ns": 14, "title": f"Category:{one}"} for one in kinds if one]
         return said
 
     def _rendered(self, entry: Entry, page: dict[str, Any], later: bool) -> str:
