@@ -65,7 +65,8 @@ QUERIES = [
     ),
     (
         "What is named in most places, and in which source?",
-        """SELECT entity, kind, title AS wiki_page, sum(count) FILTER (source = 'youtube') AS videos,
+        """SELECT entity, kind, title AS wiki_page,
+            sum(count) FILTER (source = 'youtube') AS videos,
             sum(count) FILTER (source = 'wiki') AS wiki,
             sum(count) FILTER (source = 'reddit') AS threads
         FROM links.links JOIN links.entities USING (entity)

@@ -21,8 +21,11 @@ def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Call
 
     def filter_(run: Run) -> Summary:
         from kb.filters.clean import run_clean
+        from kb.filters.nothing_kept import check_kept
 
-        return run_clean(run, source)
+        summary = run_clean(run, source)
+        check_kept(run, source, summary)
+        return summary
 
     filter_.__doc__ = (
         f"Sort {what} into clean/{source}: kept, rejected with the reason, failed and pending."

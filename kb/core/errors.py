@@ -14,6 +14,8 @@ KbError                     exit  what follows
 │   ├── CountMismatch             crawled ≠ kept + rejected + failed + pending
 │   ├── SchemaMismatch            a table differs from its declaration in schemas/
 │   ├── DamagedData               a file on disk can't be read
+│   ├── NothingRead               every item of a crawl failed or was refused
+│   ├── NothingKept               a filter kept no row
 │   └── ReleaseRefused            the gate found something that may not be published
 ├── Stopped                 3     the same command goes on where it stopped
 │   ├── QuotaSpent                a quota is used up until `reset_at`
@@ -96,6 +98,14 @@ class SchemaMismatch(FatalError):
 
 class DamagedData(FatalError):
     """A file under the data root can't be read."""
+
+
+class NothingRead(FatalError):
+    """Every item that a crawl asked for failed or was refused."""
+
+
+class NothingKept(FatalError):
+    """Every row failed or was rejected by a filter; the tables are written all the same."""
 
 
 class ReleaseRefused(FatalError):

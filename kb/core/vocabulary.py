@@ -35,6 +35,9 @@ WORDS: dict[str, Word] = {
         "{n} {counted} crawled",
         always=True,
     ),
+    "youtube import.crawled": Word(
+        "Videos that were imported in this run.", "{n} {counted} imported", always=True
+    ),
     "crawled_in_all": Word("The same over all runs on this data root.", "{n} in all"),
     "kept": Word("Items that passed every stage.", "{n} kept", always=True),
     "rejected": Word(

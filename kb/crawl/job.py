@@ -4,13 +4,15 @@ tell what was done.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from kb.core.context import Run
-from kb.core.errors import Interrupted, KbError, Stopped
+from kb.core.errors import Interrupted, KbError, NothingRead, Stopped
 from kb.core.verdict import Summary
+from kb.crawl.limits import upstream
 from kb.crawl.loop import Loop
 from kb.crawl.session import Session, open_session
 from kb.crawl.source import Phase, Source
@@ -29,18 +31,47 @@ def work(
 ) -> Summary:
     """Run `phases` (all of the source's by default) until nothing is left; what was done.
 
-    What failed in an earlier run is tried again once. Raises what `Loop.run` raises, always with
-    the summary so far on the error.
+    What failed in an earlier run is tried again once. Raises what `Loop.run` and `check_read`
+    raise, always with the summary so far on the error.
     """
     with open_session(run, source, place) as session:
         loop = Loop(session, phases, facts=facts)
         try:
             source.discover(session.frontier)
             loop.run()
+            check_read(source, loop)
         except KbError as error:
             error.summary = summarize(session, loop)
             raise
         return summarize(session, loop)
+
+
+def check_read(source: Source, loop: Loop) -> None:
+    """Raises NothingRead when the run read nothing of what it counts, because every item of a phase
+    on the way there failed.
+
+    Where others were ever read it is no news that items fail again, or can't be read for good.
+    """
+    phases = loop.turns.phases
+    counted = {phase.kind for phase in phases if phase.limited}
+    if any(loop.tried[kind].read for kind in counted):
+        return
+    for phase in phases:
+        if phase.kind not in counted.union(*(upstream(phases, kind) for kind in counted)):
+            continue
+        tried = loop.tried[phase.kind]
+        unread = tried.failed + (tried.skipped if phase.kind in counted else Counter())
+        if not tried.n or unread.total() < tried.n:
+            continue
+        news = tried.first and tried.failed
+        if not news and loop.turns.answered(phase.lane, phase) is not None:
+            continue
+        ((reason, n),) = unread.most_common(1)
+        raise NothingRead(
+            f"none of {tried.n:,} {phase.unit} could be read; the most frequent reason is"
+            f" {reason} ({n:,} of {tried.n:,})",
+            hint=source.advice(phase, reason),
+        )
 
 
 class Parts:
@@ -55,7 +86,7 @@ class Parts:
     def __init__(self, command: str, rows: Sequence[str]) -> None:
         self.summary = Summary(command=command, **dict.fromkeys(self.added[:3], 0))
         self._rows = rows
-        self._stopped: list[Stopped] = []
+        self._stopped: list[NothingRead | Stopped] = []
 
     def take(self, job: Callable[..., Summary], *args: Any, **options: Any) -> None:
         """Run one job. Raises what `job` raises, except that only Interrupted ends the command."""
@@ -64,7 +95,7 @@ class Parts:
             done = job(*args, **options)
         except Interrupted:
             raise
-        except Stopped as error:
+        except (NothingRead, Stopped) as error:
             done = error.summary or {}
             self._stopped.append(error)
         for name in self.added:
@@ -73,7 +104,7 @@ class Parts:
         self.summary |= {name: done[name] for name in self._rows if name in done}
 
     def finish(self) -> Summary:
-        """What was done by all. Raises the first job's Stopped, with that."""
+        """What was done by all. Raises the first job's NothingRead or Stopped, with that."""
         if self._stopped:
             self._stopped[0].summary = self.summary
             raise self._stopped[0]

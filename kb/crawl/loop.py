@@ -12,8 +12,9 @@ whose turn it is, in kb.crawl.turns.
 from __future__ import annotations
 
 import threading
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime
 
 from kb.core import clock, signals
@@ -36,6 +37,23 @@ from kb.store.frontier import Item
 _EVERYTHING = (DiskFull, Interrupted)  # stops that are not one service's matter
 
 
+@dataclass
+class Tried:
+    """What became of a kind's items in a run: how many were asked for, how many of these for the
+    first time; how many failed and how many can't be read for good, by reason.
+    """
+
+    n: int = 0
+    first: int = 0
+    failed: Counter[str] = field(default_factory=Counter)
+    skipped: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def read(self) -> int:
+        """How many were read."""
+        return self.n - self.failed.total() - self.skipped.total()
+
+
 class Loop:
     """One run over the frontier. `answered` counts, by kind, the items that were answered or
     failed.
@@ -53,6 +71,7 @@ class Loop:
         self.session, self.frontier, self.source = session, session.frontier, session.source
         self.turns = Turns(session, session.source.phases if phases is None else phases)
         self.answered: Counter[str] = Counter()
+        self.tried: defaultdict[str, Tried] = defaultdict(Tried)  # by kind
         self._facts = facts or (lambda phase: {})
         self._changed = threading.Condition()
         self._end: BaseException | None = None  # why everything ends
@@ -234,8 +253,16 @@ class Loop:
         elif left:
             reason = "unanswered" if failure is None else failure.reason
             self.frontier.mark(phase.kind, left, "error", reason)
+        states = [self.frontier.get(phase.kind, item.key) for item in items]
         with self._changed:
             self.answered[phase.kind] += len(items)
+            tried = self.tried[phase.kind]
+            tried.n += len(items)
+            tried.first += sum(not item.failed for item in items)
+            for status, _, code in filter(None, states):
+                if status in ("error", "skipped"):
+                    why = tried.failed if status == "error" else tried.skipped
+                    why[code or status] += 1
             if failure is None:
                 self._failures[phase.lane] = 0
                 self._doubtful.pop(phase.lane, None)

@@ -145,6 +145,10 @@ class Source(Protocol):
         """
         ...
 
+    def advice(self, phase: Phase, reason: str) -> str:
+        """What to do when every item of a phase failed, most of them for this reason."""
+        ...
+
     def close(self) -> None:
         """Close connections and programs."""
         ...
@@ -176,6 +180,10 @@ class Plain:
         """One by one."""
         for line in lines:
             self.reduce(frontier, kind, rawlog.decode(line))
+
+    def advice(self, phase: Phase, reason: str) -> str:
+        """Try again."""
+        return "the same command tries again what failed"
 
     def close(self) -> None:
         """Nothing to close."""

@@ -20,6 +20,7 @@ from kb.store import complete, database, parquet
 from kb.store.advice import advice
 from kb.store.catalog import SCHEMAS, Catalog, View, bare
 from kb.store.reading import escaped, reading, scan
+from kb.store.release_folder import read_tombstones
 
 
 class Listed(NamedTuple):
@@ -96,10 +97,14 @@ def catalog(root: Path) -> list[Listed]:
     """Every view that has files, by schema and name. Raises DamagedData."""
     listing = []
     for view in found(root):
-        with reading(view.files):
-            footers = [parquet.footer(path) for path in view.files]
-        columns = len(footers[0].schema.to_arrow_schema())
-        rows = sum(footer.num_rows for footer in footers)
+        if view.files[0].suffix == ".ndjson":
+            held = read_tombstones(view.files[0])
+            rows, columns = held.num_rows, held.num_columns
+        else:
+            with reading(view.files):
+                footers = [parquet.footer(path) for path in view.files]
+            columns = len(footers[0].schema.to_arrow_schema())
+            rows = sum(footer.num_rows for footer in footers)
         listing.append(Listed(view.schema, view.name, rows, columns, view.doc))
     return sorted(listing)
 

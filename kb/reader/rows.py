@@ -18,6 +18,7 @@ from kb.reader.hints import hinted
 from kb.store import parquet
 from kb.store.catalog import View
 from kb.store.reading import reading
+from kb.store.release_folder import read_tombstones
 
 if TYPE_CHECKING:
     import pandas
@@ -120,8 +121,15 @@ class Table(Rows):
         return list(self.view.files)
 
     @property
+    def _is_list(self) -> bool:
+        """Whether this is a release's list of tombstones, which is no Parquet."""
+        return self.view.files[0].suffix == ".ndjson"
+
+    @property
     def dataset(self) -> ds.Dataset:
         """The shards as a pyarrow Dataset, every byte of them checked. Raises DamagedData."""
+        if self._dataset is None and self._is_list:
+            self._dataset = ds.dataset(read_tombstones(self.view.files[0]))
         if self._dataset is None:
             with reading(self.view.files):
                 parquet.check(*self.view.files)
@@ -131,8 +139,8 @@ class Table(Rows):
     @property
     def schema(self) -> pa.Schema:
         """Columns with their types; `schema.field("fps").metadata` says what one means."""
-        if self._dataset is not None:
-            return self._dataset.schema
+        if self._dataset is not None or self._is_list:
+            return self.dataset.schema
         with reading(self.view.files):
             parquet.footer(self.view.files[0])
             return pq.read_schema(self.view.files[0])
@@ -165,6 +173,8 @@ class Table(Rows):
     @hinted
     def count_rows(self) -> int:
         """How many rows there are, by the files' footers. Raises DamagedData."""
+        if self._is_list:
+            return int(self.dataset.count_rows())
         with reading(self.view.files):
             return sum(parquet.footer(path).num_rows for path in self.view.files)
 

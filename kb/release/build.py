@@ -29,8 +29,13 @@ from kb.store import belonging, complete, tombstones
 from kb.store.atomic import write_text
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES
-from kb.store.release_folder import TOMBSTONES, ReleaseFolder, read
-from kb.store.shards import write_table
+from kb.store.release_folder import (
+    EARLIER_TOMBSTONES,
+    TOMBSTONES,
+    ReleaseFolder,
+    read,
+    tombstone_lines,
+)
 
 _log = logging.getLogger(__name__)
 
@@ -172,4 +177,5 @@ def _tombstones(run: Run, folder: ReleaseFolder) -> None:
     declared = table("shared/tombstones")
     parts = [tombstones.read(run.root, source) for source in made_of(folder.source)]
     rows = pa.concat_tables([part.select(declared.names(released=True)) for part in parts])
-    write_table(folder.path / TOMBSTONES, rows, declared, released=True)
+    write_text(folder.path / TOMBSTONES, tombstone_lines(rows))
+    (folder.path / EARLIER_TOMBSTONES).unlink(missing_ok=True)

@@ -153,9 +153,9 @@ def _tables(folder: ReleaseFolder) -> tuple[list[Problem], list[Part]]:
         found += problems
     tombstones = folder.path / TOMBSTONES
     if tombstones in folder.files():
-        found += columns.check(tombstones, table("shared/tombstones"), folder.source)
+        found += columns.check_rows(tombstones, table("shared/tombstones"), folder.source)
     for declared, path in samples(folder):
-        found += columns.check_sample(path, declared, folder.source)
+        found += columns.check_rows(path, declared, folder.source)
     return found, whole
 
 

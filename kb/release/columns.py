@@ -38,11 +38,13 @@ def check(path: Path, declared: Table, source: str) -> list[Problem]:
         return [damaged(where, error, "export it again")]
 
 
-def check_sample(path: Path, declared: Table, source: str) -> list[Problem]:
-    """The same of a sample, which is a JSON list of rows."""
+def check_rows(path: Path, declared: Table, source: str) -> list[Problem]:
+    """The same of rows in JSON: a sample, which is a list of them, or tombstones, one a line."""
     where = f"{source}/{path.name}"
     try:
-        rows = orjson.loads(path.read_bytes())
+        data = path.read_bytes()
+        lines = path.suffix == ".ndjson"
+        rows = [*map(orjson.loads, data.splitlines())] if lines else orjson.loads(data)
         if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
             raise ValueError("it is no list of rows")
     except (ValueError, OSError) as error:

@@ -10,7 +10,7 @@ from kb.core.sources import PUBLISHED
 from kb.schema import Table, released_tables
 from kb.store.digests import SUMS
 from kb.store.layout import Layout
-from kb.store.release_folder import TOMBSTONES, ReleaseFolder, entries, read
+from kb.store.release_folder import EARLIER_TOMBSTONES, TOMBSTONES, ReleaseFolder, entries, read
 
 DEPOSIT = "zenodo.json"
 MADE = (
@@ -21,6 +21,7 @@ MADE = (
     "croissant.json",
     DEPOSIT,
     TOMBSTONES,
+    EARLIER_TOMBSTONES,
     PROFILE_FILE,
     "keywords.tsv",
     "provenance.json",

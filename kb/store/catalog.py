@@ -30,7 +30,7 @@ from kb.schema.tables import Table, table, tables
 from kb.store import complete, release_folder
 from kb.store.advice import advice
 from kb.store.layout import TOP, Layout, parquet_files
-from kb.store.release_folder import TOMBSTONES, ReleaseFolder
+from kb.store.release_folder import ReleaseFolder
 from kb.store.tally import VERDICTS
 
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
@@ -271,7 +271,8 @@ def _clean(root: Path) -> Iterator[View]:
             place, doc = at.clean(source, verdict), table(f"shared/{verdict}").doc
             yield from _view("clean", f"{source}_{verdict}", place, "*.parquet", doc, root)
         doc = table("shared/tombstones").doc
-        yield from _view("clean", f"{source}_tombstones", at.raw(source), TOMBSTONES, doc, root)
+        place = at.tombstones(source)[0]
+        yield from _view("clean", f"{source}_tombstones", place.parent, place.name, doc, root)
 
 
 def _released(folders: Iterable[ReleaseFolder]) -> list[View]:

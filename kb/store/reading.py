@@ -50,7 +50,7 @@ def broken(files: Iterable[Path | str]) -> DamagedData | None:
     Checksums and footers first, then every page, a batch at a time, then whether it is the table
     that its place says.
     """
-    paths = [Path(file) for file in files]
+    paths = [path for path in map(Path, files) if path.suffix != ".ndjson"]
     for deep in (False, True):
         for path in paths:
             try:
@@ -125,7 +125,14 @@ def filtered(root: Path, source: str) -> dict[str, Any]:
 
 def scan(files: Iterable[Path | str]) -> str:
     """SQL that reads these files and no others."""
-    listed = ", ".join(literal(file) for file in files)
+    paths = list(files)
+    listed = ", ".join(literal(file) for file in paths)
+    if any(str(path).endswith(".ndjson") for path in paths):  # tombstones of a release
+        kinds = ", ".join(
+            f"'{field.name}': '{'TIMESTAMPTZ' if pa.types.is_timestamp(field.type) else 'VARCHAR'}'"
+            for field in table("shared/tombstones").arrow(True)
+        )
+        return f"read_json([{listed}], format = 'newline_delimited', columns = {{{kinds}}})"
     return f"read_parquet([{listed}])"
 
 

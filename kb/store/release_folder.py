@@ -13,17 +13,23 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import datetime
 from functools import cache
 from pathlib import Path
 from typing import cast
 
+import orjson
+import pyarrow as pa
+
+from kb.core.errors import DamagedData
 from kb.core.resources import PROFILE_FILE
-from kb.schema.tables import Table, released_tables, tables
+from kb.schema.tables import Table, released_tables, table, tables
 from kb.store import complete, parquet
 from kb.store.digests import SUMS, parsed
 from kb.store.reading import reading
 
-TOMBSTONES = "tombstones.parquet"
+TOMBSTONES = "tombstones.ndjson"  # readers of `*.parquet` took a Parquet file for a shard
+EARLIER_TOMBSTONES = "tombstones.parquet"  # of earlier releases
 INDEX = "index.ndjson"
 DOWNLOAD = "download it again, into the same folder"
 _SHARD = re.compile(r"([a-z][a-z0-9_]*)-[0-9]{5}-of-[0-9]{5}\.parquet")
@@ -67,16 +73,14 @@ class ReleaseFolder:
     @property
     def tombstones(self) -> Path | None:
         """The list of keys that were removed since collection began."""
-        path = self.path / TOMBSTONES
-        return path if path.is_file() else None
+        places = (self.path / name for name in (TOMBSTONES, EARLIER_TOMBSTONES))
+        return next((path for path in places if path.is_file()), None)
 
     def removed(self) -> set[str]:
         """The removed keys. Raises DamagedData."""
         if self.tombstones is None:
             return set()
-        with reading([self.tombstones]):
-            keys = parquet.read_table(self.tombstones, columns=["key"])["key"]
-        return set(cast("list[str]", keys.to_pylist()))
+        return set(cast("list[str]", read_tombstones(self.tombstones)["key"].to_pylist()))
 
     @property
     def profile(self) -> Path | None:
@@ -118,6 +122,28 @@ def read(folder: Path, source: str) -> ReleaseFolder:
         file for file in own if archives and (file.name == INDEX or _ARCHIVE.fullmatch(file.name))
     )
     return ReleaseFolder(source, folder, parts, others)
+
+
+def read_tombstones(path: Path) -> pa.Table:
+    """The rows of a folder's tombstones, as shared/tombstones declares them. Raises DamagedData."""
+    if path.suffix == ".parquet":
+        with reading([path]):
+            return parquet.read_table(path)
+    schema = table("shared/tombstones").arrow(True)
+    try:
+        rows = [orjson.loads(line) for line in path.read_bytes().splitlines()]
+        for row in rows:
+            row["removed_at"] = datetime.fromisoformat(row["removed_at"])
+        return pa.Table.from_pylist(rows, schema)
+    except (ValueError, TypeError, KeyError, OSError, pa.ArrowException) as error:
+        what = (str(error).splitlines() or [type(error).__name__])[0]
+        raise DamagedData(f"{path} can't be read: {what}", hint=DOWNLOAD) from None
+
+
+def tombstone_lines(rows: pa.Table) -> str:
+    """The rows as the file holds them: a JSON object a line."""
+    lines = (orjson.dumps(row, option=orjson.OPT_UTC_Z) for row in rows.to_pylist())
+    return "".join(f"{line.decode()}\n" for line in lines)
 
 
 def below(folder: Path) -> Iterator[ReleaseFolder]:

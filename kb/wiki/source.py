@@ -160,6 +160,17 @@ class WikiSource(Plain):
         """Take an answer into the frontier."""
         reduce.reduce(frontier, kind, envelope)
 
+    def advice(self, phase: Phase, reason: str) -> str:
+        """Where all pages fail, the browser or the profile's selectors are to blame."""
+        if phase.kind != "pages":
+            return super().advice(phase, reason)
+        if reason == "disallowed":
+            return "the wiki's robots.txt bars these pages: ask its operators"
+        return (
+            f"check [wiki] in {self._run.profile.path}; `kb profile check --online` tries its"
+            " selectors"
+        )
+
     def close(self) -> None:
         """End the browsers, close the connections."""
         if self._pool is not None:

@@ -235,7 +235,7 @@ def _view(file: Path) -> str:
             return f"release.{source}_{name.partition('-')[0]}"
         case (_, source, "tombstones.parquet") if file.parts[0] == "raw":
             return f"clean.{source}_tombstones"
-        case ("release", source, "tombstones.parquet"):
+        case ("release", source, "tombstones.ndjson"):
             return f"release.{source}_tombstones"
     return ""
 

@@ -18,6 +18,7 @@ from kb.core.context import Run
 from kb.core.errors import (
     Blocked,
     LimitReached,
+    NothingRead,
     OtherService,
     Retryable,
     Unreachable,
@@ -31,7 +32,8 @@ from kb.crawl.loop import Loop
 from kb.crawl.session import Session, open_session
 from kb.crawl.source import Answer, Phase
 from kb.store import rawlog
-from kb.store.frontier import Item
+from kb.store.frontier import Frontier, Item
+from kb.store.rawlog import Envelope
 from tests import forked
 from tests.crawl.feed import NOTES, PAGES, Feed
 from tests.crawl.service import Service, serving
@@ -345,3 +347,24 @@ def test_killed_at_any_request_it_loses_and_repeats_nothing(
     crawl(run, service)
     assert sorted(texts(run.root)) == [f"the text of {key}" for key in service.ids]
     assert service.asked.total() <= 15  # but for the one in flight, nothing was asked twice
+
+
+def test_a_run_in_which_every_item_fails_is_no_success(run: Run) -> None:
+    """Answers came, so the service is up; but nothing could be done with any of them."""
+
+    class Odd(Feed):
+        def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
+            super().reduce(frontier, kind, envelope)
+            if kind == "notes":
+                key = envelope.request.params["id"]
+                frontier.error("notes", key, "blank" if key != "n003" else "torn")
+
+    with serving(12, page=12) as service:
+        for _ in range(2):  # nothing was ever read, so it is worth the same word again
+            with pytest.raises(NothingRead) as error:
+                work(run, Odd(run.settings, service.root), summary)
+            assert str(error.value) == (
+                "none of 12 notes could be read; the most frequent reason is blank (11 of 12)"
+            )
+            assert error.value.summary == {"notes": 12, "failed": 12, "left": 0}
+        assert crawl(run, service)["failed"] == 0

@@ -239,7 +239,7 @@ def test_texts_come_from_clean_or_from_what_was_restored(
     # What a later release removed stays out of an older copy of its texts.
     first = clean.replies[0]
     shutil.copytree(release / "reddit", tmp_path / "release" / "reddit")
-    (tmp_path / "release" / "reddit" / "tombstones.parquet").unlink()
+    (tmp_path / "release" / "reddit" / "tombstones.ndjson").unlink()
     tombstones.add(tmp_path, "reddit", [(f"t1_{first.comment_id}", "deleted")])
     shutil.copy(tmp_path / "raw" / "reddit" / "tombstones.parquet", tmp_path / "release" / "reddit")
     later = kb.load(tmp_path / "release", root / "export" / "reconstructed").thread(post)

@@ -24,6 +24,7 @@ import pyarrow.parquet as pq
 import pytest
 import requests
 
+import kb
 from kb.core.sources import PUBLISHED
 from kb.release.publish import publish
 from kb.sandbox.server import Sandbox
@@ -282,13 +283,13 @@ def _as_json(row: dict[str, Any]) -> dict[str, Any]:
 def test_every_row_comes_once_for_who_reads_all_parquet_files(
     downloaded: Path, source: str
 ) -> None:
-    """Nothing beside the shards and the tombstones is a `*.parquet`."""
+    """Nothing beside the shards is a `*.parquet`."""
     others = {
         path.name
         for path in (downloaded / source).glob("*.parquet")
         if not re.fullmatch(r"[a-z]+-\d{5}-of-\d{5}\.parquet", path.name)
     }
-    assert others == {"tombstones.parquet"}
+    assert not others
 
 
 def test_no_text_of_reddit_or_transcripts_leaves(downloaded: Path) -> None:
@@ -310,13 +311,16 @@ def test_no_text_of_reddit_or_transcripts_leaves(downloaded: Path) -> None:
 
 
 def test_tombstones_have_their_columns_even_without_rows(downloaded: Path) -> None:
+    data = kb.load(downloaded)
     for source in SOURCES:
-        assert pq.read_schema(downloaded / source / "tombstones.parquet").names == [
+        assert (downloaded / source / "tombstones.ndjson").is_file()
+        assert data[f"{source}_tombstones"].schema.names == [
             "key",
             "source",
             "removed_at",
             "reason",
         ]
+        assert data.sql(f"SELECT reason, removed_at FROM {source}_tombstones").to_pylist() == []
 
 
 @pytest.mark.parametrize("source", SOURCES)

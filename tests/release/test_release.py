@@ -5,6 +5,7 @@ tombstones, samples.
 from __future__ import annotations
 
 import json
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 from jinja2 import UndefinedError
 from markdown_it import MarkdownIt
 
+import kb
 from kb.core.context import Run
 from kb.core.licences import KNOWN
 from kb.release import sample
@@ -94,9 +96,12 @@ def test_tombstones_follow_and_reach_the_pairs(tmp_path: Path) -> None:
     tombstones.add(tmp_path, "youtube", [("vid-gone", "deleted")])
     release(a_run(tmp_path))
     for source in ("youtube", "pairs"):
-        assert pq.read_table(tmp_path / "release" / source / "tombstones.parquet")[
-            "key"
-        ].to_pylist() == ["vid-gone"]
+        lines = (tmp_path / "release" / source / "tombstones.ndjson").read_text().splitlines()
+        (row,) = map(json.loads, lines)
+        assert (row["key"], row["source"], row["reason"]) == ("vid-gone", "youtube", "deleted")
+        assert row["removed_at"].endswith("Z")
+        (read,) = kb.load(tmp_path / "release")[f"release.{source}_tombstones"].to_pylist()
+        assert read["removed_at"] == datetime.fromisoformat(row["removed_at"])
     assert "1 keys were removed" in (tmp_path / "release" / "youtube" / "DATASHEET.md").read_text()
 
 

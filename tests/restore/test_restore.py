@@ -5,13 +5,13 @@ nothing that was removed.
 from __future__ import annotations
 
 import hashlib
+import json
 import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
 import pytest
 
 import kb
@@ -25,7 +25,6 @@ from kb.release.build import describe
 from kb.release.downloaded import find
 from kb.schema import table
 from kb.store import tombstones
-from kb.store.shards import write_table
 from tests.reddit.dumped import write
 from tests.reddit.test_from_dumps import archived
 from tests.reddit.work import NOW, rows, texts
@@ -264,15 +263,13 @@ def test_tombstones_of_a_release_are_never_asked_for(
 
 def _bury(folder: Path, source: str, key: str) -> None:
     """A newer release's tombstone."""
-    declared = table("shared/tombstones")
-    columns = {"key": [key], "source": [source], "reason": ["named"]}
-    times = pa.array([1_700_000_000_000_000], pa.timestamp("us", "UTC"))
-    one = pa.table({**columns, "removed_at": times}).select(declared.names(released=True))
-    write_table(folder / "tombstones.parquet", one, declared, released=True)
+    place = folder / "tombstones.ndjson"
+    row = {"key": key, "source": source, "removed_at": "2023-11-14T22:13:20Z", "reason": "named"}
+    place.write_text(f"{json.dumps(row)}\n")
+    digest = hashlib.sha256(place.read_bytes()).hexdigest()
     sums = (folder / "SHA256SUMS").read_text().splitlines()
-    digest = hashlib.sha256((folder / "tombstones.parquet").read_bytes()).hexdigest()
-    kept = [line for line in sums if not line.endswith("  tombstones.parquet")]
-    lines = [*kept, f"{digest}  tombstones.parquet"]
+    kept = [line for line in sums if not line.endswith("  tombstones.ndjson")]
+    lines = [*kept, f"{digest}  tombstones.ndjson"]
     (folder / "SHA256SUMS").write_text("".join(f"{line}\n" for line in lines))
 
 
@@ -328,6 +325,9 @@ def test_one_part_alone(made: Made, reader: Reader, release: Path) -> None:
     done = reader.restore(release, only="pairs", without=KEYS[1:])
     assert done["filled"] == done["pairs"] == len(rows(made.root / "pairs"))
     assert not (reader.root / "restored" / "reddit").exists()
+    assert (reader.root / "restored" / "profile.toml").is_file()
+    answers = kb.load(reader.root).search("the", source="youtube").to_pylist()
+    assert any(one["kind"] == "transcript" for one in answers)  # of what was restored
     with pytest.raises(SettingError, match="--only reddit"):
         reader.restore(release / "youtube", only="reddit")
 

@@ -10,7 +10,7 @@ import json
 import pyarrow.parquet as pq
 import pytest
 
-from kb.core.errors import SettingError
+from kb.core.errors import NothingRead, SettingError
 from kb.core.pipeline import load, locate
 from kb.filters.clean import run_clean
 from kb.store import rawlog, tombstones
@@ -110,7 +110,8 @@ def test_what_became_a_redirect_is_found_by_its_id_and_is_no_row(wiki, run):
     wiki.hook = lambda request: (
         {"batchcomplete": True} if request.args.get("list") or "pageids" in request.args else None
     )
-    assert crawl(dataclasses.replace(run, again=True))["failed"] == 1
+    with pytest.raises(NothingRead, match="none of 1 parts of the list"):
+        crawl(dataclasses.replace(run, again=True))
     wiki.hook = lambda request: {"query": {"allpages": []}} if request.args.get("list") else None
     odd = {"query": {"pages": [{"pageid": 2, "ns": 0, "title": "Beta"}]}}
     wiki.hook = lambda request: (
