@@ -65,11 +65,13 @@ QUERIES = [
     ),
     (
         "What is named in most places, and in which source?",
-        """SELECT entity, kind, wiki_page_id, sum(count) FILTER (source = 'youtube') AS videos,
+        """SELECT entity, kind, title AS wiki_page,
+            sum(count) FILTER (source = 'youtube') AS videos,
             sum(count) FILTER (source = 'wiki') AS wiki,
             sum(count) FILTER (source = 'reddit') AS threads
         FROM links.links JOIN links.entities USING (entity)
+            LEFT JOIN release.wiki_pages ON wiki_page_id = page_id
         GROUP BY ALL ORDER BY sum(count) DESC, entity LIMIT 8""",
-        ["links.links", "links.entities"],
+        ["links.links", "links.entities", "release.wiki_pages"],
     ),
 ]

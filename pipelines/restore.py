@@ -24,7 +24,7 @@ from kb.pairs import refill
 from kb.reddit import dumpfiles
 from kb.reddit import restored as reddit
 from kb.reddit.restored import Dumps
-from kb.release.downloaded import Folders, verify
+from kb.release.downloaded import Folders, keep_profile, verify
 from kb.release.missing import write_missing
 from kb.release.wanted import choose
 from kb.store import lock
@@ -59,6 +59,7 @@ def restore(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = No
         return parts.summary
     run.root.mkdir(parents=True, exist_ok=True)
     with lock.taking(run.root, "restored"):
+        keep_profile(run.root, folders)
         if wanted.videos:
             parts.take(youtube.bring, run, wanted.videos, _sort, gone["youtube"], wanted.had)
         if wanted.reddit:

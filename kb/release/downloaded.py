@@ -8,8 +8,10 @@ from pathlib import Path
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
 from kb.store import release_folder
+from kb.store.atomic import write_bytes
 from kb.store.catalog import Catalog
 from kb.store.digests import SUMS, digest
+from kb.store.layout import Layout
 from kb.store.release_folder import DOWNLOAD, ReleaseFolder
 
 Folders = Sequence[ReleaseFolder]
@@ -59,6 +61,16 @@ def _sums(folder: Path) -> dict[str, str]:
             hint=f"{DOWNLOAD}; for a folder of your own run `kb release` first",
         )
     return sums
+
+
+def keep_profile(root: Path, releases: Folders) -> None:
+    """Copy the releases' profile and keywords beside what is restored, which later commands read
+    with them.
+    """
+    own = profile_of(releases)
+    for path in (own, own.with_name("keywords.tsv")) if own else ():
+        if path.is_file():
+            write_bytes(Layout(root).restored() / path.name, path.read_bytes())
 
 
 def profile_of(releases: Folders) -> Path | None:

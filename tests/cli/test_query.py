@@ -260,7 +260,7 @@ def test_out_names_a_file_a_link_or_a_pipe(kb: Any, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "code"),
-    [(("query", "SELECT 1"), 2), (("query", "--tables"), 2), (("status",), 0)],
+    [(("query", "SELECT 1"), 2), (("query", "--tables"), 2), (("status",), 2)],
 )
 def test_a_root_that_is_not_there_stays_so(
     kb: Any, tmp_path: Path, arguments: tuple[str, ...], code: int

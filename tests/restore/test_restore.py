@@ -325,6 +325,9 @@ def test_one_part_alone(made: Made, reader: Reader, release: Path) -> None:
     done = reader.restore(release, only="pairs", without=KEYS[1:])
     assert done["filled"] == done["pairs"] == len(rows(made.root / "pairs"))
     assert not (reader.root / "restored" / "reddit").exists()
+    assert (reader.root / "restored" / "profile.toml").is_file()
+    answers = kb.load(reader.root).search("the", source="youtube").to_pylist()
+    assert any(one["kind"] == "transcript" for one in answers)  # of what was restored
     with pytest.raises(SettingError, match="--only reddit"):
         reader.restore(release / "youtube", only="reddit")
 
