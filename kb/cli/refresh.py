@@ -31,37 +31,25 @@ OlderThan = Annotated[
     uses=("wait",),
     limit="Stop after N more videos (exit code 3); the next run resumes.",
     json="crawled, missing, failed, pending, requests, units",
-    planned=("older_than", "metadata"),
+    planned=("older_than",),
     needs_data=True,
     examples=[
         "kb refresh youtube --wait",
-        "kb refresh youtube --metadata            titles, descriptions and licences as well",
         "kb refresh youtube --limit 5000",
-        "kb refresh youtube --older-than 0        everything, now",
+        "kb refresh youtube --older-than 7        also counts that are older than a week",
     ],
 )
-def youtube(
-    run: Run,
-    older_than: OlderThan = None,
-    metadata: Annotated[
-        bool,
-        typer.Option(
-            "--metadata",
-            help="Read all metadata again, not only statistics; spends the general quota.",
-        ),
-    ] = False,
-    plan: Plan = False,
-) -> Summary:
-    """Read statistics older than the profile's max_age_days again and mark videos that vanished.
+def youtube(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summary:
+    """Read metadata older than the profile's max_age_days again and mark videos that vanished.
 
-    One unit for 50 videos, of the quota that statistics have for themselves; videos that YouTube
-    leaves out, and imported ones, are read in full from the general quota. YouTube's terms ask the
-    same of titles and descriptions: --metadata. Run `kb youtube filter` and `export` afterwards.
+    One unit of the general quota for 50 videos. With a smaller --older-than also the counts of
+    videos whose metadata are fresh, from the quota that statistics have for themselves.
+    Run `kb youtube filter` and `export` afterwards.
     """
     from kb.youtube.refresh import plan_refresh, refresh
 
     do = plan_refresh if plan else refresh
-    return do(run, older_than, metadata=metadata)
+    return do(run, older_than)
 
 
 @command(

@@ -5,8 +5,9 @@
     ytdlp_info    an imported file of yt-dlp
 
 A value is the newest answer's, or where that has none the other's: an import replaces nothing
-by null. The counts and `fetched_at` are of one answer, the newest that has views. Only videos.list
-says that a video is missing: no file brings back what the service has removed.
+by null. The counts and `counted_at` are of one answer, the newest that has views; `fetched_at` says
+how old all the rest is. Only videos.list says that a video is missing: no file brings back what the
+service has removed.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 FROM_FILE = "from_file"  # true for a video that only an imported file tells of
-COUNTS = ("view_count", "like_count", "comment_count", "fetched_at")
+COUNTED = ("view_count", "like_count", "comment_count")
+_OF_ONE = (*COUNTED, "counted_at")
 
 
 def one_row_each(
@@ -35,18 +37,19 @@ def one_row_each(
         rows = files.append_column(FROM_FILE, pa.repeat(pa.scalar(True), files.num_rows))
     else:
         rows = _joined(videos, files)
-    if rows is None or statistics is None:
-        return rows
-    return with_statistics(rows, statistics)
+    if rows is None:
+        return None
+    return _stamped(rows) if statistics is None else with_statistics(rows, statistics)
 
 
 def with_statistics(rows: pa.Table, statistics: pa.Table) -> pa.Table:
     """The rows with the counts of `statistics` where these are newer and have views."""
+    rows = _stamped(rows)
     if not statistics.num_rows:
         return rows
-    fresh = aligned(statistics, _one(rows, "video_id"))
+    fresh = aligned(_stamped(statistics), _one(rows, "video_id"))
     newer = _newer(fresh, rows)
-    for name in COUNTS:
+    for name in _OF_ONE:
         rows = _with(rows, name, pc.if_else(newer, _one(fresh, name), _one(rows, name)))
     return rows
 
@@ -61,8 +64,8 @@ def aligned(rows: pa.Table, keys: pa.Array[Any]) -> pa.Table:
 def _joined(videos: pa.Table, files: pa.Table) -> pa.Table:
     keys = pc.unique(pa.concat_arrays([_one(videos, "video_id"), _one(files, "video_id")]))
     keys = keys.take(pc.sort_indices(keys))
-    api, file = aligned(videos, keys), aligned(files, keys)
-    newest_first = pc.or_(pc.is_null(_one(api, "fetched_at")), _is_after(file, api))
+    api, file = aligned(_stamped(videos), keys), aligned(_stamped(files), keys)
+    newest_first = pc.or_(pc.is_null(_one(api, "fetched_at")), _is_after(file, api, "fetched_at"))
     made: dict[str, Any] = {}
     for name in _names(api, file):
         if name not in api.column_names or name not in file.column_names:
@@ -73,7 +76,7 @@ def _joined(videos: pa.Table, files: pa.Table) -> pa.Table:
     rows = pa.table({**made, "video_id": keys, "missing": _missing(api)})
     rows = rows.append_column(FROM_FILE, pc.is_null(_one(api, "fetched_at")))
     counted = pc.or_(_newer(file, api), pc.is_null(_one(api, "view_count")))
-    for name in COUNTS:
+    for name in _OF_ONE:
         either = pc.if_else(counted, _one(file, name), _one(api, name))
         rows = _with(rows, name, pc.if_else(_counts(file, api), either, _one(rows, name)))
     return rows
@@ -92,15 +95,20 @@ def _newer(one: pa.Table, other: pa.Table) -> pa.Array[Any]:
     """Where `one` has views, and is the newer or the other has none."""
     views = pc.is_valid(_one(one, "view_count"))
     alone = pc.is_null(_one(other, "view_count"))
-    newer: pa.Array[Any] = pc.and_(views, pc.or_(alone, _is_after(one, other)))
+    newer: pa.Array[Any] = pc.and_(views, pc.or_(alone, _is_after(one, other, "counted_at")))
     return newer
 
 
-def _is_after(one: pa.Table, other: pa.Table) -> pa.Array[Any]:
-    after: pa.Array[Any] = pc.fill_null(
-        pc.greater(_one(one, "fetched_at"), _one(other, "fetched_at")), False
-    )
+def _is_after(one: pa.Table, other: pa.Table, when: str) -> pa.Array[Any]:
+    after: pa.Array[Any] = pc.fill_null(pc.greater(_one(one, when), _one(other, when)), False)
     return after
+
+
+def _stamped(rows: pa.Table) -> pa.Table:
+    """The rows with `counted_at`: an answer's counts are as old as the answer."""
+    if "counted_at" in rows.column_names:
+        return rows
+    return rows.append_column("counted_at", _one(rows, "fetched_at"))
 
 
 def _missing(api: pa.Table) -> pa.Array[Any]:

@@ -1,9 +1,10 @@
 """Read again what is older than the profile allows: data that is not refreshed should go, say
 the terms of YouTube's API.
 
-    statistics   videos.batchGetStats: the counts of the videos that are due, by a bucket of its own
-    refresh      videos.list: all of the metadata, of videos that the first call leaves out, that
-                 are known by an imported file only, and with `metadata` of all that are due
+    refresh      videos.list: all of the metadata, of videos whose metadata are older than the
+                 profile allows, or known by an imported file only
+    statistics   videos.batchGetStats: the counts of other videos that are due, by a bucket of its
+                 own; a video that it leaves out is asked for by videos.list
 
 Newer answers win when filtering. Only videos.list says that a video is gone, as the first call
 does not answer all or nothing; such a video becomes `missing`, and `kb purge youtube` removes it.
@@ -104,10 +105,10 @@ def newest(root: Path, *kinds: str) -> dict[str, str]:
     return times
 
 
-def plan_refresh(run: Run, older_than: int | None = None, *, metadata: bool = False) -> Summary:
+def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
     """What a refresh would read again now, and its units by bucket. Sends and writes nothing."""
     purged = tombstones.keys(run.root, "youtube")
-    due = _due(run, run.profile.section("youtube"), purged, older_than, metadata)
+    due = _due(run, run.profile.section("youtube"), purged, older_than)
     phases = [
         _step("statistics to refresh", STATISTICS, len(due.statistics)),
         _step("videos to refresh", REFRESH, len(due.metadata)),
@@ -125,48 +126,47 @@ def _step(name: str, kind: str, items: int) -> Step:
     return Step(name, items, requests=calls, units=calls, gb=calls * BYTES_A_CALL[kind] / 1e9)
 
 
-def _due(
-    run: Run, profile: Profile, purged: Collection[str], older_than: int | None, metadata: bool
-) -> Due:
-    """Videos whose newest answer is older than so many days, or than `profile` allows."""
+def _due(run: Run, profile: Profile, purged: Collection[str], older_than: int | None) -> Due:
+    """Videos whose metadata, or counts, are older than so many days; by default what the profile
+    allows for the metadata.
+    """
     days = profile.max_age_days if older_than is None else older_than
     oldest = clock.now() - timedelta(days=days)
-    in_full = newest(run.root, RAW_VIDEOS)
-    others = (RAW_INFO,) if metadata else (RAW_INFO, RAW_STATISTICS)
-    read = newest(run.root, *others)
-    for key, at in in_full.items():
-        if metadata or read.get(key, "") < at:
-            read[key] = at
-    due = [
-        key
-        for key, at in read.items()
-        # With 0 days also what was read in this very second.
-        if (clock.parse(at) < oldest or older_than == 0) and key not in purged
-    ]
-    if metadata:
-        return Due([], due)
-    return Due([key for key in due if key in in_full], [key for key in due if key not in in_full])
+    too_old = clock.now() - timedelta(days=max(days, profile.max_age_days))
+    in_full, filed = newest(run.root, RAW_VIDEOS), newest(run.root, RAW_INFO)
+    counts = newest(run.root, RAW_VIDEOS, RAW_INFO, RAW_STATISTICS)
+    due = Due([], [])
+    for key, counted in counts.items():
+        full = in_full.get(key)
+        if key in purged or (full is None and key not in filed):
+            continue
+        if clock.parse(full or filed[key]) < too_old:
+            due.metadata.append(key)
+        elif clock.parse(counted) < oldest or older_than == 0:
+            # With 0 days also what was read in this very second.
+            (due.metadata if full is None else due.statistics).append(key)
+    return due
 
 
-def refresh(run: Run, older_than: int | None = None, *, metadata: bool = False) -> Summary:
-    """Read the counts of every video again whose newest answer is older than `max_age_days`, and
-    find out which videos are gone; with `metadata` all that the Data API says of them.
+def refresh(run: Run, older_than: int | None = None) -> Summary:
+    """Read every video again whose metadata are older than `max_age_days`, and find out which
+    videos are gone.
 
-    `older_than` days count instead (0: everything). What it found due is kept until it is read, so
-    the same command goes on where it stopped. One unit for 50 videos. Raises Stopped with `summary`
-    when something is left.
+    With `older_than` also the counts that are older than so many days (0: all of them). What it
+    found due is kept until it is read, so the same command goes on where it stopped. One unit for
+    50 videos. Raises Stopped with `summary` when something is left.
     """
-    source = Refresh(run, older_than, metadata)
+    source = Refresh(run, older_than)
     return work(run, source, source.summary, phases=source.chosen, facts=source.facts)
 
 
 class Refresh(YouTube):
     """The videos that are due. Nothing is asked of the web site: transcripts don't age."""
 
-    def __init__(self, run: Run, older_than: int | None, metadata: bool) -> None:
+    def __init__(self, run: Run, older_than: int | None) -> None:
         super().__init__(run)
         self.chosen = [READ, COUNT]
-        self._older_than, self._metadata, self._goes_on = older_than, metadata, False
+        self._older_than, self._goes_on = older_than, False
 
     def begin(self, opened: Opened) -> None:
         """See whether a refresh was stopped, before what has failed is opened again."""
@@ -178,7 +178,7 @@ class Refresh(YouTube):
     def discover(self, frontier: Frontier) -> None:
         """What is due, unless the last refresh has left something."""
         if not self._goes_on:
-            due = _due(self.run, self.profile, self.opened.gone, self._older_than, self._metadata)
+            due = _due(self.run, self.profile, self.opened.gone, self._older_than)
             with frontier.transaction():
                 frontier.replace(STATISTICS, due.statistics)
                 frontier.replace(REFRESH, due.metadata)

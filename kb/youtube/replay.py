@@ -19,7 +19,7 @@ from kb.store.frontier import Frontier
 from kb.store.newest import newest
 from kb.store.rawlog import Envelope
 from kb.youtube import parse
-from kb.youtube.merge import COUNTS, with_statistics
+from kb.youtube.merge import COUNTED, with_statistics
 from kb.youtube.reduce import (
     RAW_INFO,
     RAW_STATISTICS,
@@ -101,7 +101,7 @@ def _newest_counts(root: Path) -> pa.Table:
         for path in rawlog.segments(root, "youtube", RAW_STATISTICS)
         for rows in parse.statistics(line for _, line in rawlog.Frames(path, 0, checked=True))
     ]
-    names = ["video_id", *COUNTS]
+    names = ["video_id", *COUNTED, "fetched_at"]
     if not tables:
         return pa.table({name: pa.nulls(0) for name in names})
     return newest(pa.concat_tables(tables).select(names), ("video_id",), ("fetched_at",))

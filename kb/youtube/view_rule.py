@@ -30,11 +30,11 @@ _log = logging.getLogger("kb.youtube")
 
 
 def view_rule(rows: pa.Table) -> pa.Array[Any]:
-    """`watch_time` or `playback_start` of each row; null where `fetched_at` is.
+    """`watch_time` or `playback_start` of each row; null where `counted_at` is.
 
-    Reads `fetched_at`, `published_at`, `width`, `height` (px), `duration_s`.
+    Reads `counted_at`, `published_at`, `width`, `height` (px), `duration_s`.
     """
-    read = _one(rows, "fetched_at")
+    read = _one(rows, "counted_at")
     since_start = pc.or_(
         pc.greater_equal(read, _moment(_ALL_VIDEOS)),
         pc.and_(_is_short(rows), pc.greater_equal(read, _moment(_SHORTS))),

@@ -44,7 +44,7 @@ def test_the_rule_of_a_day(
     time = pa.timestamp("us", "UTC")
     rows = pa.table(
         {
-            "fetched_at": pa.array([_moment(read)], time),
+            "counted_at": pa.array([_moment(read)], time),
             "published_at": pa.array([_moment(published)], time),
             "width": pa.array([size[0]], pa.int64()),
             "height": pa.array([size[1]], pa.int64()),
