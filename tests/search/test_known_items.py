@@ -273,5 +273,5 @@ def _heard(root: str, key: str, page: str, second: int) -> str:
         for query in (address.query, f"{address.query}&tlang=en"):
             text = requests.get(f"{root}{address.path}?{query}", timeout=30).text
             cues = re.findall(r'<p t="(\d+)"[^>]*>(.*?)</p>', text)
-            said += [words for start, words in cues if int(start) // 1000 == second]
+            said += [re.sub(r"<[^>]+>", "", one) for at, one in cues if int(at) // 1000 == second]
     return " ".join(said)
