@@ -200,9 +200,12 @@ class Speech:
         return made
 
 
+_pattern = cache(whole_words)
+
+
 def names_topic(topic: Sequence[str], text: str) -> bool:
     """Whether the topic filter sees one of the topic's words in a text."""
-    return bool(pc.match_substring_regex(text, whole_words(topic)).as_py())
+    return bool(pc.match_substring_regex(text, _pattern(tuple(topic))).as_py())
 
 
 def word_starts(words: Sequence[str], seconds: float) -> list[float]:

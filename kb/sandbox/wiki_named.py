@@ -7,6 +7,7 @@ profile's own markup. In the later state the first page was edited and the last 
 
 from __future__ import annotations
 
+import json
 import re
 from functools import cache
 from pathlib import Path
@@ -22,6 +23,7 @@ from kb.sandbox.wiki_recorded import HOST, Recorded, name_of
 PAGES = 10  # each costs a second or two of a browser's time
 TEMPLATES = Path(__file__).with_name("templates") / "wiki"
 MAIN = "Main Page"
+_RECORDED_SITE = "Brinewick Wiki"
 _FIRST_ID = 1_000
 # Recorded pictures, by the names that these pages give them.
 _FILES = {
@@ -86,16 +88,12 @@ class Named(Recorded):
     def load(self, name: str) -> Any:
         """A recorded answer of the API, with what these pages add to it."""
         answer = super().load(name)
+        if self.alone:
+            answer = json.loads(json.dumps(answer).replace(_RECORDED_SITE, self.site))
         query = answer["query"]
-        if name == "siteinfo.json" and self.alone:
-            query["general"]["sitename"] = self.site
-            if self.namespace:
-                main = query["namespaces"]["0"]
-                query["namespaces"][str(self.namespace)] = {
-                    **main,
-                    "id": self.namespace,
-                    "name": "Pages",
-                }
+        if name == "siteinfo.json" and self.alone and self.namespace:
+            spaces = query["namespaces"]
+            spaces[str(self.namespace)] = {**spaces["0"], "id": self.namespace, "name": "Pages"}
         elif name == "imageinfo.json":
             made = [_renamed(page) for page in query["pages"]]
             query["pages"] = made if self.alone else [*query["pages"], *made]
@@ -179,7 +177,7 @@ class Named(Recorded):
                 entry=entry,
                 title=entry.title,
                 name=name_of(entry.title),
-                site="Brinewick Wiki" if not self.alone else self.site,
+                site=self.site if self.alone else _RECORDED_SITE,
                 topic=domain.title,
                 others=[one.title for one in others],
                 where=domain.speech.text("wiki_where", rng, cast, 3).split("\n"),
