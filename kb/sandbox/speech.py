@@ -194,9 +194,9 @@ class Speech:
             for at in range(0, len(words), size):
                 piece = words[at : at + size]
                 until = starts[at + size] if at + size < len(words) else length
-                shown = (until - starts[at]) * (ROLLING if automatic else 1.0)
-                cue = (round(start + starts[at], 2), round(shown, 2), " ".join(piece))
-                made.append(cue)
+                begins, ends = round(start + starts[at], 2), round(start + until, 2)
+                shown = round((ends - begins) * (ROLLING if automatic else 1.0), 2)
+                made.append((begins, shown, " ".join(piece)))
         return made
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import tarfile
 from collections import Counter
 from collections.abc import Iterator
@@ -128,6 +129,25 @@ def test_the_report_of_what_was_shown_is_of_the_domain(cooking: Path) -> None:
     for table in ("youtube_videos", "youtube_transcripts", "wiki_elements", "reddit_comments"):
         text = json.dumps(rows(cooking, f"SELECT * FROM clean.{table}"), default=str)
         assert not MINECRAFT.findall(text), table
+
+
+def test_thresholds_change_in_the_demos_root_without_another_word(
+    cooking: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No model is named, none is fetched, no text is scored anew."""
+    monkeypatch.delenv("KB_TOXICITY_MODEL", raising=False)
+    root, given = tmp_path / "demo", tmp_path / "profile"
+    shutil.copytree(cooking, root)
+    shutil.copytree(load_profile("cooking").beside("."), given)
+    path = given / "profile.toml"
+    path.write_text(re.sub(r"(?m)^min_views = \S+", "min_views = 10_000", path.read_text()))
+    before = rows(root, "SELECT count(*) AS n FROM clean.youtube_videos")[0]["n"]
+    assert called("youtube", "filter", "--data", str(root)) == 0
+    assert rows(root, "SELECT count(*) AS n FROM clean.youtube_videos")[0]["n"] == before
+    assert called("youtube", "filter", "--data", str(root), "--profile", str(path)) == 0
+    kept = rows(root, "SELECT min(view_count) AS least, count(*) AS n FROM clean.youtube_videos")[0]
+    assert kept["least"] >= 10_000
+    assert 0 < kept["n"] < before
 
 
 def check_pairs(root: Path, profile: str) -> None:

@@ -87,9 +87,8 @@ def test_the_whole_chain_from_a_file_of_its_own(tmp_path: Path, kb: Kb) -> None:
         for row in ask("SELECT DISTINCT topic_evidence FROM release.youtube_videos")
     }
     assert topics == {"game_label"}
-    assert (
-        ask("SELECT count(*) AS n FROM clean.youtube_rejected WHERE stage = 'topic'")[0]["n"] >= 100
-    )
+    off_topic = ask("SELECT count(*) AS n FROM clean.youtube_rejected WHERE stage = 'topic'")
+    assert off_topic[0]["n"] >= 30
     assert {row["keyword"] for row in ask("SELECT DISTINCT keyword FROM release.pairs")} <= {
         "River",
         "Harbour",
