@@ -145,7 +145,8 @@ def test_a_published_post_that_is_gone_is_missing(work: Work) -> None:
     posts = list(work.world.posts)
     ids.write_text(json.dumps([{"id": posts[0], "type": "text"}, {"id": "zzzzz", "type": "image"}]))
     assert work.rebuild(ids)["posts"] == 1
-    assert missing(work) == {"t3_zzzzz": "missing"}
+    posts_missing = {key: why for key, why in missing(work).items() if key.startswith("t3_")}
+    assert posts_missing == {"t3_zzzzz": "missing"}
 
 
 def test_an_answered_reconstruction_asks_nothing_and_again_asks_anew(
