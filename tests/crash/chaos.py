@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 
 import duckdb
 
-from kb.core.errors import KbError
+from kb.core.errors import FatalError, KbError
 from kb.core.progress import Silent
 from kb.sandbox.zenodo_answers import Deposit
 from kb.store import leftovers
@@ -45,6 +45,8 @@ from tests.store import flips
 
 # How many answers it took, which a killed refresh asks for twice; how many requests and writes.
 _COUNTS = ("summary.json", ".done.json")
+# What it was made of: a crawl that was killed leaves the same answers in more segments.
+_INPUTS = "inputs.json"
 _SETTLES = (".sqlite-wal", ".sqlite-shm")
 
 
@@ -163,8 +165,7 @@ class Trial:
             for name, digest in (tables if folder == "restored" else digests)(
                 self.root / folder
             ).items()
-            if not name.endswith(_COUNTS[self.case.words[0] != "refresh" :])
-            and (folder, Path(name).suffix) != ("index", ".json")  # says when it was written
+            if not name.endswith((_INPUTS, *_COUNTS[self.case.words[0] != "refresh" :]))
         }
         paths = [path.relative_to(self.root) for path in self.root.rglob("*")]
         return Outcome(
@@ -172,7 +173,7 @@ class Trial:
             frozenset(
                 str(path)
                 for path in paths
-                if path.parts[0] != "raw"
+                if path.parts[0] not in ("raw", "index")  # whose files have random names
                 and not path.name.endswith(_SETTLES)
                 and not (path.parts[0] == "restored" and path.suffix == ".parquet")
             ),
@@ -294,7 +295,7 @@ def found(root: Path) -> list[str]:
     try:
         look = verify(root, Silent())
     except KbError as error:  # an empty folder is no data root
-        return [] if not any(root.glob("*/*")) or "neither" in str(error) else [str(error)]
+        return [] if type(error) is FatalError else [str(error)]
     return [f"{one.state}: {one.path.relative_to(root)}: {one.what}" for one in look.found]
 
 

@@ -182,7 +182,7 @@ class Worlds:
             ("pairs", "--format=video2dataset"),
         ):
             yield Case(words, ("made",), ("export",))
-        yield Case(("index", "--again"), ("clean",), ("index",))
+        yield Case(("index", "--again"), ("clean",), ())
         yield Case(("pairs",), ("clean",), ("pairs", "release/pairs"))
         yield Case(("pairs", "--again"), ("made",), ("pairs", "release/pairs"))
         yield Case(("links",), ("clean",), ("links", "release/links"))

@@ -145,7 +145,7 @@ def test_a_published_post_that_is_gone_is_missing(work: Work) -> None:
     posts = list(work.world.posts)
     ids.write_text(json.dumps([{"id": posts[0], "type": "text"}, {"id": "zzzzz", "type": "image"}]))
     assert work.rebuild(ids)["posts"] == 1
-    posts_missing = {name: why for name, why in missing(work).items() if name.startswith("t3_")}
+    posts_missing = {key: why for key, why in missing(work).items() if key.startswith("t3_")}
     assert posts_missing == {"t3_zzzzz": "missing"}
 
 
