@@ -110,8 +110,8 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
     purged = tombstones.keys(run.root, "youtube")
     due = _due(run, run.profile.section("youtube"), purged, older_than)
     phases = [
-        _step("statistics to refresh", STATISTICS, len(due.statistics)),
         _step("videos to refresh", REFRESH, len(due.metadata)),
+        _step("statistics to refresh", STATISTICS, len(due.statistics)),
     ]
     assumed = [
         f"{PACK} videos a call",

@@ -123,6 +123,11 @@ class Worlds:
         root = shutil.copytree(self.base("released"), self.base("purged"))
         for source in self.sources:
             self._done(*self._purge(source).words, f"--data={root}")
+        # A purge keeps the depth of answers to what went; a filter finds no ancestor any more.
+        self._done("reddit", "filter", f"--data={root}")
+        self._done("reddit", "export", f"--data={root}")
+        self._done("links", f"--data={root}")
+        self._done("release", f"--data={root}")
         self._done("index", f"--data={root}")
 
     def _done(self, *words: str) -> None:

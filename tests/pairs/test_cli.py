@@ -65,17 +65,19 @@ def test_keywords_from_the_shell(root: Path) -> None:
 
 
 def test_nothing_to_read(tmp_path: Path) -> None:
+    (tmp_path / "data" / "state").mkdir(parents=True)
     empty = kb(tmp_path / "data", "pairs")
     assert empty.returncode == 1
     here = f"--data {tmp_path / 'data'}"
     assert f"run `kb youtube crawl {here}`, then `kb youtube filter {here}`, then" in empty.stderr
-    assert not (tmp_path / "data").exists()
+    assert [path.name for path in (tmp_path / "data").iterdir()] == ["state"]
 
 
 def test_an_index_without_transcripts_says_that_its_videos_come_first(
     root: Path, tmp_path: Path
 ) -> None:
     index = root / "release" / "pairs" / "pairs-00000-of-00001.parquet"
+    (tmp_path / "data" / "state").mkdir(parents=True)
     empty = kb(tmp_path / "data", "pairs", "--from-index", str(index))
     assert empty.returncode == 1
     here = f"--data {tmp_path / 'data'}"

@@ -36,8 +36,8 @@ def test_metadata_that_are_too_old_are_read_again_in_full(job: Job) -> None:
     calls = asked(job, FULL, before)
     in_full = [key for keys in calls for key in keys]
     assert not asked(job, COUNTS, before)
-    assert [phase["items"] for phase in plan] == [0, len(in_full)]
-    assert plan[1]["units"] == len(calls) == -(-len(in_full) // 50)
+    assert [phase["items"] for phase in plan] == [len(in_full), 0]
+    assert plan[0]["units"] == len(calls) == -(-len(in_full) // 50)
     missing = {key for key in in_full if not world[key].in_api}
     assert gone in missing
     assert (summary["crawled"], summary["missing"]) == (len(in_full), len(missing))
@@ -72,7 +72,7 @@ def test_counts_of_fresh_metadata_are_read_again_from_a_quota_of_their_own(job: 
     summary = job.done(*words, KB_NOW=SOON)
     statistics = [key for keys in asked(job, COUNTS, before) for key in keys]
     in_full = {key for keys in asked(job, FULL, before) for key in keys}
-    assert [phase["items"] for phase in plan] == [len(statistics), 0]
+    assert [phase["items"] for phase in plan] == [0, len(statistics)]
     # What the statistics leave out is asked for in full, and nothing else.
     assert in_full == {key for key in statistics if not world[key].in_api}
     assert gone in in_full
