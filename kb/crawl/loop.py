@@ -233,7 +233,9 @@ class Loop:
         except Retryable as error:
             failure = error
         except BaseException as error:  # noqa: BLE001  kept as the reason to end
-            self.frontier.release(phase.kind, *self._unanswered(phase, items))
+            # Another item finds out whether a block is over: one may be refused for ever.
+            refused = isinstance(error, Blocked)
+            self.frontier.release(phase.kind, *self._unanswered(phase, items), last=refused)
             self._stop(phase, error, len(items))
             return None
         self._settle(phase, items, failure, whole)

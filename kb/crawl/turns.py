@@ -114,7 +114,8 @@ class Turns:
             above = self._above[phase.kind]
             if self._in_hand[phase.kind] or any(map(self._busy, above)):
                 return True
-            if any(self._sleeps(kind) for kind in above if self._lanes[kind] != lane):
+            elsewhere = [kind for kind in above if self._lanes[kind] != lane]
+            if any(self._sleeps(kind) or self._retries(kind) for kind in elsewhere):
                 return True
         return False
 
@@ -194,6 +195,11 @@ class Turns:
         if self._in_hand[kind]:
             return True
         return kind not in self._closed and bool(self._halves[kind] or self._frontier.ready(kind))
+
+    def _retries(self, kind: str) -> bool:
+        """Whether what failed in a phase will be asked for once more in this run."""
+        upto = self._ends[kind]
+        return kind not in self._closed and bool(self._frontier.ready(kind, failed_upto=upto))
 
     def _more(self, phase: Phase) -> bool:
         """Whether the phase's own lane can be asked for more of its items first."""

@@ -130,11 +130,14 @@ class Frontier(State):
         """The item is final without content."""
         self.mark(kind, [key], "skipped", reason)
 
-    def release(self, kind: str, *keys: str) -> None:
-        """Give items back that were taken but not asked for: to do, or failed as before."""
+    def release(self, kind: str, *keys: str, last: bool = False) -> None:
+        """Give items back that were taken: to do, or failed as before; `last` puts them at the end
+        of the queue.
+        """
+        end = "(SELECT max(seq) + 1 FROM items WHERE kind = ?1)" if last else "seq"
         with self.transaction():
             self._db.executemany(
-                f"UPDATE items SET {PUT_BACK} WHERE kind = ? AND key = ?",
+                f"UPDATE items SET {PUT_BACK}, seq = {end} WHERE kind = ?1 AND key = ?2",
                 ((kind, key) for key in keys),
             )
 
