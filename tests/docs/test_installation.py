@@ -24,6 +24,7 @@ FROM_AN_INDEX = re.compile(
 WRITTEN = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
+    ROOT / "CHANGELOG.md",
     *ROOT.glob("docs/*.md"),
     *ROOT.glob("docs/*.ipynb"),
     *ROOT.glob("kb/**/*.py"),
